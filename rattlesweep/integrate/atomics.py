@@ -1,0 +1,43 @@
+"""Atomic counter and flag shared by kernel threads; Numba has none for the CPU.
+
+Every thread takes the next run from one counter, so that long and short runs even out (``prange``
+alone splits the runs before it knows their lengths), and reads a flag that Python sets to stop.
+"""
+
+# ruff: noqa: ANN
+from __future__ import annotations
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+
+def _element(context, builder, signature, args):  # type: ignore[no-untyped-def]
+    array_type = signature.args[0]
+    array = context.make_array(array_type)(context, builder, args[0])
+    return cgutils.get_item_pointer(
+        context, builder, array_type, array, [args[1]], wraparound=False
+    )
+
+
+@intrinsic
+def fetch_add(typingctx, array, index, value):  # type: ignore[no-untyped-def]
+    """Add ``value`` to ``array[index]`` (int64) and return what was there before."""
+
+    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        pointer = _element(context, builder, signature, args)
+        return builder.atomic_rmw("add", pointer, args[2], "monotonic")
+
+    return types.int64(array, types.intp, types.int64), codegen
+
+
+@intrinsic
+def load(typingctx, array, index):  # type: ignore[no-untyped-def]
+    """Read ``array[index]`` (int64) afresh; the compiler may not keep an older value."""
+
+    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        pointer = _element(context, builder, signature, args)
+        return builder.load_atomic(pointer, "monotonic", 8, typ=ir.IntType(64))
+
+    return types.int64(array, types.intp), codegen

@@ -1,0 +1,83 @@
+"""Compiled kernels on disk, and one kernel source for every method and model.
+
+Numba's cache looks at the file of the function that is called and not at the files of the functions
+that this one calls.  The kernels are therefore stored in a directory named after a hash of the
+package's whole source: after any edit nothing old is found.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+import types
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from numba import config, njit
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+PACKAGE = Path(__file__).resolve().parent.parent
+
+
+@cache
+def source_hash() -> str:
+    """Hash of every source file of the package."""
+    digest = hashlib.sha256()
+    for path in sorted(PACKAGE.rglob("*.py")):
+        digest.update(path.relative_to(PACKAGE).as_posix().encode())
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+@cache
+def directory() -> Path:
+    """Directory of the compiled kernels of this source.
+
+    ``$NUMBA_CACHE_DIR`` if it is set, else the user's cache directory, else a temporary one.
+    """
+    user = os.environ.get("XDG_CACHE_HOME") or os.path.join("~", ".cache")
+    roots = [os.environ.get("NUMBA_CACHE_DIR", ""), os.path.join(user, "rattlesweep")]
+    for root in filter(None, roots):
+        path = Path(root).expanduser() / source_hash()
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+        except OSError:
+            continue
+        if os.access(path, os.W_OK | os.X_OK):
+            return path
+    return Path(tempfile.mkdtemp(prefix="rattlesweep-"))
+
+
+@contextmanager
+def _numba_directory() -> Iterator[None]:
+    # Numba reads the setting when a function is decorated; others' functions keep theirs.
+    before = config.CACHE_DIR
+    config.CACHE_DIR = str(directory())
+    try:
+        yield
+    finally:
+        config.CACHE_DIR = before
+
+
+def specialise(template: Callable[..., Any], name: str, **bindings: Any) -> Any:
+    """Copy of a function that sees other globals, under a name of its own.
+
+    Numba recompiles at every start what closes over a compiled function, because its cache key
+    then holds an identity that changes.  Globals are frozen into the code and are not part of the
+    key; the name is, and so each specialisation has its own file and symbols.
+    """
+    code = types.FunctionType(template.__code__, {**template.__globals__, **bindings}, name)
+    code.__qualname__ = name
+    code.__module__ = template.__module__
+    return code
+
+
+def cached(function: Callable[..., Any], **options: Any) -> Any:
+    """``njit(cache=True)`` with the cache in :func:`directory`."""
+    with _numba_directory():
+        return njit(cache=True, **options)(function)

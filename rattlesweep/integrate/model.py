@@ -1,0 +1,79 @@
+"""What the kernels need to know of a set of equations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from rattlesweep.physics import full
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+
+@dataclass(frozen=True)
+class Model:
+    """Equations of motion and what is watched on the way, as compiled scalar functions.
+
+    With ``y`` the state's components and ``q`` the body's constants as separate arguments:
+
+    Attributes
+    ----------
+    rhs : callable
+        ``rhs(*y, *q)``, a tuple of derivatives.
+    spin, spin_rate : callable
+        ``spin(*y)`` and ``spin_rate(*y, *dy)``.
+    amplitude : callable
+        ``amplitude(*y, *probe)``: squared amplitude of the relevant oscillation.
+    error : callable
+        ``error(*e, *y, *q)``: square of the step error ``e`` relative to the oscillation.
+    energy, contact : callable
+        ``energy(*y, *q)``; ``contact(*y, *q)``, normal and tangential force.
+    """
+
+    name: str
+    n_state: int
+    n_constants: int
+    n_probe: int
+    rhs: Callable[..., Any]
+    spin: Callable[..., Any]
+    spin_rate: Callable[..., Any]
+    amplitude: Callable[..., Any]
+    error: Callable[..., Any]
+    energy: Callable[..., Any]
+    contact: Callable[..., Any]
+
+
+@full.scalar
+def _full_spin_rate(p, q, a, b, c, dp, dq, da, db, dc):  # type: ignore[no-untyped-def]
+    return full.spin_rate(p, q, da, db, dc)
+
+
+@full.scalar
+def _full_amplitude(p, q, a, b, c, p0, q0, a0, b0, p1, q1, a1, b1):  # type: ignore[no-untyped-def]
+    real = p0 * p + q0 * q + a0 * a + b0 * b
+    imag = p1 * p + q1 * q + a1 * a + b1 * b
+    return real * real + imag * imag
+
+
+@full.scalar
+def _full_error(ep, eq, ea, eb, ec, p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
+    step = full.oscillation(ep, eq, ea, eb, ix, iy, cxx, cxy, cyy) + iz * ec * ec
+    return step / (full.oscillation(p, q, a, b, ix, iy, cxx, cxy, cyy) + 1e-290)
+
+
+FULL = Model(
+    name="full",
+    n_state=full.N_STATE,
+    n_constants=full.N_CONSTANTS,
+    n_probe=8,
+    rhs=full.rhs,
+    spin=full.spin,
+    spin_rate=_full_spin_rate,
+    amplitude=_full_amplitude,
+    error=_full_error,
+    energy=full.energy,
+    contact=full.contact_force,
+)
+
+MODELS: dict[str, Model] = {FULL.name: FULL}

@@ -1,0 +1,28 @@
+"""How a run ended: integer codes inside the kernels, an Enum outside."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+
+class Status(IntEnum):
+    """One status per run; ``label`` is the word in the tables."""
+
+    OK = 0, "ok", "integrated to the first reversal or to the horizon"
+    NONFINITE = 1, "nonfinite", "the state left the numbers (a fixed step too long, usually)"
+    STEP_LIMIT = 2, "step_limit", "more steps than integrator.max_steps"
+    STEP_TOO_SMALL = 3, "step_too_small", "no step, however small, met the tolerance"
+    ENERGY = 4, "energy", "energy was off by more than 1 %: the numbers cannot be trusted"
+    NO_HORIZON = 5, "no_horizon", "the horizon in units of t_rGH is not a finite time"
+    STOPPED = 6, "stopped", "interrupted before the run began or ended; never stored"
+
+    label: str
+    meaning: str
+
+    def __new__(cls, value: int, label: str, meaning: str) -> Status:
+        """Make a member with its word and meaning."""
+        member = int.__new__(cls, value)
+        member._value_ = value
+        member.label = label
+        member.meaning = meaning
+        return member

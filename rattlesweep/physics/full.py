@@ -1,0 +1,238 @@
+"""The full dynamics (Eqs. diff-u, diff-omega, def-z, def-xy) in five variables.
+
+The paper's state is the vertical unit vector ``u`` and the angular velocity
+``omega``, six numbers with the constraint ``|u| = 1``.  The contact point is
+always on the lower surface, so ``u_z < 0`` and the slope
+
+    p = u_x / u_z,   q = u_y / u_z,   u = -(p, q, 1) / sqrt(1 + p^2 + q^2)
+
+describes ``u`` completely.  The state here is ``(p, q, a, b, c)`` with
+``(a, b, c) = omega``: a sixth less arithmetic, ``|u| = 1`` for ever, and ``u``
+and ``omega`` near the steady spin appear as small numbers instead of as
+differences of large ones.  For the same reason the surface enters as
+``C = B - 1`` with ``B = R(xi) Theta^-1 R^-1(xi)``, whose entries are sums of
+positive terms; ``B - 1`` formed late would lose nine digits at
+``theta = 1 - 1e-9``.
+
+Every function is scalar and compiled, so that the lane kernels inline it.
+The constants of a body come as the six numbers of :func:`constants`.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import njit
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+N_STATE = 5
+N_CONSTANTS = 6
+
+# No 'nnan' and no 'ninf': with them LLVM folds the test for a non-finite state away.
+FASTMATH = {"contract", "arcp", "nsz", "afn", "reassoc"}
+scalar = njit(fastmath=FASTMATH, error_model="numpy", forceinline=True)
+
+
+def constants(
+    alpha: ArrayLike,
+    beta: ArrayLike,
+    gamma: ArrayLike,
+    theta: ArrayLike,
+    phi: ArrayLike,
+    xi: ArrayLike,
+) -> NDArray[np.float64]:
+    """Constants of bodies as the kernels take them.
+
+    Parameters
+    ----------
+    alpha, beta, gamma, theta, phi, xi : array_like
+        Body parameters (Eqs. def-abg, def-z), ``xi`` in radians; broadcast together.
+
+    Returns
+    -------
+    ndarray, shape (6, ...)
+        ``I_xx, I_yy, I_zz, C_xx, C_xy, C_yy`` in units of ``M a^2`` and ``1/a``.
+    """
+    alpha, beta, gamma, theta, phi, xi = np.broadcast_arrays(
+        *(np.asarray(x, dtype=np.float64) for x in (alpha, beta, gamma, theta, phi, xi))
+    )
+    roll, pitch = (1 - theta) / theta, (1 - phi) / phi
+    sin, cos = np.sin(xi), np.cos(xi)
+    return np.stack(
+        [
+            alpha - 1,
+            beta - 1,
+            gamma,
+            cos**2 * roll + sin**2 * pitch,
+            -sin * cos * (theta - phi) / (theta * phi),
+            sin**2 * roll + cos**2 * pitch,
+        ]
+    )
+
+
+@scalar
+def rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
+    """Time derivative of the state (Eqs. diff-u and diff-omega).
+
+    With ``w = r x omega - dr/dt`` the bracket of Eq. diff-omega is ``omega x w``.
+    The matrix on its left side is a diagonal minus ``r r^T``, inverted by
+    Sherman and Morrison's formula.
+
+    Returns
+    -------
+    tuple of 5 floats
+        Derivatives of ``p, q, a, b, c``.
+    """
+    # Eq. diff-u: du/dt = u x omega, written for the slope.
+    m = p * b - q * a
+    dp = q * c - b - p * m
+    dq = a - p * c - q * m
+    # Contact point r = (x, y, 1 - rise) (Eqs. def-xy, def-z); r_perp = (1 + C)(p, q).
+    fx = cxx * p + cxy * q
+    fy = cxy * p + cyy * q
+    x = p + fx
+    y = q + fy
+    rise = 0.5 * (x * p + y * q)
+    z = 1.0 - rise
+    twist = fx * q - fy * p
+    # w, with what cancels between r x omega and dr/dt taken out by hand.
+    wx = fy * c + rise * b + p * m - (cxx * dp + cxy * dq)
+    wy = q * m - rise * a - fx * c - (cxy * dp + cyy * dq)
+    wz = c * twist - 2.0 * m * rise
+    kx = b * wz - c * wy
+    ky = c * wx - a * wz
+    kz = a * wy - b * wx
+    # Torque about the contact point: inertia, motion of the contact point, gravity.
+    uz = -1.0 / sqrt(1.0 + p * p + q * q)
+    tx = (iy - iz) * b * c + (y * kz - z * ky) + uz * (fy + q * rise)
+    ty = (iz - ix) * c * a + (z * kx - x * kz) - uz * (fx + p * rise)
+    tz = (ix - iy) * a * b + (x * ky - y * kx) + uz * twist
+    r2 = x * x + y * y + z * z
+    dx = ix + r2
+    dy = iy + r2
+    dz = iz + r2
+    dyz = dy * dz
+    dzx = dz * dx
+    dxy = dx * dy
+    vol = dx * dyz
+    det = vol - x * x * dyz - y * y * dzx - z * z * dxy
+    inv = 1.0 / (det * vol)
+    s = (x * tx * dyz + y * ty * dzx + z * tz * dxy) * vol * inv
+    ivol = det * inv
+    return (
+        dp,
+        dq,
+        (tx + x * s) * dyz * ivol,
+        (ty + y * s) * dzx * ivol,
+        (tz + z * s) * dxy * ivol,
+    )
+
+
+@scalar
+def spin(p, q, a, b, c):  # type: ignore[no-untyped-def]
+    """Spin ``n = u . omega``, in ``sqrt(g/a)``."""
+    return -(p * a + q * b + c) / sqrt(1.0 + p * p + q * q)
+
+
+@scalar
+def spin_rate(p, q, da, db, dc):  # type: ignore[no-untyped-def]
+    """Rate ``dn/dt = u . domega/dt``; the other term, ``(u x omega) . omega``, is zero."""
+    return -(p * da + q * db + dc) / sqrt(1.0 + p * p + q * q)
+
+
+@scalar
+def oscillation(p, q, a, b, ix, iy, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
+    """Twice the energy of the oscillation to second order: pitch, roll and their tilt.
+
+    In ``M g a``.  The measure in which step errors are compared with the oscillation.
+    """
+    return (ix + 1.0) * a * a + (iy + 1.0) * b * b + cxx * p * p + 2.0 * cxy * p * q + cyy * q * q
+
+
+@scalar
+def energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
+    """Energy, in ``M g a``; the potential is zero for ``u = (0, 0, -1)``.
+
+    The height of G above the plane is ``-r . u``; its excess over ``a`` is written as a
+    sum of small terms.
+    """
+    fx = cxx * p + cxy * q
+    fy = cxy * p + cyy * q
+    x = p + fx
+    y = q + fy
+    z = 1.0 - 0.5 * (x * p + y * q)
+    vx = y * c - z * b
+    vy = z * a - x * c
+    vz = x * b - y * a
+    tilt = p * p + q * q
+    root = sqrt(1.0 + tilt)
+    lift = tilt / (1.0 + root)
+    potential = 0.5 * (fx * p + fy * q + lift * lift) / root
+    return 0.5 * (ix * a * a + iy * b * b + iz * c * c + vx * vx + vy * vy + vz * vz) + potential
+
+
+@scalar
+def contact_force(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
+    """Contact force (Eq. em-1) along the vertical and in the plane.
+
+    Returns
+    -------
+    normal : float
+        ``F_parallel = F . u`` in ``M g``; negative where the plane would have to pull.
+    tangential : float
+        ``F_perp = |F - (F . u) u|`` in ``M g``.
+    """
+    dp, dq, da, db, dc = rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy)
+    x = p + cxx * p + cxy * q
+    y = q + cxy * p + cyy * q
+    z = 1.0 - 0.5 * (x * p + y * q)
+    xd = dp + cxx * dp + cxy * dq
+    yd = dq + cxy * dp + cyy * dq
+    zd = -(x * dp + y * dq)
+    vx = y * c - z * b
+    vy = z * a - x * c
+    vz = x * b - y * a
+    # dv/dt in space: derivative in the body frame plus omega x v (Eqs. no-slip, em-1).
+    gx = (yd * c - zd * b) + (y * dc - z * db) + (b * vz - c * vy)
+    gy = (zd * a - xd * c) + (z * da - x * dc) + (c * vx - a * vz)
+    gz = (xd * b - yd * a) + (x * db - y * da) + (a * vy - b * vx)
+    uz = -1.0 / sqrt(1.0 + p * p + q * q)
+    ux = p * uz
+    uy = q * uz
+    lift = gx * ux + gy * uy + gz * uz
+    hx = gx - lift * ux
+    hy = gy - lift * uy
+    hz = gz - lift * uz
+    return 1.0 + lift, sqrt(hx * hx + hy * hy + hz * hz)
+
+
+def to_vectors(state: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Vertical vector and angular velocity of states, shape (5, ...).
+
+    Returns
+    -------
+    u, omega : ndarray, shape (3, ...)
+        ``u`` dimensionless, ``omega`` in ``sqrt(g/a)``; body-fixed components.
+    """
+    p, q = state[0], state[1]
+    slope = np.stack([p, q, np.ones_like(p)])
+    return -slope / np.sqrt(1 + p * p + q * q), np.array(state[2:])
+
+
+def from_vectors(u: ArrayLike, omega: ArrayLike) -> NDArray[np.float64]:
+    """State (5, ...) of a vertical vector and an angular velocity, both (3, ...).
+
+    Raises
+    ------
+    ValueError
+        If ``u_z`` is not negative: the body would not stand on its lower surface.
+    """
+    u = np.asarray(u, dtype=np.float64)
+    omega = np.asarray(omega, dtype=np.float64)
+    if np.any(~(u[2] < 0)):
+        raise ValueError("u_z must be negative: the body stands on its lower surface")
+    return np.concatenate([u[:2] / u[2], omega])

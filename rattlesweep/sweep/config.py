@@ -1,0 +1,282 @@
+"""Configs: read them, check them, compare them.
+
+The way in for the rest of the package. The models are in `config_models`, `config_bodies` and
+`config_grid`; the words of the error messages in `config_errors`.
+"""
+
+import hashlib
+import json
+import math
+import os
+from collections.abc import Mapping, Sequence
+from numbers import Integral, Real
+from typing import Any
+
+from pydantic import ValidationError
+
+from rattlesweep.sweep import yamlfile
+from rattlesweep.sweep.config_bodies import (
+    Overrides,
+    PresetSource,
+    SdRanges,
+    SdSource,
+    TableSource,
+    Target,
+)
+from rattlesweep.sweep.config_errors import describe, problems_of
+from rattlesweep.sweep.config_grid import (
+    Axes,
+    ExplicitBase,
+    GridSource,
+    Linspace,
+    Logspace,
+    PresetBase,
+    ShellDumbbellBase,
+)
+from rattlesweep.sweep.config_models import Classify, Config, Horizon, Integrator, Spin
+from rattlesweep.sweep.errors import ConfigError
+from rattlesweep.sweep.yamlfile import Key, Problem, one_line
+
+__all__ = [
+    "Axes",
+    "Classify",
+    "Config",
+    "ConfigError",
+    "ExplicitBase",
+    "GridSource",
+    "Horizon",
+    "Integrator",
+    "Linspace",
+    "Logspace",
+    "Overrides",
+    "PresetBase",
+    "PresetSource",
+    "SdRanges",
+    "SdSource",
+    "ShellDumbbellBase",
+    "Spin",
+    "TableSource",
+    "Target",
+    "config_json_schema",
+    "differences",
+    "load_config",
+    "parse_config",
+    "physics_hash",
+    "resolved",
+]
+
+NOT_PHYSICS = ("name", "output", "classify")
+"""Keys that change no stored number."""
+
+
+def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Config:
+    """Read a config file.
+
+    Parameters
+    ----------
+    path
+        YAML 1.2 file.
+    overrides
+        ``KEY=VALUE`` texts with dotted keys and YAML values, such as ``bodies.samples=10``; they
+        replace what the file says, the last one where several name one key.
+
+    Returns
+    -------
+    Config
+        The checked config.
+
+    Raises
+    ------
+    ConfigError
+        With everything that is wrong, one line each: file, line, column, key, sentence.
+    """
+    file = one_line(os.fspath(path), 200)
+    document = yamlfile.parse(yamlfile.read_text(path))
+    data = document.data
+    origins = {key: f"{file}:{line}:{column}" for key, (line, column) in document.positions.items()}
+    origins[()] = f"{file}:1:1"
+    problems = list(document.problems)
+    if any(problem.key == () for problem in problems):
+        raise ConfigError(_lines(problems, origins, file))
+    if data is None:
+        raise ConfigError(f"{file}:1:1: the file is empty; it needs at least bodies and spin")
+    if not isinstance(data, dict):
+        raise ConfigError(
+            f"{file}:1:1: {describe(data)} stands where a mapping is wanted; write key: value lines"
+        )
+    refused = [line for text in overrides for line in _override(data, origins, text)]
+    return _checked(data, problems, origins, file, refused)
+
+
+def parse_config(data: Mapping[str, Any]) -> Config:
+    """Check a config given as Python data.
+
+    Parameters
+    ----------
+    data
+        What a config file would hold. Tuples count as lists and NumPy numbers as numbers.
+
+    Returns
+    -------
+    Config
+        The checked config.
+
+    Raises
+    ------
+    ConfigError
+        With everything that is wrong, one line each: key and sentence.
+    """
+    problems: list[Problem] = []
+    plain = _plain(data, (), problems)
+    if not isinstance(plain, dict):
+        raise ConfigError(f"{describe(plain)} stands where a mapping is wanted; give a dict")
+    return _checked(plain, problems, {}, None)
+
+
+def config_json_schema() -> dict[str, Any]:
+    """JSON Schema (draft 2020-12) of a config."""
+    schema = Config.model_json_schema()
+    schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
+    schema["title"] = "rattlesweep config"
+    return schema
+
+
+def resolved(config: Config) -> dict[str, Any]:
+    """The config as plain data that JSON can hold, with all defaults filled in."""
+    data = config.model_dump(mode="json", exclude_none=True)
+    return data | {"output": config.directory}
+
+
+def physics_hash(config: Config) -> str:
+    """SHA-256, in hex, of everything in the config that determines the stored numbers."""
+    data = {key: value for key, value in resolved(config).items() if key not in NOT_PHYSICS}
+    text = json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def differences(a: dict[str, Any], b: dict[str, Any]) -> list[str]:
+    """Dotted keys in which two resolved configs differ, each with both values."""
+    left, right = _flat(a), _flat(b)
+    keys = [*left, *(key for key in right if key not in left)]
+    return [
+        f"{key}: {left.get(key, 'not set')} against {right.get(key, 'not set')}"
+        for key in keys
+        if left.get(key) != right.get(key)
+    ]
+
+
+def _flat(data: Any, prefix: str = "") -> dict[str, str]:
+    if not isinstance(data, dict) or (not data and prefix):
+        return {prefix: json.dumps(data)}
+    flat: dict[str, str] = {}
+    for key, value in data.items():
+        flat |= _flat(value, f"{prefix}.{key}" if prefix else str(key))
+    return flat
+
+
+def _checked(
+    data: dict[str, Any],
+    problems: list[Problem],
+    origins: dict[Key, str],
+    file: str | None,
+    refused: Sequence[str] = (),
+) -> Config:
+    """The config, or a ConfigError with `problems`, what validation finds, and `refused`."""
+    config = None
+    try:
+        config = Config.model_validate(data)
+    except ValidationError as error:
+        # A bad value is null in `data`; that null cannot stand there is no news.
+        known = [problem.key for problem in problems if _at(data, problem.key) is None]
+        problems = problems + [
+            problem
+            for problem in problems_of(error, Config)
+            if not any(problem.key[: len(key)] == key for key in known)
+        ]
+    if problems or refused or config is None:
+        raise ConfigError([*_lines(problems, origins, file), *refused])
+    return config
+
+
+def _at(data: Any, key: Key) -> Any:
+    for part in key:
+        inside = part in data if isinstance(data, dict) else isinstance(data, list)
+        data = data[part] if inside else None
+    return data
+
+
+def _lines(problems: list[Problem], origins: dict[Key, str], file: str | None) -> list[str]:
+    """One line per problem, in the order of the places where they stand."""
+    order = {key: place for place, key in enumerate(origins)}
+    found: list[tuple[tuple[int, int, int], str]] = []
+    for problem in problems:
+        key = problem.key
+        while key not in origins and key:
+            key = key[:-1]
+        origin = origins.get(key, "")
+        if problem.position is not None and file is not None:
+            origin = f"{file}:{problem.position[0]}:{problem.position[1]}"
+        parts = [part for part in (origin, _dotted(problem.key), problem.message) if part]
+        place = (1, order.get(key, 0), 0)
+        if origin and not origin.startswith("--set"):
+            line, column = origin.rsplit(":", 2)[1:]
+            place = (0, int(line), int(column))
+        found.append((place, ": ".join(parts)))
+    return list(dict.fromkeys(text for _, text in sorted(found, key=lambda item: item[0])))
+
+
+def _dotted(key: Key) -> str:
+    text = ""
+    for part in key:
+        text += f"[{part}]" if isinstance(part, int) else f".{one_line(part)}"
+    return text.removeprefix(".")
+
+
+def _override(data: dict[str, Any], origins: dict[Key, str], text: str) -> list[str]:
+    """Put one ``KEY=VALUE`` into `data`; what is wrong with it comes back."""
+    origin = f"--set {one_line(text, 100)}"
+    name, equals, value = text.partition("=")
+    key: Key = tuple(name.strip().split("."))
+    if not equals or not all(key):
+        return [f"{origin}: is not KEY=VALUE; write it as in bodies.samples=10"]
+    document = yamlfile.parse(value)
+    if document.problems:
+        return [f"{origin}: {_dotted(key)}: {document.problems[0].message}"]
+    here = data
+    for depth, part in enumerate(key[:-1], start=1):
+        if here.get(str(part)) is None:
+            here[str(part)] = {}
+            origins[key[:depth]] = origin
+        here = here[str(part)]
+        if not isinstance(here, dict):
+            return [f"{origin}: {_dotted(key[:depth])} is not a mapping; set it as a whole"]
+    here[str(key[-1])] = document.data
+    for old in [old for old in origins if old[: len(key)] == key]:
+        del origins[old]
+    origins[key] = origin
+    return []
+
+
+def _plain(value: Any, key: Key, problems: list[Problem]) -> Any:
+    """Python data as a config file would give it; NaN and the like become problems."""
+    if len(key) > yamlfile.MAX_DEPTH:
+        # At once: data that holds itself has no end, and may double at each level.
+        raise ConfigError(f"{_dotted(key[:1])}: is nested too deeply; a config has 5 levels")
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v, (*key, str(k)), problems) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v, (*key, i), problems) for i, v in enumerate(value)]
+    if isinstance(value, bool):
+        return value
+    # NumPy's numbers are registered as these.
+    if isinstance(value, Integral | Real):
+        number: int | float
+        try:
+            number = int(value) if isinstance(value, Integral) else float(value)
+        except (OverflowError, ValueError):
+            number = math.inf
+        if problem := yamlfile.number_problem(number):
+            problems.append(Problem(key, problem))
+            return None
+        return number
+    return value

@@ -1,0 +1,261 @@
+"""What a sweep is, as frozen models. Units are M = a = g = 1: times in sqrt(a/g)."""
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import Discriminator, Field, Tag, ValidationInfo, field_validator, model_validator
+
+from rattlesweep.sweep.config_bodies import PresetSource, SdSource, TableSource
+from rattlesweep.sweep.config_fields import (
+    Base,
+    PositiveNumbers,
+    SpinNumbers,
+    no_repeats,
+    tag_number,
+)
+from rattlesweep.sweep.config_grid import GridSource
+
+SOURCES = {"sd": SdSource, "preset": PresetSource, "table": TableSource, "grid": GridSource}
+
+DEFAULT_TOL = 1e-9
+DEFAULT_DT = 0.002
+
+
+def methods() -> Mapping[str, Any]:
+    """The integrators by name; each knows whether it is `adaptive`."""
+    # Not at import time: `--help` and other commands do without integrators.
+    from rattlesweep.integrate.tableau import METHODS
+
+    return METHODS
+
+
+def _source_kind(bodies: Any) -> str | None:
+    source = bodies.get("source") if isinstance(bodies, dict) else getattr(bodies, "source", None)
+    return f"~{source}" if isinstance(source, str) and source in SOURCES else None
+
+
+Bodies = Annotated[
+    Annotated[SdSource, Tag("~sd")]
+    | Annotated[PresetSource, Tag("~preset")]
+    | Annotated[TableSource, Tag("~table")]
+    | Annotated[GridSource, Tag("~grid")],
+    Discriminator(
+        _source_kind,
+        custom_error_type="body_source",
+        custom_error_message="the source of bodies is not known",
+    ),
+]
+
+Psi = Annotated[
+    Annotated[Literal["relevant", "pitch", "roll"], Tag("~word")]
+    | Annotated[Annotated[float, Field(ge=-360, le=360)], Tag("~number")],
+    Discriminator(tag_number),
+]
+
+
+class Spin(Base):
+    """How bodies are launched. Every n_i is combined with every omega_xy0."""
+
+    n_i: SpinNumbers = Field(
+        description=(
+            "Initial spins in sqrt(g/a); positive is the unsteady direction, negative the steady."
+        )
+    )
+    omega_xy0: PositiveNumbers = Field(
+        description="Initial sizes of the oscillation's angular velocity in sqrt(g/a)."
+    )
+    psi: Psi = Field(
+        default="relevant",
+        description=(
+            "Direction of the oscillation: the relevant mode (pitch for n_i > 0, roll for "
+            "n_i < 0), the pitch mode, the roll mode, or an angle from the x axis in degrees."
+        ),
+    )
+
+
+class Horizon(Base):
+    """When a run ends that has not reversed. Where both are given, the smaller counts."""
+
+    t_rgh: float | None = Field(
+        default=None,
+        gt=0,
+        description=(
+            "In units of t_rGH, the reversal time of Garcia and Hubbard in the spin's direction."
+        ),
+    )
+    t: float | None = Field(default=None, gt=0, description="A time in sqrt(a/g).")
+
+    @model_validator(mode="after")
+    def _one_at_least(self) -> "Horizon":
+        if self.t_rgh is None and self.t is None:
+            raise ValueError("neither t_rgh nor t is given; give one of them, or both")
+        return self
+
+
+def _offer_methods(schema: dict[str, Any]) -> None:
+    schema["enum"] = list(methods())
+
+
+class Integrator(Base):
+    """How states move: with error control (tol) or in steps of one size (dt)."""
+
+    method: str = Field(
+        default="dop853", description="Name of the method.", json_schema_extra=_offer_methods
+    )
+    tol: float | None = Field(
+        default=None,
+        ge=1e-15,
+        le=1e-2,
+        validate_default=True,
+        description=(
+            "Error allowed per step relative to the oscillation, no unit; for adaptive methods "
+            f"only, which take {DEFAULT_TOL:g} unless given."
+        ),
+    )
+    dt: float | None = Field(
+        default=None,
+        gt=0,
+        validate_default=True,
+        description=(
+            "Size of a step in sqrt(a/g); for methods of fixed step only, which take "
+            f"{DEFAULT_DT:g} unless given."
+        ),
+    )
+    max_steps: int = Field(
+        default=100_000_000, ge=1, le=2**62, description="Steps after which a run is given up."
+    )
+
+    @field_validator("method")
+    @classmethod
+    def _known(cls, method: str) -> str:
+        from rattlesweep.sweep.config_errors import not_one_of
+
+        if method not in methods():
+            raise ValueError(not_one_of(method, methods()))
+        return method
+
+    @field_validator("tol")
+    @classmethod
+    def _for_adaptive(cls, tol: float | None, info: ValidationInfo) -> float | None:
+        method = info.data.get("method")
+        if method is None:
+            return tol
+        if methods()[method].adaptive:
+            return DEFAULT_TOL if tol is None else tol
+        if tol is not None:
+            raise ValueError(f"{method} has steps of one size and takes no tol; give dt instead")
+        return None
+
+    @field_validator("dt")
+    @classmethod
+    def _for_fixed(cls, dt: float | None, info: ValidationInfo) -> float | None:
+        method = info.data.get("method")
+        if method is None:
+            return dt
+        if not methods()[method].adaptive:
+            return DEFAULT_DT if dt is None else dt
+        if dt is not None:
+            raise ValueError(f"{method} chooses its own steps and takes no dt; give tol instead")
+        return None
+
+
+class Classify(Base):
+    """Thresholds between the types of runs that do not reverse."""
+
+    ss_growth: float = Field(
+        default=0.01,
+        gt=0,
+        description=(
+            "SS if the amplitude of the relevant oscillation never exceeds its running minimum by "
+            "more than this fraction."
+        ),
+    )
+    sw_departure: float = Field(
+        default=0.1,
+        gt=0,
+        lt=1,
+        description="SW if abs(n) falls below abs(n_i) by more than this fraction.",
+    )
+
+
+RECORDS = ("energy", "contact", "windows")
+
+
+class Config(Base):
+    """A sweep: which bodies, launched how, integrated with what, and written where."""
+
+    name: str = Field(
+        default="sweep", description="Name of the sweep; also of its directory in out/."
+    )
+    seed: int = Field(
+        default=0,
+        ge=0,
+        le=2**63 - 1,
+        description="All draws depend on this, the case and the sample.",
+    )
+    bodies: Bodies = Field(description="Where parameter sets come from.")
+    spin: Spin | None = Field(
+        default=None,
+        validate_default=True,
+        description="How bodies are launched; null only where a table says it row by row.",
+    )
+    model: Literal["full", "reduced", "gh"] = Field(
+        default="full",
+        description=(
+            "full: all six variables; reduced: the three of the simplified dynamics; gh: the "
+            "closed form of Garcia and Hubbard, without integration."
+        ),
+    )
+    horizon: Horizon = Field(
+        default_factory=lambda: Horizon(t_rgh=5.0), description="When runs end that do not reverse."
+    )
+    integrator: Integrator = Field(
+        default_factory=lambda: Integrator(), description="How states move."
+    )
+    classify: Classify = Field(
+        default_factory=lambda: Classify(), description="Thresholds between types of runs."
+    )
+    record: list[Literal["energy", "contact", "windows"]] = Field(
+        default_factory=list,
+        description="Extra columns; each costs time.",
+        json_schema_extra={"uniqueItems": True},
+    )
+    block_size: int = Field(
+        default=10_000, ge=1, le=1_000_000, description="Runs per block, that is, per output file."
+    )
+    output: str | None = Field(
+        default=None,
+        min_length=1,
+        pattern=r"^[^\x00]*$",
+        description="Directory; null: out/<name>.",
+    )
+
+    @field_validator("name")
+    @classmethod
+    def _names_a_directory(cls, name: str) -> str:
+        if not name.strip() or name in (".", ".."):
+            raise ValueError("the name is empty or dots only; write a word")
+        if not name.isprintable() or "/" in name or "\\" in name:
+            raise ValueError("the name has a slash or a control character; write a plain word")
+        return name
+
+    @field_validator("spin")
+    @classmethod
+    def _spin_where_needed(cls, spin: Spin | None, info: ValidationInfo) -> Spin | None:
+        bodies = info.data.get("bodies")
+        if spin is None and bodies is not None and bodies.source != "table":
+            raise ValueError(
+                f"missing; bodies of source {bodies.source} need a spin with n_i and omega_xy0"
+            )
+        return spin
+
+    @field_validator("record")
+    @classmethod
+    def _once_and_in_order(cls, record: list[str]) -> list[str]:
+        no_repeats(record)
+        return [name for name in RECORDS if name in record]
+
+    @property
+    def directory(self) -> str:
+        """Where results go: `output`, or the default made from the name."""
+        return self.output or f"out/{self.name}"

@@ -1,0 +1,120 @@
+"""Files that appear in one step, complete, or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import re
+import secrets
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from rattlesweep.sweep.errors import OutputError
+
+# A leading dot and another ending: no `*.parquet` or `*.json` pattern matches, and readers that
+# take a whole directory skip hidden files.
+_TEMPORARY = re.compile(
+    r"\.(probe|manifest\.json|summary\.parquet|block-\d+\.parquet)\.[0-9a-f]{8}\.tmp"
+)
+
+
+def replace_file(path: Path, data: bytes, check: Callable[[Path], None] | None = None) -> None:
+    """Put `data` at `path` in one step.
+
+    Parameters
+    ----------
+    path
+        Whatever is there stays there, whole, until the new file is on the disk.
+    check
+        Called with the finished temporary file; whatever it raises keeps that from its place.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written; names the file and the reason.
+    """
+    temporary = _temporary(path)
+    try:
+        _write(temporary, data)
+        if check is not None:
+            check(temporary)
+        os.replace(temporary, path)
+        _sync_directory(path.parent)
+    except OSError as error:
+        raise OutputError(f"cannot write {path}: {reason(error)}") from error
+    finally:
+        # After the rename there is nothing left; after anything else, Ctrl-C too, there may be.
+        _discard(temporary)
+
+
+def probe_directory(path: Path) -> None:
+    """Create `path` where need be, and try out that files can be written in it.
+
+    Raises
+    ------
+    OutputError
+        They cannot: read-only, a file in the way, no space.
+    """
+    probe = _temporary(path / "probe")
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        try:
+            _write(probe, b"probe")
+        finally:
+            _discard(probe)
+    except (FileExistsError, NotADirectoryError) as error:
+        raise OutputError(f"cannot write in {path}: a file is in the way") from error
+    except OSError as error:
+        raise OutputError(f"cannot write in {path}: {reason(error)}") from error
+
+
+def remove_temporaries(folder: Path, older_than: float = 0.0) -> int:
+    """Remove temporary files at least `older_than` seconds old; returns how many."""
+    now, removed = time.time(), 0
+    for path in folder.glob(".*.tmp"):
+        if _TEMPORARY.fullmatch(path.name):
+            with contextlib.suppress(OSError):  # its owner, or another process, was quicker
+                if now - path.stat().st_mtime >= older_than:
+                    path.unlink()
+                    removed += 1
+    return removed
+
+
+def reason(error: BaseException) -> str:
+    """Say in one line what went wrong."""
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror
+    return str(error).strip().split("\n")[0] or type(error).__name__
+
+
+def _temporary(path: Path) -> Path:
+    # The random part keeps two processes that write the same block out of each other's file.
+    return path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
+
+
+def _write(path: Path, data: bytes) -> None:
+    handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
+    with os.fdopen(handle, "wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _discard(path: Path) -> None:
+    with contextlib.suppress(OSError):
+        path.unlink()
+
+
+def _sync_directory(path: Path) -> None:
+    """Force the rename itself to the disk."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    except OSError as error:
+        # Some network file systems cannot; the file is in place all the same.
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):
+            raise
+    finally:
+        os.close(handle)

@@ -1,0 +1,373 @@
+"""Slow, obvious oracles written straight from Kondo & Nakanishi (2017), NumPy and SciPy only.
+
+Nothing here imports `rattlesweep`.  Units M = a = g = 1.  A *body* is a mapping or an object with
+``alpha, beta, gamma, theta, phi, xi`` (xi in radians); the state is ``y = (u, omega)``, six numbers
+in the body-fixed principal axes, ``z`` pointing down at rest.  ``Eq. <label>`` cites the paper's
+LaTeX labels.
+"""
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+import scipy.integrate
+from scipy.optimize import brentq
+
+GH = {
+    "alpha": 13.04,
+    "beta": 1.522,
+    "gamma": 12.28,
+    "theta": 0.6429,
+    "phi": 0.0360,
+    "xi": -math.radians(1.72),
+}
+
+EPS = np.array([[0.0, 1.0], [-1.0, 0.0]])  # Eq. lin-u
+
+
+def get(body, name):
+    """One parameter of a body given as a mapping or as an object."""
+    return float(body[name] if isinstance(body, Mapping) else getattr(body, name))
+
+
+def rotation(angle):
+    """R(xi)."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s], [s, c]])
+
+
+def curvature(body):
+    """R Theta R^-1."""
+    r = rotation(get(body, "xi"))
+    return r @ np.diag([get(body, "theta"), get(body, "phi")]) @ r.T
+
+
+def radii(body):
+    """R Theta^-1 R^-1, from the principal radii, not by inverting `curvature`."""
+    r = rotation(get(body, "xi"))
+    return r @ np.diag([1.0 / get(body, "theta"), 1.0 / get(body, "phi")]) @ r.T
+
+
+def inertia(body):
+    """I around G in units of M a^2: Eq. def-abg solved for I_xx, I_yy, I_zz."""
+    return np.diag([get(body, "alpha") - 1.0, get(body, "beta") - 1.0, get(body, "gamma")])
+
+
+# ---------------------------------------------------------------------------------------------
+# The full equations of motion
+# ---------------------------------------------------------------------------------------------
+
+
+def contact_point(u, body):
+    """The vector r from G to the contact point C: Eqs. def-xy and def-z."""
+    rp = radii(body) @ u[:2] / u[2]
+    return np.array([rp[0], rp[1], 1.0 - 0.5 * (rp @ curvature(body) @ rp)])
+
+
+def contact_point_dot(u, du, body):
+    """Dotted (body-frame component) derivative of `contact_point` along du."""
+    b = radii(body)
+    rp = b @ u[:2] / u[2]
+    drp = b @ (du[:2] / u[2] - u[:2] * du[2] / u[2] ** 2)
+    return np.array([drp[0], drp[1], -(rp @ curvature(body) @ drp)])
+
+
+def rhs(t, y, body):
+    """Dotted derivatives of (u, omega): Eqs. diff-u and diff-omega.  Also takes complex y."""
+    u, w = y[:3], y[3:]
+    du = -np.cross(w, u)
+    r = contact_point(u, body)
+    dr = contact_point_dot(u, du, body)
+    inert = inertia(body)
+    # the matrix of  dw -> I dw - r x (r x dw), column by column
+    left = np.array([inert @ e - np.cross(r, np.cross(r, e)) for e in np.eye(3)]).T
+    right = (
+        -np.cross(w, inert @ w)
+        + np.cross(r, np.cross(dr, w) + np.cross(w, np.cross(r, w)))
+        + np.cross(r, u)
+    )
+    return np.concatenate([du, np.linalg.solve(left, right)])
+
+
+def spin(y):
+    """The spin n = u . omega."""
+    return float(y[:3] @ y[3:])
+
+
+def spin_rate(y, body):
+    """dn/dt = u . domega (the other term, du . omega = (u x omega) . omega, is zero)."""
+    return float(y[:3] @ rhs(0.0, y, body)[3:])
+
+
+def energy(y, body):
+    """Total energy; the potential is zero at u = (0, 0, -1), where G is at height 1."""
+    u, w = y[:3], y[3:]
+    r = contact_point(u, body)
+    v = np.cross(r, w)
+    return float(0.5 * (v @ v) + 0.5 * (w @ inertia(body) @ w) + (-(r @ u) - 1.0))
+
+
+def contact_force(y, body):
+    """F of Eq. em-1, F = dv/dt + u with v = r x omega, in body components."""
+    u, w = y[:3], y[3:]
+    dy = rhs(0.0, y, body)
+    r = contact_point(u, body)
+    dr = contact_point_dot(u, dy[:3], body)
+    v = np.cross(r, w)
+    vdot = np.cross(dr, w) + np.cross(r, dy[3:])
+    return vdot + np.cross(w, v) + u
+
+
+def force_components(y, body):
+    """(F_par, F_perp) of the paper's friction footnote."""
+    f, u = contact_force(y, body), y[:3]
+    par = float(f @ u)
+    return par, float(np.linalg.norm(f - par * u))
+
+
+def launch(body, n_i, omega_xy0, psi):
+    """y(0): Eqs. sim-ic-1 and sim-ic-2."""
+    return np.array(
+        [0.0, 0.0, -1.0, omega_xy0 * math.cos(psi), omega_xy0 * math.sin(psi), -float(n_i)]
+    )
+
+
+# ---------------------------------------------------------------------------------------------
+# Oscillation modes and asymmetric torque coefficients
+# ---------------------------------------------------------------------------------------------
+
+
+def h_matrix(body):
+    """H of Eq. lin-omg4."""
+    r = rotation(get(body, "xi") + 0.5 * math.pi)
+    gam = r @ np.diag([1.0 / get(body, "theta"), 1.0 / get(body, "phi")]) @ r.T
+    jm = np.diag([get(body, "alpha") ** -0.5, get(body, "beta") ** -0.5])
+    return jm @ (gam - np.eye(2)) @ jm
+
+
+def modes(body):
+    """Modes by `eigh` and K_p, K_r from the brakets of Eqs. kp-1 and kr-1.
+
+    An eigenvector's sign is arbitrary; here psi is in (-pi/2, pi/2].  Turning the body by pi about
+    z shows the sign changes no spin.
+    """
+    alpha, beta = get(body, "alpha"), get(body, "beta")
+    jp = np.diag([alpha**0.5, beta**0.5])
+    jm = np.diag([alpha**-0.5, beta**-0.5])
+    h = h_matrix(body)
+    h = 0.5 * (h + h.T)
+    lam, vec = np.linalg.eigh(h)  # ascending: roll, pitch
+    out = {}
+    for name, col in (("r", 0), ("p", 1)):
+        ket = vec[:, col]
+        bracket = (ket @ jm @ EPS @ jp @ h @ ket) / (ket @ ket)
+        x, y = jm @ ket  # |omega> = J^-1/2 |tilde omega>
+        if x < 0.0 or (x == 0.0 and y < 0.0):
+            x, y = -x, -y
+        out["omega_" + name] = math.sqrt(lam[col])
+        out["psi_" + name] = math.atan2(y, x)
+        out["K_" + name] = float(bracket if name == "p" else -bracket)
+    return out
+
+
+def relevant_psi(body, n_i):
+    """Eq. sim-ic-3."""
+    return modes(body)["psi_p" if n_i > 0 else "psi_r"]
+
+
+def mean_torque_over_energy(body, mode, amplitude=1e-4, samples=4096):
+    """-K_p or K_r of Eq. def-kpr as a quadrature of T = u.(r x F) over one period of one mode.
+
+    The motion put in is the linear mode's; the torque is not Eq. ave-torque.  The energy is the
+    mean of kinetic plus potential, twice the mean kinetic one: Eq. ave-ene.
+    """
+    m = modes(body)
+    om, psi = m["omega_" + mode], m["psi_" + mode]
+    w0 = amplitude * np.array([math.cos(psi), math.sin(psi)])
+    b = radii(body)
+    torque = []
+    for k in range(samples):
+        ph = 2.0 * math.pi * k / samples
+        w, dw = w0 * math.cos(ph), -om * w0 * math.sin(ph)
+        up, dup = EPS @ w0 * math.sin(ph) / om, EPS @ w  # Eq. lin-u
+        u = np.array([up[0], up[1], -1.0])
+        r = np.append(-b @ up, 1.0)
+        vdot = np.cross(np.append(-b @ dup, 0.0), np.append(w, 0.0)) + np.cross(
+            r, np.append(dw, 0.0)
+        )
+        torque.append(u @ np.cross(r, vdot + u))
+    mean_energy = 0.5 * (get(body, "alpha") * w0[0] ** 2 + get(body, "beta") * w0[1] ** 2)
+    return float(np.mean(torque)) / mean_energy
+
+
+# ---------------------------------------------------------------------------------------------
+# Reversal times
+# ---------------------------------------------------------------------------------------------
+
+
+def advance(body, y0, dt, method="DOP853", rtol=1e-12, atol=1e-15):
+    """The state a short dt after y0, in at least four steps."""
+    if dt == 0.0:
+        return np.array(y0, dtype=float)
+    sol = scipy.integrate.solve_ivp(
+        rhs, (0.0, dt), y0, method=method, args=(body,), rtol=rtol, atol=atol, max_step=abs(dt) / 4
+    )
+    assert sol.success, sol.message
+    return sol.y[:, -1]
+
+
+def _first_bracket(ts, s, sign, rate, value):
+    """(a, b) around the first zero of a function sampled as s at ts, or None.
+
+    Pairs of zeros between two samples are found at the extremum between them: where two samples
+    are within ten second differences of zero and the function turns back between them, the
+    extremum is located on ``rate`` (the derivative) and its sign looked at.
+    """
+    near = 10.0 * np.max(np.abs(np.diff(s, 2))) + 1e-15
+    for k in range(len(ts) - 1):
+        if sign * s[k + 1] <= 0.0:
+            return ts[k], ts[k + 1]
+        if min(abs(s[k]), abs(s[k + 1])) <= near:
+            ra, rb = sign * rate(ts[k]), sign * rate(ts[k + 1])
+            if ra < 0.0 < rb:
+                te = brentq(rate, ts[k], ts[k + 1], xtol=1e-15, rtol=1e-14)
+                if sign * value(te) <= 0.0:
+                    return ts[k], te
+    return None
+
+
+def first_reversal(
+    body, n_i, omega_xy0, psi, t_end, rtol=1e-12, atol=1e-15, method="DOP853", samples=64
+):
+    """First zero of the spin in continuous time.
+
+    Returns ``(t_r, y(t_r))``, or ``(None, y(t_end))`` when the spin keeps its sign until t_end.
+    ``method`` names one of SciPy's public solver classes.
+    """
+    if n_i == 0:
+        raise ValueError("a launch without spin has no reversal")
+    return first_zero(
+        body, launch(body, n_i, omega_xy0, psi), t_end, rtol, atol, method, samples=samples
+    )
+
+
+def first_zero(body, y0, t_end, rtol=1e-12, atol=1e-15, method="DOP853", samples=64):
+    """`first_reversal` from any state whose spin is not zero."""
+    sign = math.copysign(1.0, spin(y0))
+    solver = getattr(scipy.integrate, method)(
+        lambda t, y: rhs(t, y, body), 0.0, np.array(y0, dtype=float), t_end, rtol=rtol, atol=atol
+    )
+    while solver.status == "running":
+        y_old = solver.y.copy()
+        message = solver.step()
+        assert solver.status != "failed", message
+        t_old, t_new = solver.t_old, solver.t
+        dense = solver.dense_output()
+        ts = np.linspace(t_old, t_new, samples + 1)
+        ys = dense(ts)
+        s = np.sum(ys[:3] * ys[3:], axis=0)
+
+        def rate(t, dense=dense):
+            return spin_rate(dense(t), body)
+
+        def value(t, dense=dense):
+            return spin(dense(t))
+
+        bracket = _first_bracket(ts, s, sign, rate, value)
+        if bracket is None:
+            continue
+
+        def polished(t, t_old=t_old, y_old=y_old):
+            return spin(advance(body, y_old, t - t_old, method, rtol, atol))
+
+        a, b = bracket
+        of = polished if polished(a) * sign > 0.0 >= polished(b) * sign else value
+        t_r = b if of(b) == 0.0 else brentq(of, a, b, xtol=1e-15, rtol=1e-15)
+        return t_r, advance(body, y_old, t_r - t_old, method, rtol, atol)
+    return None, solver.y
+
+
+def rk4_step(body, y, h):
+    """One classical Runge-Kutta step."""
+    k1 = rhs(0.0, y, body)
+    k2 = rhs(0.0, y + 0.5 * h * k1, body)
+    k3 = rhs(0.0, y + 0.5 * h * k2, body)
+    k4 = rhs(0.0, y + h * k3, body)
+    return y + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+
+
+def naive_rk4(body, y0, dt, t_end):
+    """Plain RK4 on the grid k dt; the first zero of the spin between grid points, or None.
+
+    When the spin has changed sign over a step (or has dipped through zero and back, seen by its
+    derivative's sign at both ends), the step is retaken with the fraction of dt at which the spin
+    of ``rk4_step(y, fraction)`` is zero.  Returns ``(t_r, y(t_r))`` or ``(None, y(t_end))``; the
+    last step is cut short when dt does not divide t_end.
+    """
+    y = np.array(y0, dtype=float)
+    sign = math.copysign(1.0, spin(y))
+    steps = math.ceil(t_end / dt - 1e-9)
+    for k in range(steps):
+        h = min(dt, t_end - k * dt)
+        new = rk4_step(body, y, h)
+        end = h if sign * spin(new) <= 0.0 else None
+        if end is None and sign * spin_rate(y, body) < 0.0 < sign * spin_rate(new, body):
+            low = brentq(lambda f, y=y: spin_rate(rk4_step(body, y, f), body), 0.0, h)
+            end = low if sign * spin(rk4_step(body, y, low)) <= 0.0 else None
+        if end is not None:
+            f = brentq(lambda f, y=y: spin(rk4_step(body, y, f)), 0.0, end, xtol=1e-15, rtol=1e-15)
+            return k * dt + f, rk4_step(body, y, f)
+        y = new
+    return None, y
+
+
+# ---------------------------------------------------------------------------------------------
+# Linear growth about steady spin
+# ---------------------------------------------------------------------------------------------
+
+
+def jacobian_spin(body, n):
+    """4x4 Jacobian of `rhs` in (u_x, u_y, omega_x, omega_y) about steady spin n, by complex step.
+
+    `rhs` is analytic in its six variables and NumPy's cross and solve take complex numbers, so
+    Im rhs(y + i h e) / h at h = 1e-40 is exact to rounding.
+    """
+    y0 = np.array([0.0, 0.0, -1.0, 0.0, 0.0, -float(n)], dtype=complex)
+    which = [0, 1, 3, 4]
+    h = 1e-40
+    jac = np.empty((4, 4))
+    for col, index in enumerate(which):
+        y = y0.copy()
+        y[index] += 1j * h
+        jac[:, col] = rhs(0.0, y, body)[which].imag / h
+    return jac
+
+
+def linear_growth(body, n):
+    """The four eigenvalues about u = (0, 0, -1), omega = (0, 0, -n); by decreasing imaginary part.
+
+    For small n: index 0 is the pitch (highest frequency), index 1 the roll, then the conjugates.
+    """
+    lam = np.linalg.eigvals(jacobian_spin(body, n)).astype(complex)
+    return lam[np.lexsort((-lam.real, -lam.imag))]
+
+
+# ---------------------------------------------------------------------------------------------
+# Reduced three-variable dynamics
+# ---------------------------------------------------------------------------------------------
+
+
+def reduced_rhs(t, y, K_p, K_r, I_eff):
+    """Derivatives of (n, E_p, E_r): Eqs. diff-ne-1 to diff-ne-3."""
+    n, e_p, e_r = y
+    return np.array([(-K_p * e_p + K_r * e_r) / I_eff, K_p * n * e_p, -K_r * n * e_r])
+
+
+def reduced_E_tot(y, I_eff):
+    """E_tot of the reduced dynamics."""
+    return 0.5 * I_eff * y[0] ** 2 + y[1] + y[2]
+
+
+def reduced_C_I(y, K_p, K_r):
+    """Casimir invariant, Eq. casimir."""
+    return math.log(y[1]) / K_p + math.log(y[2]) / K_r

@@ -1,0 +1,148 @@
+"""Theory of Kondo & Nakanishi (2017) in mpmath, as literally as the paper writes it.
+
+Inputs are doubles (or mpf) taken as exact; the work is done at 120 digits because n_0 - |n_i| can
+be tiny, and results are rounded to 50.  Units M = a = g = 1.  Nothing here imports `rattlesweep`.
+"""
+
+from mpmath import mp
+
+WORK, OUT = 120, 50
+
+
+def _rounded(value):
+    if value is None:
+        return None
+    with mp.workdps(OUT):
+        return +value
+
+
+def _rotation(angle):
+    c, s = mp.cos(angle), mp.sin(angle)
+    return mp.matrix([[c, -s], [s, c]])
+
+
+def _exact(*values):
+    return [mp.mpf(v) for v in values]
+
+
+def n_c1_squared(alpha, beta, gamma, theta, phi):
+    """Right-hand side of Eq. def-nc1, negative (or None where the denominator is 0) if unreal."""
+    with mp.workdps(WORK):
+        a, b, c, th, ph = _exact(alpha, beta, gamma, theta, phi)
+        den = 2 - (th + ph) - (a + b - c) * (th + ph - 2 * th * ph)
+        return None if den == 0 else -(1 - th) * (1 - ph) / den
+
+
+def reference(alpha, beta, gamma, theta, phi, xi, n_i, omega_xy0):
+    """Everything the theory says of one launch, as mpf (None where there is none).
+
+    ``n_0`` and ``t_rgh`` are for psi relevant: psi_p when n_i > 0, otherwise psi_r.  ``t_rgh`` is
+    +inf where its K is zero and follows the paper's formula (so is negative) where K < 0.
+    ``growth_pitch`` and ``growth_roll`` are amplitude rates at n = n_i (Eq. case-instab1).
+    psi is in (-pi/2, pi/2].
+    """
+    with mp.workdps(WORK):
+        a, b, c, th, ph, x, n, w = _exact(alpha, beta, gamma, theta, phi, xi, n_i, omega_xy0)
+        eps = mp.matrix([[0, 1], [-1, 0]])
+        jp = mp.diag([mp.sqrt(a), mp.sqrt(b)])
+        jm = mp.diag([1 / mp.sqrt(a), 1 / mp.sqrt(b)])
+        rot = _rotation(x + mp.pi / 2)
+        gam = rot * mp.diag([1 / th, 1 / ph]) * rot.T  # Gamma, below Eq. lin-omg2
+        h = jm * (gam - mp.eye(2)) * jm  # Eq. lin-omg4
+        h = (h + h.T) / 2
+        # Eq. def-omega_pr
+        root = mp.sqrt((h[0, 0] - h[1, 1]) ** 2 + 4 * h[0, 1] ** 2)
+        om2 = {
+            "p": (h[0, 0] + h[1, 1] + root) / 2,
+            "r": (h[0, 0] + h[1, 1] - root) / 2,
+        }
+        _, vectors = mp.eigsy(h)  # ascending eigenvalues
+        psi, k = {}, {}
+        for mode, col in (("p", 1), ("r", 0)):
+            ket = vectors[:, col]
+            assert mp.norm(h * ket - om2[mode] * ket) < mp.mpf(10) ** (-WORK + 20) * mp.norm(h)
+            omega = jm * ket  # |omega> = J^-1/2 |tilde omega>
+            if omega[0] < 0 or (omega[0] == 0 and omega[1] < 0):
+                omega = -omega
+            psi[mode] = mp.atan2(omega[1], omega[0])
+            # Eqs. kp-1 and kr-1
+            bracket = (ket.T * jm * eps * jp * h * ket)[0] / (ket.T * ket)[0]
+            k[mode] = bracket if mode == "p" else -bracket
+        own = "p" if n > 0 else "r"
+        wx, wy = w * mp.cos(psi[own]), w * mp.sin(psi[own])
+        n_0 = mp.sqrt((a * wx**2 + b * wy**2 + c * n**2) / c)  # Eq. def-n0, omega_z = -n_i
+        # Eqs. trgh-p and trgh-m
+        if k[own] == 0 or n_0 == abs(n):
+            t_rgh = mp.inf
+        else:
+            t_rgh = mp.log((n_0 + abs(n)) / (n_0 - abs(n))) / (n_0 * k[own])
+        square = n_c1_squared(alpha, beta, gamma, theta, phi)
+        out = {
+            "omega_p": mp.sqrt(om2["p"]),
+            "omega_r": mp.sqrt(om2["r"]),
+            "psi_p": psi["p"],
+            "psi_r": psi["r"],
+            "omega_p0": mp.sqrt((1 / ph - 1) / a),  # Eq. omega_p0
+            "omega_r0": mp.sqrt((1 / th - 1) / b),  # Eq. omega_r0
+            "K_p": k["p"],
+            "K_r": k["r"],
+            "n_0": n_0,
+            "t_rgh": t_rgh,
+            "n_c1": -mp.sqrt(square) if square is not None and square > 0 else None,
+            "growth_pitch": n * k["p"] / 2,
+            "growth_roll": -n * k["r"] / 2,
+        }
+    return {name: _rounded(value) for name, value in out.items()}
+
+
+def spin_matrix(alpha, beta, gamma, theta, phi, xi, n):
+    """4x4 matrix of the linearised equations about u = (0, 0, -1), omega = (0, 0, -n).
+
+    In (u_x, u_y, omega_x, omega_y), with B = R Theta^-1 R^-1 and r_perp = -B u_perp:
+
+        du = eps (omega - n u)
+        J domega = n [[0, gamma - beta], [alpha - gamma, 0]] omega
+                   + n B eps (omega - n u) + n^2 eps B u - eps (1 - B) u
+
+    the terms being, in order, -omega x I omega with the centripetal r x (omega x (r x omega)),
+    the r x (dr x omega), the rest of the centripetal one, and gravity.
+    """
+    with mp.workdps(WORK):
+        a, b, c, th, ph, x, n = _exact(alpha, beta, gamma, theta, phi, xi, n)
+        eps = mp.matrix([[0, 1], [-1, 0]])
+        one = mp.eye(2)
+        ball = _rotation(x) * mp.diag([1 / th, 1 / ph]) * _rotation(x).T
+        jinv = mp.diag([1 / a, 1 / b])
+        uu, uw = -n * eps, eps
+        gyro = mp.matrix([[0, c - b], [a - c, 0]])
+        wu = jinv * (-(n**2) * ball * eps + n**2 * eps * ball - eps * (one - ball))
+        ww = jinv * (n * gyro + n * ball * eps)
+        m = mp.zeros(4)
+        for i in range(2):
+            for j in range(2):
+                m[i, j], m[i, j + 2] = uu[i, j], uw[i, j]
+                m[i + 2, j], m[i + 2, j + 2] = wu[i, j], ww[i, j]
+        return m
+
+
+def growth_exact(alpha, beta, gamma, theta, phi, xi, n):
+    """The four eigenvalues of `spin_matrix` as mpc, by decreasing imaginary part.
+
+    For small n: index 0 is the pitch, index 1 the roll, then the conjugates.
+    """
+    with mp.workdps(WORK):
+        lam, _ = mp.eig(spin_matrix(alpha, beta, gamma, theta, phi, xi, n))
+        lam = sorted((mp.mpc(v) for v in lam), key=lambda v: (-v.imag, -v.real))
+    return [_rounded(v) for v in lam]
+
+
+def characteristic(alpha, beta, gamma, theta, phi, xi, n):
+    """Coefficients [1, a3, a2, a1, a0] of det(lambda - `spin_matrix`) (Faddeev-LeVerrier)."""
+    with mp.workdps(WORK):
+        m = spin_matrix(alpha, beta, gamma, theta, phi, xi, n)
+        coefficients, aux = [mp.mpf(1)], mp.eye(4)
+        for k in range(1, 5):
+            prod = m * aux
+            coefficients.append(-sum(prod[i, i] for i in range(4)) / k)
+            aux = prod + coefficients[-1] * mp.eye(4)
+        return coefficients
