@@ -12,7 +12,13 @@ from numba import config, get_num_threads, njit, set_num_threads
 
 from rattlesweep.integrate import lanes
 from rattlesweep.integrate.cache import cached, specialise
-from rattlesweep.integrate.stages import LANES, Layout, compile_attempt, compile_lane_functions
+from rattlesweep.integrate.stages import (
+    LANES,
+    SUBSTEPS,
+    Layout,
+    compile_attempt,
+    compile_lane_functions,
+)
 from rattlesweep.integrate.status import Status
 
 if TYPE_CHECKING:
@@ -230,7 +236,9 @@ def integrate(
     order = np.argsort(-cost, kind="stable")
     control.total = float(cost.sum())
     control._progress = np.zeros((threads, 8))
-    first = 0.1 / batch.swing if tableau.adaptive else np.full(runs, dt)
+    # A fixed-step method is looked at every few steps.
+    stride = 1 if tableau.adaptive else SUBSTEPS
+    first = 0.1 / batch.swing if tableau.adaptive else np.full(runs, stride * dt)
     plan = np.stack([batch.t_end, batch.swing, batch.window, batch.rate, first, cost], axis=1)
     result = np.full((runs, lanes.N_RESULT), np.nan)
     counts = np.zeros((runs, lanes.N_COUNTS), dtype=np.int64)
@@ -238,7 +246,7 @@ def integrate(
     windows = np.full((runs if "windows" in record else 0, N_WINDOWS, 3), np.nan)
     # How far tolerance leaves an extremum of the spin undecided, as a share of its swing.
     fuzz = 1e3 * (tol if tableau.adaptive else 1e-12)
-    options = np.array([1.0 / tol**2, dt, float(max_steps), fuzz])
+    options = np.array([1.0 / tol**2, stride * dt, max_steps / stride, fuzz])
     flags = np.array([name in record for name in RECORDS])
 
     def run_kernel() -> None:
@@ -282,7 +290,7 @@ def integrate(
         contact_ratio_max=result[:, c.RATIO_MAX],
         contact_normal_min=result[:, c.NORMAL_MIN],
         status=counts[:, c.STATUS],
-        n_steps=counts[:, c.STEPS],
+        n_steps=counts[:, c.STEPS] * stride,
         near_tangencies=counts[:, c.NEAR],
         n_rejected=counts[:, c.REJECTED],
         windows=windows,

@@ -1,6 +1,7 @@
 """The vectorised step: source generated from a tableau and a model.
 
-One call of the generated function tries one step on every lane.  All arrays are rows of one
+One call of the generated function tries one step on every lane (:data:`SUBSTEPS` equal ones for
+a method without error control).  All arrays are rows of one
 flat workspace, each row as long as there are lanes, and every stage is one loop over lanes that
 loads its combination of earlier stages, calls the scalar right-hand side and stores ``h f``.  With
 the coefficients and the offsets as constants in the source, LLVM drops the zeros, keeps the
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 
 # 32 lanes: see benchmarks/kernel.py --lanes for the figures behind it.
 LANES = 32
+# Steps of a fixed-step method between two looks at the lanes: the looks then cost little.
+SUBSTEPS = 8
 
 
 @dataclass(frozen=True)
@@ -97,47 +100,57 @@ def source(tableau: Tableau, model: Model, lanes: int = LANES) -> str:
 
     constants = ", ".join(f"q{i}" for i in range(model.n_constants))
     load_constants = [f"q{i} = {cell(at.constants + i)}" for i in range(model.n_constants)]
+    load_probe = [f"o{i} = {cell(at.probe + i)}" for i in range(model.n_probe)]
+    probe = ", ".join(f"o{i}" for i in range(model.n_probe))
 
     def names(prefix: str) -> str:
         return ", ".join(f"{prefix}{c}" for c in states)
 
-    lines = ["def attempt(w, scale):"]
+    def derivative(y: int, f: int) -> list[str]:
+        return [
+            f"{names('f')} = rhs({names('y')}, {constants})",
+            *(f"{cell(y + c)} = y{c}" for c in states),
+            *(f"{cell(f + c)} = f{c}" for c in states),
+        ]
 
-    def loop(body: list[str]) -> None:
-        lines.append(f"    for l in range({lanes}):")
-        lines.extend(f"        {text}" for text in body)
-
-    loop([f"h = {cell(at.h)}", *(f"{stage(0, c)} = h * {cell(at.f + c)}" for c in states)])
-    for i in range(1, tableau.stages):
-        loop(
-            [
-                f"h = {cell(at.h)}",
-                *load_constants,
-                *(f"y{c} = {cell(at.y + c)} + ({combine(tableau.a[i], c)})" for c in states),
-                f"{names('f')} = rhs({names('y')}, {constants})",
-                *(f"{stage(i, c)} = h * f{c}" for c in states),
-            ]
-        )
-    last = [
-        f"h = {cell(at.h)}",
-        *load_constants,
-        *(f"y{c} = {cell(at.y + c)} + ({combine(tableau.b, c)})" for c in states),
-        f"{names('f')} = rhs({names('y')}, {constants})",
-        *(f"{cell(at.y1 + c)} = y{c}" for c in states),
-        *(f"{cell(at.f1 + c)} = f{c}" for c in states),
+    ends = [
         f"{cell(at.n1)} = spin({names('y')})",
         f"{cell(at.rate1)} = spin_rate({names('y')}, {names('f')})",
-        *(f"o{i} = {cell(at.probe + i)}" for i in range(model.n_probe)),
-        f"{cell(at.amplitude)} = amplitude({names('y')}, "
-        + ", ".join(f"o{i}" for i in range(model.n_probe))
-        + ")",
+        *load_probe,
+        f"{cell(at.amplitude)} = amplitude({names('y')}, {probe})",
     ]
-    if not tableau.errors:
-        # Zero, or not a number where the step left the numbers.
-        last.append(f"{cell(at.error)} = 0.0 * ({' + '.join(f'f{c}' for c in states)})")
-        loop(last)
-    else:
-        loop(last)
+    lines = ["def attempt(w, scale):"]
+    indent = 4
+
+    def loop(body: list[str]) -> None:
+        lines.append(" " * indent + f"for l in range({lanes}):")
+        lines.extend(" " * (indent + 4) + text for text in body)
+
+    def stages(y: int, f: int, share: str, last: list[str]) -> None:
+        """All stages of a step of ``share * h`` from rows ``y, f``; ``last`` joins the last loop."""
+        h = f"h = {cell(at.h)}{share}"
+        loop([h, *(f"{stage(0, c)} = h * {cell(f + c)}" for c in states)])
+        for i in range(1, tableau.stages):
+            loop(
+                [
+                    h,
+                    *load_constants,
+                    *(f"y{c} = {cell(y + c)} + ({combine(tableau.a[i], c)})" for c in states),
+                    f"{names('f')} = rhs({names('y')}, {constants})",
+                    *(f"{stage(i, c)} = h * f{c}" for c in states),
+                ]
+            )
+        loop(
+            [
+                *load_constants,
+                *(f"y{c} = {cell(y + c)} + ({combine(tableau.b, c)})" for c in states),
+                *derivative(at.y1, at.f1),
+                *last,
+            ]
+        )
+
+    if tableau.adaptive:
+        stages(at.y, at.f, "", ends)
         body = [f"h = {cell(at.h)}", *load_constants]
         body += [f"y{c} = {cell(at.y + c)}" for c in states]
         for k, row in enumerate(tableau.errors):
@@ -153,6 +166,22 @@ def source(tableau: Tableau, model: Model, lanes: int = LANES) -> str:
         else:
             body.append(f"{cell(at.error)} = s0")
         loop(body)
+    else:
+        both = range(2 * n)
+        loop([f"{cell(at.y1 + c)} = {cell(at.y + c)}" for c in both])
+        lines.append(f"    for _ in range({SUBSTEPS}):")
+        indent = 8
+        stages(at.y1, at.f1, f" * {1 / SUBSTEPS!r}", [])
+        indent = 4
+        loop(
+            [
+                *(f"y{c} = {cell(at.y1 + c)}" for c in states),
+                *(f"f{c} = {cell(at.f1 + c)}" for c in states),
+                *ends,
+                # Zero, or not a number where the step left the numbers.
+                f"{cell(at.error)} = 0.0 * ({' + '.join(f'f{c}' for c in states)})",
+            ]
+        )
     return "\n".join(lines) + "\n"
 
 
