@@ -1,1 +1,50 @@
-"""rattlesweep."""
+"""Parameter sweeps of rattlebacks: theory, lane kernels, types, Parquet tables.
+
+>>> import rattlesweep as rs
+>>> gh = rs.Rattleback.gh()
+>>> round(rs.modes(gh).K_p, 3)
+0.553
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rattlesweep.api import (
+        Modes,
+        Rattleback,
+        Run,
+        Sweep,
+        load,
+        modes,
+        reversal_time_gh,
+        simulate,
+        sweep,
+    )
+
+__all__ = [
+    "Modes",
+    "Rattleback",
+    "Run",
+    "Sweep",
+    "__version__",
+    "load",
+    "modes",
+    "reversal_time_gh",
+    "simulate",
+    "sweep",
+]
+
+
+def __getattr__(name: str) -> Any:
+    # At first use: Numba alone takes half a second to import, and --help needs none of it.
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("rattlesweep")
+    if name in __all__:
+        from rattlesweep import api
+
+        return getattr(api, name)
+    raise AttributeError(f"module 'rattlesweep' has no attribute {name!r}")

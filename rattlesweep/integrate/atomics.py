@@ -4,7 +4,6 @@ Every thread takes the next run from one counter, so that long and short runs ev
 alone splits the runs before it knows their lengths), and reads a flag that Python sets to stop.
 """
 
-# ruff: noqa: ANN
 from __future__ import annotations
 
 from llvmlite import ir

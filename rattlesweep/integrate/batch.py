@@ -78,6 +78,8 @@ class Outcome:
         ``status`` holds values of :class:`Status`.
     energy_0, energy_drift_max, contact_ratio_max, contact_normal_min : ndarray
         Meaningful only where they were asked for.
+    y_end : ndarray, shape (runs, n_state)
+        State at ``t_end``.
     windows : ndarray, shape (runs, windows, 3) or (0, ...)
         Amplitude, least and largest spin in each window; NaN where the run had ended.
     stopped : bool
@@ -98,6 +100,7 @@ class Outcome:
     n_steps: NDArray[np.int64]
     near_tangencies: NDArray[np.int64]
     n_rejected: NDArray[np.int64]
+    y_end: Floats
     windows: Floats
     stopped: bool
 
@@ -177,7 +180,12 @@ def kernel(tableau_name: str, model_name: str) -> Callable[..., None]:
 def available_threads() -> int:
     """Threads to use by default: the processors this process may run on, as Numba counts them."""
     allowed = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    return max(1, min(allowed or 1, int(config.NUMBA_NUM_THREADS)))
+    return max(1, min(allowed or 1, most_threads()))
+
+
+def most_threads() -> int:
+    """Threads that Numba can start at most; ``NUMBA_NUM_THREADS`` sets it."""
+    return int(config.NUMBA_NUM_THREADS)
 
 
 def _aligned(threads: int, size: int) -> Floats:
@@ -228,7 +236,7 @@ def integrate(
         Bit for bit the same for any number of threads and any composition of the batch.
     """
     runs = len(batch)
-    threads = min(threads or available_threads(), int(config.NUMBA_NUM_THREADS))
+    threads = min(threads or available_threads(), most_threads())
     control = control or Control()
     at = Layout.of(model)
     cost = expected_cost(batch)
@@ -240,7 +248,7 @@ def integrate(
     stride = 1 if tableau.adaptive else SUBSTEPS
     first = 0.1 / batch.swing if tableau.adaptive else np.full(runs, stride * dt)
     plan = np.stack([batch.t_end, batch.swing, batch.window, batch.rate, first, cost], axis=1)
-    result = np.full((runs, lanes.N_RESULT), np.nan)
+    result = np.full((runs, lanes.FIRST_STATE + model.n_state), np.nan)
     counts = np.zeros((runs, lanes.N_COUNTS), dtype=np.int64)
     counts[:, lanes.STATUS] = Status.STOPPED
     windows = np.full((runs if "windows" in record else 0, N_WINDOWS, 3), np.nan)
@@ -293,6 +301,7 @@ def integrate(
         n_steps=counts[:, c.STEPS] * stride,
         near_tangencies=counts[:, c.NEAR],
         n_rejected=counts[:, c.REJECTED],
+        y_end=result[:, c.FIRST_STATE :],
         windows=windows,
         stopped=bool((counts[:, c.STATUS] == Status.STOPPED).any()),
     )

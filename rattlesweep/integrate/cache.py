@@ -1,8 +1,9 @@
 """Compiled kernels on disk, and one kernel source for every method and model.
 
 Numba's cache looks at the file of the function that is called and not at the files of the functions
-that this one calls.  The kernels are therefore stored in a directory named after a hash of the
-package's whole source: after any edit nothing old is found.
+that this one calls.  Compiled functions are therefore stored in a directory named after a hash of
+all they can reach, which is this room, the one to its right and their own file: after any
+edit there nothing old is found.
 """
 
 from __future__ import annotations
@@ -25,25 +26,27 @@ PACKAGE = Path(__file__).resolve().parent.parent
 
 
 @cache
-def source_hash() -> str:
-    """Hash of every source file of the package."""
-    digest = hashlib.sha256()
-    for path in sorted(PACKAGE.rglob("*.py")):
-        digest.update(path.relative_to(PACKAGE).as_posix().encode())
-        digest.update(path.read_bytes())
+def source_hash(file: str) -> str:
+    """Hash of ``file`` and of the sources of ``integrate`` and ``physics``."""
+    digest = hashlib.sha256(Path(file).read_bytes())
+    for room in ("integrate", "physics"):
+        for path in sorted((PACKAGE / room).rglob("*.py")):
+            digest.update(path.relative_to(PACKAGE).as_posix().encode())
+            digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
 
 
 @cache
-def directory() -> Path:
-    """Directory of the compiled kernels of this source.
+def directory(file: str) -> Path:
+    """Directory of the compiled functions of a source file.
 
-    ``$NUMBA_CACHE_DIR`` if it is set, else the user's cache directory, else a temporary one.
+    Under ``$NUMBA_CACHE_DIR`` if it is set, else in the user's cache directory, else in a
+    temporary one.
     """
     user = os.environ.get("XDG_CACHE_HOME") or os.path.join("~", ".cache")
     roots = [os.environ.get("NUMBA_CACHE_DIR", ""), os.path.join(user, "rattlesweep")]
     for root in filter(None, roots):
-        path = Path(root).expanduser() / source_hash()
+        path = Path(root).expanduser() / source_hash(file)
         try:
             path.mkdir(parents=True, exist_ok=True)
         except OSError:
@@ -54,10 +57,10 @@ def directory() -> Path:
 
 
 @contextmanager
-def _numba_directory() -> Iterator[None]:
+def _numba_directory(file: str) -> Iterator[None]:
     # Numba reads the setting when a function is decorated; others' functions keep theirs.
     before = config.CACHE_DIR
-    config.CACHE_DIR = str(directory())
+    config.CACHE_DIR = str(directory(file))
     try:
         yield
     finally:
@@ -78,6 +81,6 @@ def specialise(template: Callable[..., Any], name: str, **bindings: Any) -> Any:
 
 
 def cached(function: Callable[..., Any], **options: Any) -> Any:
-    """``njit(cache=True)`` with the cache in :func:`directory`."""
-    with _numba_directory():
+    """``njit(cache=True)`` with the cache in :func:`directory` of the function's file."""
+    with _numba_directory(function.__code__.co_filename):
         return njit(cache=True, **options)(function)

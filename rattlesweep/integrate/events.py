@@ -30,6 +30,9 @@ MAX_PIECES = 16
 MAX_TRIES = 60
 
 _CLEAR, _DIP, _ZERO = 0, 1, 2
+# No function here may call itself, not even through another: Numba cannot cache recursion (the
+# cached kernel crashes when it is loaded, seen with Numba 0.68).
+_KNOWN = 3
 
 
 @njit(nogil=True)
@@ -120,36 +123,39 @@ def search(l, h, n, r, w, fuzz):  # type: ignore[no-untyped-def]
         if sign * n < fuzz * w[R.RATE_MAX * L + l] / w[R.SWING * L + l]:
             w[R.NEAR * L + l] += 1.0
         # No zero here; go on behind the piece that held the minimum.
-        _set(w, l, R.LO_H, w[R.END_H * L + l], w[R.END_N * L + l], w[R.END_R * L + l])
-        return _next_piece(l, w, h)
+        move = _next_piece(l, w, h)
+        return _scan(l, w, h) if move == _KNOWN else move
 
     # SCAN: a piece from LO to the point just tried.
     _set(w, l, R.END_H, h, n, r)
-    return _weigh(l, w, h)
+    return _scan(l, w, h)
 
 
 @njit(nogil=True)
-def _weigh(l, w, tried):  # type: ignore[no-untyped-def]
-    """Decide on the piece LO..END."""
-    verdict = _judge(
-        w[R.LO_H * L + l], w[R.LO_N * L + l], w[R.LO_R * L + l],
-        w[R.END_H * L + l], w[R.END_N * L + l], w[R.END_R * L + l], w[R.SIGN * L + l],
-    )  # fmt: skip
-    _set(w, l, R.HI_H, w[R.END_H * L + l], w[R.END_N * L + l], w[R.END_R * L + l])
-    if verdict == _ZERO:
-        return _start_root(l, w)
-    if verdict == _DIP:
-        w[R.MODE * L + l] = MINIMUM
-        w[R.TRIES * L + l] = 0.0
-        w[R.H_NEXT * L + l] = _towards_minimum(l, w, 0.0)
-        return HOLD
-    _set(w, l, R.LO_H, w[R.END_H * L + l], w[R.END_N * L + l], w[R.END_R * L + l])
-    return _next_piece(l, w, tried)
+def _scan(l, w, tried):  # type: ignore[no-untyped-def]
+    """Decide on the pieces from LO on whose ends are known; END is the end of the first."""
+    while True:
+        verdict = _judge(
+            w[R.LO_H * L + l], w[R.LO_N * L + l], w[R.LO_R * L + l],
+            w[R.END_H * L + l], w[R.END_N * L + l], w[R.END_R * L + l], w[R.SIGN * L + l],
+        )  # fmt: skip
+        if verdict != _CLEAR:
+            _set(w, l, R.HI_H, w[R.END_H * L + l], w[R.END_N * L + l], w[R.END_R * L + l])
+            if verdict == _ZERO:
+                return _start_root(l, w)
+            w[R.MODE * L + l] = MINIMUM
+            w[R.TRIES * L + l] = 0.0
+            w[R.H_NEXT * L + l] = _towards_minimum(l, w, 0.0)
+            return HOLD
+        move = _next_piece(l, w, tried)
+        if move != _KNOWN:
+            return move
 
 
 @njit(nogil=True)
 def _next_piece(l, w, tried):  # type: ignore[no-untyped-def]
-    """Go on with the piece after LO, or take the full step if there is none."""
+    """Go on behind END: try the next piece's end, or take the step, or _KNOWN if END now is it."""
+    _set(w, l, R.LO_H, w[R.END_H * L + l], w[R.END_N * L + l], w[R.END_R * L + l])
     piece = w[R.PIECE * L + l] + 1.0
     pieces = w[R.PIECES * L + l]
     full = w[R.FULL_H * L + l]
@@ -161,7 +167,7 @@ def _next_piece(l, w, tried):  # type: ignore[no-untyped-def]
     if piece == pieces:
         # The end of the last piece is the end of the step, known from its first try.
         _set(w, l, R.END_H, full, w[R.FULL_N * L + l], w[R.FULL_R * L + l])
-        return _weigh(l, w, tried)
+        return _KNOWN
     if tried == full:
         w[R.MODE * L + l] = STEP
         w[R.H_NEXT * L + l] = w[R.FULL_NEXT * L + l]

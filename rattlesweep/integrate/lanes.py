@@ -33,7 +33,7 @@ ENERGY = int(Status.ENERGY)
 # Columns of ``result`` and of ``counts``.
 T_END, T_R, N_END, DRIFT, GROWTH, DEPARTURE = 0, 1, 2, 3, 4, 5
 ENERGY_0, DRIFT_MAX, RATIO_MAX, NORMAL_MIN = 6, 7, 8, 9
-N_RESULT = 10
+FIRST_STATE = 10  # the state at the end: as many columns as the model has components
 STATUS, STEPS, NEAR, REJECTED = 0, 1, 2, 3
 N_COUNTS = 4
 # Columns of ``record``: what is asked for beyond the types' needs.
@@ -167,6 +167,8 @@ def finish(l, status, reversal, t, w, run, result, counts, windows, record):
     result[run, DRIFT_MAX] = max(w[R.DRIFT_MAX * L + l], abs(drift))
     result[run, RATIO_MAX] = w[R.RATIO_MAX * L + l]
     result[run, NORMAL_MIN] = w[R.NORMAL_MIN * L + l]
+    for i in range(N_STATE):
+        result[run, FIRST_STATE + i] = w[(Y1 + i) * L + l]
     counts[run, STATUS] = status
     counts[run, STEPS] = int(w[R.STEPS * L + l])
     counts[run, NEAR] = int(w[R.NEAR * L + l])
@@ -195,7 +197,7 @@ def decide(w, flags, dt, max_steps):
         accept = error <= 1.0
         if ADAPTIVE:
             # err^(1/8) from its square: four square roots vectorise, a power does not.
-            factor = 0.9 / sqrt(sqrt(sqrt(sqrt(error + 1e-30))))
+            factor = 0.85 / sqrt(sqrt(sqrt(sqrt(error + 1e-30))))
             largest = 1.0 if w[R.HELD * L + l] > 0.0 or not accept else 4.0
             factor = factor if factor > 0.2 else 0.2
             factor = factor if factor < largest else largest
@@ -418,5 +420,7 @@ def drive(threads, w, flags, lane_run, shared, order, y0, constants, probe, plan
           record, result, counts, windows, progress):  # fmt: skip
     """One :func:`work` on each thread."""
     for thread in prange(threads):
-        work(thread, w[thread], flags[thread], lane_run[thread], shared, order, y0,
-             constants, probe, plan, options, record, result, counts, windows, progress)  # fmt: skip
+        work(
+            thread, w[thread], flags[thread], lane_run[thread], shared, order, y0, constants,
+            probe, plan, options, record, result, counts, windows, progress,
+        )  # fmt: skip

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from rattlesweep.physics import full
+from rattlesweep.physics import full, reduced
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -76,4 +76,48 @@ FULL = Model(
     contact=full.contact_force,
 )
 
-MODELS: dict[str, Model] = {FULL.name: FULL}
+
+@full.scalar
+def _reduced_spin(n, e_p, e_r):  # type: ignore[no-untyped-def]
+    return n
+
+
+@full.scalar
+def _reduced_spin_rate(n, e_p, e_r, dn, de_p, de_r):  # type: ignore[no-untyped-def]
+    return dn
+
+
+@full.scalar
+def _reduced_amplitude(n, e_p, e_r, w_p, w_r):  # type: ignore[no-untyped-def]
+    return w_p * e_p + w_r * e_r
+
+
+@full.scalar
+def _reduced_error(dn, de_p, de_r, n, e_p, e_r, k_p, k_r, inertia):  # type: ignore[no-untyped-def]
+    # Each energy relative to itself: the one that decays decides what happens much later.
+    spin = inertia * dn * dn / (inertia * n * n + 2.0 * (e_p + e_r) + 1e-290)
+    pitch = de_p * de_p / (e_p * e_p + 1e-290)
+    roll = de_r * de_r / (e_r * e_r + 1e-290)
+    return spin + pitch + roll
+
+
+@full.scalar
+def _no_contact(n, e_p, e_r, k_p, k_r, inertia):  # type: ignore[no-untyped-def]
+    return 1.0, 0.0
+
+
+REDUCED = Model(
+    name="reduced",
+    n_state=reduced.N_STATE,
+    n_constants=reduced.N_CONSTANTS,
+    n_probe=2,
+    rhs=reduced.rhs,
+    spin=_reduced_spin,
+    spin_rate=_reduced_spin_rate,
+    amplitude=_reduced_amplitude,
+    error=_reduced_error,
+    energy=reduced.energy,
+    contact=_no_contact,
+)
+
+MODELS: dict[str, Model] = {FULL.name: FULL, REDUCED.name: REDUCED}

@@ -127,7 +127,7 @@ def source(tableau: Tableau, model: Model, lanes: int = LANES) -> str:
         lines.extend(" " * (indent + 4) + text for text in body)
 
     def stages(y: int, f: int, share: str, last: list[str]) -> None:
-        """All stages of a step of ``share * h`` from rows ``y, f``; ``last`` joins the last loop."""
+        """A step of ``share * h`` from rows ``y, f``; ``last`` joins the last loop."""
         h = f"h = {cell(at.h)}{share}"
         loop([h, *(f"{stage(0, c)} = h * {cell(f + c)}" for c in states)])
         for i in range(1, tableau.stages):

@@ -1,9 +1,9 @@
 """Linear stability of the steady vertical spin, exact in the spin.
 
 Around ``u = (0, 0, -1)``, ``omega = (0, 0, -n)`` the slope and the horizontal angular velocity
-``(p, q, omega_x, omega_y)`` obey a linear system with constant coefficients.  Its eigenvalues are the
-growth rates and frequencies at any spin; their limit for small ``n`` is the theory of Case and Jalal,
-and their real part vanishes at Bondi's threshold.  Its left eigenvectors measure the
+``(p, q, omega_x, omega_y)`` obey a linear system with constant coefficients.  Its eigenvalues are
+the growth rates and frequencies at any spin; their limit for small ``n`` is the theory of Case and
+Jalal, and their real part vanishes at Bondi's threshold.  Its left eigenvectors measure the
 amplitude of one mode alone, free of the beat with the other and of its own
 oscillation, which is what the types R, SS and SW need to see a slow growth.
 """
@@ -37,8 +37,7 @@ def matrix(constants: Floats, n: ArrayLike) -> Floats:
     ndarray, shape (..., 4, 4)
         Acting on ``(p, q, omega_x, omega_y)``.
     """
-    ix, iy, iz, cxx, cxy, cyy = constants
-    c = np.broadcast_to(-np.asarray(n, float), ix.shape)
+    ix, iy, iz, cxx, cxy, cyy, c = np.broadcast_arrays(*constants, -np.asarray(n, float))
     zero, one = np.zeros_like(ix), np.ones_like(ix)
     # Rows as coefficients of (p, q, a, b); Eq. diff-u first.
     dp = np.stack([zero, c, zero, -one])
@@ -86,8 +85,9 @@ def steady_modes(constants: Floats, n: ArrayLike) -> SteadyModes:
         Steady spin.
     """
     values, vectors = np.linalg.eig(np.swapaxes(matrix(constants, n), -1, -2))
-    # Of each conjugate pair the one with positive frequency, the faster pair first.
-    order = np.argsort(-values.imag, axis=-1, kind="stable")
+    # Of each conjugate pair the one with positive frequency, the faster pair first; of a pair
+    # that no longer oscillates, the one that grows faster.
+    order = np.lexsort((-values.real, -values.imag), axis=-1)
     values = np.take_along_axis(values, order, -1).astype(complex)
     vectors = np.take_along_axis(vectors, order[..., None, :], -1).astype(complex)
     return SteadyModes(values[..., 0], values[..., 1], vectors[..., :, 0], vectors[..., :, 1])

@@ -48,17 +48,39 @@ class Modes:
 
 
 def hessian(
-    alpha: ArrayLike, beta: ArrayLike, theta: ArrayLike, phi: ArrayLike, xi: ArrayLike
+    alpha: Floats, beta: Floats, theta: Floats, phi: Floats, xi: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """Elements ``H_11, H_12, H_22`` of the matrix ``H`` (Eq. lin-omg4), in ``g/a``."""
-    alpha, beta = np.asarray(alpha, float), np.asarray(beta, float)
-    theta, phi = np.asarray(theta, float), np.asarray(phi, float)
     roll, pitch = (1 - theta) / theta, (1 - phi) / phi
     sin, cos = np.sin(xi), np.cos(xi)
     h11 = (sin**2 * roll + cos**2 * pitch) / alpha
     h22 = (cos**2 * roll + sin**2 * pitch) / beta
     h12 = sin * cos * ((theta - phi) / (theta * phi)) / np.sqrt(alpha * beta)
     return h11, h12, h22
+
+
+def torque_coefficients(
+    alpha: Floats, beta: Floats, theta: Floats, phi: Floats, xi: Floats
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """``omega_p^2, omega_r^2, K_p, K_r`` (Eqs. def-omega_pr, Kp, Kr).
+
+    Arithmetic and ufuncs only, so that samplers can compile it for scalars.
+    """
+    roll, pitch = (1 - theta) / theta, (1 - phi) / phi
+    h11, h12, h22 = hessian(alpha, beta, theta, phi, xi)
+    split = np.hypot(h11 - h22, 2 * h12)  # omega_p^2 - omega_r^2
+    square_p = (h11 + h22 + split) / 2
+    # det H = omega_p^2 omega_r^2 does not depend on xi.
+    square_r = roll * pitch / (alpha * beta) / square_p
+    # Eq. k-diff over omega_p^2 - omega_r^2.
+    torque = (
+        -0.5
+        * np.sin(2 * xi)
+        * ((alpha - beta) / (alpha * beta))
+        * ((theta - phi) / (theta * phi))
+        / split
+    )
+    return square_p, square_r, torque * square_p, torque * square_r
 
 
 def _half_turn(angle: Floats) -> Floats:
@@ -86,23 +108,12 @@ def modes(
     theta, phi, xi = np.asarray(theta, float), np.asarray(phi, float), np.asarray(xi, float)
     roll, pitch = (1 - theta) / theta, (1 - phi) / phi
     h11, h12, h22 = hessian(alpha, beta, theta, phi, xi)
-    split = np.hypot(h11 - h22, 2 * h12)  # omega_p^2 - omega_r^2
-    square_p = (h11 + h22 + split) / 2
-    # det H = omega_p^2 omega_r^2 does not depend on xi.
-    square_r = roll * pitch / (alpha * beta) / square_p
+    square_p, square_r, K_p, K_r = torque_coefficients(alpha, beta, theta, phi, xi)
     # Eigenvectors of H are (cos, sin) and (-sin, cos) of chi; J^-1/2 turns them into omega_perp.
     chi = np.arctan2(2 * h12, h11 - h22) / 2
     sin, cos = np.sin(chi), np.cos(chi)
     psi_p = np.arctan2(sin * np.sqrt(alpha), cos * np.sqrt(beta))
     psi_r = np.arctan2(cos * np.sqrt(alpha), -sin * np.sqrt(beta))
-    # Eq. k-diff over omega_p^2 - omega_r^2.
-    torque = (
-        -0.5
-        * np.sin(2 * xi)
-        * ((alpha - beta) / (alpha * beta))
-        * ((theta - phi) / (theta * phi))
-        / split
-    )
     return Modes(
         omega_p=np.sqrt(square_p),
         omega_r=np.sqrt(square_r),
@@ -110,8 +121,8 @@ def modes(
         psi_r=_half_turn(psi_r),
         omega_p0=np.sqrt(pitch / alpha),
         omega_r0=np.sqrt(roll / beta),
-        K_p=torque * square_p,
-        K_r=torque * square_r,
+        K_p=K_p,
+        K_r=K_r,
     )
 
 

@@ -4,6 +4,7 @@ The way in for the rest of the package. The models are in `config_models`, `conf
 `config_grid`; the words of the error messages in `config_errors`.
 """
 
+import copy
 import hashlib
 import json
 import math
@@ -60,6 +61,7 @@ __all__ = [
     "config_json_schema",
     "differences",
     "load_config",
+    "override_config",
     "parse_config",
     "physics_hash",
     "resolved",
@@ -131,6 +133,20 @@ def parse_config(data: Mapping[str, Any]) -> Config:
     if not isinstance(plain, dict):
         raise ConfigError(f"{describe(plain)} stands where a mapping is wanted; give a dict")
     return _checked(plain, problems, {}, None)
+
+
+def override_config(data: Mapping[str, Any], overrides: Sequence[str]) -> Config:
+    """Check a config given as Python data, with some keys replaced by ``KEY=VALUE`` texts.
+
+    Raises
+    ------
+    ConfigError
+        With everything that is wrong, one line each.
+    """
+    changed = copy.deepcopy(dict(data))
+    origins: dict[Key, str] = {}
+    refused = [line for text in overrides for line in _override(changed, origins, text)]
+    return _checked(changed, [], origins, None, refused)
 
 
 def config_json_schema() -> dict[str, Any]:

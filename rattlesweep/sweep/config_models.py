@@ -163,18 +163,20 @@ class Classify(Base):
     """Thresholds between the types of runs that do not reverse."""
 
     ss_growth: float = Field(
-        default=0.01,
+        default=1e-3,
         gt=0,
         description=(
-            "SS if the amplitude of the relevant oscillation never exceeds its running minimum by "
-            "more than this fraction."
+            "SS if the amplitude of the relevant oscillation in a window of time never exceeds its "
+            "smallest value in earlier windows by more than this fraction."
         ),
     )
     sw_departure: float = Field(
-        default=0.1,
+        default=0.05,
         gt=0,
         lt=1,
-        description="SW if abs(n) falls below abs(n_i) by more than this fraction.",
+        description=(
+            "SW, unless SS, if n/n_i falls below 1 by more than this fraction at some time."
+        ),
     )
 
 

@@ -1,0 +1,269 @@
+"""Speed of the lane kernels against plain scalar code, in one run on one machine.
+
+    python benchmarks/kernel.py [--lanes] [--quick]
+
+Both batches are GH launched at random spins.  *equal*: every run has the same horizon.  *mixed*:
+horizons spread as in a sweep of shell-dumbbell bodies, the longest thirty times the shortest.  No
+run reverses within its horizon, so that all methods integrate the same time.  Measurements of all
+kernels are interleaved and repeated; the tables show medians.
+"""
+
+import os
+import platform
+import statistics
+import sys
+import time
+from pathlib import Path
+
+import click
+import llvmlite
+import numba
+import numpy as np
+from numba import njit, prange, set_num_threads
+
+from rattlesweep.integrate.batch import Batch, integrate
+from rattlesweep.integrate.model import FULL
+from rattlesweep.integrate.stages import LANES, Layout, compile_attempt
+from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.physics import full, launch, steady, theory
+from rattlesweep.physics.body import PARAMETERS, Rattleback
+
+DT, TOL = 0.002, 1e-9
+OMEGA = 0.01
+N_WINDOWS = 64
+BODY = {name: getattr(Rattleback.gh(), name) for name in PARAMETERS}
+
+
+@njit(fastmath=full.FASTMATH, error_model="numpy", nogil=True, parallel=True)
+def plain_rk4(y0, constants, t_end, dt, out):
+    """What one would write first: one run after another, scalar, ``prange`` over runs.
+
+    The classical method with the kernel's own right-hand side; a run ends where the spin changes
+    its sign between two steps.  No step control, no search within a step, nothing observed.
+    """
+    for k in prange(len(y0)):
+        ix, iy, iz, cxx, cxy, cyy = constants[k]
+        p, q, a, b, c = y0[k]
+        n = full.spin(p, q, a, b, c)
+        half, sixth = dt / 2, dt / 6
+        steps = int(round(t_end[k] / dt))
+        for _ in range(steps):
+            p1, q1, a1, b1, c1 = full.rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy)
+            p2, q2, a2, b2, c2 = full.rhs(
+                p + half * p1, q + half * q1, a + half * a1, b + half * b1, c + half * c1,
+                ix, iy, iz, cxx, cxy, cyy,
+            )  # fmt: skip
+            p3, q3, a3, b3, c3 = full.rhs(
+                p + half * p2, q + half * q2, a + half * a2, b + half * b2, c + half * c2,
+                ix, iy, iz, cxx, cxy, cyy,
+            )  # fmt: skip
+            p4, q4, a4, b4, c4 = full.rhs(
+                p + dt * p3, q + dt * q3, a + dt * a3, b + dt * b3, c + dt * c3,
+                ix, iy, iz, cxx, cxy, cyy,
+            )  # fmt: skip
+            p += sixth * (p1 + 2 * (p2 + p3) + p4)
+            q += sixth * (q1 + 2 * (q2 + q3) + q4)
+            a += sixth * (a1 + 2 * (a2 + a3) + a4)
+            b += sixth * (b1 + 2 * (b2 + b3) + b4)
+            c += sixth * (c1 + 2 * (c2 + c3) + c4)
+            n1 = full.spin(p, q, a, b, c)
+            if n * n1 <= 0:
+                break
+            n = n1
+        out[k, 0], out[k, 1], out[k, 2], out[k, 3], out[k, 4] = p, q, a, b, c
+
+
+def batch(t_end):
+    """GH at spins of -0.3 to -0.5, which take far longer than ``t_end`` to reverse."""
+    runs = len(t_end)
+    n_i = np.random.default_rng(1).uniform(-0.5, -0.3, runs)
+    constants = full.constants(**{name: np.full(runs, value) for name, value in BODY.items()})
+    modes = theory.modes(*(BODY[name] for name in ("alpha", "beta", "theta", "phi", "xi")))
+    found = steady.steady_modes(constants, n_i)
+    return Batch(
+        y0=launch.full_state(n_i, OMEGA, launch.direction(modes, n_i, "relevant")),
+        constants=constants.T.copy(),
+        probe=np.concatenate([found.roll_probe.real, found.roll_probe.imag], axis=1),
+        t_end=t_end,
+        swing=2 * np.maximum(np.abs(found.pitch.imag), modes.omega_p),
+        rate=np.full(runs, 0.01),
+        window=t_end / N_WINDOWS,
+    )
+
+
+def plain(runs, threads):
+    """Run the plain kernel; the number of steps."""
+    set_num_threads(threads)
+    plain_rk4(runs.y0, runs.constants, runs.t_end, DT, np.empty_like(runs.y0))
+    return int(np.round(runs.t_end / DT).sum())
+
+
+def lanes(method):
+    """A function that runs the lane kernel and returns the number of steps, tried ones too."""
+
+    def run(runs, threads):
+        out = integrate(runs, METHODS[method], FULL, tol=TOL, dt=DT, threads=threads)
+        if not np.array_equal(out.t_end, runs.t_end):
+            raise click.ClickException(f"{method}: a run did not reach its horizon")
+        return int(out.n_steps.sum() + out.n_rejected.sum())
+
+    return run
+
+
+KERNELS = {
+    "plain scalar rk4": plain,
+    **{f"lanes {name}": lanes(name) for name in ("rk4", "dop853", "dopri5")},
+}
+
+
+def cases(quick):
+    """Horizons by case and kernel: shorter for the slow kernels, runs alike."""
+    runs = 2048
+    spread = np.exp(np.random.default_rng(0).uniform(np.log(1), np.log(30), runs))
+    shapes = {"equal": np.ones(runs), "mixed": spread / spread.mean()}
+    # Mean horizons: for about 0.4 s a measurement with one thread.
+    mean = {"plain scalar rk4": 4.8, "lanes rk4": 8.0, "lanes dop853": 1000, "lanes dopri5": 300}
+    short = 0.2 if quick else 1.0
+    stride = 8 * DT  # the lanes are looked at every eight steps; whole looks only
+    for case, shape in shapes.items():
+        yield (
+            case,
+            {
+                name: batch(np.maximum(1, np.round(shape * mean[name] * short / stride)) * stride)
+                for name in KERNELS
+            },
+        )
+
+
+def measure(batches, repeats):
+    """Median seconds and the steps of every kernel on one and two threads, interleaved."""
+    counts = (1, 2) if numba.config.NUMBA_NUM_THREADS > 1 else (1,)
+    seconds = {(name, threads): [] for name in batches for threads in counts}
+    steps = {}
+    for repeat in range(repeats + 1):
+        for name, threads in seconds:
+            begin = time.perf_counter()
+            steps[name] = KERNELS[name](batches[name], threads)
+            spent = time.perf_counter() - begin
+            if repeat:  # the first round compiles or loads
+                seconds[name, threads].append(spent)
+    return {key: statistics.median(values) for key, values in seconds.items()}, steps
+
+
+def processor():
+    """Name of the processor, where the system tells."""
+    info = Path("/proc/cpuinfo")
+    if info.exists():
+        for line in info.read_text().splitlines():
+            if line.startswith("model name"):
+                return line.split(":", 1)[1].strip()
+    return platform.processor() or platform.machine()
+
+
+def heading():
+    """Machine and versions."""
+    click.echo(f"{processor()}, {os.cpu_count()} processors, LLVM for {numba_cpu()}")
+    click.echo(
+        f"Python {platform.python_version()}, NumPy {np.__version__}, Numba {numba.__version__}, "
+        f"llvmlite {llvmlite.__version__}, {platform.system()} {platform.release()}"
+    )
+
+
+def numba_cpu():
+    """Processor and widest vectors that Numba compiles for."""
+    features = llvmlite.binding.get_host_cpu_features()
+    wide = next((f for f in ("avx512f", "avx2", "avx", "neon") if features.get(f)), "no AVX")
+    return f"{llvmlite.binding.get_host_cpu_name()} ({wide})"
+
+
+def show_kernels(quick):
+    """The table of kernels; exit code 1 if the requirements are missed."""
+    heading()
+    click.echo(f"rk4: dt = {DT}; others: tol = {TOL}; {LANES} lanes; medians")
+    head = f"{'':18}{'M steps/s':>10}{'us per unit':>13}{'ratio to':>11}{'time to':>10}{'2 threads':>11}"
+    below = (
+        f"{'':18}{'1 thread':>10}{'time and run':>13}{'plain step':>11}{'plain':>10}{'over 1':>11}"
+    )
+    results = {}
+    for case, batches in cases(quick):
+        seconds, steps = measure(batches, 3 if quick else 7)
+        click.echo(f"\n{case} lengths, {len(next(iter(batches.values())))} runs\n{head}\n{below}")
+        base = None
+        for name, runs in batches.items():
+            one = seconds[name, 1]
+            rate = steps[name] / one / 1e6
+            unit = one / runs.t_end.sum() * 1e6
+            base = base or (rate, unit)
+            gain = one / seconds[name, 2] if (name, 2) in seconds else float("nan")
+            results[case, name] = rate / base[0], gain
+            click.echo(
+                f"{name:18}{rate:10.1f}{unit:13.3f}{rate / base[0]:10.1f}x"
+                f"{base[1] / unit:9.1f}x{gain:10.2f}x"
+            )
+    met = True
+    ratio, gain = results["equal", "lanes rk4"]
+    click.echo()
+    for text, value, wanted in (
+        ("lanes rk4 over plain scalar, steps per second", ratio, 8.0),
+        ("lanes rk4, two threads over one", gain, 1.9),
+    ):
+        met &= value >= wanted
+        verdict = "met" if value >= wanted else "MISSED"
+        click.echo(f"{text}: {value:.2f}, wanted {wanted}: {verdict}")
+    sys.exit(0 if met else 1)
+
+
+def show_lanes(quick):
+    """The generated step alone, for several numbers of lanes, one thread."""
+    heading()
+    widths = (8, 16, 32, 64)
+    click.echo("generated step alone, M steps/s by number of lanes; medians")
+    click.echo(f"{'':10}" + "".join(f"{width:>8}" for width in widths))
+    at = Layout.of(FULL)
+    n = FULL.n_state
+    for name, tableau in METHODS.items():
+        loops = {}
+        for width in widths:
+            attempt = compile_attempt(tableau, FULL, width)
+            size = (at.stages + tableau.stages * n) * width
+            flat = np.zeros(size + 8)
+            shift = (-flat.ctypes.data // 8) % 8
+            flat = flat[shift : shift + size]
+            rows = flat.reshape(-1, width)
+            rows[at.constants : at.constants + 6] = full.constants(**BODY)[:, None]
+            rows[at.y + 2], rows[at.y + 4] = OMEGA, -0.1
+            rows[at.h] = 0.3 if tableau.adaptive else 8 * DT
+            rows[at.probe : at.probe + FULL.n_probe] = 0.1
+            loops[width] = _many(attempt), flat
+        calls = (20_000 if quick else 100_000) // (tableau.stages * (1 if tableau.adaptive else 8))
+        times = {width: [] for width in widths}
+        for repeat in range(4 if quick else 10):
+            for width, (many, flat) in loops.items():
+                begin = time.perf_counter()
+                many(flat, calls * 64 // width)
+                if repeat:
+                    times[width].append(time.perf_counter() - begin)
+        steps = calls * 64 * (1 if tableau.adaptive else 8)
+        rates = [steps / statistics.median(times[width]) / 1e6 for width in widths]
+        click.echo(f"{name:10}" + "".join(f"{rate:8.1f}" for rate in rates))
+
+
+def _many(attempt):
+    @njit(nogil=True)
+    def many(flat, calls):
+        for _ in range(calls):
+            attempt(flat, 1e18)
+
+    return many
+
+
+@click.command()
+@click.option("--lanes", "by_lanes", is_flag=True, help="The step alone, by number of lanes.")
+@click.option("--quick", is_flag=True, help="Shorter and fewer measurements.")
+def main(by_lanes: bool, quick: bool) -> None:
+    """Measure the lane kernels against plain scalar code."""
+    (show_lanes if by_lanes else show_kernels)(quick)
+
+
+if __name__ == "__main__":
+    main()

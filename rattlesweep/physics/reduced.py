@@ -1,0 +1,65 @@
+"""The reduced dynamics in three variables (Eqs. diff-ne-1 to diff-ne-3).
+
+State ``(n, E_p, E_r)``: spin and the energies of pitch and roll, averaged over the oscillations;
+constants ``(K_p, K_r, I_eff)``.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rattlesweep.physics.full import scalar
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    Floats = NDArray[np.float64]
+
+N_STATE = 3
+N_CONSTANTS = 3
+
+
+@scalar
+def rhs(n, e_p, e_r, k_p, k_r, inertia):  # type: ignore[no-untyped-def]
+    """Time derivatives of ``n, E_p, E_r``."""
+    return (k_r * e_r - k_p * e_p) / inertia, k_p * n * e_p, -k_r * n * e_r
+
+
+@scalar
+def energy(n, e_p, e_r, k_p, k_r, inertia):  # type: ignore[no-untyped-def]
+    """Total energy ``E_tot``, conserved, in ``M g a``."""
+    return 0.5 * inertia * n * n + e_p + e_r
+
+
+def casimir(e_p: ArrayLike, e_r: ArrayLike, K_p: ArrayLike, K_r: ArrayLike) -> Floats:
+    """Casimir invariant ``C_I`` (Eq. casimir), conserved; minus infinity without one mode."""
+    with np.errstate(divide="ignore"):
+        value: Floats = np.log(e_p) / np.asarray(K_p) + np.log(e_r) / np.asarray(K_r)
+    return value
+
+
+def mode_energies(
+    alpha: ArrayLike,
+    beta: ArrayLike,
+    psi_p: ArrayLike,
+    psi_r: ArrayLike,
+    omega_xy0: ArrayLike,
+    psi: ArrayLike,
+) -> tuple[Floats, Floats]:
+    """Energies of the two modes in a launch at ``u = (0, 0, -1)``, in ``M g a``.
+
+    The modes are orthogonal in the metric ``J = diag(alpha, beta)``; the launch is split along
+    ``psi_p`` and ``psi_r``, exactly zero in the other when it lies along one.
+    """
+    alpha, beta = np.asarray(alpha, float), np.asarray(beta, float)
+
+    def along(direction: ArrayLike, other: ArrayLike) -> Floats:
+        c, s = np.cos(direction), np.sin(direction)
+        product = alpha * c * np.cos(psi) + beta * s * np.sin(psi)
+        norm = alpha * c * c + beta * s * s
+        energy = 0.5 * np.asarray(omega_xy0) ** 2 * product**2 / norm
+        return np.where(np.asarray(psi) == np.asarray(other), 0.0, energy)
+
+    return along(psi_p, psi_r), along(psi_r, psi_p)

@@ -1,0 +1,193 @@
+"""One block: from its number to its columns."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rattlesweep.integrate.batch import N_WINDOWS, Batch, Control, Outcome, integrate
+from rattlesweep.integrate.model import MODELS
+from rattlesweep.integrate.status import Status
+from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.sweep.launches import Launches, full_batch, prepare, reduced_batch
+from rattlesweep.sweep.tables import ragged
+from rattlesweep.sweep.types import TYPES, classify
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from rattlesweep.sweep.config import Config
+    from rattlesweep.sweep.plan import Block, Plan
+
+STATUS_WORDS = [status.label for status in Status]
+
+
+class Interrupted(Exception):
+    """A stop was asked for while the block was under way; nothing of it is kept."""
+
+
+def prepare_block(plan: Plan, block: Block) -> tuple[Launches, Batch | None]:
+    """What can be done before the kernel is free: bodies, theory, initial states."""
+    launches = prepare(plan, *plan.runs_of(block))
+    model = plan.config.model
+    if model == "gh":
+        return launches, None
+    return launches, full_batch(launches) if model == "full" else reduced_batch(launches)
+
+
+def finish_block(
+    config: Config,
+    launches: Launches,
+    batch: Batch | None,
+    *,
+    threads: int | None = None,
+    control: Control | None = None,
+) -> Mapping[str, Any]:
+    """Integrate and type a block.
+
+    Returns
+    -------
+    mapping
+        Columns of ``runs`` by name, ready for :func:`rattlesweep.sweep.tables.build_table`.
+
+    Raises
+    ------
+    Interrupted
+        If ``control`` asked the kernel to stop.
+    """
+    columns = _inputs(launches)
+    if batch is None:
+        columns |= _closed_form(launches)
+        outcome = None
+    else:
+        outcome = run_batch(config, batch, threads=threads, control=control)
+        if outcome.stopped:
+            raise Interrupted
+        columns |= _measured(outcome, config.record)
+    status = columns.pop("status_codes")
+    ok = status == Status.OK
+    codes = classify(ok, columns["t_r"], columns["amp_growth"], columns["n_departure"],
+                     config.classify)  # fmt: skip
+    columns["type"] = (codes, list(TYPES))
+    columns["status"] = (status, STATUS_WORDS)
+    if "windows" in config.record and outcome is not None and batch is not None:
+        filled = np.isfinite(outcome.windows[:, :, 0]).sum(axis=1)
+        columns["window_t"] = batch.window
+        for k, name in enumerate(("window_amplitude", "window_n_min", "window_n_max")):
+            columns[name] = ragged(outcome.windows[:, :, k], filled)
+    return columns
+
+
+def run_batch(
+    config: Config,
+    batch: Batch,
+    *,
+    threads: int | None = None,
+    control: Control | None = None,
+) -> Outcome:
+    """Integrate the runs that have a horizon; the others get the status ``no_horizon``."""
+    good = np.isfinite(batch.t_end) & (batch.t_end > 0)
+    settings = config.integrator
+    outcome = integrate(
+        batch if good.all() else _select(batch, good),
+        METHODS[settings.method],
+        MODELS[config.model],
+        tol=settings.tol or 1e-9,
+        dt=settings.dt or 0.002,
+        max_steps=settings.max_steps,
+        record=frozenset(config.record),
+        threads=threads,
+        control=control,
+    )
+    return outcome if good.all() else _spread(outcome, good)
+
+
+def _select(batch: Batch, good: Any) -> Batch:
+    return Batch(**{name: getattr(batch, name)[good] for name in batch.__dataclass_fields__})
+
+
+def _spread(outcome: Outcome, good: Any) -> Outcome:
+    """Put the outcomes of the runs ``good`` back into their places."""
+    wide: dict[str, Any] = {"stopped": outcome.stopped}
+    for name in outcome.__dataclass_fields__:
+        values = getattr(outcome, name)
+        if name == "stopped":
+            continue
+        if name == "windows" and not values.size:
+            wide[name] = np.zeros((0, N_WINDOWS, 3))
+            continue
+        fill = 0 if values.dtype.kind == "i" else np.nan
+        wide[name] = np.full((len(good), *values.shape[1:]), fill, dtype=values.dtype)
+        wide[name][good] = values
+    wide["status"][~good] = Status.NO_HORIZON
+    wide["t_end"][~good] = 0.0
+    return Outcome(**wide)
+
+
+def _inputs(launches: Launches) -> dict[str, Any]:
+    b, m = launches.bodies, launches.modes
+    return {
+        "case": launches.case,
+        "sample": launches.sample,
+        **{name: getattr(b, name) for name in ("alpha", "beta", "gamma", "theta", "phi", "xi")},
+        "f_sd": b.f_sd,
+        "n_i": launches.n_i,
+        "omega_xy0": launches.omega_xy0,
+        "psi": launches.psi,
+        **{name: getattr(m, name) for name in ("omega_p", "omega_r", "K_p", "K_r")},
+        "n_c1": launches.n_c1,
+        "n_0": launches.n_0,
+        "t_rgh": launches.t_rgh,
+    }
+
+
+def _closed_form(launches: Launches) -> dict[str, Any]:
+    """The model gh: n(t) is known, and so is its zero; nothing is integrated."""
+    rows = len(launches.n_i)
+    finite = np.isfinite(launches.t_end)
+    reverses = finite & (launches.t_rgh <= launches.t_end)
+    t_end = np.where(reverses, launches.t_rgh, np.where(finite, launches.t_end, 0.0))
+    rate = np.where(
+        np.sign(launches.n_i) * launches.modes.K_p > 0, launches.modes.K_p, launches.modes.K_r
+    )
+    late = launches.n_0 * np.abs(rate) * (t_end - launches.t_rgh) / 2
+    n_end = np.where(reverses, 0.0, -np.sign(launches.n_i) * launches.n_0 * np.tanh(late))
+    nothing = np.full(rows, np.nan)
+    return {
+        "t_end": t_end,
+        "t_r": np.where(reverses, launches.t_rgh, np.nan),
+        "n_end": np.where(finite, n_end, np.nan),
+        "n_steps": np.zeros(rows, dtype=np.int64),
+        "energy_drift": np.where(finite, 0.0, np.nan),
+        # Unknown here, which rules out SS: in this model the relevant oscillation only grows.
+        "amp_growth": nothing,
+        "n_departure": np.where(finite, 1 - n_end / launches.n_i, np.nan),
+        "near_tangencies": np.zeros(rows, dtype=np.int32),
+        "status_codes": np.where(finite, Status.OK, Status.NO_HORIZON),
+    }
+
+
+def _measured(outcome: Outcome, record: list[Any]) -> dict[str, Any]:
+    columns: dict[str, Any] = {
+        "t_end": outcome.t_end,
+        "t_r": outcome.t_r,
+        "n_end": outcome.n_end,
+        "n_steps": outcome.n_steps,
+        "energy_drift": outcome.energy_drift,
+        "amp_growth": outcome.amp_growth,
+        "n_departure": outcome.n_departure,
+        "near_tangencies": outcome.near_tangencies.astype(np.int32),
+        "status_codes": outcome.status,
+    }
+    if "energy" in record:
+        columns |= {
+            "energy_0": outcome.energy_0,
+            "energy_drift_max": outcome.energy_drift_max,
+        }
+    if "contact" in record:
+        columns |= {
+            "contact_ratio_max": outcome.contact_ratio_max,
+            "contact_normal_min": outcome.contact_normal_min,
+        }
+    return columns

@@ -1,0 +1,117 @@
+"""Read a table of bodies (CSV or Parquet) and check every row."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from rattlesweep.physics.body import PARAMETERS, violations
+from rattlesweep.sweep.errors import ConfigError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+LAUNCH = ("n_i", "omega_xy0")
+OPTIONAL = (*LAUNCH, "t_end", "psi", "f_sd", "t_r")
+
+
+@dataclass(frozen=True)
+class BodyTable:
+    """Columns of a table that was found good."""
+
+    columns: dict[str, Floats]
+    rows: int
+
+
+def read_table(path: str, base: Path | None = None) -> BodyTable:
+    """Read bodies from a file, or from a directory of Parquet files such as ``runs``.
+
+    Parameters
+    ----------
+    path : str
+        CSV (with a header) or Parquet, by its ending.
+    base : Path, optional
+        A second directory to look in.
+
+    Returns
+    -------
+    BodyTable
+        ``alpha .. xi``; ``n_i``, ``omega_xy0`` and ``psi`` where the table has a launch; ``t_end``
+        where it has one, NaN for rows that have a ``t_r``: in an output table the ``t_end`` of a
+        run that reversed is its result, not its horizon.
+
+    Raises
+    ------
+    ConfigError
+        If the file cannot be read, a column is missing, or a row is wrong; the row is named.
+    """
+    where = f"bodies.path: {path}"
+    file = Path(path)
+    if not file.exists() and base is not None and (base / path).exists():
+        file = base / path
+    if not file.exists():
+        raise ConfigError(f"{where}: no such file; give the path of a CSV or Parquet table")
+    try:
+        if file.is_dir() or file.suffix.lower() in (".parquet", ".pq"):
+            frame = pd.read_parquet(file)
+        else:
+            # As text first, so that a wrong cell can be quoted with its row.
+            frame = pd.read_csv(file, dtype=str, skipinitialspace=True)
+    except Exception as error:  # pandas and pyarrow raise many kinds
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise ConfigError(f"{where}: cannot be read as a table ({reason})") from None
+    missing = [name for name in PARAMETERS if name not in frame.columns]
+    if missing:
+        raise ConfigError(
+            f"{where}: the column {missing[0]} is missing; {' '.join(PARAMETERS)} are wanted"
+        )
+    if ("n_i" in frame.columns) != ("omega_xy0" in frame.columns):
+        lone = "n_i" if "n_i" in frame.columns else "omega_xy0"
+        raise ConfigError(f"{where}: {lone} stands alone; give both n_i and omega_xy0, or neither")
+    if not len(frame):
+        raise ConfigError(f"{where}: the table has no rows; give at least one body")
+    columns = {
+        name: _numbers(frame[name], name, where, nullable=name in ("f_sd", "t_r", "t_end", "psi"))
+        for name in (*PARAMETERS, *OPTIONAL)
+        if name in frame.columns
+    }
+    _check_rows(columns, where)
+    reversal = columns.pop("t_r", None)
+    if reversal is not None and "t_end" in columns:
+        columns["t_end"] = np.where(np.isfinite(reversal), np.nan, columns["t_end"])
+    if "n_i" not in columns or not np.isfinite(columns.get("psi", np.array(np.nan))).all():
+        columns.pop("psi", None)
+    return BodyTable(columns, len(frame))
+
+
+def _numbers(series: pd.Series[str], name: str, where: str, *, nullable: bool) -> Floats:
+    values = pd.to_numeric(series, errors="coerce").to_numpy(dtype=float)
+    bad = ~np.isfinite(values) & ~(series.isna().to_numpy() if nullable else False)
+    if bad.any():
+        row = int(np.flatnonzero(bad)[0])
+        cell = series.iloc[row]
+        said = "empty" if pd.isna(cell) else f"{str(cell)[:40]!r}"
+        raise ConfigError(f"{where}: row {row + 1}: {name} is {said}; a finite number is wanted")
+    return values
+
+
+def _check_rows(columns: dict[str, Floats], where: str) -> None:
+    worst: list[tuple[int, str]] = list(violations(**{name: columns[name] for name in PARAMETERS}))
+    for name, good, want in (
+        ("n_i", lambda x: x != 0, "it must not be zero"),
+        ("omega_xy0", lambda x: x > 0, "it must be positive"),
+        ("t_end", lambda x: ~(x <= 0), "it must be positive"),
+    ):
+        if name in columns:
+            bad = np.flatnonzero(~good(columns[name]))
+            if bad.size:
+                worst.append((int(bad[0]), f"{name} is {columns[name][bad[0]]:g}; {want}"))
+    if worst:
+        row, sentence = min(worst)
+        raise ConfigError(f"{where}: row {row + 1}: {sentence}")

@@ -1,0 +1,92 @@
+"""What a directory says of its origin: config, versions, machine, times."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+import sys
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rattlesweep.sweep.config import TableSource, physics_hash, resolved
+
+if TYPE_CHECKING:
+    from rattlesweep.sweep.plan import Plan
+
+FORMAT = 1
+PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "pandas", "pyarrow")
+
+
+def package_version() -> str:
+    """Version of rattlesweep."""
+    try:
+        return version("rattlesweep")
+    except PackageNotFoundError:
+        return "unknown"
+
+
+def now() -> str:
+    """The time, in UTC."""
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def machine() -> dict[str, Any]:
+    """Processor, system and the processors that this process may use."""
+    from llvmlite import binding
+
+    allowed = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return {
+        "system": platform.system(),
+        "machine": platform.machine(),
+        "cpu": binding.get_host_cpu_name(),
+        "processors": allowed,
+    }
+
+
+def identity(plan: Plan, base: Path | None = None) -> str:
+    """Hash of what determines the stored numbers: config, and the contents of a table."""
+    digest = hashlib.sha256(physics_hash(plan.config).encode())
+    if isinstance(plan.config.bodies, TableSource):
+        path = Path(plan.config.bodies.path)
+        if not path.exists() and base is not None:
+            path = base / path
+        files = sorted(path.rglob("*.parquet")) if path.is_dir() else [path]
+        for file in files:
+            with open(file, "rb") as handle:
+                digest.update(hashlib.file_digest(handle, "sha256").digest())
+    return digest.hexdigest()
+
+
+def new_manifest(plan: Plan, hash_: str, threads: int) -> dict[str, Any]:
+    """The manifest of a sweep that begins."""
+    return {
+        "format": FORMAT,
+        "name": plan.config.name,
+        "state": "running",
+        "config": resolved(plan.config),
+        "config_hash": hash_,
+        "cases": [
+            {
+                "case": case.index,
+                **({case.target_name: case.target} if case.target_name else {}),
+                "n_i": case.n_i,
+                "omega_xy0": case.omega_xy0,
+            }
+            for case in plan.cases
+        ],
+        "samples": plan.samples,
+        "runs": plan.runs,
+        "blocks": plan.n_blocks,
+        "versions": {
+            "rattlesweep": package_version(),
+            "python": platform.python_version(),
+            **{name: version(name) for name in PACKAGES},
+        },
+        "machine": machine(),
+        "threads": threads,
+        "started": now(),
+        "command": [Path(sys.argv[0]).name, *sys.argv[1:]],
+    }

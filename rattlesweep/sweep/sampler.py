@@ -1,0 +1,115 @@
+"""Random shell-dumbbell bodies, drawn again until a torque coefficient meets its target."""
+
+# mypy: disable-error-code="no-untyped-def"
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numba import njit, prange
+
+from rattlesweep.integrate.cache import cached, specialise
+from rattlesweep.physics import theory
+from rattlesweep.sweep.philox import uniforms
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+# The formulas of the theory, compiled for scalars: one source for both uses.  The second
+# calls the first by its global name.
+_hessian = njit(nogil=True)(theory.hessian)
+torque_coefficients = njit(nogil=True)(
+    specialise(theory.torque_coefficients, "torque_coefficients_scalar", hessian=_hessian)
+)
+
+
+def _draw(seed, samples, group, ranges, which, target, rel_tol, max_draws, out, draws, nearest):
+    """Fill ``out`` with ``gamma, f_sd, theta, phi, xi, alpha, beta`` of each sample.
+
+    ``which`` is 0 for no target, 1 for K_p and 2 for K_r.  Where no draw meets the target ``draws``
+    is -1 and ``nearest`` holds the coefficient that came closest.
+    """
+    for i in prange(samples.size):
+        best = np.inf
+        draws[i] = -1
+        for k in range(max_draws):
+            u = uniforms(seed, group, samples[i], k)
+            gamma = ranges[0, 0] + (ranges[0, 1] - ranges[0, 0]) * u[0]
+            f_sd = ranges[1, 0] + (ranges[1, 1] - ranges[1, 0]) * u[1]
+            theta = ranges[2, 0] + (ranges[2, 1] - ranges[2, 0]) * u[2]
+            phi = ranges[3, 0] + (ranges[3, 1] - ranges[3, 0]) * u[3]
+            # From (low, high]: the skew angle is never zero.
+            xi = -np.radians(ranges[4, 1] - (ranges[4, 1] - ranges[4, 0]) * u[4])
+            alpha = (1 - f_sd) * gamma + 1
+            beta = f_sd * gamma + 1
+            if which > 0:
+                coefficients = torque_coefficients(alpha, beta, theta, phi, xi)
+                value = coefficients[2] if which == 1 else coefficients[3]
+                off = abs(value - target)
+                if off < best:
+                    best = off
+                    nearest[i] = value
+                if off > rel_tol * target:
+                    continue
+            draws[i] = k + 1
+            out[0, i] = gamma
+            out[1, i] = f_sd
+            out[2, i] = theta
+            out[3, i] = phi
+            out[4, i] = xi
+            out[5, i] = alpha
+            out[6, i] = beta
+            break
+
+
+@cache
+def kernel() -> Any:
+    """The compiled sampler."""
+    return cached(_draw, parallel=True, nogil=True)
+
+
+def draw_bodies(
+    seed: int,
+    group: int,
+    samples: NDArray[np.int64],
+    ranges: Floats,
+    which: int = 0,
+    target: float = 0.0,
+    rel_tol: float = 1e-3,
+    max_draws: int = 1,
+) -> tuple[Floats, NDArray[np.int64], Floats]:
+    """Draw bodies of some samples.
+
+    Parameters
+    ----------
+    seed, group : int
+        Of the sweep and of the target's place in its list.
+    samples : ndarray of int64
+        Sample numbers; each depends on its own number alone.
+    ranges : ndarray, shape (5, 2)
+        Of ``gamma, f_sd, theta, phi`` and minus ``xi`` in degrees.
+    which : int
+        0 without a target, 1 for ``K_p``, 2 for ``K_r``.
+    target, rel_tol, max_draws
+        Relative distance allowed, and draws after which a sample is given up.
+
+    Returns
+    -------
+    bodies : ndarray, shape (7, samples)
+        ``gamma, f_sd, theta, phi, xi, alpha, beta``.
+    draws : ndarray
+        Draws used, -1 where the target was not met.
+    nearest : ndarray
+        Coefficient nearest to the target.
+    """
+    out = np.full((7, samples.size), np.nan)
+    draws = np.zeros(samples.size, dtype=np.int64)
+    nearest = np.full(samples.size, np.nan)
+    kernel()(
+        seed, samples, group, np.ascontiguousarray(ranges, dtype=float), which,
+        float(target), float(rel_tol), max_draws, out, draws, nearest,
+    )  # fmt: skip
+    return out, draws, nearest

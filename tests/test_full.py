@@ -1,0 +1,444 @@
+"""The full dynamics in slopes against the paper's six variables, in doubles and at 60 digits."""
+
+import itertools
+import math
+from types import FunctionType
+
+import numpy as np
+import oracle
+import pytest
+from mpmath import mp
+
+from rattlesweep.physics import full
+
+EPS = np.finfo(float).eps
+NAMES = ("alpha", "beta", "gamma", "theta", "phi", "xi")
+GH = tuple(oracle.GH[name] for name in NAMES)
+DIGITS = 60
+QUANTITIES = ("dp", "dq", "da", "db", "dc")
+
+
+def exactly(function, **others):
+    """The same formulas, computed by mpmath instead of the processor."""
+    return FunctionType(function.py_func.__code__, {"sqrt": mp.sqrt, **others})
+
+
+mp_rhs = exactly(full.rhs)
+mp_energy = exactly(full.energy)
+mp_spin = exactly(full.spin)
+mp_spin_rate = exactly(full.spin_rate)
+mp_force = exactly(full.contact_force, rhs=mp_rhs)
+mp_oscillation = exactly(full.oscillation)
+
+
+# --- the paper's equations at 60 digits ---------------------------------------------------------
+
+
+def cross(a, b):
+    return mp.matrix(
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    )
+
+
+def dot(a, b):
+    return sum(x * y for x, y in zip(a, b, strict=True))
+
+
+class Paper:
+    """Eqs. diff-u, diff-omega, def-xy, def-z and em-1 of one body; u and omega of three numbers."""
+
+    def __init__(self, body):
+        alpha, beta, gamma, theta, phi, xi = (mp.mpf(float(x)) for x in body)
+        self.inertia = mp.diag([alpha - 1, beta - 1, gamma])
+        c, s = mp.cos(xi), mp.sin(xi)
+        turn = mp.matrix([[c, -s], [s, c]])
+        self.radii = turn * mp.diag([1 / theta, 1 / phi]) * turn.T
+        self.curvature = turn * mp.diag([theta, phi]) * turn.T
+
+    def constants(self):
+        """What the code keeps of the body: inertia and B - 1."""
+        b = self.radii - mp.eye(2)
+        return [*(self.inertia[i, i] for i in range(3)), b[0, 0], b[0, 1], b[1, 1]]
+
+    @staticmethod
+    def vectors(state):
+        p, q, *omega = (mp.mpf(x) for x in state)
+        u = -mp.matrix([p, q, 1]) / mp.sqrt(1 + p * p + q * q)
+        return u, mp.matrix(omega)
+
+    def contact(self, u, du):
+        """The vector r and its dotted derivative."""
+        flat = mp.matrix([u[0], u[1]])
+        r = self.radii * flat / u[2]
+        dr = self.radii * (mp.matrix([du[0], du[1]]) / u[2] - flat * du[2] / u[2] ** 2)
+        z, dz = 1 - (r.T * self.curvature * r)[0] / 2, -(r.T * self.curvature * dr)[0]
+        return mp.matrix([*r, z]), mp.matrix([*dr, dz])
+
+    def rhs(self, state):
+        u, w = self.vectors(state)
+        du = -cross(w, u)
+        r, dr = self.contact(u, du)
+        left = self.inertia + dot(r, r) * mp.eye(3) - r * r.T
+        dw = mp.lu_solve(
+            left,
+            -cross(w, self.inertia * w)
+            + cross(r, cross(dr, w) + cross(w, cross(r, w)))
+            + cross(r, u),
+        )
+        # p = u_x/u_z, q = u_y/u_z
+        slopes = [(du[i] - u[i] / u[2] * du[2]) / u[2] for i in range(2)]
+        return [*slopes, *dw]
+
+    def energy(self, state):
+        u, w = self.vectors(state)
+        r, _ = self.contact(u, -cross(w, u))
+        v = cross(r, w)
+        return (dot(v, v) + dot(w, self.inertia * w)) / 2 - dot(r, u) - 1
+
+    def force(self, state):
+        u, w = self.vectors(state)
+        r, dr = self.contact(u, -cross(w, u))
+        dw = mp.matrix(self.rhs(state)[2:])
+        f = cross(dr, w) + cross(r, dw) + cross(w, cross(r, w)) + u
+        along = dot(f, u)
+        return along, mp.norm(f - along * u)
+
+
+# --- bodies and states --------------------------------------------------------------------------
+
+
+def bodies(size, seed):
+    """Any legal inertia and surface, half of them of Table I's kind."""
+    rng = np.random.default_rng(seed)
+    for k in range(size):
+        if k % 2:
+            gamma, f = rng.uniform(5, 15), rng.uniform(0.05, 0.15)
+            alpha, beta = (1 - f) * gamma + 1, f * gamma + 1
+            theta, phi, xi = rng.uniform(0.6, 0.95), rng.uniform(0.01, 0.1), rng.uniform(0.01, 0.1)
+        else:
+            beta = rng.uniform(1.05, 5)
+            alpha = beta + rng.uniform(0.05, 8)
+            gamma = rng.uniform(alpha - beta, alpha + beta - 2)
+            theta = rng.uniform(0.1, 0.99)
+            phi, xi = theta * rng.uniform(0.02, 0.95), rng.uniform(0.01, 1.5)
+        yield alpha, beta, gamma, theta, phi, -xi * rng.choice([-1, 1])
+
+
+def states(size, seed):
+    """Slopes from 1e-8 to 1, horizontal rates alike, spins up to 5."""
+    rng = np.random.default_rng(seed)
+    for _ in range(size):
+        slope, rate = 10 ** rng.uniform(-8, 0, 2)
+        yield np.concatenate(
+            [slope * rng.normal(size=2), rate * rng.normal(size=2), rng.uniform(-5, 5, 1)]
+        )
+
+
+CASES = list(zip(bodies(60, 11), states(60, 12), strict=True))
+
+# theta and phi at their ends, slopes of 1e-150 to steep, with and without spin.
+EXTREMES = [
+    ((*inertia, *surface), np.array([0.3 * slope, -1.1 * slope, 0.7 * rate, 0.9 * rate, n]))
+    for inertia in [(13.04, 1.522, 12.28), (1.3 + 3e-9, 1.3, 0.5)]
+    for surface in itertools.product((0.7, 1 - 1e-9), (0.05, 1e-4), (-1e-6, -0.03, -1.2))
+    for slope, rate, n in [
+        (1e-150, 1e-150, -0.2),
+        (1e-150, 1e-2, 0.2),
+        (1e-2, 1e-150, 1e-150),
+        (1e-8, 1e-6, 3.0),
+        (0.2, 0.7, -40.0),
+    ]
+]
+
+
+def six(state):
+    """The oracle's u and omega."""
+    u, omega = full.to_vectors(np.asarray(state))
+    return np.concatenate([u, omega])
+
+
+def body_of(parameters):
+    return dict(zip(NAMES, parameters, strict=True))
+
+
+def mp_args(state, constants):
+    return [mp.mpf(float(x)) for x in (*state, *constants)]
+
+
+# --- formulas, free of rounding -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("cases", [CASES[:30], EXTREMES[::3]], ids=["random", "extreme"])
+def test_formulas_are_the_papers(cases):
+    """At 60 digits the compiled formulas and the paper's six variables agree to 50."""
+    for parameters, state in cases:
+        with mp.workdps(3 * DIGITS):  # the potential of a slope of 1e-150 has to show
+            paper = Paper(parameters)
+            constants = paper.constants()
+            arguments = [*(mp.mpf(float(x)) for x in state), *constants]
+            small = mp.mpf(10) ** -50
+            got, wanted = mp_rhs(*arguments), paper.rhs(state)
+            for one, two in zip(got, wanted, strict=True):
+                assert abs(one - two) <= small * abs(two)
+            u, omega = paper.vectors(state)
+            assert abs(mp_spin(*arguments[:5]) / dot(u, omega) - 1) < small
+            rate = dot(u, wanted[2:])
+            assert abs(mp_spin_rate(*arguments[:2], *wanted[2:]) - rate) <= small * abs(rate)
+            normal, tangential = mp_force(*arguments)
+            normal_p, tangential_p = paper.force(state)
+            assert abs(normal - normal_p) <= small * (1 + abs(normal_p))
+            assert abs(tangential - tangential_p) <= small * (abs(tangential_p) + small)
+        with mp.workdps(6 * DIGITS):
+            paper = Paper(parameters)
+            arguments[5:] = paper.constants()
+            energy = paper.energy(state)
+            assert abs(mp_energy(*arguments) - energy) <= small * energy
+
+
+def test_formulas_conserve_energy():
+    """Its derivative along the motion, by a difference of 60 digits, is nothing."""
+    for parameters, state in CASES[:30]:
+        with mp.workdps(DIGITS):
+            constants = Paper(parameters).constants()
+            state_mp = [mp.mpf(float(x)) for x in state]
+            flow = mp_rhs(*state_mp, *constants)
+            h = mp.mpf(10) ** -20
+
+            def moved(step, along, state_mp=state_mp, constants=constants):
+                there = [x + step * d for x, d in zip(state_mp, along, strict=True)]
+                return mp_energy(*there, *constants)
+
+            change = (moved(h, flow) - moved(-h, flow)) / (2 * h)
+            parts = 0
+            for i in range(5):
+                only = [d if i == j else mp.mpf(0) for j, d in enumerate(flow)]
+                parts += abs(moved(h, only) - moved(-h, only)) / (2 * h)
+            assert parts > 0
+            assert abs(change) < mp.mpf(10) ** -25 * parts
+
+
+def test_spin_rate_is_the_derivative_of_the_spin():
+    for parameters, state in CASES[:30]:
+        with mp.workdps(DIGITS):
+            constants = Paper(parameters).constants()
+            state_mp = [mp.mpf(float(x)) for x in state]
+            flow = mp_rhs(*state_mp, *constants)
+            h = mp.mpf(10) ** -20
+            after, before = (
+                mp_spin(*(x + sign * h * d for x, d in zip(state_mp, flow, strict=True)))
+                for sign in (1, -1)
+            )
+            rate = mp_spin_rate(*state_mp[:2], *flow[2:])
+            assert abs((after - before) / (2 * h) - rate) < mp.mpf(10) ** -25 * max(map(abs, flow))
+
+
+def test_oscillation_is_twice_the_energy_of_small_motion_without_spin():
+    for parameters, state in CASES[:20]:
+        with mp.workdps(DIGITS):
+            ix, iy, iz, *surface = Paper(parameters).constants()
+            p, q, a, b = (mp.mpf(float(x)) * mp.mpf(10) ** -20 for x in state[:4])
+            twice = mp_oscillation(p, q, a, b, ix, iy, *surface)
+            ratio = 2 * mp_energy(p, q, a, b, mp.mpf(0), ix, iy, iz, *surface) / twice
+            assert abs(ratio - 1) < mp.mpf(10) ** -30
+
+
+# --- doubles --------------------------------------------------------------------------------------
+
+
+def test_pointwise_against_the_oracle():
+    for parameters, state in CASES:
+        body, y = body_of(parameters), six(state)
+        constants = full.constants(*parameters)
+        got = np.array(full.rhs(*state, *constants))
+        dy = oracle.rhs(0.0, y, body)
+        u, du = y[:3], dy[:3]
+        slopes = du[:2] / u[2] - u[:2] * du[2] / u[2] ** 2
+        np.testing.assert_allclose(got[:2], slopes, rtol=1e-12, atol=1e-14 * np.linalg.norm(y[3:]))
+        # The oracle's rounding errors: its torques' magnitudes over the smallest inertia.
+        r = oracle.contact_point(u, body)
+        dr = oracle.contact_point_dot(u, du, body)
+        size, w = np.linalg.norm(r), np.linalg.norm(y[3:])
+        inertia = oracle.inertia(body)
+        left = inertia + r @ r * np.eye(3) - np.outer(r, r)
+        torque = inertia.max() * w**2 + size * (np.linalg.norm(dr) * w + size * w**2 + 1)
+        scale = torque / np.linalg.eigvalsh(left)[0]
+        assert np.abs(got[2:] - dy[3:]).max() < 1e-14 * scale
+        assert full.energy(*state, *constants) == pytest.approx(
+            oracle.energy(y, body), rel=1e-12, abs=1e-14 * (1 + w**2)
+        )
+        assert full.spin(*state) == pytest.approx(oracle.spin(y), rel=1e-12, abs=1e-15 * w)
+        assert full.spin_rate(*state[:2], *dy[3:]) == pytest.approx(
+            oracle.spin_rate(y, body), rel=1e-12, abs=1e-14 * np.linalg.norm(dy[3:])
+        )
+        force = size * (scale + w**2) + np.linalg.norm(dr) * w + 1
+        np.testing.assert_allclose(
+            full.contact_force(*state, *constants),
+            oracle.force_components(y, body),
+            rtol=1e-12,
+            atol=1e-14 * force,
+        )
+
+
+def test_compiled_rhs_keeps_energy():
+    """As above for the compiled functions themselves, to rounding."""
+    weights = np.array([672, -168, 32, -3]) / 840  # central, eighth order
+    for parameters, state in CASES:
+        constants = full.constants(*parameters)
+        flow = np.array(full.rhs(*state, *constants))
+        h = 1e-3 / max(1.0, np.abs(flow).max())
+
+        def change(along, state=state, constants=constants, h=h):
+            return sum(
+                w * (full.energy(*(state + i * h * along), *constants)
+                     - full.energy(*(state - i * h * along), *constants)) / h
+                for i, w in enumerate(weights, start=1)
+            )  # fmt: skip
+
+        parts = sum(abs(change(flow * (np.arange(5) == i))) for i in range(5))
+        total = full.energy(*state, *constants)
+        assert abs(change(flow)) < 1e-9 * parts + 100 * EPS * total / h
+
+
+def condition(function, arguments):
+    """Change of a function's results when each argument in turn grows by a rounding error."""
+    base = function(*arguments)
+    total = [mp.mpf(0)] * len(base)
+    for i, x in enumerate(arguments):
+        moved = [*arguments]
+        moved[i] = x * (1 + mp.mpf(EPS))
+        total = [t + abs(n - b) for t, n, b in zip(total, function(*moved), base, strict=True)]
+    return total
+
+
+def errors(parameters, state):
+    """Relative errors of the rates, and as multiples of what the arguments' rounding does."""
+    got = full.rhs(*map(float, state), *full.constants(*parameters))
+    with mp.workdps(DIGITS):
+        paper = Paper(parameters)
+        wanted = paper.rhs(state)
+        inherent = condition(mp_rhs, [*(mp.mpf(float(x)) for x in state), *paper.constants()])
+        error = [abs(mp.mpf(g) - w) for g, w in zip(got, wanted, strict=True)]
+        relative = [float(e / abs(w)) for e, w in zip(error, wanted, strict=True)]
+        multiple = [float(e / i) for e, i in zip(error, inherent, strict=True)]
+    return relative, multiple
+
+
+def reach(parameters, state):
+    """How much longer the contact vector is than the least radius of gyration, squared.
+
+    Sherman and Morrison's denominator, 1 - r D^-1 r, is a difference that small.
+    """
+    r = oracle.contact_point(six(state)[:3], body_of(parameters))
+    return 1 + r @ r / min(np.diag(oracle.inertia(body_of(parameters))))
+
+
+@pytest.mark.parametrize("cases", [CASES, EXTREMES], ids=["random", "extreme"])
+def test_every_rate_is_as_accurate_as_its_arguments(cases):
+    """Up to the reach, which is of order one unless slope and phi are both extreme."""
+    found = np.array([errors(*case)[1] for case in cases])
+    assert np.all(found < 10)
+
+
+def test_relative_accuracy_in_the_extremes():
+    """Every component, however small, to a few dozen units of its own last place."""
+    body = (13.04, 1.522, 12.28, 1 - 1e-9, 1e-4, -0.03)
+    # At 1e-150 the spin's rate, of second order, is near the smallest of doubles.
+    for slope in (1e-5, 1e-75, 1e-150):
+        for n in (0.1, -0.1, 3.0):
+            state = np.array([0.3 * slope, -1.1 * slope, 0.7 * slope, 0.9 * slope, -n])
+            relative, _ = errors(body, state)
+            assert max(relative) < 100 * EPS, (slope, n)
+
+
+@pytest.mark.parametrize("theta", [0.7, 1 - 1e-9])
+@pytest.mark.parametrize("phi", [0.5, 1e-4])
+@pytest.mark.parametrize("xi", [-1e-8, -0.03, 1.2])
+def test_constants_keep_their_digits(theta, phi, xi):
+    body = (13.04, 1.522, 12.28, theta, phi, xi)
+    with mp.workdps(DIGITS):
+        wanted = Paper(body).constants()
+        for got, exact in zip(full.constants(*body).tolist(), wanted, strict=True):
+            # alpha - 1 and beta - 1 are exact here but for one rounding
+            assert abs(mp.mpf(got) / exact - 1) < 6 * EPS
+
+
+def test_mirrored_bodies_move_in_mirror_images():
+    """The x-z plane reflects polar u to (u_x, -u_y, u_z), axial omega to (-w_x, w_y, -w_z)."""
+    image = np.array([1, -1, -1, 1, -1])
+    for parameters, state in CASES:
+        one = full.constants(*parameters)
+        two = full.constants(*parameters[:5], -parameters[5])
+        assert not np.array_equal(one, two)
+        rates = np.array(full.rhs(*state, *one))
+        assert np.array_equal(full.rhs(*(image * state), *two), image * rates)
+        assert full.energy(*(image * state), *two) == full.energy(*state, *one)
+        assert full.spin(*(image * state)) == -full.spin(*state)
+        assert full.contact_force(*(image * state), *two) == full.contact_force(*state, *one)
+        # and without the reflection it moves otherwise
+        assert not np.array_equal(full.rhs(*state, *two), rates)
+
+
+def test_mirroring_agrees_with_the_oracle():
+    for parameters, state in CASES[:10]:
+        y = six(state)
+        image = np.array([1, -1, 1, -1, 1, -1])
+        mirrored = body_of((*parameters[:5], -parameters[5]))
+        np.testing.assert_allclose(
+            oracle.rhs(0.0, image * y, mirrored),
+            image * oracle.rhs(0.0, y, body_of(parameters)),
+            rtol=1e-9,
+            atol=1e-12,
+        )
+
+
+def test_steady_spin_is_a_solution():
+    constants = full.constants(*GH)
+    for n in (0.0, 0.3, -5.0):
+        state = (0.0, 0.0, 0.0, 0.0, -n)
+        assert full.rhs(*state, *constants) == (0, 0, 0, 0, 0)
+        assert full.spin(*state) == n
+        assert full.energy(*state, *constants) == pytest.approx(12.28 * n**2 / 2, rel=1e-15)
+        assert full.contact_force(*state, *constants) == (1.0, 0.0)
+
+
+def test_a_state_that_is_not_finite_stays_so():
+    constants = full.constants(*GH)
+    for bad in (np.nan, np.inf):
+        state = (0.1, bad, 0.0, 0.0, 0.1)
+        assert not np.all(np.isfinite(full.rhs(*state, *constants)))
+        assert not math.isfinite(full.energy(*state, *constants))
+
+
+def test_constants_broadcast():
+    assert full.constants(*GH).shape == (full.N_CONSTANTS,)
+    gamma, theta = np.array([9.0, 10.0, 11.0])[:, None], np.array([0.6, 0.7, 0.8, 0.9])
+    many = full.constants(13.0, 1.5, gamma, theta, 0.05, -0.03)
+    assert many.shape == (full.N_CONSTANTS, 3, 4)
+    assert many.dtype == np.float64
+    for i, j in itertools.product(range(3), range(4)):
+        one = full.constants(13.0, 1.5, gamma[i, 0], theta[j], 0.05, -0.03)
+        np.testing.assert_allclose(many[:, i, j], one, rtol=4 * EPS)
+    assert full.constants(2, 1.5, 2, 0.5, 0.25, -1).dtype == np.float64
+
+
+def test_vectors_there_and_back():
+    state = np.stack([s for _, s in CASES], axis=1)
+    u, omega = full.to_vectors(state)
+    assert u.shape == omega.shape == (3, len(CASES))
+    assert np.all(u[2] < 0)
+    np.testing.assert_allclose(np.linalg.norm(u, axis=0), 1, rtol=4 * EPS)
+    np.testing.assert_allclose(full.from_vectors(u, omega), state, rtol=8 * EPS)
+    assert full.from_vectors(u[:, 0], omega[:, 0]).shape == (full.N_STATE,)
+    # p = u_x/u_z: of any length
+    np.testing.assert_allclose(full.from_vectors(7 * u, omega), state, rtol=8 * EPS)
+    # omega is a copy
+    omega[0, 0] += 1
+    assert state[2, 0] != omega[0, 0]
+
+
+@pytest.mark.parametrize("u_z", [0.0, 0.5, np.nan])
+def test_only_bodies_on_their_lower_surface_have_slopes(u_z):
+    u = np.array([[0.1, 0.1], [0.0, 0.2], [-1.0, u_z]])
+    with pytest.raises(ValueError, match="u_z must be negative"):
+        full.from_vectors(u, np.zeros((3, 2)))
+    assert full.from_vectors(u[:, 0], np.zeros(3))[0] == -0.1

@@ -1,0 +1,231 @@
+"""The linear system about the steady spin against the full dynamics and 50-digit eigenvalues."""
+
+from types import FunctionType
+
+import numpy as np
+import oracle
+import pytest
+import theory_mp
+from mpmath import mp
+from scipy.linalg import expm
+
+from rattlesweep.physics import full, steady, theory
+
+EPS = np.finfo(float).eps
+NAMES = ("alpha", "beta", "gamma", "theta", "phi", "xi")
+GH = tuple(oracle.GH[name] for name in NAMES)
+SPINS = (-0.8, -0.5, -0.1, -1e-3, 1e-3, 0.1, 0.5, 0.8)
+
+
+def table_one(size, seed):
+    """Bodies of the paper's set SD, columns."""
+    rng = np.random.default_rng(seed)
+    gamma, f = rng.uniform(5, 15, size), rng.uniform(0.05, 0.15, size)
+    theta, phi = rng.uniform(0.6, 0.95, size), rng.uniform(0.01, 0.1, size)
+    xi = -np.radians(rng.uniform(0.1, 6, size))
+    return np.stack([(1 - f) * gamma + 1, f * gamma + 1, gamma, theta, phi, xi])
+
+
+def any_body(size, seed):
+    """Any legal inertia and a wide range of surfaces, columns; both hands."""
+    rng = np.random.default_rng(seed)
+    beta = rng.uniform(1.05, 4, size)
+    alpha = beta + rng.uniform(0.05, 8, size)
+    gamma = rng.uniform(alpha - beta, alpha + beta - 2)
+    theta = rng.uniform(0.3, 0.98, size)
+    phi = theta * rng.uniform(0.01, 0.9, size)
+    xi = rng.uniform(0.01, 0.8, size) * rng.choice([-1, 1], size)
+    return np.stack([alpha, beta, gamma, theta, phi, xi])
+
+
+SD, WIDE = table_one(30, 21), any_body(30, 22)
+BODIES = [GH, *SD.T[:10].tolist(), *WIDE.T[:10].tolist()]
+
+
+@pytest.mark.parametrize("n", SPINS)
+def test_matrix_is_the_jacobian_of_the_full_dynamics(n):
+    """By differences of 60 digits of the compiled formulas: no rounding, no truncation."""
+    rhs = FunctionType(full.rhs.py_func.__code__, {"sqrt": mp.sqrt})
+    for body in BODIES:
+        constants = full.constants(*body)
+        got = steady.matrix(constants, n)
+        h = mp.mpf(10) ** -20
+        jacobian = np.empty((5, 4))
+        with mp.workdps(60):
+            exact = [mp.mpf(x) for x in constants.tolist()]
+            for column in range(4):
+                ends = []
+                for sign in (1, -1):
+                    state = [mp.mpf(0)] * 4 + [-mp.mpf(n)]
+                    state[column] = sign * h
+                    ends.append(rhs(*state, *exact))
+                for row, (after, before) in enumerate(zip(*ends, strict=True)):
+                    jacobian[row, column] = float((after - before) / (2 * h))
+        # Entry by entry, down to the ones that are zero; and the spin stays.
+        size = np.abs(jacobian).max()
+        np.testing.assert_allclose(got, jacobian[:4], rtol=1e-13, atol=4 * EPS * size)
+        assert np.abs(jacobian[4]).max() < 1e-15
+
+
+@pytest.mark.parametrize("n", SPINS)
+def test_matrix_is_the_oracles_and_the_papers(n):
+    # (u_x, u_y) = -(p, q) to first order.
+    turn = np.diag([-1.0, -1.0, 1.0, 1.0])
+    for body in BODIES:
+        got = turn @ steady.matrix(full.constants(*body), n) @ turn
+        size = np.abs(got).max()
+        from_oracle = oracle.jacobian_spin(dict(zip(NAMES, body, strict=True)), n)
+        np.testing.assert_allclose(got, from_oracle, atol=1e-13 * size)
+        paper = np.array(theory_mp.spin_matrix(*body, n).tolist(), dtype=float)
+        np.testing.assert_allclose(got, paper, atol=1e-13 * size)
+
+
+def test_matrix_has_the_shape_of_the_bodies():
+    constants = full.constants(*SD)
+    n = np.linspace(-1, 1, SD.shape[1])
+    got = steady.matrix(constants, n)
+    assert got.shape == (SD.shape[1], 4, 4)
+    for k in (0, 7, 29):
+        assert np.array_equal(got[k], steady.matrix(constants[:, k], n[k]))
+    found = steady.steady_modes(constants, n)
+    assert found.pitch.shape == found.roll.shape == (SD.shape[1],)
+    assert found.pitch_probe.shape == found.roll_probe.shape == (SD.shape[1], 4)
+    assert np.array_equal(steady.growth(constants, n), [found.pitch.real, found.roll.real])
+
+
+@pytest.mark.parametrize("bodies", [SD, WIDE], ids=["table I", "any"])
+@pytest.mark.parametrize("n", SPINS)
+def test_eigenvalues_against_fifty_digits(bodies, n):
+    found = steady.steady_modes(full.constants(*bodies), n)
+    for k, body in enumerate(bodies.T.tolist()):
+        pitch, roll, *_ = theory_mp.growth_exact(*body, n)
+        assert pitch.imag > roll.imag > 0  # two oscillations
+        scale = float(abs(pitch))
+        for got, exact in ((found.pitch[k], pitch), (found.roll[k], roll)):
+            assert abs(got - complex(exact)) < 1e-12 * scale
+
+
+def test_eigenvalues_at_the_ends_of_the_surface():
+    """A pitch of 100 and a roll of 1e-5 in the same matrix."""
+    for theta, phi in [(1 - 1e-9, 0.05), (0.7, 1e-4), (1 - 1e-6, 1e-3)]:
+        body = (13.04, 1.522, 12.28, theta, phi, -0.03)
+        for n in (-1e-7, 1e-7):
+            found = steady.steady_modes(full.constants(*body), n)
+            pitch, roll, *_ = theory_mp.growth_exact(*body, n)
+            assert abs(found.pitch - complex(pitch)) < 1e-13 * abs(pitch)
+            assert abs(found.roll - complex(roll)) < 1e-13 * abs(pitch)
+
+
+def test_slow_spin_is_the_theory_of_case_and_jalal():
+    modes = theory.modes(*SD[[0, 1, 3, 4, 5]])
+    n = 1e-5
+    for sign in (1, -1):
+        found = steady.steady_modes(full.constants(*SD), sign * n)
+        pitch, roll = theory.growth_rates(modes.K_p, modes.K_r, sign * n)
+        np.testing.assert_allclose(found.pitch.real, pitch, rtol=1e-4, atol=1e-14)
+        np.testing.assert_allclose(found.roll.real, roll, rtol=1e-4, atol=1e-14)
+        np.testing.assert_allclose(found.pitch.imag, modes.omega_p, rtol=1e-6)
+        np.testing.assert_allclose(found.roll.imag, modes.omega_r, rtol=1e-6)
+
+
+def test_roll_changes_from_growth_to_decay_at_bondis_threshold():
+    rng = np.random.default_rng(23)
+    bodies = table_one(400, int(rng.integers(1000)))
+    n_c1 = theory.bondi_threshold(*bodies[:5])
+    some = np.isfinite(n_c1) & (n_c1 > -1)
+    assert some.sum() > 50
+    bodies, n_c1 = bodies[:, some], n_c1[some]
+    constants = full.constants(*bodies)
+    for part, grows in ((0.5, True), (1 - 1e-6, True), (1 + 1e-6, False), (1.5, False)):
+        pitch, roll = steady.growth(constants, part * n_c1)
+        assert np.all((roll > 0) == grows), part
+        assert np.all(pitch < 0)
+    # Its zero is there to rounding: between these two the rate changes by 2e-6 of itself.
+    at = steady.growth(constants, n_c1)[1]
+    near = np.abs(steady.growth(constants, (1 - 1e-6) * n_c1)[1])
+    assert np.all(np.abs(at) < 1e-3 * near + 20 * EPS)
+    # The mirror image has it at the other spin.
+    mirrored = full.constants(*bodies[:5], -bodies[5])
+    np.testing.assert_allclose(
+        steady.growth(mirrored, -0.7 * n_c1)[1], steady.growth(constants, 0.7 * n_c1)[1], rtol=1e-9
+    )
+
+
+def test_without_a_threshold_no_spin_is_stable():
+    bodies = table_one(400, 24)
+    none = np.isnan(theory.bondi_threshold(*bodies[:5]))
+    assert none.sum() > 40
+    constants = full.constants(*bodies[:, none])
+    for n in (-1e-3, -0.3, -1.0, -2.0):
+        assert np.all(steady.growth(constants, n)[1] > 0)
+    for n in (1e-3, 0.3, 1.0, 2.0):
+        assert np.all(steady.growth(constants, n)[0] > 0)
+
+
+@pytest.mark.parametrize("n", SPINS)
+def test_probes_see_one_mode_alone(n):
+    """From any start the modulus of a probe grows purely exponentially: no beat, no ripple."""
+    rng = np.random.default_rng(25)
+    for body in BODIES:
+        constants = full.constants(*body)
+        matrix, found = steady.matrix(constants, n), steady.steady_modes(constants, n)
+        start = rng.normal(size=4)
+        for value, probe in ((found.pitch, found.pitch_probe), (found.roll, found.roll_probe)):
+            np.testing.assert_allclose(
+                probe @ matrix, value * probe, atol=1e-12 * np.abs(matrix).max()
+            )
+            first = abs(probe @ start)
+            for t in (0.37, 2.1, 15.0):
+                flow = expm(matrix * t)
+                wanted = first * np.exp(value.real * t)
+                # The other mode may have grown far above this one: its rounding error.
+                noise = 5e-15 * (1 + t * abs(found.pitch)) * np.linalg.norm(flow)
+                assert abs(abs(probe @ flow @ start) - wanted) < noise
+
+
+@pytest.mark.parametrize("n", [-0.3, 0.3])
+def test_probes_see_the_full_dynamics_grow(n):
+    """A small launch, integrated by the full equations."""
+    constants = full.constants(*GH)
+    found = steady.steady_modes(constants, n)
+    state = np.array([0.0, 0.0, 1e-7, -0.6e-7, -n])
+
+    def rates(y):
+        return np.array(full.rhs(*y, *constants))
+
+    h, steps = 0.01, 2000
+    for _ in range(steps):
+        k1 = rates(state)
+        k2 = rates(state + h / 2 * k1)
+        k3 = rates(state + h / 2 * k2)
+        state = state + h / 6 * (k1 + 2 * k2 + 2 * k3 + rates(state + h * k3))
+    for value, probe in ((found.pitch, found.pitch_probe), (found.roll, found.roll_probe)):
+        first = abs(probe @ [0.0, 0.0, 1e-7, -0.6e-7])
+        assert abs(probe @ state[:4]) == pytest.approx(
+            first * np.exp(value.real * h * steps), rel=1e-6
+        )
+
+
+def test_probe_of_a_mode_ignores_the_other():
+    for body in BODIES:
+        constants = full.constants(*body)
+        found = steady.steady_modes(constants, 0.2)
+        values, vectors = np.linalg.eig(steady.matrix(constants, 0.2))
+        pitch = vectors[:, np.argmin(abs(values - found.pitch))]
+        roll = vectors[:, np.argmin(abs(values - found.roll))]
+        for probe, own, other in (
+            (found.pitch_probe, pitch, roll),
+            (found.roll_probe, roll, pitch),
+        ):
+            assert abs(probe @ other) < 1e-11
+            assert abs(probe @ other.conj()) < 1e-11
+            assert abs(probe @ own.conj()) < 1e-11
+            assert abs(probe @ own) > 1e-4
+
+
+def test_growth_where_the_roll_no_longer_oscillates():
+    body = (7.9, 2.96, 6.45, 0.978, 0.8636, -0.5516)
+    found = steady.growth(full.constants(*body), -3.92)
+    exact = theory_mp.growth_exact(*body, -3.92)
+    assert abs(exact[1].imag) == 0
+    np.testing.assert_allclose(found, [float(exact[0].real), float(exact[1].real)], rtol=1e-9)

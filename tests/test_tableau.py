@@ -1,0 +1,218 @@
+"""Coefficients against order conditions and SciPy; orders measured in the lane kernel."""
+
+import math
+from functools import cache
+from itertools import combinations_with_replacement
+
+import kernels
+import numpy as np
+import oracle
+import pytest
+import scipy.integrate
+
+from rattlesweep.integrate.batch import integrate
+from rattlesweep.integrate.model import FULL
+from rattlesweep.integrate.tableau import METHODS, Tableau
+from rattlesweep.physics import full
+
+SCIPY = {"dop853": scipy.integrate.DOP853, "dopri5": scipy.integrate.RK45}
+
+# --- order conditions: Hairer, Norsett and Wanner, Solving ODEs I, II.2 --------------------------
+# A rooted tree is the sorted tuple of the trees that hang from its root; () is a lone root.
+
+
+@cache
+def size(tree):
+    return 1 + sum(size(branch) for branch in tree)
+
+
+@cache
+def density(tree):
+    return size(tree) * math.prod(density(branch) for branch in tree)
+
+
+@cache
+def trees(order):
+    """Every rooted tree with ``order`` nodes."""
+    return tuple(forests(order - 1, order - 1))
+
+
+def forests(nodes, largest):
+    """Every multiset of trees with ``nodes`` nodes in all, none larger than ``largest``."""
+    if nodes == 0:
+        yield ()
+        return
+    for biggest in range(min(nodes, largest), 0, -1):
+        for count in range(1, nodes // biggest + 1):
+            for some in combinations_with_replacement(trees(biggest), count):
+                for rest in forests(nodes - count * biggest, biggest - 1):
+                    yield some + rest
+
+
+def matrix(tableau):
+    """``a`` and ``b`` as arrays, with the derivative at the end of the step as a last stage."""
+    a = np.zeros((tableau.stages + 1, tableau.stages + 1))
+    for i, row in enumerate((*tableau.a, tableau.b)):
+        for j, value in row.items():
+            a[i, j] = value
+    return a, a[-1]
+
+
+def weights(row, tableau):
+    out = np.zeros(tableau.stages + 1)
+    for j, value in row.items():
+        out[j] = value
+    return out
+
+
+def defects(a, b, order):
+    """How far each condition of one order is from being met, times the tree's density."""
+
+    def stage(tree):
+        return math.prod((a @ stage(branch) for branch in tree), start=np.ones(len(a)))
+
+    return np.array([abs(b @ stage(tree) * density(tree) - 1) for tree in trees(order)])
+
+
+def order_of(a, b):
+    """The order up to which every condition holds."""
+    order = 0
+    while order < 9 and defects(a, b, order + 1).max() < 1e-11:
+        order += 1
+    return order
+
+
+def test_numbers_of_rooted_trees():
+    # https://oeis.org/A000081
+    assert [len(set(trees(n))) for n in range(1, 10)] == [1, 1, 2, 4, 9, 20, 48, 115, 286]
+    assert [len(trees(n)) for n in range(1, 10)] == [1, 1, 2, 4, 9, 20, 48, 115, 286]
+    assert {size(tree) for tree in trees(7)} == {7}
+    # tall trees have density n!, bushy ones n
+    assert max(density(tree) for tree in trees(6)) == math.factorial(6)
+    assert min(density(tree) for tree in trees(6)) == 6
+
+
+@pytest.mark.parametrize("tableau", METHODS.values(), ids=METHODS)
+def test_every_order_condition_holds_up_to_the_order_and_no_further(tableau):
+    a, b = matrix(tableau)
+    assert order_of(a, b) == tableau.order
+    assert tableau.c == pytest.approx(a.sum(axis=1)[:-1], abs=1e-15)
+
+
+@pytest.mark.parametrize(("name", "orders"), [("rk4", []), ("dopri5", [4]), ("dop853", [5, 3])])
+def test_embedded_solutions_have_their_orders(name, orders):
+    a, b = matrix(METHODS[name])
+    errors = METHODS[name].errors
+    assert [order_of(a, b - weights(row, METHODS[name])) for row in errors] == orders
+
+
+def test_a_wrong_digit_is_noticed():
+    a, b = matrix(METHODS["dop853"])
+    a[7, 4] += 1e-9
+    assert order_of(a, b) < 8
+
+
+@pytest.mark.parametrize("name", SCIPY)
+def test_coefficients_are_those_of_scipy(name):
+    tableau, theirs = METHODS[name], SCIPY[name]
+    a, b = matrix(tableau)
+    n = tableau.stages
+    # SciPy leaves the last column of RK45's out: it is zero.
+    width = theirs.A.shape[1]
+    assert np.array_equal(a[:n, :width], theirs.A)
+    assert not a[:n, width:n].any()
+    assert np.array_equal(b[:n], theirs.B)
+    assert np.allclose(tableau.c, theirs.C, rtol=0, atol=1e-14)
+    estimates = (theirs.E,) if name == "dopri5" else (theirs.E5, theirs.E3)
+    for row, estimate in zip(tableau.errors, estimates, strict=True):
+        ours = weights(row, tableau)
+        estimate = np.asarray(estimate) * np.sign(estimate[0]) * np.sign(ours[0])
+        assert np.allclose(ours, estimate, rtol=0, atol=5e-16)
+
+
+def test_every_method_is_found_under_its_name_and_says_where_it_is_from():
+    for name, tableau in METHODS.items():
+        assert tableau.name == name
+        assert tableau.reference
+        assert tableau.adaptive == (name != "rk4")
+
+
+def made(**changes):
+    good = {"name": "x", "order": 1, "a": ({},), "b": {0: 1.0}, "errors": (), "reference": "x"}
+    return Tableau(**{**good, **changes})
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"a": ({0: 1.0},)}, "x: stage 0 is not explicit"),
+        ({"a": ({}, {1: 1.0})}, "x: stage 1 is not explicit"),
+        ({"a": ({}, {-1: 1.0})}, "x: stage 1 is not explicit"),
+        ({"b": {0: 0.9}}, "x: the weights must sum to 1"),
+        ({"b": {}}, "x: the weights must sum to 1"),
+        ({"errors": ({0: 0.1},)}, "x: the weights of an error must sum to 0"),
+        ({"errors": ({0: 1.0, 1: -1.0}, {0: 1e-3})}, "x: the weights of an error must sum to 0"),
+    ],
+)
+def test_a_bad_tableau_is_refused(changes, message):
+    assert made().stages == 1
+    with pytest.raises(ValueError, match=message):
+        made(**changes)
+
+
+# --- measured orders ----------------------------------------------------------------------------
+
+T_END = 6.4
+LAUNCH = (0.1, 0.1, -0.29)
+
+
+@cache
+def reference():
+    """The state at T_END by SciPy from the oracle's equations."""
+    y = oracle.advance(oracle.GH, oracle.launch(oracle.GH, *LAUNCH), T_END, rtol=3e-14, atol=1e-16)
+    return full.from_vectors(y[:3], y[3:])
+
+
+def measured(errors):
+    return np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
+
+
+# One call of a fixed-step method is eight steps; the order is the same.
+@pytest.mark.parametrize(("name", "calls"), [("rk4", (16, 32, 64)), ("dopri5", (64, 128, 256)),
+                                             ("dop853", (24, 48))])  # fmt: skip
+def test_order_of_the_generated_step(name, calls):
+    runs = kernels.full_batch(oracle.GH, *LAUNCH, T_END)
+    errors = [
+        np.linalg.norm(
+            kernels.lane_steps(name, runs.constants[0], runs.y0[0], T_END / n, n) - reference()
+        )
+        for n in calls
+    ]
+    # Halved steps show more than the order as long as the next power is still felt.
+    found = measured(errors) - METHODS[name].order
+    assert found.min() > -0.2
+    assert found.max() < 0.9
+
+
+def test_order_of_rk4_in_the_whole_kernel():
+    runs = kernels.full_batch(oracle.GH, *LAUNCH, T_END)
+    errors = []
+    for dt in (0.2, 0.1, 0.05, 0.025):
+        out = integrate(runs, METHODS["rk4"], FULL, dt=dt)
+        assert out.t_end[0] == T_END
+        # 8 more where the steps add up to a little less than T_END.
+        assert out.n_steps[0] - round(T_END / dt) in (0, 8)
+        errors.append(np.abs(out.y_end[0] - reference()).max())
+    assert measured(errors) == pytest.approx(4, abs=0.3)
+    assert errors[-1] < 1e-6
+
+
+@pytest.mark.parametrize("name", ["dopri5", "dop853"])
+def test_error_follows_the_tolerance(name):
+    runs = kernels.full_batch(oracle.GH, *LAUNCH, T_END)
+    errors = []
+    for tol in (1e-5, 1e-7, 1e-9, 1e-11):
+        out = integrate(runs, METHODS[name], FULL, tol=tol)
+        errors.append(np.abs(out.y_end[0] - reference()).max())
+    assert errors == sorted(errors, reverse=True)
+    assert errors[-1] < 1e-11
