@@ -32,7 +32,8 @@ def modes(body: Rattleback) -> Modes:
         With floats: ``omega_p omega_r psi_p psi_r omega_p0 omega_r0 K_p K_r``.
     """
     found = theory.modes(body.alpha, body.beta, body.theta, body.phi, body.xi)
-    return replace(found, **{name: float(value) for name, value in vars(found).items()})
+    numbers: dict[str, Any] = {name: float(value) for name, value in vars(found).items()}
+    return replace(found, **numbers)
 
 
 def reversal_time_gh(body: Rattleback, n_i: float, omega_xy0: float) -> float:
@@ -178,12 +179,14 @@ class Sweep:
         import pyarrow as pa
 
         tables = [table for _, table in self._store.iter_blocks()]
-        return pa.concat_tables(tables).to_pandas()
+        frame: pd.DataFrame = pa.concat_tables(tables).to_pandas()
+        return frame
 
     @property
     def summary(self) -> pd.DataFrame:
         """One row a case."""
-        return self._store.read_summary().to_pandas()
+        frame: pd.DataFrame = self._store.read_summary().to_pandas()
+        return frame
 
     def __repr__(self) -> str:
         """Name the directory and how far it is."""

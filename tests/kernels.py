@@ -6,6 +6,7 @@ from unittest import mock
 import numpy as np
 
 from rattlesweep.integrate import batch, stages
+from rattlesweep.integrate import kernels as built
 from rattlesweep.integrate.model import FULL, MODELS
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics import full, launch, reduced, steady, theory
@@ -125,8 +126,8 @@ def attempt(method, model):
 @cache
 def pieces(method, model):
     """What the kernel of a method and a model is built of, by name, not yet compiled."""
-    with mock.patch.object(batch, "cached") as cached:
-        batch.kernel.__wrapped__(method, model)
+    with mock.patch.object(built, "cached") as cached:
+        built.build(METHODS[method], MODELS[model])
     return cached.call_args.args[0].__globals__
 
 
@@ -134,7 +135,7 @@ def workspace(method, model, lanes=stages.LANES):
     """A lane workspace, flat and as (row, lane), and its layout; at rest with GH-like numbers."""
     layout = stages.Layout.of(MODELS[model])
     rows = layout.stages + METHODS[method].stages * MODELS[model].n_state
-    flat = batch._aligned(1, rows * lanes)[0][: rows * lanes]
+    flat = built.aligned(1, rows * lanes)[0][: rows * lanes]
     return flat, flat.reshape(rows, lanes), layout
 
 

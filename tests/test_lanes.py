@@ -457,9 +457,11 @@ def test_progress_rises_to_the_total():
     assert job.control.runs_done == 2000
     assert not job.outcome.stopped
     assert len(set(done)) > 10
-    # Runs that ended since the last report are counted twice until the next one.
-    assert np.diff(done).min() >= -0.02 * total
-    assert done.max() <= 1.02 * total
+    # A run that has ended is counted twice until its thread's next report: as done, and as under
+    # way.  No more than all lanes' runs, but progress can fall by so much.
+    twice = 2 * LANES * float((runs.t_end * runs.swing).max())
+    assert np.diff(done).min() >= -twice
+    assert done.max() <= total + twice
     assert (np.diff(ended) >= 0).all()
 
 

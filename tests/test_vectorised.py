@@ -78,7 +78,6 @@ def test_commit_is_vectorised(model):
     assert_vectorised(text, share=0.1)
 
 
-@pytest.mark.xfail(strict=True, reason="loads behind a branch: `a = b if accept else a` of cells")
 @pytest.mark.parametrize("model", MODELS)
 def test_advance_is_vectorised(model):
     text = assembly(kernels.pieces("dop853", model)["advance"], "void(float64[::1])")

@@ -4,6 +4,7 @@ Every thread takes the next run from one counter, so that long and short runs ev
 alone splits the runs before it knows their lengths), and reads a flag that Python sets to stop.
 """
 
+# mypy: disable-error-code="no-untyped-call"
 from __future__ import annotations
 
 from llvmlite import ir

@@ -1,29 +1,20 @@
-"""Batches of runs: build the kernel of a method, start it, listen to it, stop it."""
+"""Batches of runs: start a kernel, listen to it, stop it."""
 
 from __future__ import annotations
 
 import os
 from dataclasses import dataclass, field
-from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import config, get_num_threads, njit, set_num_threads
+from numba import config, get_num_threads, set_num_threads
 
 from rattlesweep.integrate import lanes
-from rattlesweep.integrate.cache import cached, specialise
-from rattlesweep.integrate.stages import (
-    LANES,
-    SUBSTEPS,
-    Layout,
-    compile_attempt,
-    compile_lane_functions,
-)
+from rattlesweep.integrate.kernels import kernel, workspace
+from rattlesweep.integrate.stages import SUBSTEPS
 from rattlesweep.integrate.status import Status
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from numpy.typing import NDArray
 
     from rattlesweep.integrate.model import Model
@@ -118,6 +109,7 @@ class Control:
     total: float = 0.0
     _shared: NDArray[np.int64] = field(default_factory=lambda: np.zeros(2, dtype=np.int64))
     _progress: Floats = field(default_factory=lambda: np.zeros((1, 8)))
+    _most: float = 0.0
 
     def stop(self) -> None:
         """Ask the kernel to end; it does so within a few hundred steps."""
@@ -130,51 +122,16 @@ class Control:
 
     @property
     def done(self) -> float:
-        """Cost of what is done so far."""
-        return float(self._progress[:, :2].sum())
+        """Cost of what is done so far; it never falls."""
+        # A run that has just ended counts twice until its thread looks at its lanes again.
+        now = min(self.total, float(self._progress[:, :2].sum()))
+        self._most = max(self._most, now)
+        return self._most
 
     @property
     def runs_done(self) -> int:
         """Runs that have ended."""
         return int(self._progress[:, 2].sum())
-
-
-@cache
-def kernel(tableau_name: str, model_name: str) -> Callable[..., None]:
-    """Compiled :func:`lanes.drive` of a method and a model; compiled when first called."""
-    from rattlesweep.integrate.model import MODELS
-    from rattlesweep.integrate.tableau import METHODS
-
-    tableau, model = METHODS[tableau_name], MODELS[model_name]
-    at = Layout.of(model)
-    bindings: dict[str, Any] = {
-        "N_STATE": model.n_state,
-        "N_CONSTANTS": model.n_constants,
-        "N_PROBE": model.n_probe,
-        "Y": at.y,
-        "F": at.f,
-        "Y1": at.y1,
-        "F1": at.f1,
-        "Q": at.constants,
-        "PROBE": at.probe,
-        "H": at.h,
-        "ERROR": at.error,
-        "N1": at.n1,
-        "RATE1": at.rate1,
-        "AMPLITUDE": at.amplitude,
-        "ADAPTIVE": tableau.adaptive,
-        "attempt": compile_attempt(tableau, model),
-        **compile_lane_functions(model),
-    }
-    suffix = f"_{tableau.name}_{model.name}"
-    # In the order in which they call each other.  No fastmath here: the time is a compensated sum.
-    for name in ("close_window", "start", "idle", "finish", "give_up", "decide", "commit",
-                 "watch", "work"):  # fmt: skip
-        function = specialise(getattr(lanes, name), name + suffix, **bindings)
-        bindings[name] = njit(nogil=True, error_model="numpy")(function)
-    driver = specialise(lanes.drive, "drive" + suffix, **bindings)
-    compiled: Callable[..., None] = cached(driver, parallel=True, nogil=True)
-    return compiled
 
 
 def available_threads() -> int:
@@ -186,14 +143,6 @@ def available_threads() -> int:
 def most_threads() -> int:
     """Threads that Numba can start at most; ``NUMBA_NUM_THREADS`` sets it."""
     return int(config.NUMBA_NUM_THREADS)
-
-
-def _aligned(threads: int, size: int) -> Floats:
-    """Zeros of shape (threads, size), each row on its own cache lines."""
-    size = -(-size // 16) * 16
-    flat = np.zeros(threads * size + 8)
-    shift = (-flat.ctypes.data // 8) % 8
-    return flat[shift : shift + threads * size].reshape(threads, size)
 
 
 def integrate(
@@ -238,7 +187,6 @@ def integrate(
     runs = len(batch)
     threads = min(threads or available_threads(), most_threads())
     control = control or Control()
-    at = Layout.of(model)
     cost = expected_cost(batch)
     # Longest first, so that no thread begins a long run when the others are done.
     order = np.argsort(-cost, kind="stable")
@@ -247,14 +195,19 @@ def integrate(
     # A fixed-step method is looked at every few steps.
     stride = 1 if tableau.adaptive else SUBSTEPS
     first = 0.1 / batch.swing if tableau.adaptive else np.full(runs, stride * dt)
-    plan = np.stack([batch.t_end, batch.swing, batch.window, batch.rate, first, cost], axis=1)
+    # How far the method leaves an extremum of the spin undecided, as a share of its swing.
+    fuzz = (
+        np.full(runs, 1e3 * tol)
+        if tableau.adaptive
+        else np.maximum(1e-9, (dt * batch.swing) ** tableau.order)
+    )
+    columns = [batch.t_end, batch.swing, batch.window, batch.rate, first, cost, fuzz]
+    plan = np.stack(columns, axis=1)
     result = np.full((runs, lanes.FIRST_STATE + model.n_state), np.nan)
     counts = np.zeros((runs, lanes.N_COUNTS), dtype=np.int64)
     counts[:, lanes.STATUS] = Status.STOPPED
     windows = np.full((runs if "windows" in record else 0, N_WINDOWS, 3), np.nan)
-    # How far tolerance leaves an extremum of the spin undecided, as a share of its swing.
-    fuzz = 1e3 * (tol if tableau.adaptive else 1e-12)
-    options = np.array([1.0 / tol**2, stride * dt, max_steps / stride, fuzz])
+    options = np.array([1.0 / tol**2, stride * dt, max_steps / stride])
     flags = np.array([name in record for name in RECORDS])
 
     def run_kernel() -> None:
@@ -263,9 +216,7 @@ def integrate(
         try:
             kernel(tableau.name, model.name)(
                 threads,
-                _aligned(threads, (at.stages + tableau.stages * model.n_state) * LANES),
-                np.zeros((threads, LANES), dtype=np.int64),
-                np.full((threads, LANES), -1, dtype=np.int64),
+                *workspace(tableau, model, threads),
                 control._shared,
                 order,
                 np.ascontiguousarray(batch.y0),

@@ -60,7 +60,7 @@ def _set(w, l, row, h, n, r):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True)
-def search(l, h, n, r, w, fuzz):  # type: ignore[no-untyped-def]
+def search(l, h, n, r, w):  # type: ignore[no-untyped-def]
     """One move of the search, after each step tried on lane ``l``.
 
     Parameters
@@ -70,10 +70,9 @@ def search(l, h, n, r, w, fuzz):  # type: ignore[no-untyped-def]
     h, n, r : float
         Step just tried, the spin and its rate at its end.
     w : ndarray
-        Workspace, with the rows of :mod:`rattlesweep.integrate.rows`.
-    fuzz : float
-        Depth of an extremum, relative to the swing, below which the tolerance cannot tell whether
-        the spin touched zero; such extrema are counted.
+        Workspace, with the rows of :mod:`rattlesweep.integrate.rows`.  FUZZ is the depth of an
+        extremum, relative to the swing, below which the method cannot tell whether the spin
+        touched zero; such extrema are counted.
 
     Returns
     -------
@@ -100,7 +99,7 @@ def search(l, h, n, r, w, fuzz):  # type: ignore[no-untyped-def]
             return HOLD
 
     if mode == ROOT:
-        return _polish(l, h, n, r, w, fuzz)
+        return _polish(l, h, n, r, w)
 
     if mode == MINIMUM:
         if sign * n <= 0.0:
@@ -120,7 +119,7 @@ def search(l, h, n, r, w, fuzz):  # type: ignore[no-untyped-def]
         if verdict == _DIP and hi - lo > 1e-12 * w[R.FULL_H * L + l] and tries < MAX_TRIES:
             w[R.H_NEXT * L + l] = _towards_minimum(l, w, tries)
             return HOLD
-        if sign * n < fuzz * w[R.RATE_MAX * L + l] / w[R.SWING * L + l]:
+        if sign * n < w[R.FUZZ * L + l] * w[R.RATE_MAX * L + l] / w[R.SWING * L + l]:
             w[R.NEAR * L + l] += 1.0
         # No zero here; go on behind the piece that held the minimum.
         move = _next_piece(l, w, h)
@@ -199,7 +198,7 @@ def _start_root(l, w):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True)
-def _polish(l, h, n, r, w, fuzz):  # type: ignore[no-untyped-def]
+def _polish(l, h, n, r, w):  # type: ignore[no-untyped-def]
     """Newton's method in the bracket LO..HI until it moves by rounding only."""
     if w[R.SIGN * L + l] * n > 0.0:
         _set(w, l, R.LO_H, h, n, r)
@@ -217,8 +216,7 @@ def _polish(l, h, n, r, w, fuzz):  # type: ignore[no-untyped-def]
         newton = abs(guess - h)
     if n == 0.0 or newton < 1e-14 * full or hi - lo < 1e-15 * full or tries >= MAX_TRIES:
         # The swing behind the zero is r^2 / (2 n'') deep, n'' at most SWING * RATE_MAX.
-        swing = w[R.RATE_MAX * L + l] / w[R.SWING * L + l]
-        if r * r < 2.0 * fuzz * w[R.SWING * L + l] * w[R.RATE_MAX * L + l] * swing:
+        if r * r < 2.0 * w[R.FUZZ * L + l] * w[R.RATE_MAX * L + l] ** 2:
             w[R.NEAR * L + l] += 1.0
         return REVERSED
     w[R.H_NEXT * L + l] = guess

@@ -7,7 +7,7 @@ window or of the run), and refills the lanes whose run has ended from a queue
 that all threads share.  The arithmetic of a run depends on its own numbers
 alone, so its results are the same bits in any lane, thread and batch.
 
-The functions here are templates: :mod:`rattlesweep.integrate.batch` binds the capitalised
+The functions here are templates: :mod:`rattlesweep.integrate.kernels` binds the capitalised
 globals and the model's functions for each method.
 """
 
@@ -36,6 +36,8 @@ ENERGY_0, DRIFT_MAX, RATIO_MAX, NORMAL_MIN = 6, 7, 8, 9
 FIRST_STATE = 10  # the state at the end: as many columns as the model has components
 STATUS, STEPS, NEAR, REJECTED = 0, 1, 2, 3
 N_COUNTS = 4
+# Columns of ``plan`` and length of ``options``.
+N_PLAN, N_OPTIONS = 7, 3
 # Columns of ``record``: what is asked for beyond the types' needs.
 REC_ENERGY, REC_CONTACT, REC_WINDOWS = 0, 1, 2
 
@@ -44,7 +46,7 @@ MAX_ENERGY_DRIFT = 0.01
 LEAST_STEP = 1e-9
 TINY = 1e-290
 
-# Bound by batch.specialise.
+# Bound by kernels.build.
 N_STATE = N_CONSTANTS = N_PROBE = 0
 Y = F = Y1 = F1 = Q = PROBE = H = ERROR = N1 = RATE1 = AMPLITUDE = 0
 ADAPTIVE = False
@@ -87,14 +89,29 @@ def close_window(l, w, run, windows, record):
         windows[run, k, 0] = sqrt(w[R.A_MAX * L + l])
         windows[run, k, 1] = w[R.W_N_MIN * L + l]
         windows[run, k, 2] = w[R.W_N_MAX * L + l]
-    w[R.A_MAX * L + l] = 0.0
+    # The state at the border belongs to both windows.
+    w[R.A_MAX * L + l] = w[AMPLITUDE * L + l]
     w[R.W_N_MIN * L + l] = w[N1 * L + l]
     w[R.W_N_MAX * L + l] = w[N1 * L + l]
     w[R.WINDOW_NO * L + l] = k + 1
     w[R.WINDOW_END * L + l] = (k + 2) * w[R.WINDOW * L + l]
 
 
-def start(l, run, w, lane_run, y0, constants, probe, plan):
+def reach_border(l, w):
+    """Count the state at the end of the step just tried to the window."""
+    w[R.A_MAX * L + l] = max(w[R.A_MAX * L + l], w[AMPLITUDE * L + l])
+    w[R.W_N_MIN * L + l] = min(w[R.W_N_MIN * L + l], w[N1 * L + l])
+    w[R.W_N_MAX * L + l] = max(w[R.W_N_MAX * L + l], w[N1 * L + l])
+
+
+def see_contact(l, w, row):
+    """Note the contact force at the state in row ``row``."""
+    normal, tangential = lane_contact(w, row, l)
+    w[R.NORMAL_MIN * L + l] = min(w[R.NORMAL_MIN * L + l], normal)
+    w[R.RATIO_MAX * L + l] = max(w[R.RATIO_MAX * L + l], tangential / abs(normal))
+
+
+def start(l, run, w, lane_run, y0, constants, probe, plan, record):
     """Put a run into a lane."""
     lane_run[l] = run
     for i in range(N_STATE):
@@ -121,6 +138,9 @@ def start(l, run, w, lane_run, y0, constants, probe, plan):
     w[R.W_N_MAX * L + l] = n
     w[R.ENERGY0 * L + l] = lane_energy(w, Y, l)
     w[R.NORMAL_MIN * L + l] = 1e290
+    if record[REC_CONTACT]:
+        see_contact(l, w, Y)
+    w[R.FUZZ * L + l] = plan[run, 6]
     h = plan[run, 4]
     if h >= plan[run, 0]:
         h = plan[run, 0]
@@ -129,15 +149,18 @@ def start(l, run, w, lane_run, y0, constants, probe, plan):
 
 
 def idle(l, w, lane_run):
-    """Leave a lane empty: a state at rest and steps of zero."""
+    """Leave a lane empty: some spinning state and steps of zero, so that nothing is ever due."""
     lane_run[l] = -1
-    for i in range(N_STATE + N_STATE):
-        w[(Y + i) * L + l] = 0.0
-    for i in range(N_CONSTANTS + N_PROBE):
+    for i in range(N_STATE):
+        w[(Y + i) * L + l] = 1.0
+    for i in range(N_CONSTANTS):
         w[(Q + i) * L + l] = 1.0
+    for i in range(N_PROBE):
+        w[(PROBE + i) * L + l] = 0.0
     for i in range(R.STATE_ROWS):
         w[i * L + l] = 0.0
-    w[R.N0 * L + l] = 1.0
+    n, _ = lane_rhs(w, l)
+    w[R.N0 * L + l] = n
     w[R.SIGN * L + l] = 1.0
     w[R.T_END * L + l] = 1e290
     w[R.WINDOW_END * L + l] = 1e290
@@ -151,10 +174,12 @@ def finish(l, status, reversal, t, w, run, result, counts, windows, record):
         status = ENERGY if isfinite(drift) else NONFINITE
     n = w[N1 * L + l]
     least = min(w[R.N_LEAST * L + l], w[R.SIGN * L + l] * n)
-    w[R.A_MAX * L + l] = max(w[R.A_MAX * L + l], w[AMPLITUDE * L + l])
+    reach_border(l, w)
     begun = w[R.WINDOW_NO * L + l] * w[R.WINDOW * L + l]
     if t - begun > 0.9 * w[R.WINDOW * L + l]:
         close_window(l, w, run, windows, record)
+    if record[REC_CONTACT]:
+        see_contact(l, w, Y1)
     result[run, T_END] = t
     result[run, T_R] = t if reversal and status == OK else nan
     result[run, N_END] = n
@@ -289,10 +314,7 @@ def watch(w, record):
                 drift = abs(lane_energy(w, Y1, l) - energy0) / energy0 if energy0 > 0.0 else 0.0
                 w[R.DRIFT_MAX * L + l] = max(w[R.DRIFT_MAX * L + l], drift)
             if record[REC_CONTACT]:
-                normal, tangential = lane_contact(w, Y1, l)
-                w[R.NORMAL_MIN * L + l] = min(w[R.NORMAL_MIN * L + l], normal)
-                ratio = tangential / abs(normal)
-                w[R.RATIO_MAX * L + l] = max(w[R.RATIO_MAX * L + l], ratio)
+                see_contact(l, w, Y1)
             if record[REC_WINDOWS]:
                 n = w[N1 * L + l]
                 w[R.W_N_MIN * L + l] = min(w[R.W_N_MIN * L + l], n)
@@ -315,10 +337,11 @@ def work(thread, w, flags, lane_run, shared, order, y0, constants, probe, plan, 
         The queue, longest runs first.
     y0, constants, probe : ndarray, shape (runs, ...)
         Initial states, the bodies' constants and the amplitudes' coefficients.
-    plan : ndarray, shape (runs, 6)
-        Horizon, fastest swing of the spin, window, bound of its rate, first step, expected cost.
+    plan : ndarray, shape (runs, 7)
+        Horizon, fastest swing of the spin, window, bound of its rate, first step, expected cost,
+        and the depth below which an extremum of the spin is undecided.
     options : ndarray
-        ``1/tol^2``, fixed step, most steps, fuzz of :func:`events.search`.
+        ``1/tol^2``, fixed step, most steps.
     record : bool ndarray, shape (3,)
         Which extra observations to make.
     result, counts, windows : ndarray
@@ -326,14 +349,14 @@ def work(thread, w, flags, lane_run, shared, order, y0, constants, probe, plan, 
     progress : ndarray, shape (threads, ...)
         Expected cost of the runs that have ended, and of the lanes' runs so far.
     """
-    scale, dt, max_steps, fuzz = options[0], options[1], options[2], options[3]
+    scale, dt, max_steps = options[0], options[1], options[2]
     watching = record[REC_ENERGY] or record[REC_CONTACT] or record[REC_WINDOWS]
     total = order.size
     busy = 0
     for l in range(L):
         place = fetch_add(shared, 0, 1)
         if place < total:
-            start(l, order[place], w, lane_run, y0, constants, probe, plan)
+            start(l, order[place], w, lane_run, y0, constants, probe, plan, record)
             busy += 1
         else:
             idle(l, w, lane_run)
@@ -374,7 +397,7 @@ def work(thread, w, flags, lane_run, shared, order, y0, constants, probe, plan, 
                         or abs(n0) + abs(n1) < 2.0 * h * recent
                         or n0 * n1 <= 0.0
                     ):
-                        verdict = search(l, h, n1, rate, w, fuzz)
+                        verdict = search(l, h, n1, rate, w)
                         take = verdict != HOLD
                         reversal = verdict == REVERSED
                     w[R.ACCEPT * L + l] = 1.0 if take else 0.0
@@ -385,9 +408,9 @@ def work(thread, w, flags, lane_run, shared, order, y0, constants, probe, plan, 
                             t = w[R.T_END * L + l]
                         ended = reversal or w[R.LAST * L + l] > 0.0 or status != OK
                         if not ended and t >= w[R.WINDOW_END * L + l]:
-                            a_max = w[R.A_MAX * L + l]
-                            w[R.A_MAX * L + l] = max(a_max, w[AMPLITUDE * L + l])
-                            close_window(l, w, run, windows, record)
+                            reach_border(l, w)
+                            while t >= w[R.WINDOW_END * L + l]:
+                                close_window(l, w, run, windows, record)
                 if ended:
                     w[R.STEPS * L + l] += 1.0
                     finish(l, status, reversal, t, w, run, result, counts, windows, record)
@@ -395,7 +418,7 @@ def work(thread, w, flags, lane_run, shared, order, y0, constants, probe, plan, 
                     progress[thread, 2] += 1.0
                     place = fetch_add(shared, 0, 1)
                     if place < total:
-                        start(l, order[place], w, lane_run, y0, constants, probe, plan)
+                        start(l, order[place], w, lane_run, y0, constants, probe, plan, record)
                     else:
                         idle(l, w, lane_run)
                         busy -= 1

@@ -31,4 +31,6 @@ HI_H, HI_N, HI_R = 39, 40, 41
 END_H, END_N, END_R = 42, 43, 44
 # Spin at the start of the run.
 N_START = 45
-STATE_ROWS = 46
+# Depth of an extremum of the spin, relative to its swing, that the method cannot decide.
+FUZZ = 46
+STATE_ROWS = 47

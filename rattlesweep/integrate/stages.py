@@ -218,8 +218,10 @@ def lane_source(model: Model, lanes: int = LANES) -> str:
     rates = ", ".join(f"w[{(at.f + c) * lanes} + l]" for c in states)
     old = [f"w[{(at.y + c) * lanes} + l]" for c in range(2 * model.n_state)]
     new = [f"w[{(at.y1 + c) * lanes} + l]" for c in range(2 * model.n_state)]
+    # Both values are loaded before the choice: a load in one arm alone would stay a branch.
     moves = "\n        ".join(
-        f"{a} = {b} if accept else {a}" for a, b in zip(old, new, strict=True)
+        f"a = {a}\n        b = {b}\n        {a} = b if accept else a"
+        for a, b in zip(old, new, strict=True)
     )
     return f"""\
 def advance(w):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from numpy.typing import ArrayLike, NDArray
 
@@ -93,7 +93,7 @@ def violations(
     i_xx, i_yy = alpha - 1, beta - 1
     slack = _TRIANGLE * (alpha + gamma)
     both = "0 < phi < theta < 1 is wanted"
-    rules = (
+    rules: tuple[tuple[NDArray[np.bool_], Callable[[int], str]], ...] = (
         (np.isfinite(alpha + beta + gamma + theta + phi + xi),
          lambda i: "a parameter is not a finite number"),
         (phi > 0, lambda i: f"phi is {phi[i]:g}; {both}"),

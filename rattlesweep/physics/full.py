@@ -32,10 +32,10 @@ if TYPE_CHECKING:
 N_STATE = 5
 N_CONSTANTS = 6
 
-# No 'nnan' and no 'ninf': with them LLVM folds the test for a non-finite state away.  No 'reassoc':
-# it gains nothing here (38.2 against 38.8 million steps a second), and lets the last bits depend
-# on the order in which functions were compiled.
-FASTMATH = {"contract", "arcp", "nsz", "afn"}
+# Fused multiply-add only.  With 'nnan' and 'ninf' LLVM folds the test for a non-finite state away;
+# 'reassoc' gains nothing here and 'arcp' 3 %, and both let the last bits depend on how often a
+# function went through the optimiser.
+FASTMATH = {"contract", "nsz"}
 scalar = njit(fastmath=FASTMATH, error_model="numpy", forceinline=True)
 
 

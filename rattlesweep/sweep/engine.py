@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rattlesweep.integrate.batch import Control, available_threads
+from rattlesweep.integrate.kernels import kernel
 from rattlesweep.sweep.blocks import STATUS_WORDS, Interrupted, finish_block, prepare_block
 from rattlesweep.sweep.columns import runs_schema
 from rattlesweep.sweep.config import differences, resolved
@@ -70,6 +71,7 @@ class Report:
     resumed_runs: int = 0
     seconds: float = 0.0
     kernel_seconds: float = 0.0
+    load_seconds: float = 0.0
     failed: Counter[str] = field(default_factory=Counter)
     summary: pa.Table | None = None
 
@@ -78,7 +80,7 @@ class _Task(threading.Thread):
     """One call in a thread that does not keep the process alive."""
 
     def __init__(self, call: Callable[[], Mapping[str, Any]]) -> None:
-        super().__init__(daemon=True)
+        super().__init__(daemon=True, name="rattlesweep-kernel")
         self._call = call
         self._error: BaseException | None = None
         self._value: Mapping[str, Any] | None = None
@@ -254,6 +256,11 @@ def run_sweep(
     manifest["state"] = "running"
     store.write_manifest(manifest)
     meter.tick()
+    if pending and plan.config.model != "gh":
+        # Here and not in the thread: a compilation can then be interrupted.
+        begin = time.perf_counter()
+        kernel(plan.config.integrator.method, plan.config.model)
+        result.load_seconds = time.perf_counter() - begin
     _work_off(plan, pending, store, schema, threads, meter, result)
     result.runs = plan.runs
     result.summary = summarise(store, plan.cases)

@@ -3,12 +3,15 @@
 # mypy: disable-error-code="no-untyped-def"
 from __future__ import annotations
 
+import threading
 from functools import cache
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
+from rattlesweep.integrate.batch import available_threads
 from rattlesweep.integrate.cache import cached, specialise
 from rattlesweep.physics import theory
 from rattlesweep.sweep.philox import uniforms
@@ -18,6 +21,10 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
+# Name of the threads that draw; they may outlive a Ctrl-C for as long as one sample takes.
+THREAD = "rattlesweep-draw"
+POLL = 0.05
+
 # The formulas of the theory, compiled for scalars: one source for both uses.  The second
 # calls the first by its global name.
 _hessian = njit(nogil=True)(theory.hessian)
@@ -26,13 +33,19 @@ torque_coefficients = njit(nogil=True)(
 )
 
 
-def _draw(seed, samples, group, ranges, which, target, rel_tol, max_draws, out, draws, nearest):
+def _draw(
+    first, last, stop, seed, samples, group, ranges, which, target, rel_tol, max_draws,
+    out, draws, nearest,
+):  # fmt: skip
     """Fill ``out`` with ``gamma, f_sd, theta, phi, xi, alpha, beta`` of each sample.
 
     ``which`` is 0 for no target, 1 for K_p and 2 for K_r.  Where no draw meets the target ``draws``
-    is -1 and ``nearest`` holds the coefficient that came closest.
+    is -1 and ``nearest`` holds the coefficient that came closest.  Works on the samples from
+    ``first`` up to ``last`` and gives up once ``stop[0]`` is set.
     """
-    for i in prange(samples.size):
+    for i in range(first, last):
+        if stop[0]:
+            return
         best = np.inf
         draws[i] = -1
         for k in range(max_draws):
@@ -68,7 +81,7 @@ def _draw(seed, samples, group, ranges, which, target, rel_tol, max_draws, out, 
 @cache
 def kernel() -> Any:
     """The compiled sampler."""
-    return cached(_draw, parallel=True, nogil=True)
+    return cached(_draw, nogil=True)
 
 
 def draw_bodies(
@@ -80,6 +93,7 @@ def draw_bodies(
     target: float = 0.0,
     rel_tol: float = 1e-3,
     max_draws: int = 1,
+    threads: int | None = None,
 ) -> tuple[Floats, NDArray[np.int64], Floats]:
     """Draw bodies of some samples.
 
@@ -95,6 +109,9 @@ def draw_bodies(
         0 without a target, 1 for ``K_p``, 2 for ``K_r``.
     target, rel_tol, max_draws
         Relative distance allowed, and draws after which a sample is given up.
+    threads : int, optional
+        Threads that draw for a target; they are Python's, since one of Numba's thread pools aborts
+        the process when the integrator's kernel runs in another thread at the same time.
 
     Returns
     -------
@@ -108,8 +125,43 @@ def draw_bodies(
     out = np.full((7, samples.size), np.nan)
     draws = np.zeros(samples.size, dtype=np.int64)
     nearest = np.full(samples.size, np.nan)
-    kernel()(
+    settings = (
         seed, samples, group, np.ascontiguousarray(ranges, dtype=float), which,
         float(target), float(rel_tol), max_draws, out, draws, nearest,
     )  # fmt: skip
+    stop = np.zeros(1, dtype=np.int64)
+    if which == 0:
+        kernel()(0, samples.size, stop, *settings)
+    else:
+        _in_threads(threads or available_threads(), samples.size, stop, settings)
     return out, draws, nearest
+
+
+def _in_threads(
+    threads: int, size: int, stop: NDArray[np.int64], settings: tuple[Any, ...]
+) -> None:
+    """Draw in threads of their own: the calling one goes on hearing Ctrl-C."""
+    errors: list[BaseException] = []
+
+    def work(first: int, last: int) -> None:
+        try:
+            kernel()(first, last, stop, *settings)
+        except BaseException as error:
+            errors.append(error)
+
+    edges = np.linspace(0, size, threads + 1).astype(int).tolist()
+    team = [
+        threading.Thread(target=work, args=ends, daemon=True, name=THREAD)
+        for ends in pairwise(edges)
+    ]
+    for thread in team:
+        thread.start()
+    try:
+        for thread in team:
+            while thread.is_alive():
+                thread.join(POLL)
+    except BaseException:
+        stop[0] = 1
+        raise
+    if errors:
+        raise errors[0]

@@ -94,6 +94,8 @@ class Store:
             names = os.listdir(self.runs)
         except FileNotFoundError:
             return []
+        except NotADirectoryError as error:
+            raise OutputError(f"cannot use {self.directory}: a file is in the way") from error
         except OSError as error:
             raise OutputError(f"cannot read {self.runs}: {reason(error)}") from error
         return sorted(int(match[1]) for name in names if (match := _BLOCK.fullmatch(name)))
