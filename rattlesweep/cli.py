@@ -233,8 +233,8 @@ def classify(directory: str, overrides: tuple[str, ...]) -> int:
 
 
 @main.command(
-    epilog="\b\nExamples:\n  rattlesweep body --preset GH\n  rattlesweep body --gamma 10 --f-sd 0.1 "
-    "--theta 0.8 --phi 0.05 --xi-deg -3 --json"
+    epilog="\b\nExamples:\n  rattlesweep body --preset GH\n  rattlesweep body --gamma 10 --f-sd "
+    "0.1 --theta 0.8 --phi 0.05 --xi-deg -3 --json"
 )
 @click.option("--preset", metavar="NAME", help="A named body: GH (Garcia and Hubbard 1988).")
 @click.option("--alpha", type=float, help="I_xx + 1, in M a^2.")

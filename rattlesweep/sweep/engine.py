@@ -24,7 +24,7 @@ from rattlesweep.sweep.config import differences, resolved
 from rattlesweep.sweep.errors import ConfigError
 from rattlesweep.sweep.launches import prepare
 from rattlesweep.sweep.plan import Block, Plan
-from rattlesweep.sweep.provenance import identity, new_manifest, now
+from rattlesweep.sweep.provenance import identity, new_manifest, now, read_manifest
 from rattlesweep.sweep.retype import retype_blocks
 from rattlesweep.sweep.store import Store
 from rattlesweep.sweep.summary import summarise
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 PILOT = 16
 POLL = 0.1
 # How long a stop waits for the kernel; it answers within a millisecond, a compilation does not.
-PATIENCE = 0.8
+PATIENCE = 0.5
 
 
 @dataclass(frozen=True)
@@ -186,7 +186,7 @@ def open_store(plan: Plan, directory: Path, base: Path | None, threads: int) -> 
                 "config they are; choose another output"
             )
         return store, fresh
-    old = store.read_manifest()
+    old = read_manifest(store)
     if old.get("config_hash") != hash_:
         ours = {k: v for k, v in fresh["config"].items() if k not in ("name", "output", "classify")}
         theirs = {

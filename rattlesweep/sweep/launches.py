@@ -165,6 +165,6 @@ def reduced_batch(launches: Launches) -> Batch:
 
 def _windows(t_end: Floats, slower: Floats) -> Floats:
     """Lengths of windows: the horizon in equal parts, but none shorter than a few periods."""
-    least = WINDOW_PERIODS * 2 * np.pi / slower
-    parts = np.clip(np.floor(t_end / least), 1, N_WINDOWS)
+    # Not t_end / period: the reduced model has no oscillation, and so an infinite frequency here.
+    parts = np.clip(np.floor(t_end * slower / (WINDOW_PERIODS * 2 * np.pi)), 1, N_WINDOWS)
     return np.where(np.isfinite(t_end), t_end / parts, 1.0)

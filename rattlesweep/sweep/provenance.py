@@ -12,9 +12,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rattlesweep.sweep.config import TableSource, physics_hash, resolved
+from rattlesweep.sweep.errors import OutputError
 
 if TYPE_CHECKING:
     from rattlesweep.sweep.plan import Plan
+    from rattlesweep.sweep.store import Store
 
 FORMAT = 1
 PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "pandas", "pyarrow")
@@ -90,3 +92,20 @@ def new_manifest(plan: Plan, hash_: str, threads: int) -> dict[str, Any]:
         "started": now(),
         "command": [Path(sys.argv[0]).name, *sys.argv[1:]],
     }
+
+
+def read_manifest(store: Store) -> dict[str, Any]:
+    """The manifest of a sweep; as :meth:`Store.read_manifest`, with the parts that others rely on.
+
+    Raises
+    ------
+    ConfigError
+        There is none.
+    OutputError
+        It is damaged.
+    """
+    manifest = store.read_manifest()
+    for name, kind in (("config", dict), ("cases", list)):
+        if not isinstance(manifest.get(name), kind):
+            raise OutputError(f"{store.manifest_path} is damaged: it names no {name}")
+    return manifest

@@ -11,6 +11,7 @@ import pyarrow.compute as pc
 
 from rattlesweep.sweep.config import override_config, resolved
 from rattlesweep.sweep.errors import ConfigError
+from rattlesweep.sweep.provenance import read_manifest
 from rattlesweep.sweep.store import Store
 from rattlesweep.sweep.summary import summarise
 from rattlesweep.sweep.types import TYPES, classify
@@ -73,7 +74,7 @@ def retype(directory: Path, overrides: Sequence[str] = ()) -> tuple[int, pa.Tabl
         If a file is damaged or cannot be written.
     """
     store = Store(directory)
-    manifest = store.read_manifest()
+    manifest = read_manifest(store)
     for text in overrides:
         if not text.strip().startswith("classify."):
             raise ConfigError(

@@ -1,0 +1,121 @@
+"""What a run leaves opens in pandas, DuckDB and Polars, alike, at any moment."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import duckdb
+import numpy as np
+import pandas as pd
+import polars as pl
+import pytest
+from test_run import begin, run
+
+ORDERED = 'ORDER BY "case", sample'
+
+
+@pytest.fixture(scope="module")
+def output(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    directory = tmp_path_factory.mktemp("readers") / "out"
+    sets = ("bodies.samples=30", "bodies.target={K_r: [0.01, 0.1], rel_tol: 0.1}", "block_size=70",
+            "record=[energy, contact, windows]", "spin.n_i=[-0.3, -0.5]",
+            "integrator.max_steps=20000")  # fmt: skip
+    # Runs of every type, and some that fail.
+    assert run("quickstart.yaml", directory, *sets, options=("-q",)).exit_code == 3
+    return directory
+
+
+def same(one: pd.Series, other: pd.Series) -> None:
+    assert (one.isna().to_numpy() == other.isna().to_numpy()).all()
+    for a, b in zip(one.dropna(), other.dropna(), strict=True):
+        if isinstance(a, str | int | np.integer):
+            assert a == b
+        else:
+            assert np.array_equal(np.asarray(a, dtype=float), np.asarray(b, dtype=float))
+
+
+def test_three_readers_see_the_same_values(output):
+    glob = str(output / "runs" / "*.parquet")
+    assert len(list((output / "runs").iterdir())) == 2
+    pandas = pd.concat([pd.read_parquet(p) for p in sorted((output / "runs").glob("*.parquet"))])
+    whole = pd.read_parquet(output / "runs")
+    pd.testing.assert_frame_equal(whole, pandas.reset_index(drop=True), check_exact=True)
+    with duckdb.connect() as connection:
+        duck = connection.sql(f"SELECT * FROM read_parquet('{glob}') {ORDERED}")
+        columns = duck.columns
+        values = duck.fetchall()
+    polars = pl.read_parquet(glob).sort("case", "sample")
+    assert len(pandas) == len(values) == len(polars) == 120
+    assert list(pandas.columns) == columns == polars.columns
+    assert {"R", "SS"} <= set(pandas.type.dropna())
+    assert {"ok", "step_limit"} == set(pandas.status)
+    for k, name in enumerate(columns):
+        same(pandas[name], pd.Series([row[k] for row in values], dtype=object))
+        same(pandas[name], pd.Series(polars[name].to_list(), dtype=object))
+
+
+def test_queries_need_no_help(output):
+    """Counts as a user would ask for them, and the summary says the same."""
+    glob = str(output / "runs" / "*.parquet")
+    summary = pd.read_parquet(output / "summary.parquet")
+    question = (
+        f"SELECT \"case\", count(*) FILTER (WHERE type = 'R') / count(type) AS r, avg(t_r) AS t "
+        f'FROM \'{glob}\' GROUP BY "case" ORDER BY "case"'
+    )
+    with duckdb.connect() as connection:
+        duck = connection.sql(question).fetchall()
+    lazy = (
+        pl.scan_parquet(glob)
+        .group_by("case")
+        .agg(
+            (pl.col("type") == "R").sum() / pl.col("type").count(),
+            pl.col("t_r").mean(),
+        )
+        .sort("case")
+        .collect()
+    )
+    for found in (duck, lazy.rows()):
+        assert [row[0] for row in found] == summary["case"].tolist()
+        np.testing.assert_allclose([row[1] for row in found], summary.fraction_R, rtol=1e-15)
+        np.testing.assert_allclose(
+            np.array([row[2] for row in found], dtype=float), summary.t_r_mean, rtol=1e-13
+        )
+    small = pl.read_parquet(output / "summary.parquet")
+    with duckdb.connect() as connection:
+        same_rows = connection.sql(f"SELECT * FROM '{output / 'summary.parquet'}'").fetchall()
+    assert small.rows() == same_rows
+
+
+def test_readable_while_it_runs(tmp_path):
+    output = tmp_path / "out"
+    glob = str(output / "runs" / "*.parquet")
+    child = begin(output)
+    seen = []
+    states = set()
+    try:
+        with duckdb.connect() as connection:
+            while child.poll() is None:
+                if (output / "manifest.json").exists():
+                    states.add(json.loads((output / "manifest.json").read_text())["state"])
+                files = sorted(output.glob("runs/*.parquet"))
+                if not files:
+                    continue
+                question = f"SELECT count(*), count(status) FROM '{glob}'"
+                count = connection.execute(question).fetchall()[0]
+                assert count[0] == count[1]
+                assert count[0] % 1000 == 0
+                lazy = pl.scan_parquet(glob).select(pl.col("t_end").is_finite().sum()).collect()
+                assert lazy.item() >= count[0]
+                frame = pd.read_parquet(files[-1])
+                assert len(frame) == 1000
+                assert frame.n_steps.min() > 0
+                seen.append(count[0])
+    finally:
+        child.kill()
+        _, said = child.communicate()
+    assert child.returncode == 0, said
+    assert "running" in states
+    assert seen == sorted(seen)
+    assert len(set(seen)) > 3
+    assert json.loads((output / "manifest.json").read_text())["state"] == "complete"
