@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import config, get_num_threads, set_num_threads
 
-from rattlesweep.integrate import lanes
+from rattlesweep.integrate import columns as C
 from rattlesweep.integrate.kernels import kernel, workspace
 from rattlesweep.integrate.stages import SUBSTEPS
 from rattlesweep.integrate.status import Status
@@ -203,9 +203,9 @@ def integrate(
     )
     columns = [batch.t_end, batch.swing, batch.window, batch.rate, first, cost, fuzz]
     plan = np.stack(columns, axis=1)
-    result = np.full((runs, lanes.FIRST_STATE + model.n_state), np.nan)
-    counts = np.zeros((runs, lanes.N_COUNTS), dtype=np.int64)
-    counts[:, lanes.STATUS] = Status.STOPPED
+    result = np.full((runs, C.FIRST_STATE + model.n_state), np.nan)
+    counts = np.zeros((runs, C.N_COUNTS), dtype=np.int64)
+    counts[:, C.STATUS] = Status.STOPPED
     windows = np.full((runs if "windows" in record else 0, N_WINDOWS, 3), np.nan)
     options = np.array([1.0 / tol**2, stride * dt, max_steps / stride])
     flags = np.array([name in record for name in RECORDS])
@@ -236,25 +236,24 @@ def integrate(
     if runs:
         control._shared[0] = 0
         run_kernel()
-    c = lanes
     return Outcome(
-        t_end=result[:, c.T_END],
-        t_r=result[:, c.T_R],
-        n_end=result[:, c.N_END],
-        energy_drift=result[:, c.DRIFT],
-        amp_growth=result[:, c.GROWTH],
-        n_departure=result[:, c.DEPARTURE],
-        energy_0=result[:, c.ENERGY_0],
-        energy_drift_max=result[:, c.DRIFT_MAX],
-        contact_ratio_max=result[:, c.RATIO_MAX],
-        contact_normal_min=result[:, c.NORMAL_MIN],
-        status=counts[:, c.STATUS],
-        n_steps=counts[:, c.STEPS] * stride,
-        near_tangencies=counts[:, c.NEAR],
-        n_rejected=counts[:, c.REJECTED],
-        y_end=result[:, c.FIRST_STATE :],
+        t_end=result[:, C.T_END],
+        t_r=result[:, C.T_R],
+        n_end=result[:, C.N_END],
+        energy_drift=result[:, C.DRIFT],
+        amp_growth=result[:, C.GROWTH],
+        n_departure=result[:, C.DEPARTURE],
+        energy_0=result[:, C.ENERGY_0],
+        energy_drift_max=result[:, C.DRIFT_MAX],
+        contact_ratio_max=result[:, C.RATIO_MAX],
+        contact_normal_min=result[:, C.NORMAL_MIN],
+        status=counts[:, C.STATUS],
+        n_steps=counts[:, C.STEPS] * stride,
+        near_tangencies=counts[:, C.NEAR],
+        n_rejected=counts[:, C.REJECTED],
+        y_end=result[:, C.FIRST_STATE :],
         windows=windows,
-        stopped=bool((counts[:, c.STATUS] == Status.STOPPED).any()),
+        stopped=bool((counts[:, C.STATUS] == Status.STOPPED).any()),
     )
 
 

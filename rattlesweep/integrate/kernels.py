@@ -21,7 +21,8 @@ import numpy as np
 from llvmlite import binding
 from numba import njit
 
-from rattlesweep.integrate import lanes
+from rattlesweep.integrate import columns as C
+from rattlesweep.integrate import lanes, runs
 from rattlesweep.integrate.cache import PACKAGE, cached, directory, specialise
 from rattlesweep.integrate.model import MODELS
 from rattlesweep.integrate.stages import LANES, Layout, compile_attempt, compile_lane_functions
@@ -37,8 +38,19 @@ if TYPE_CHECKING:
     from rattlesweep.integrate.tableau import Tableau
 
 # Templates in the order in which they call each other.
-TEMPLATES = ("reach_border", "see_contact", "close_window", "start", "idle", "finish", "give_up",
-             "decide", "commit", "watch", "work")  # fmt: skip
+TEMPLATES = (
+    runs.reach_border,
+    runs.see_contact,
+    runs.close_window,
+    runs.start,
+    runs.idle,
+    runs.finish,
+    lanes.give_up,
+    lanes.decide,
+    lanes.commit,
+    lanes.watch,
+    lanes.work,
+)
 
 
 def build(tableau: Tableau, model: Model) -> Callable[..., None]:
@@ -64,10 +76,12 @@ def build(tableau: Tableau, model: Model) -> Callable[..., None]:
         **compile_lane_functions(model),
     }
     suffix = f"_{tableau.name}_{model.name}"
-    for name in TEMPLATES:
-        function = specialise(getattr(lanes, name), name + suffix, **bindings)
+    for template in TEMPLATES:
+        name = template.__name__
         # No fastmath here: the time is a compensated sum.
-        bindings[name] = njit(nogil=True, error_model="numpy")(function)
+        bindings[name] = njit(nogil=True, error_model="numpy")(
+            specialise(template, name + suffix, **bindings)
+        )
     driver = specialise(lanes.drive, "drive" + suffix, **bindings)
     compiled: Callable[..., None] = cached(driver, parallel=True, nogil=True)
     return compiled
@@ -106,11 +120,11 @@ def compile_here(tableau_name: str, model_name: str) -> None:
         nothing(0, model.n_state),
         nothing(0, model.n_constants),
         nothing(0, model.n_probe),
-        nothing(0, lanes.N_PLAN),
-        nothing(lanes.N_OPTIONS),
+        nothing(0, C.N_PLAN),
+        nothing(C.N_OPTIONS),
         np.zeros(3, dtype=np.bool_),
-        nothing(0, lanes.FIRST_STATE + model.n_state),
-        np.zeros((0, lanes.N_COUNTS), dtype=np.int64),
+        nothing(0, C.FIRST_STATE + model.n_state),
+        np.zeros((0, C.N_COUNTS), dtype=np.int64),
         nothing(0, 1, 3),
         nothing(1, 8),
     )

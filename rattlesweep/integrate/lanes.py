@@ -14,13 +14,22 @@ globals and the model's functions for each method.
 # mypy: ignore-errors
 from __future__ import annotations
 
-from math import isfinite, nan, sqrt
+from math import isfinite, sqrt
 
 from numba import prange
 
+from rattlesweep.integrate import columns as C
 from rattlesweep.integrate import rows as R
 from rattlesweep.integrate.atomics import fetch_add, load
 from rattlesweep.integrate.events import HOLD, REVERSED, STEP, search
+from rattlesweep.integrate.runs import (
+    close_window,
+    finish,
+    idle,
+    reach_border,
+    see_contact,
+    start,
+)
 from rattlesweep.integrate.stages import LANES as L
 from rattlesweep.integrate.status import Status
 
@@ -28,42 +37,17 @@ OK = int(Status.OK)
 NONFINITE = int(Status.NONFINITE)
 STEP_LIMIT = int(Status.STEP_LIMIT)
 STEP_TOO_SMALL = int(Status.STEP_TOO_SMALL)
-ENERGY = int(Status.ENERGY)
 
-# Columns of ``result`` and of ``counts``.
-T_END, T_R, N_END, DRIFT, GROWTH, DEPARTURE = 0, 1, 2, 3, 4, 5
-ENERGY_0, DRIFT_MAX, RATIO_MAX, NORMAL_MIN = 6, 7, 8, 9
-FIRST_STATE = 10  # the state at the end: as many columns as the model has components
-STATUS, STEPS, NEAR, REJECTED = 0, 1, 2, 3
-N_COUNTS = 4
-# Columns of ``plan`` and length of ``options``.
-N_PLAN, N_OPTIONS = 7, 3
-# Columns of ``record``: what is asked for beyond the types' needs.
-REC_ENERGY, REC_CONTACT, REC_WINDOWS = 0, 1, 2
-
-MAX_ENERGY_DRIFT = 0.01
 # Of the shortest period; below it a step that fails the tolerance is given up.
 LEAST_STEP = 1e-9
-TINY = 1e-290
 
 # Bound by kernels.build.
-N_STATE = N_CONSTANTS = N_PROBE = 0
-Y = F = Y1 = F1 = Q = PROBE = H = ERROR = N1 = RATE1 = AMPLITUDE = 0
+Y1 = H = ERROR = N1 = RATE1 = AMPLITUDE = 0
 ADAPTIVE = False
 
 
 def lane_energy(w, row, l):
     """Energy of lane ``l`` at the state in row ``row``."""
-    raise NotImplementedError
-
-
-def lane_contact(w, row, l):
-    """Normal and tangential contact force."""
-    raise NotImplementedError
-
-
-def lane_rhs(w, l):
-    """Derivative at the state Y into F; returns the spin and its rate."""
     raise NotImplementedError
 
 
@@ -75,129 +59,6 @@ def advance(w):
 def attempt(w, scale):
     """Try a step on every lane."""
     raise NotImplementedError
-
-
-def close_window(l, w, run, windows, record):
-    """Compare the largest amplitude of the window that ends here with the smallest before."""
-    largest = max(w[R.A_MAX * L + l], TINY)
-    if w[R.WINDOW_NO * L + l] > 0.0:
-        w[R.GROWTH * L + l] = max(w[R.GROWTH * L + l], largest / w[R.A_MIN * L + l])
-        largest = min(largest, w[R.A_MIN * L + l])
-    w[R.A_MIN * L + l] = largest
-    k = int(w[R.WINDOW_NO * L + l])
-    if record[REC_WINDOWS] and k < windows.shape[1]:
-        windows[run, k, 0] = sqrt(w[R.A_MAX * L + l])
-        windows[run, k, 1] = w[R.W_N_MIN * L + l]
-        windows[run, k, 2] = w[R.W_N_MAX * L + l]
-    # The state at the border belongs to both windows.
-    w[R.A_MAX * L + l] = w[AMPLITUDE * L + l]
-    w[R.W_N_MIN * L + l] = w[N1 * L + l]
-    w[R.W_N_MAX * L + l] = w[N1 * L + l]
-    w[R.WINDOW_NO * L + l] = k + 1
-    w[R.WINDOW_END * L + l] = (k + 2) * w[R.WINDOW * L + l]
-
-
-def reach_border(l, w):
-    """Count the state at the end of the step just tried to the window."""
-    w[R.A_MAX * L + l] = max(w[R.A_MAX * L + l], w[AMPLITUDE * L + l])
-    w[R.W_N_MIN * L + l] = min(w[R.W_N_MIN * L + l], w[N1 * L + l])
-    w[R.W_N_MAX * L + l] = max(w[R.W_N_MAX * L + l], w[N1 * L + l])
-
-
-def see_contact(l, w, row):
-    """Note the contact force at the state in row ``row``."""
-    normal, tangential = lane_contact(w, row, l)
-    w[R.NORMAL_MIN * L + l] = min(w[R.NORMAL_MIN * L + l], normal)
-    w[R.RATIO_MAX * L + l] = max(w[R.RATIO_MAX * L + l], tangential / abs(normal))
-
-
-def start(l, run, w, lane_run, y0, constants, probe, plan, record):
-    """Put a run into a lane."""
-    lane_run[l] = run
-    for i in range(N_STATE):
-        w[(Y + i) * L + l] = y0[run, i]
-    for i in range(N_CONSTANTS):
-        w[(Q + i) * L + l] = constants[run, i]
-    for i in range(N_PROBE):
-        w[(PROBE + i) * L + l] = probe[run, i]
-    for i in range(R.STATE_ROWS):
-        w[i * L + l] = 0.0
-    n, rate = lane_rhs(w, l)
-    swing = plan[run, 1]
-    w[R.T_END * L + l] = plan[run, 0]
-    w[R.SWING * L + l] = swing
-    w[R.WINDOW * L + l] = plan[run, 2]
-    w[R.WINDOW_END * L + l] = plan[run, 2]
-    w[R.RATE_MAX * L + l] = plan[run, 3]
-    w[R.N_START * L + l] = n
-    w[R.N0 * L + l] = n
-    w[R.RATE0 * L + l] = rate
-    w[R.SIGN * L + l] = 1.0 if n > 0.0 else -1.0
-    w[R.N_LEAST * L + l] = abs(n)
-    w[R.W_N_MIN * L + l] = n
-    w[R.W_N_MAX * L + l] = n
-    w[R.ENERGY0 * L + l] = lane_energy(w, Y, l)
-    w[R.NORMAL_MIN * L + l] = 1e290
-    if record[REC_CONTACT]:
-        see_contact(l, w, Y)
-    w[R.FUZZ * L + l] = plan[run, 6]
-    h = plan[run, 4]
-    if h >= plan[run, 0]:
-        h = plan[run, 0]
-        w[R.LAST * L + l] = 1.0
-    w[R.H_NEXT * L + l] = h
-
-
-def idle(l, w, lane_run):
-    """Leave a lane empty: some spinning state and steps of zero, so that nothing is ever due."""
-    lane_run[l] = -1
-    for i in range(N_STATE):
-        w[(Y + i) * L + l] = 1.0
-    for i in range(N_CONSTANTS):
-        w[(Q + i) * L + l] = 1.0
-    for i in range(N_PROBE):
-        w[(PROBE + i) * L + l] = 0.0
-    for i in range(R.STATE_ROWS):
-        w[i * L + l] = 0.0
-    n, _ = lane_rhs(w, l)
-    w[R.N0 * L + l] = n
-    w[R.SIGN * L + l] = 1.0
-    w[R.T_END * L + l] = 1e290
-    w[R.WINDOW_END * L + l] = 1e290
-
-
-def finish(l, status, reversal, t, w, run, result, counts, windows, record):
-    """Write down a run that has ended at the end of the step just tried, at time ``t``."""
-    energy0 = w[R.ENERGY0 * L + l]
-    drift = (lane_energy(w, Y1, l) - energy0) / energy0
-    if status == OK and not abs(drift) <= MAX_ENERGY_DRIFT:
-        status = ENERGY if isfinite(drift) else NONFINITE
-    n = w[N1 * L + l]
-    least = min(w[R.N_LEAST * L + l], w[R.SIGN * L + l] * n)
-    reach_border(l, w)
-    begun = w[R.WINDOW_NO * L + l] * w[R.WINDOW * L + l]
-    if t - begun > 0.9 * w[R.WINDOW * L + l]:
-        close_window(l, w, run, windows, record)
-    if record[REC_CONTACT]:
-        see_contact(l, w, Y1)
-    result[run, T_END] = t
-    result[run, T_R] = t if reversal and status == OK else nan
-    result[run, N_END] = n
-    result[run, DRIFT] = drift
-    growth = w[R.GROWTH * L + l]
-    # Two windows at least, or there is nothing to compare.
-    result[run, GROWTH] = sqrt(growth) - 1.0 if w[R.WINDOW_NO * L + l] > 1.0 else nan
-    result[run, DEPARTURE] = 1.0 - least / abs(w[R.N_START * L + l])
-    result[run, ENERGY_0] = energy0
-    result[run, DRIFT_MAX] = max(w[R.DRIFT_MAX * L + l], abs(drift))
-    result[run, RATIO_MAX] = w[R.RATIO_MAX * L + l]
-    result[run, NORMAL_MIN] = w[R.NORMAL_MIN * L + l]
-    for i in range(N_STATE):
-        result[run, FIRST_STATE + i] = w[(Y1 + i) * L + l]
-    counts[run, STATUS] = status
-    counts[run, STEPS] = int(w[R.STEPS * L + l])
-    counts[run, NEAR] = int(w[R.NEAR * L + l])
-    counts[run, REJECTED] = int(w[R.REJECTED * L + l])
 
 
 def give_up(l, failed_step, w, max_steps):
@@ -309,13 +170,13 @@ def watch(w, record):
     """Observations that are made at every accepted step only when they are asked for."""
     for l in range(L):
         if w[R.ACCEPT * L + l] > 0.0:
-            if record[REC_ENERGY]:
+            if record[C.REC_ENERGY]:
                 energy0 = w[R.ENERGY0 * L + l]
                 drift = abs(lane_energy(w, Y1, l) - energy0) / energy0 if energy0 > 0.0 else 0.0
                 w[R.DRIFT_MAX * L + l] = max(w[R.DRIFT_MAX * L + l], drift)
-            if record[REC_CONTACT]:
+            if record[C.REC_CONTACT]:
                 see_contact(l, w, Y1)
-            if record[REC_WINDOWS]:
+            if record[C.REC_WINDOWS]:
                 n = w[N1 * L + l]
                 w[R.W_N_MIN * L + l] = min(w[R.W_N_MIN * L + l], n)
                 w[R.W_N_MAX * L + l] = max(w[R.W_N_MAX * L + l], n)
@@ -337,11 +198,8 @@ def work(thread, w, flags, lane_run, shared, order, y0, constants, probe, plan, 
         The queue, longest runs first.
     y0, constants, probe : ndarray, shape (runs, ...)
         Initial states, the bodies' constants and the amplitudes' coefficients.
-    plan : ndarray, shape (runs, 7)
-        Horizon, fastest swing of the spin, window, bound of its rate, first step, expected cost,
-        and the depth below which an extremum of the spin is undecided.
-    options : ndarray
-        ``1/tol^2``, fixed step, most steps.
+    plan, options : ndarray
+        See :mod:`rattlesweep.integrate.columns`, as for ``record``, ``result`` and ``counts``.
     record : bool ndarray, shape (3,)
         Which extra observations to make.
     result, counts, windows : ndarray
@@ -350,7 +208,7 @@ def work(thread, w, flags, lane_run, shared, order, y0, constants, probe, plan, 
         Expected cost of the runs that have ended, and of the lanes' runs so far.
     """
     scale, dt, max_steps = options[0], options[1], options[2]
-    watching = record[REC_ENERGY] or record[REC_CONTACT] or record[REC_WINDOWS]
+    watching = record[C.REC_ENERGY] or record[C.REC_CONTACT] or record[C.REC_WINDOWS]
     total = order.size
     busy = 0
     for l in range(L):
@@ -414,7 +272,7 @@ def work(thread, w, flags, lane_run, shared, order, y0, constants, probe, plan, 
                 if ended:
                     w[R.STEPS * L + l] += 1.0
                     finish(l, status, reversal, t, w, run, result, counts, windows, record)
-                    progress[thread, 0] += plan[run, 5]
+                    progress[thread, 0] += plan[run, C.COST]
                     progress[thread, 2] += 1.0
                     place = fetch_add(shared, 0, 1)
                     if place < total:
@@ -434,7 +292,7 @@ def work(thread, w, flags, lane_run, shared, order, y0, constants, probe, plan, 
             for l in range(L):
                 if lane_run[l] >= 0:
                     run = lane_run[l]
-                    under_way += min(1.0, w[R.T * L + l] / plan[run, 0]) * plan[run, 5]
+                    under_way += min(1.0, w[R.T * L + l] / plan[run, C.HORIZON]) * plan[run, C.COST]
             progress[thread, 1] = under_way
     progress[thread, 1] = 0.0
 

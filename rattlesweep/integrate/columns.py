@@ -1,0 +1,19 @@
+"""Columns of the arrays that a kernel reads and writes, one row a run."""
+
+from __future__ import annotations
+
+# ``result``: what was measured.
+T_END, T_R, N_END, DRIFT, GROWTH, DEPARTURE = 0, 1, 2, 3, 4, 5
+ENERGY_0, DRIFT_MAX, RATIO_MAX, NORMAL_MIN = 6, 7, 8, 9
+FIRST_STATE = 10  # the state at the end: as many columns as the model has components
+# ``counts``: status and counters.
+STATUS, STEPS, NEAR, REJECTED = 0, 1, 2, 3
+N_COUNTS = 4
+# ``plan``: horizon, fastest swing of the spin, window, bound of its rate, first step, expected
+# cost, and the depth below which an extremum of the spin is undecided.
+HORIZON, SWING, WINDOW, RATE, FIRST_STEP, COST, FUZZ = 0, 1, 2, 3, 4, 5, 6
+N_PLAN = 7
+# ``options``: 1/tol^2, fixed step, most steps.
+N_OPTIONS = 3
+# ``record``: what is asked for beyond the types' needs.
+REC_ENERGY, REC_CONTACT, REC_WINDOWS = 0, 1, 2
