@@ -118,22 +118,24 @@ def simulate(
         If an argument is wrong.
     """
     from rattlesweep.sweep.blocks import finish_block, prepare_block
+    from rattlesweep.sweep.bodies import GridBodies
     from rattlesweep.sweep.config import parse_config
-    from rattlesweep.sweep.plan import make_plan
+    from rattlesweep.sweep.plan import Plan, make_plan
     from rattlesweep.sweep.types import TYPES
 
     adaptive = {"tol": tol} if _adaptive(method) else {"dt": dt}
-    base = {name: getattr(body, name) for name in PARAMETERS}
     config = parse_config(
         {
-            "bodies": {"source": "preset", "name": "GH", "overrides": base},
+            "bodies": {"source": "preset", "name": "GH"},
             "spin": {"n_i": [n_i], "omega_xy0": [omega_xy0], "psi": psi},
             "model": model,
             "horizon": {"t_rgh": 5.0} if t_end is None else {"t": t_end},
             "integrator": {"method": method, **adaptive},
         }
     )
-    plan = make_plan(config)
+    # The body itself, checked when it was made, in the preset's place; mirror images too.
+    source = GridBodies({name: getattr(body, name) for name in PARAMETERS}, {})
+    plan = Plan(config, source, make_plan(config).cases)
     columns = finish_block(config, *prepare_block(plan, plan.block(0)), threads=1)
     codes, _ = columns["type"]
     status, words = columns["status"]

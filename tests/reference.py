@@ -2,7 +2,8 @@
 
 Nothing here imports `rattlesweep`, and nothing is shared with its kernels: other variables (the
 vertical unit vector and the angular velocity), another solver of the 3x3 system (cofactors),
-another method (Gragg, Bulirsch and Stoer with a fixed step and a fixed number of columns),
+another method (Gragg, Bulirsch and Stoer with a fixed number of columns and no error control: its error is
+what halving all steps changes),
 and another number type: NumPy's longdouble (64-bit mantissa), vectorised over cases, or mpmath's
 numbers in object arrays for the same code at any precision.  Units M = a = g = 1.
 """
@@ -15,9 +16,9 @@ from mpmath import mp
 
 PARAMETERS = ("alpha", "beta", "gamma", "theta", "phi", "xi")
 COLUMNS = 8
-# Longest step, in radians of the fastest frequency, and points at which a step is looked at.
-ANGLE = 1.25
-POINTS = 24
+# Step, in radians of `pace`, and points at which a step is looked at.
+ANGLE = 1.0
+POINTS = 16
 LONG = np.longdouble
 
 
@@ -192,40 +193,72 @@ def _first_zero(y, h, q, sign):
     return None
 
 
+def pace(y, q, fast):
+    """Rate by which a step is measured: of the oscillation, the rotation and the contact point.
+
+    A long body that rolls far changes its inertia about the contact point within a part of a
+    period.  A function of the state alone, so that halving ``angle`` halves every step.
+    """
+    u = [part.astype(float) for part in y[:3]]
+    w = [part.astype(float) for part in y[3:]]
+    du = _cross(u, w)
+    dp = (du[0] - u[0] / u[2] * du[2]) / u[2]
+    dq = (du[1] - u[1] / u[2] * du[2]) / u[2]
+    bxx, bxy, byy = (part.astype(float) for part in q[3:6])
+    contact = np.hypot(bxx * dp + bxy * dq, bxy * dp + byy * dq)
+    return fast + np.sqrt(w[0] ** 2 + w[1] ** 2 + w[2] ** 2) + contact
+
+
 def integrate(parameters, n_i, omega_xy0, psi, t_end, angle=ANGLE, exact=False):
-    """Integrate cases to their first reversal or their horizon in steps of one size each."""
+    """Integrate cases to their first reversal or their horizon, without error control.
+
+    Parameters
+    ----------
+    parameters : array_like, shape (cases, 6)
+        ``alpha, beta, gamma, theta, phi, xi`` (xi in radians).
+    n_i, omega_xy0, psi, t_end : array_like
+        Launches and horizons.
+    angle : float or array_like
+        Step times :func:`pace`.
+    exact : bool
+        Whether in mpmath's numbers, at its present precision, instead of longdoubles.
+    """
     parameters = np.asarray(parameters, dtype=float)
-    fast = np.array([fastest(*row) for row in zip(parameters, n_i, omega_xy0, strict=True)])
-    angle = np.broadcast_to(angle, fast.shape)
-    steps = np.ceil(np.asarray(t_end, dtype=float) * fast / angle).astype(int)
-    h = real(t_end, exact) / real(steps, exact)
+    fast = np.array(
+        [fastest(*row) for row in zip(parameters, n_i, omega_xy0, strict=True)], dtype=float
+    )
+    angle = np.broadcast_to(np.asarray(angle, dtype=float), fast.shape)
+    horizon = real(t_end, exact)
     q, y = constants(parameters, exact), launch(n_i, omega_xy0, psi, exact)
-    count = len(steps)
     sign = np.sign(np.asarray(n_i, dtype=float))
-    t_r = np.full(count, np.nan, dtype=y.dtype)
+    t = 0 * horizon
+    t_r = np.full(len(fast), np.nan, dtype=y.dtype)
     ends = y.copy()
-    active = np.arange(count)
-    n, rate = spin(y), spin_rate(y, q)
-    largest = np.abs(rate)
-    done = 0
+    active = np.arange(len(fast))
+    n = spin(y)
+    largest = np.abs(spin_rate(y, q))
+    fresh = True
     while active.size:
-        new = step(y, h[active], q)
-        n1, rate1 = spin(new), spin_rate(new, q)
-        largest = np.maximum(0.9 * largest if not exact else largest, np.abs(rate1))
-        near = np.abs(n) + np.abs(n1) < 4 * h[active] * largest
-        over = steps[active] == done + 1
-        for k in np.flatnonzero(near | (n * n1 <= 0) | (done < 2)):
+        h = real(angle[active] / pace(y, q, fast[active]), exact)
+        left = horizon[active] - t
+        over = h >= left
+        h = np.where(over, left, h)
+        new = step(y, h, q)
+        n1 = spin(new)
+        largest = np.maximum(largest * 9 / 10, np.abs(spin_rate(new, q)))
+        near = (np.abs(n) + np.abs(n1) < 4 * h * largest) | (n * n1 <= 0)
+        for k in np.flatnonzero(near | fresh):
             case = active[k]
-            found = _first_zero(y[:, k], h[case], q[:, k], sign[case])
+            found = _first_zero(y[:, k], h[k], q[:, k], sign[case])
             if found is not None:
-                t_r[case] = done * h[case] + found[0]
+                t_r[case] = t[k] + found[0]
                 new[:, k], over[k] = found[1], True
-        done += 1
+        fresh = False
+        t = t + h
         ends[:, active] = new
         y, n = new, n1
         if over.any():
             keep = ~over
-            active, y, q, n, largest = (
-                active[keep], y[:, keep], q[:, keep], n[keep], largest[keep]
-            )  # fmt: skip
+            active, t, n, largest = active[keep], t[keep], n[keep], largest[keep]
+            y, q = y[:, keep], q[:, keep]
     return Reference(t_r, spin(ends), ends)

@@ -117,7 +117,6 @@ def test_simulate_one_run():
     assert rs.simulate(GH, n_i=-0.1, omega_xy0=0.01).t_r == pytest.approx(809.857, rel=1e-6)
 
 
-@pytest.mark.xfail(strict=True, reason="simulate goes through a config, where xi is negative")
 def test_simulate_the_mirror_image():
     run = rs.simulate(GH, n_i=0.1, omega_xy0=0.01)
     other = rs.simulate(GH.mirrored(), n_i=-0.1, omega_xy0=0.01)

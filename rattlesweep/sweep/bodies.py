@@ -92,7 +92,7 @@ def make_source(config: Config, base: Path | None = None) -> Source:
     if isinstance(bodies, PresetSource):
         parameters = _preset(bodies.name) | bodies.overrides.given()
         _check(parameters, "bodies.overrides")
-        return GridBodies(parameters, {}, math.nan)
+        return GridBodies(parameters, {})
     if isinstance(bodies, TableSource):
         from rattlesweep.sweep.bodytable import read_table
 
@@ -165,10 +165,9 @@ def _from_columns(columns: Floats) -> Bodies:
 class GridBodies:
     """A base body with some parameters varied over the product of their axes."""
 
-    def __init__(self, base: dict[str, float], axes: dict[str, Floats], f_sd: float | None) -> None:
+    def __init__(self, base: dict[str, float], axes: dict[str, Floats]) -> None:
         self._base = base
         self._axes = axes
-        self._f_sd = f_sd
         self._shape = tuple(len(values) for values in axes.values())
         self.samples = math.prod(self._shape)
 
@@ -213,7 +212,7 @@ def _grid(source: GridSource) -> GridBodies:
         elif name == "minus_xi_deg":
             name, array = "xi", -np.radians(array)
         axes[name] = array
-    grid = GridBodies(parameters, axes, None)
+    grid = GridBodies(parameters, axes)
     for start in range(0, grid.samples, 1_000_000):
         part = grid.bodies(0, np.arange(start, min(start + 1_000_000, grid.samples)))
         columns = {name: getattr(part, name) for name in PARAMETERS}

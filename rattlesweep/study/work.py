@@ -1,0 +1,155 @@
+"""Runs that a study integrates again and again, and one call that does it."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rattlesweep.integrate.batch import Batch, Control
+from rattlesweep.integrate.status import Status
+from rattlesweep.sweep.blocks import run_batch
+from rattlesweep.sweep.config import Config, SdSource, override_config, resolved
+from rattlesweep.sweep.launches import Launches, full_batch, prepare, reduced_batch
+from rattlesweep.sweep.plan import make_plan
+from rattlesweep.sweep.types import classify
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+    Flags = NDArray[np.bool_]
+
+POLL = 0.05
+PATIENCE = 0.8
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What an integration says; arrays over runs.
+
+    Attributes
+    ----------
+    t_r, t_end : ndarray
+        First zero of the spin (NaN without one), and the time reached.
+    types : ndarray of int
+        Places in :data:`rattlesweep.sweep.types.TYPES`; -1 where ``ok`` is false.
+    ok : ndarray of bool
+        Whether the status is ``ok``.
+    drift : ndarray
+        Relative change of energy.
+    tries : float
+        Steps tried in all, accepted or not.
+    """
+
+    t_r: Floats
+    t_end: Floats
+    types: NDArray[Any]
+    ok: Flags
+    drift: Floats
+    tries: float
+
+
+@dataclass(frozen=True)
+class Work:
+    """Runs of a config, ready for the full and the reduced dynamics."""
+
+    config: Config
+    launches: Launches
+    full: Batch
+    reduced: Batch
+
+    def batch(self, model: str) -> Batch:
+        """The runs as a model takes them."""
+        return self.full if model == "full" else self.reduced
+
+    def __len__(self) -> int:
+        """Return the number of runs."""
+        return len(self.full)
+
+
+def draw(config: Config, base: Path | None, *, samples: int | None, least: int) -> Work:
+    """Draw runs from a config.
+
+    Parameters
+    ----------
+    config : Config
+        Its model, integrator and records play no part.
+    base : Path, optional
+        Where a table's relative path is looked up besides the working directory.
+    samples : int, optional
+        Runs of each case, if there are as many; by default so many that there are ``least`` runs.
+    least : int
+    """
+    data = resolved(config) | {"record": [], "model": "full"}
+    config = override_config(data, ["integrator={method: dop853}"])
+    plan = make_plan(config, base)
+    wanted = samples or -(-least // len(plan.cases))
+    if isinstance(config.bodies, SdSource):
+        config = override_config(resolved(config), [f"bodies.samples={wanted}"])
+        plan = make_plan(config, base)
+    count = min(wanted, plan.samples)
+    picks = np.unique(np.linspace(0, plan.samples - 1, count).round().astype(np.int64))
+    case = np.repeat(np.arange(len(plan.cases)), len(picks))
+    launches = prepare(plan, case, np.tile(picks, len(plan.cases)))
+    return Work(config, launches, full_batch(launches), reduced_batch(launches))
+
+
+def take(batch: Batch, index: NDArray[Any]) -> Batch:
+    """Some of the runs of a batch."""
+    return Batch(**{name: getattr(batch, name)[index] for name in batch.__dataclass_fields__})
+
+
+def cut(batch: Batch, horizon: float) -> Batch:
+    """Let runs end no later than ``horizon``."""
+    return replace(batch, t_end=np.minimum(batch.t_end, horizon))
+
+
+def integrate(
+    config: Config, batch: Batch, model: str, integrator: Mapping[str, Any], threads: int
+) -> Answer:
+    """Integrate runs with a method and its setting.
+
+    The kernel works in a thread of its own, so that Ctrl-C is heard.
+    """
+    chosen = config.model_copy(
+        update={
+            "model": model,
+            "integrator": type(config.integrator).model_validate(dict(integrator)),
+        }
+    )
+    control = Control()
+    found: list[Any] = []
+
+    def work() -> None:
+        try:
+            found.append(run_batch(chosen, batch, threads=threads, control=control))
+        except BaseException as error:
+            found.append(error)
+
+    thread = threading.Thread(target=work, daemon=True, name="rattlesweep-study")
+    thread.start()
+    try:
+        while thread.is_alive():
+            thread.join(POLL)
+    except BaseException:
+        control.stop()
+        thread.join(PATIENCE)
+        raise
+    if isinstance(found[0], BaseException):
+        raise found[0]
+    out = found[0]
+    ok = out.status == Status.OK
+    return Answer(
+        t_r=np.where(ok, out.t_r, np.nan),
+        t_end=out.t_end,
+        types=classify(ok, out.t_r, out.amp_growth, out.n_departure, config.classify),
+        ok=ok,
+        drift=np.abs(out.energy_drift),
+        tries=float(out.n_steps.sum() + out.n_rejected.sum()),
+    )
