@@ -2,10 +2,10 @@
 
 Nothing here imports `rattlesweep`, and nothing is shared with its kernels: other variables (the
 vertical unit vector and the angular velocity), another solver of the 3x3 system (cofactors),
-another method (Gragg, Bulirsch and Stoer with a fixed number of columns and no error control: its error is
-what halving all steps changes),
-and another number type: NumPy's longdouble (64-bit mantissa), vectorised over cases, or mpmath's
-numbers in object arrays for the same code at any precision.  Units M = a = g = 1.
+another method (Gragg, Bulirsch and Stoer with a fixed number of columns and no error control:
+its error is less than what halving all steps changes), and another number type: NumPy's longdouble
+(64-bit mantissa), vectorised over cases, or mpmath's numbers in object arrays, for the same code at
+any precision.  Units M = a = g = 1.
 """
 
 from dataclasses import dataclass

@@ -21,6 +21,7 @@ from rattlesweep.sweep.config import (
     physics_hash,
     resolved,
 )
+from rattlesweep.sweep.config_models import ACCURACIES
 
 EXAMPLE = """\
 name: steady-kr-quick
@@ -138,6 +139,50 @@ def test_resolved_round_trips_and_fits_the_schema(name: str, tmp_path: Path) -> 
     assert list(resolved(again)) == list(data)
     assert physics_hash(again) == physics_hash(config)
     jsonschema.Draft202012Validator(config_json_schema()).validate(data)
+
+
+@pytest.mark.parametrize("word", ACCURACIES)
+def test_an_accuracy_is_another_spelling_of_a_method_and_its_tol(word: str, tmp_path: Path) -> None:
+    path = write(tmp_path, EXAMPLE)
+    preset = ACCURACIES[word]
+    short = load_config(path, [f"integrator={{accuracy: {word}, max_steps: 7}}"])
+    spelled = f"integrator={{method: {preset.method}, tol: {preset.tol}, max_steps: 7}}"
+    long = load_config(path, [spelled])
+    assert short == long
+    assert resolved(short)["integrator"] == {
+        "method": preset.method, "tol": preset.tol, "max_steps": 7
+    }  # fmt: skip
+    assert physics_hash(short) == physics_hash(long)
+    description = config_json_schema()["$defs"]["Integrator"]["properties"]["accuracy"]
+    assert f"{word}: {preset.words}" in description["description"]
+    assert f"{preset.p99:.0e}" in preset.words
+
+
+def test_the_standard_accuracy_is_the_default_and_better_ones_are_better(tmp_path: Path) -> None:
+    path = write(tmp_path, EXAMPLE.replace("integrator: {method: dop853, tol: 1e-9}\n", ""))
+    default = load_config(path)
+    assert load_config(path, ["integrator.accuracy=standard"]) == default
+    assert load_config(path, ["integrator={accuracy: null, tol: null}"]) == default
+    assert load_config(path, ["integrator={accuracy: draft, tol: null}"]).integrator.tol == 1e-6
+    for column in zip(*ACCURACIES.values(), strict=True):
+        if not isinstance(column[0], str):
+            assert list(column) == sorted(column, reverse=True)
+
+
+@pytest.mark.parametrize("other", ["method: dop853", "method: rk4", "tol: 1e-9", "dt: 0.1"])
+def test_an_accuracy_with_a_method_or_its_setting_is_refused(other: str, tmp_path: Path) -> None:
+    text = changed("method: dop853, tol: 1e-9", f"accuracy: draft, {other}")
+    expected = (
+        "c.yaml:14:14: integrator.accuracy: draft stands for a method and its tol, and method, tol "
+        "or dt is given too; keep the one or the other"
+    )
+    assert expected in messages(write(tmp_path, text))
+    name, _, value = other.partition(": ")
+    data = {"bodies": {"source": "sd"}, "spin": {"n_i": 1, "omega_xy0": 1}}
+    validator = jsonschema.Draft202012Validator(config_json_schema())
+    integrator = {"accuracy": "draft", name: value if name == "method" else float(value)}
+    assert validator.is_valid(data | {"integrator": {"accuracy": "draft"}})
+    assert not validator.is_valid(data | {"integrator": integrator})
 
 
 def test_grid_axes_give_their_values(tmp_path: Path) -> None:
@@ -369,6 +414,18 @@ BAD = {
     "unknown method": (
         changed("dop853", "dop835"),
         'c.yaml:14:14: integrator.method: "dop835" is not one of ',
+    ),
+    "unknown accuracy": (
+        changed("method: dop853, tol: 1e-9", "accuracy: drft"),
+        'c.yaml:14:14: integrator.accuracy: "drft" is not one of draft, standard, reference; did',
+    ),
+    "accuracy in numbers": (
+        changed("method: dop853, tol: 1e-9", "accuracy: 1e-9"),
+        "c.yaml:14:14: integrator.accuracy: 1e-09 is not one of draft, standard, reference",
+    ),
+    "accuracy and a method": (
+        changed("method: dop853, tol: 1e-9", "method: rk4, accuracy: draft"),
+        "c.yaml:14:27: integrator.accuracy: draft stands for a method and its tol, and",
     ),
     "tol out of range": (
         changed("tol: 1e-9", "tol: 1"),

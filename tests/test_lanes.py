@@ -12,7 +12,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from rattlesweep.integrate.batch import RECORDS, Control, integrate
-from rattlesweep.integrate.lanes import MAX_ENERGY_DRIFT
+from rattlesweep.integrate.runs import MAX_ENERGY_DRIFT
 from rattlesweep.integrate.model import FULL, REDUCED
 from rattlesweep.integrate.stages import LANES, SUBSTEPS
 from rattlesweep.integrate.status import Status

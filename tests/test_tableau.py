@@ -96,7 +96,8 @@ def test_numbers_of_rooted_trees():
 def test_every_order_condition_holds_up_to_the_order_and_no_further(tableau):
     a, b = matrix(tableau)
     assert order_of(a, b) == tableau.order
-    assert tableau.c == pytest.approx(a.sum(axis=1)[:-1], abs=1e-15)
+    # Rounding of a sum goes with its largest term: up to 36 in verner98.
+    assert tableau.c == pytest.approx(a.sum(axis=1)[:-1], abs=1e-15 * max(1, np.abs(a).max()))
 
 
 @pytest.mark.parametrize(("name", "orders"), [("rk4", []), ("dopri5", [4]), ("dop853", [5, 3])])

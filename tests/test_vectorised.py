@@ -64,10 +64,10 @@ def test_attempt_is_vectorised(method, model):
 
 @kinds
 def test_decisions_are_vectorised(method, model):
-    signature = "int64(float64[::1], int64[::1], float64, float64)"
-    text = assembly(kernels.pieces(method, model)["decide"], signature)
-    # A scalar copy of the loop is there too, in case the flags overlap the workspace.
-    assert_vectorised(text, share=0.5)
+    text = assembly(
+        kernels.pieces(method, model)["decide"], "int64(float64[::1], float64, float64)"
+    )
+    assert_vectorised(text, share=0.1)
     # The step factor is a quotient and four roots.
     assert (counts(text)["p", True] >= 5) == METHODS[method].adaptive
 

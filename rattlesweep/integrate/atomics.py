@@ -38,6 +38,7 @@ def load(typingctx, array, index):  # type: ignore[no-untyped-def]
 
     def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
         pointer = _element(context, builder, signature, args)
-        return builder.load_atomic(pointer, "monotonic", 8, typ=ir.IntType(64))
+        # An or with nothing: llvmlite's atomic load has changed its arguments over the versions.
+        return builder.atomic_rmw("or", pointer, ir.Constant(ir.IntType(64), 0), "monotonic")
 
     return types.int64(array, types.intp), codegen

@@ -96,11 +96,10 @@ def aligned(threads: int, size: int) -> NDArray[np.float64]:
 
 
 def workspace(tableau: Tableau, model: Model, threads: int) -> tuple[Any, ...]:
-    """Workspace, flags and run numbers of each thread: the arguments after ``threads``."""
+    """Workspace and run numbers of each thread: the arguments after ``threads``."""
     rows = Layout.of(model).stages + tableau.stages * model.n_state
     return (
         aligned(threads, rows * LANES),
-        np.zeros((threads, LANES), dtype=np.int64),
         np.full((threads, LANES), -1, dtype=np.int64),
     )
 

@@ -72,7 +72,7 @@ def give_up(l, failed_step, w, max_steps):
     return OK
 
 
-def decide(w, flags, dt, max_steps):
+def decide(w, dt, max_steps):
     """Decide on the step tried on every lane; returns how many lanes need a closer look."""
     special = 0
     for l in range(L):
@@ -106,9 +106,8 @@ def decide(w, flags, dt, max_steps):
         )
         w[R.ACCEPT * L + l] = 1.0 if accept else 0.0
         w[R.H_NEXT * L + l] = h_next
-        flag = 1 if due else 0
-        flags[l] = flag
-        special += flag
+        w[R.DUE * L + l] = 1.0 if due else 0.0
+        special += 1 if due else 0
     return special
 
 
@@ -182,7 +181,7 @@ def watch(w, record):
                 w[R.W_N_MAX * L + l] = max(w[R.W_N_MAX * L + l], n)
 
 
-def work(thread, w, flags, lane_run, shared, order, y0, constants, probe, plan, options,
+def work(thread, w, lane_run, shared, order, y0, constants, probe, plan, options,
          record, result, counts, windows, progress):  # fmt: skip
     """What one thread does until the queue is empty or Python says stop.
 
@@ -190,8 +189,8 @@ def work(thread, w, flags, lane_run, shared, order, y0, constants, probe, plan, 
     ----------
     thread : int
         Row of ``progress`` to write to.
-    w, flags, lane_run : ndarray
-        The thread's own workspace, rows, flags and run numbers.
+    w, lane_run : ndarray
+        The thread's own workspace and run numbers.
     shared : int64 ndarray
         ``[next place in the queue, stop flag]``.
     order : int64 ndarray, shape (runs,)
@@ -222,10 +221,10 @@ def work(thread, w, flags, lane_run, shared, order, y0, constants, probe, plan, 
     turns = 0
     while busy > 0:
         attempt(w, scale)
-        special = decide(w, flags, dt, max_steps)
+        special = decide(w, dt, max_steps)
         if special > 0:
             for l in range(L):
-                if flags[l] == 0:
+                if w[R.DUE * L + l] == 0.0:
                     continue
                 run = lane_run[l]
                 if run < 0:
@@ -297,11 +296,11 @@ def work(thread, w, flags, lane_run, shared, order, y0, constants, probe, plan, 
     progress[thread, 1] = 0.0
 
 
-def drive(threads, w, flags, lane_run, shared, order, y0, constants, probe, plan, options,
+def drive(threads, w, lane_run, shared, order, y0, constants, probe, plan, options,
           record, result, counts, windows, progress):  # fmt: skip
     """One :func:`work` on each thread."""
     for thread in prange(threads):
         work(
-            thread, w[thread], flags[thread], lane_run[thread], shared, order, y0, constants,
+            thread, w[thread], lane_run[thread], shared, order, y0, constants,
             probe, plan, options, record, result, counts, windows, progress,
         )  # fmt: skip

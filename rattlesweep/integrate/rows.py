@@ -33,4 +33,6 @@ END_H, END_N, END_R = 42, 43, 44
 N_START = 45
 # Depth of an extremum of the spin, relative to its swing, that the method cannot decide.
 FUZZ = 46
-STATE_ROWS = 47
+# 1 where a lane needs a closer look.
+DUE = 47
+STATE_ROWS = 48

@@ -41,6 +41,8 @@ class Answer:
         Places in :data:`rattlesweep.sweep.types.TYPES`; -1 where ``ok`` is false.
     ok : ndarray of bool
         Whether the status is ``ok``.
+    n_end : ndarray
+        Spin at ``t_end``.
     drift : ndarray
         Relative change of energy.
     tries : float
@@ -51,6 +53,7 @@ class Answer:
     t_end: Floats
     types: NDArray[Any]
     ok: Flags
+    n_end: Floats
     drift: Floats
     tries: float
 
@@ -110,6 +113,11 @@ def cut(batch: Batch, horizon: float) -> Batch:
     return replace(batch, t_end=np.minimum(batch.t_end, horizon))
 
 
+def with_horizon(work: Work) -> NDArray[np.bool_]:
+    """Which runs have a horizon to be integrated to."""
+    return np.isfinite(work.full.t_end) & (work.full.t_end > 0)
+
+
 def integrate(
     config: Config, batch: Batch, model: str, integrator: Mapping[str, Any], threads: int
 ) -> Answer:
@@ -150,6 +158,7 @@ def integrate(
         t_end=out.t_end,
         types=classify(ok, out.t_r, out.amp_growth, out.n_departure, config.classify),
         ok=ok,
+        n_end=out.n_end,
         drift=np.abs(out.energy_drift),
         tries=float(out.n_steps.sum() + out.n_rejected.sum()),
     )

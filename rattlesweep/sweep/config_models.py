@@ -1,9 +1,17 @@
 """What a sweep is, as frozen models. Units are M = a = g = 1: times in sqrt(a/g)."""
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
-from pydantic import Discriminator, Field, Tag, ValidationInfo, field_validator, model_validator
+from pydantic import (
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
 from rattlesweep.sweep.config_bodies import PresetSource, SdSource, TableSource
 from rattlesweep.sweep.config_fields import (
@@ -19,6 +27,35 @@ SOURCES = {"sd": SdSource, "preset": PresetSource, "table": TableSource, "grid":
 
 DEFAULT_TOL = 1e-9
 DEFAULT_DT = 0.002
+
+
+class Accuracy(NamedTuple):
+    """A method, its tolerance, and the error of t_r that they were measured to give."""
+
+    method: str
+    tol: float
+    median: float
+    p99: float
+
+    @property
+    def words(self) -> str:
+        """The same for people."""
+        return (
+            f"{self.method} at tol {self.tol:.0e}, median error of t_r {self.median:.0e}, "
+            f"99 % of runs within {self.p99:.0e}"
+        )
+
+
+ACCURACIES = {
+    "draft": Accuracy("dop853", 1e-6, 2.8e-7, 2.3e-5),
+    "standard": Accuracy("dop853", DEFAULT_TOL, 2.2e-10, 1.2e-8),
+    "reference": Accuracy("verner98", 1e-12, 3.2e-14, 2.5e-12),
+}
+"""Words for how accurate runs shall be.
+
+The errors are relative, and those that ``rattlesweep tradeoff`` finds for the bodies, launches and
+horizons of ``configs/tradeoff.yaml``; they do not depend on the machine.
+"""
 
 
 def methods() -> Mapping[str, Any]:
@@ -99,6 +136,20 @@ def _offer_methods(schema: dict[str, Any]) -> None:
 class Integrator(Base):
     """How states move: with error control (tol) or in steps of one size (dt)."""
 
+    model_config = ConfigDict(
+        json_schema_extra={
+            "dependentSchemas": {
+                "accuracy": {
+                    "anyOf": [
+                        {"properties": {"accuracy": {"type": "null"}}},
+                        {"properties": {"method": False, "tol": {"type": "null"},
+                                        "dt": {"type": "null"}}},
+                    ]
+                }
+            }
+        }
+    )  # fmt: skip
+
     method: str = Field(
         default="dop853", description="Name of the method.", json_schema_extra=_offer_methods
     )
@@ -124,6 +175,37 @@ class Integrator(Base):
     max_steps: int = Field(
         default=100_000_000, ge=1, le=2**62, description="Steps after which a run is given up."
     )
+    accuracy: Literal["draft", "standard", "reference"] | None = Field(
+        default=None,
+        description=(
+            "Instead of method and tol, which are then those measured to give this accuracy: "
+            + "; ".join(f"{name}: {preset.words}" for name, preset in ACCURACIES.items())
+            + "."
+        ),
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _spelled_out(cls, data: Any) -> Any:
+        """Put method and tol in the place of `accuracy`: configs that mean the same are equal."""
+        if not isinstance(data, dict) or "method" in data:
+            return data
+        word = data.get("accuracy")
+        given = [key for key in ("tol", "dt") if data.get(key) is not None]
+        if given or not isinstance(word, str) or word not in ACCURACIES:
+            return data
+        rest = {key: value for key, value in data.items() if key not in ("accuracy", "tol", "dt")}
+        return {"method": ACCURACIES[word].method, "tol": ACCURACIES[word].tol} | rest
+
+    @field_validator("accuracy")
+    @classmethod
+    def _alone(cls, accuracy: str | None) -> str | None:
+        if accuracy is not None:
+            raise ValueError(
+                f"{accuracy} stands for a method and its tol, and method, tol or dt is given too; "
+                "keep the one or the other"
+            )
+        return None
 
     @field_validator("method")
     @classmethod
