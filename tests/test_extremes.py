@@ -16,8 +16,9 @@ SECONDS_PER_STEP, SECONDS = 2e-5, 5.0
 HIDDEN = {("GH, steady direction", 1.9), ("GH, n_i 0.5", 1.5), ("GH, n_i -2", 1.0)}
 
 
-def in_time(answer):
-    return answer.seconds < SECONDS + SECONDS_PER_STEP * answer.n_steps
+def in_time(answer, steps=0):
+    """Whether the answer, or its whole block with a run of so many steps, took no longer."""
+    return answer.seconds < SECONDS + SECONDS_PER_STEP * max(steps, answer.n_steps)
 
 
 # --- the reference itself -------------------------------------------------------------------------
@@ -111,7 +112,9 @@ def test_tolerances_below_double_precision_agree_or_say_so():
 
 @pytest.mark.slow
 def test_long_horizons_have_the_exact_growth():
-    for case, answers, exponent, off in extremes.against_growth(extremes.LINEAR):
+    rows = extremes.against_growth(extremes.LINEAR)
+    most = max(answer.n_steps for _, answers, *_ in rows for answer in answers)
+    for case, answers, exponent, off in rows:
         for answer, tol, error in zip(answers, extremes.TOLS, off, strict=True):
             assert answer.status == "ok"
             assert answer.t_end == case.t_end
@@ -119,7 +122,7 @@ def test_long_horizons_have_the_exact_growth():
             assert np.abs(error).max() < 0.1 * answer.n_steps * tol + 1e-9, (case, tol, error)
             assert (answer.type == "SS") == (exponent < 1e-3), case
             assert abs(answer.energy_drift) < 1e-10
-            assert in_time(answer)
+            assert in_time(answer, most)
 
 
 # --- decay ----------------------------------------------------------------------------------------
@@ -205,11 +208,11 @@ def check_pairs(cases):
                 away = abs(float(case.name.rsplit(",", 1)[1]))
                 assert answer.near_tangencies > 0, case
                 assert away < 0.1 * tol, (case, tol)
-            # The time of a zero near a touch goes like the square root of the error.
-            elif not answer.near_tangencies:
-                assert wrong < 1e3 * tol, (case, tol, wrong)
-            else:
-                assert wrong < 0.3 * np.sqrt(tol), (case, tol, wrong)
+                continue
+            # Near a touch the spin passes zero with a rate like the square root of the distance.
+            away = abs(float(case.name.rsplit(",", 1)[1]))
+            assert wrong < min(10 * tol / np.sqrt(away), 0.3 * np.sqrt(tol)), (case, tol, wrong)
+            assert answer.near_tangencies or away > tol, (case, tol)
     assert missed[1] <= missed[0]
 
 

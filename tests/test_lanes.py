@@ -12,8 +12,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from rattlesweep.integrate.batch import RECORDS, Control, integrate
-from rattlesweep.integrate.runs import MAX_ENERGY_DRIFT
 from rattlesweep.integrate.model import FULL, REDUCED
+from rattlesweep.integrate.runs import MAX_ENERGY_DRIFT
 from rattlesweep.integrate.stages import LANES, SUBSTEPS
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS

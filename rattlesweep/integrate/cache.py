@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import os
 import tempfile
+import threading
 import types
 from contextlib import contextmanager
 from functools import cache
@@ -21,6 +22,9 @@ from numba import config, njit
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+
+# The setting is the process's: one thread at a time may borrow it.
+_setting = threading.Lock()
 
 PACKAGE = Path(__file__).resolve().parent.parent
 
@@ -59,12 +63,13 @@ def directory(file: str) -> Path:
 @contextmanager
 def _numba_directory(file: str) -> Iterator[None]:
     # Numba reads the setting when a function is decorated; others' functions keep theirs.
-    before = config.CACHE_DIR
-    config.CACHE_DIR = str(directory(file))
-    try:
-        yield
-    finally:
-        config.CACHE_DIR = before
+    with _setting:
+        before = config.CACHE_DIR
+        config.CACHE_DIR = str(directory(file))
+        try:
+            yield
+        finally:
+            config.CACHE_DIR = before
 
 
 def specialise(template: Callable[..., Any], name: str, **bindings: Any) -> Any:

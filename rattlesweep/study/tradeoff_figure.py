@@ -6,6 +6,8 @@ import io
 import math
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from rattlesweep.study.tradeoff_table import Row, number
 
 if TYPE_CHECKING:
@@ -70,7 +72,7 @@ def draw(rows: Sequence[Row], caption: str = "") -> Any:
         flips.plot([100 * r.type_flips for r in shown], [r.us_per_unit for r in shown], **line)
     _singles(main, tail, flips, rows)
     for axes in (main, tail, drift):
-        if not any(len(line.get_xdata()) for line in axes.lines):
+        if not any(np.size(line.get_xdata()) for line in axes.lines):
             # Nothing to show, which a logarithmic axis does not take.
             axes.plot([1e-9], [0.1], linestyle="none")
         axes.set_xscale("log")
@@ -96,7 +98,8 @@ def draw(rows: Sequence[Row], caption: str = "") -> Any:
     tail.set_xlabel("the same, 99th percentile", fontsize=9)
     drift.set_xlabel("energy drift, relative, median", fontsize=9)
     flips.set_xlabel("runs whose type changes", fontsize=9)
-    main.legend(loc="upper right", frameon=False)
+    if methods:
+        main.legend(loc="upper right", frameon=False)
     if caption:
         figure.supxlabel(caption, fontsize=7.5, color=GREY)
     return figure

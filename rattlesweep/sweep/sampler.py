@@ -142,10 +142,11 @@ def _in_threads(
 ) -> None:
     """Draw in threads of their own: the calling one goes on hearing Ctrl-C."""
     errors: list[BaseException] = []
+    draw = kernel()
 
     def work(first: int, last: int) -> None:
         try:
-            kernel()(first, last, stop, *settings)
+            draw(first, last, stop, *settings)
         except BaseException as error:
             errors.append(error)
 

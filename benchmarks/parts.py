@@ -1,0 +1,202 @@
+"""The price of each part of a sweep, in one run on one machine: what nobody asked for is free.
+
+    python benchmarks/parts.py [--quick]
+
+Runs of ``configs/tradeoff.yaml`` with a horizon of 1000, so that no few long runs leave lanes
+empty.  All variants of the integration take turns on one thread; the table shows medians of
+processor time, as ratios to the plain run.  What the types need (the amplitude in windows, the
+smallest spin) cannot be switched off: the price of the amplitude is told from the generated step,
+compiled with and without it, and that of all the rest by what the integration takes beyond its
+steps.
+"""
+
+from __future__ import annotations
+
+import statistics
+import tempfile
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import numpy as np
+from numba import njit
+
+from rattlesweep.integrate.batch import Batch
+from rattlesweep.integrate.model import FULL
+from rattlesweep.integrate.stages import LANES, Layout, compile_attempt
+from rattlesweep.integrate.tableau import DOP853
+from rattlesweep.physics import full, theory
+from rattlesweep.physics.steady import steady_modes
+from rattlesweep.sweep.blocks import finish_block, run_batch
+from rattlesweep.sweep.columns import runs_schema
+from rattlesweep.sweep.config import load_config
+from rattlesweep.sweep.launches import full_batch, prepare, reduced_batch
+from rattlesweep.sweep.plan import make_plan
+from rattlesweep.sweep.store import Store
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+CONFIG = Path(__file__).resolve().parent.parent / "configs" / "tradeoff.yaml"
+HORIZON = 1000.0
+STEP = "step with what the types need"
+RECORDS = ([], ["energy"], ["contact"], ["windows"], ["energy", "contact", "windows"])
+
+
+@dataclass
+class Part:
+    """One thing to be timed; ``base`` is the name of the part that it is compared with."""
+
+    name: str
+    call: Callable[[], Any]
+    runs: int
+    base: str = "plain"
+    unit: str = "run"
+
+
+def integration(samples: int) -> tuple[list[Part], Any, Any, dict[str, Any]]:
+    """Variants of the integration, and the plan and launches they are of."""
+    config = load_config(
+        CONFIG, [f"bodies.samples={samples}", f"horizon={{t_rgh: 5, t: {HORIZON}}}"]
+    )
+    plan = make_plan(config)
+    case, sample = np.divmod(np.arange(plan.runs), plan.samples)
+    launches = prepare(plan, case, sample)
+    batch = full_batch(launches)
+    runs = len(batch)
+    parts = []
+    for record in RECORDS:
+        changed = config.model_copy(update={"record": record})
+        parts.append(
+            Part(
+                "record " + ", ".join(record) if record else "plain",
+                lambda changed=changed: finish_block(changed, launches, batch, threads=1),
+                len(batch),
+            )
+        )
+    reduced = config.model_copy(update={"model": "reduced"})
+    closed = config.model_copy(update={"model": "gh"})
+    small = reduced_batch(launches)
+    parts += [
+        Part("model reduced", lambda: finish_block(reduced, launches, small, threads=1), runs),
+        Part("model gh", lambda: finish_block(closed, launches, None), runs),
+        Part("integration alone", lambda: run_batch(config, batch, threads=1), runs),
+    ]
+    # Where the horizon of 5 is not cut by the other one.
+    short = np.flatnonzero(5.0 * launches.t_rgh <= HORIZON)
+    chosen = Batch(**{name: getattr(batch, name)[short] for name in Batch.__dataclass_fields__})
+    for units in (1.0, 2.0, 5.0):
+        cut = replace(chosen, t_end=units * launches.t_rgh[short])
+        parts.append(
+            Part(
+                f"integration, horizon {units:g} t_rGH",
+                lambda cut=cut: run_batch(config, cut, threads=1),
+                len(short),
+                "integration, horizon 5 t_rGH",
+            )
+        )
+    return parts, plan, launches, finish_block(config, launches, batch, threads=1)
+
+
+def around(plan: Any, launches: Any, columns: dict[str, Any], directory: Path) -> list[Part]:
+    """What is done before and after the kernel."""
+    case, sample, b = launches.case, launches.sample, launches.bodies
+    constants = full.constants(b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi)
+    runs = len(sample)
+    store = Store(directory)
+    store.prepare()
+    schema = runs_schema([], "full")
+    return [
+        Part("bodies", lambda: plan.source.bodies(0, sample), runs),
+        Part("bodies, theory, horizons", lambda: prepare(plan, case, sample), runs),
+        Part("theory: modes", lambda: theory.modes(b.alpha, b.beta, b.theta, b.phi, b.xi), runs),
+        Part("steady modes", lambda: steady_modes(constants, launches.n_i), runs),
+        Part("initial states, steady modes", lambda: full_batch(launches), runs),
+        Part("Parquet block", lambda: store.write_block(0, columns, schema), runs),
+    ]
+
+
+def without_amplitude() -> Any:
+    """The generated step without the amplitude; None if the generator cannot leave it out."""
+
+    @full.scalar
+    def nothing(p, q, a, b, c, p0, q0, a0, b0, p1, q1, a1, b1):  # type: ignore[no-untyped-def]
+        return 0.0
+
+    return compile_attempt(DOP853, replace(FULL, name="blind", amplitude=nothing))
+
+
+def steps(calls: int) -> list[Part]:
+    """The generated step, with and without what the types need."""
+    at, n = Layout.of(FULL), FULL.n_state
+    size = (at.stages + (DOP853.stages + 1) * n) * LANES
+    flat = np.zeros(size + 8)
+    flat = flat[(-flat.ctypes.data // 8) % 8 :][:size]
+    rows = flat.reshape(-1, LANES)
+    body = {"alpha": 13.04, "beta": 1.522, "gamma": 12.28, "theta": 0.6429, "phi": 0.036,
+            "xi": -0.03}  # fmt: skip
+    rows[at.constants : at.constants + 6] = full.constants(**body)[:, None]
+    rows[at.y + 2], rows[at.y + 4] = 0.01, -0.1
+    rows[at.h], rows[at.probe : at.probe + FULL.n_probe] = 0.3, 0.1
+    parts = []
+    for name, attempt in (
+        (STEP, compile_attempt(DOP853, FULL)),
+        ("step without the amplitude", without_amplitude()),
+    ):
+        many = _many(attempt)
+        parts.append(Part(name, lambda many=many: many(flat, calls), calls * LANES, STEP, "step"))
+    return parts
+
+
+def _many(attempt: Any) -> Any:
+    @njit(nogil=True)
+    def many(flat, calls):  # type: ignore[no-untyped-def]
+        for _ in range(calls):
+            attempt(flat, 1e18)
+
+    return many
+
+
+def measure(parts: list[Part], rounds: int) -> dict[str, float]:
+    """Median processor seconds of every part, all taking turns."""
+    spent: dict[str, list[float]] = {part.name: [] for part in parts}
+    for r in range(rounds + 1):
+        for part in parts:
+            before = time.process_time()
+            part.call()
+            if r:  # the first round loads and compiles
+                spent[part.name].append(time.process_time() - before)
+    return {name: statistics.median(values) for name, values in spent.items()}
+
+
+@click.command()
+@click.option("--quick", is_flag=True, help="Fewer runs and repeats.")
+def main(quick: bool) -> None:
+    """Print the price of each part."""
+    parts, plan, launches, columns = integration(20 if quick else 70)
+    out = run_batch(plan.config, full_batch(launches), threads=1)
+    tries = int(out.n_steps.sum() + out.n_rejected.sum())
+    with tempfile.TemporaryDirectory() as directory:
+        parts += around(plan, launches, columns, Path(directory))
+        parts += steps(2000 if quick else 10_000)
+        seconds = measure(parts, 3 if quick else 7)
+    click.echo(
+        f"{len(launches.n_i)} runs to the horizon {HORIZON:g}, {columns['t_end'].sum():.3g} units "
+        f"of time, {tries:.3g} steps tried; one thread, medians"
+    )
+    click.echo(f"{'part':40}{'us':>10}{'of one':>8}{'ratio':>9}  to")
+    price = {part.name: seconds[part.name] / part.runs * 1e6 for part in parts}
+    for part in parts:
+        ratio = price[part.name] / price[part.base]
+        click.echo(f"{part.name:40}{price[part.name]:10.4g}{part.unit:>8}{ratio:9.4f}  {part.base}")
+    alone = 1 - tries * price[STEP] / (seconds["integration alone"] * 1e6)
+    click.echo(
+        f"step control, search for zeros, windows, refilling: {100 * alone:.0f} % of the "
+        "integration; the rest is the steps"
+    )
+
+
+if __name__ == "__main__":
+    main()
