@@ -86,6 +86,7 @@ def batch(t_end):
         probe=np.concatenate([found.roll_probe.real, found.roll_probe.imag], axis=1),
         t_end=t_end,
         swing=2 * np.maximum(np.abs(found.pitch.imag), modes.omega_p),
+        relevant=np.abs(found.roll.imag),
         rate=np.full(runs, 0.01),
         window=t_end / N_WINDOWS,
     )

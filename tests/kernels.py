@@ -41,6 +41,7 @@ def full_batch(body, n_i, omega_xy0=0.01, psi="relevant", t_end=1000.0):
         probe=np.concatenate([probe.real, probe.imag], axis=1),
         t_end=t_end,
         swing=2 * np.maximum(np.abs(found.pitch.imag), modes.omega_p),
+        relevant=np.where(pitch[:, 0], found.pitch.imag, found.roll.imag),
         rate=30 * theory.oscillation_speed(body["alpha"], body["beta"], body["gamma"],
                                            omega_xy0, psi) ** 2,
         window=t_end / N_WINDOWS,
@@ -61,6 +62,7 @@ def reduced_batch(body, n_i, e_p, e_r, t_end=1000.0):
         probe=np.stack([pitch, 1 - pitch], axis=1),
         t_end=t_end,
         swing=fastest * n_0,
+        relevant=np.zeros(len(t_end)),
         rate=fastest * n_0**2,
         window=t_end / N_WINDOWS,
     )

@@ -519,3 +519,14 @@ def test_reduced_model_with_both_modes_keeps_its_invariants():
     )  # fmt: skip
     assert out.y_end[k] == pytest.approx(found.y[:, -1], abs=1e-11)
     assert inertia[k] == body["gamma"][k]
+
+
+def test_a_step_that_damps_the_oscillation_away_is_no_steady_spin():
+    """GH in the unsteady direction reverses; at dt = 1.5 RK4 would call it SS, energy in order."""
+    batch = kernels.full_batch(oracle.GH, 0.5, 1e-3, t_end=200.0)
+    found = {dt: integrate(batch, METHODS["rk4"], FULL, dt=dt) for dt in (0.002, 0.1, 1.5)}
+    assert found[0.002].t_r == pytest.approx(118.8854, rel=1e-4)
+    assert found[0.1].t_r == pytest.approx(118.8854, rel=1e-3)
+    assert found[1.5].status == Status.COARSE
+    assert np.isnan(found[1.5].t_r)
+    assert abs(found[1.5].energy_drift) < 1e-3

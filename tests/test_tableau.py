@@ -217,3 +217,16 @@ def test_error_follows_the_tolerance(name):
         errors.append(np.abs(out.y_end[0] - reference()).max())
     assert errors == sorted(errors, reverse=True)
     assert errors[-1] < 1e-11
+
+
+def test_damping_of_an_oscillation():
+    z = np.array([0.1, 0.2, 0.4])
+    # RK4: abs(R(iz))^2 = 1 - z^6/72 + z^8/576.
+    exact = -0.5 * np.log1p(-(z**6) / 72 + z**8 / 576)
+    np.testing.assert_allclose(METHODS["rk4"].damping(z), exact, rtol=1e-6)
+    # Stable on the imaginary axis up to sqrt(8), where it starts to amplify.
+    edge = np.sqrt(8)
+    assert METHODS["rk4"].damping(np.array(0.999 * edge)) > 0
+    assert METHODS["rk4"].damping(np.array(1.001 * edge)) < 0
+    for tableau in METHODS.values():
+        assert abs(tableau.damping(np.array(0.1))) < 1e-7

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 N_WINDOWS = 64
+# Largest change of the oscillation's amplitude, as a logarithm, that a fixed step may cause.
+MAX_DAMPING = 0.1
 RECORDS = ("energy", "contact", "windows")
 
 
@@ -38,6 +40,8 @@ class Batch:
         Horizons, in ``sqrt(a/g)``.
     swing : ndarray
         Fastest angular frequency at which the spin swings, in ``sqrt(g/a)``.
+    relevant : ndarray
+        Angular frequency of the watched oscillation, in ``sqrt(g/a)``; 0 where there is none.
     rate : ndarray
         Bound of the spin's rate in the first steps, in ``g/a``.
     window : ndarray
@@ -49,6 +53,7 @@ class Batch:
     probe: Floats
     t_end: Floats
     swing: Floats
+    relevant: Floats
     rate: Floats
     window: Floats
 
@@ -236,6 +241,8 @@ def integrate(
     if runs:
         control._shared[0] = 0
         run_kernel()
+    if not tableau.adaptive:
+        _mark_coarse(batch, tableau, dt, result, counts)
     return Outcome(
         t_end=result[:, C.T_END],
         t_r=result[:, C.T_R],
@@ -255,6 +262,20 @@ def integrate(
         windows=windows,
         stopped=bool((counts[:, C.STATUS] == Status.STOPPED).any()),
     )
+
+
+def _mark_coarse(
+    batch: Batch, tableau: Tableau, dt: float, result: Floats, counts: NDArray[np.int64]
+) -> None:
+    """Give a status to runs whose step was too long to tell growth from its own damping.
+
+    A coarse step damps an oscillation that is a small part of the energy without a trace in
+    the energy's drift, and the run would look like a steady spin.
+    """
+    damping = tableau.damping(dt * batch.relevant) * (result[:, C.T_END] / dt)
+    coarse = (counts[:, C.STATUS] == Status.OK) & ~(np.abs(damping) <= MAX_DAMPING)
+    counts[coarse, C.STATUS] = Status.COARSE
+    result[coarse, C.T_R] = np.nan
 
 
 def expected_cost(batch: Batch) -> Floats:

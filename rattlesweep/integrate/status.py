@@ -14,7 +14,8 @@ class Status(IntEnum):
     STEP_TOO_SMALL = 3, "step_too_small", "no step, however small, met the tolerance"
     ENERGY = 4, "energy", "energy was off by more than 1 %: the numbers cannot be trusted"
     NO_HORIZON = 5, "no_horizon", "the horizon in units of t_rGH is not a finite time"
-    STOPPED = 6, "stopped", "interrupted before the run began or ended; never stored"
+    COARSE = 6, "coarse_step", "the fixed step damped or fed the oscillation by more than 10 %"
+    STOPPED = 7, "stopped", "interrupted before the run began or ended; never stored"
 
     label: str
     meaning: str

@@ -10,6 +10,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 Row = dict[int, float]
 
@@ -73,6 +79,23 @@ class Tableau:
     def c(self) -> tuple[float, ...]:
         """Nodes: the row sums of ``a``."""
         return tuple(math.fsum(row.values()) for row in self.a)
+
+    def damping(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
+        """``-ln abs(R(i z))``: how much a step damps an oscillation of phase ``z`` a step.
+
+        ``R`` is the stability function.  Negative where the step amplifies.
+        """
+        # R(z) = 1 + sum_k z^k b A^(k-1) 1, a polynomial since the method is explicit.
+        weights = np.ones(self.stages)
+        value = np.ones(np.shape(z), dtype=complex)
+        power = np.ones(np.shape(z), dtype=complex)
+        for _ in range(self.stages):
+            power = power * 1j * np.asarray(z)
+            value = value + power * sum(b * weights[j] for j, b in self.b.items())
+            weights = np.array([sum(a * weights[j] for j, a in row.items()) for row in self.a])
+        with np.errstate(divide="ignore"):
+            rate: NDArray[np.float64] = -np.log(np.abs(value))
+        return rate
 
 
 RK4 = Tableau(

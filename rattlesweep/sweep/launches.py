@@ -139,6 +139,7 @@ def full_batch(launches: Launches) -> Batch:
         probe=np.concatenate([probe.real, probe.imag], axis=1),
         t_end=launches.t_end,
         swing=2 * fastest,
+        relevant=np.abs(np.where(pitch, modes.pitch.imag, modes.roll.imag)),
         rate=2 * fastest * oscillation / b.gamma,
         window=_windows(launches.t_end, slower),
     )
@@ -158,6 +159,7 @@ def reduced_batch(launches: Launches) -> Batch:
         probe=np.stack([pitch, ~pitch], axis=1).astype(float),
         t_end=launches.t_end,
         swing=rate,
+        relevant=np.zeros(len(rate)),
         rate=rate * launches.n_0,
         window=_windows(launches.t_end, np.full(len(rate), np.inf)),
     )
