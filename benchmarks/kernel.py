@@ -72,6 +72,7 @@ def batch(t_end):
         relevant=np.abs(found.roll.imag),
         rate=np.full(runs, 0.01),
         window=t_end / N_WINDOWS,
+        first_mark=t_end,
     )
 
 

@@ -45,6 +45,7 @@ def full_batch(body, n_i, omega_xy0=0.01, psi="relevant", t_end=1000.0):
         rate=30 * theory.oscillation_speed(body["alpha"], body["beta"], body["gamma"],
                                            omega_xy0, psi) ** 2,
         window=t_end / N_WINDOWS,
+        first_mark=t_end,
     )  # fmt: skip
 
 
@@ -65,6 +66,7 @@ def reduced_batch(body, n_i, e_p, e_r, t_end=1000.0):
         relevant=np.zeros(len(t_end)),
         rate=fastest * n_0**2,
         window=t_end / N_WINDOWS,
+        first_mark=t_end,
     )
 
 

@@ -46,6 +46,9 @@ class Batch:
         Bound of the spin's rate in the first steps, in ``g/a``.
     window : ndarray
         Length of the windows in which amplitudes are compared, in ``sqrt(a/g)``.
+    first_mark : ndarray
+        First time at which they are compared, and again after twice, four times as long, until the
+        first window ends; not earlier than the oscillation shows its size.
     """
 
     y0: Floats
@@ -56,6 +59,7 @@ class Batch:
     relevant: Floats
     rate: Floats
     window: Floats
+    first_mark: Floats
 
     def __len__(self) -> int:
         """Return the number of runs."""
@@ -206,7 +210,8 @@ def integrate(
         if tableau.adaptive
         else np.maximum(1e-9, (dt * batch.swing) ** tableau.order)
     )
-    columns = [batch.t_end, batch.swing, batch.window, batch.rate, first, cost, fuzz]
+    columns = [batch.t_end, batch.swing, batch.window, batch.rate, first, cost, fuzz,
+               batch.first_mark]  # fmt: skip
     plan = np.stack(columns, axis=1)
     result = np.full((runs, C.FIRST_STATE + model.n_state), np.nan)
     counts = np.zeros((runs, C.N_COUNTS), dtype=np.int64)

@@ -10,9 +10,9 @@ FIRST_STATE = 10  # the state at the end: as many columns as the model has compo
 STATUS, STEPS, NEAR, REJECTED = 0, 1, 2, 3
 N_COUNTS = 4
 # ``plan``: horizon, fastest swing of the spin, window, bound of its rate, first step, expected
-# cost, and the depth below which an extremum of the spin is undecided.
-HORIZON, SWING, WINDOW, RATE, FIRST_STEP, COST, FUZZ = 0, 1, 2, 3, 4, 5, 6
-N_PLAN = 7
+# cost, the depth below which an extremum of the spin is undecided, first comparison of amplitudes.
+HORIZON, SWING, WINDOW, RATE, FIRST_STEP, COST, FUZZ, FIRST_MARK = 0, 1, 2, 3, 4, 5, 6, 7
+N_PLAN = 8
 # ``options``: 1/tol^2, fixed step, most steps.
 N_OPTIONS = 3
 # ``record``: what is asked for beyond the types' needs.

@@ -119,7 +119,9 @@ def search(l, h, n, r, w):  # type: ignore[no-untyped-def]
         if verdict == _DIP and hi - lo > 1e-12 * w[R.FULL_H * L + l] and tries < MAX_TRIES:
             w[R.H_NEXT * L + l] = _towards_minimum(l, w, tries)
             return HOLD
-        if sign * n < w[R.FUZZ * L + l] * w[R.RATE_MAX * L + l] / w[R.SWING * L + l]:
+        # The last try may have been the middle of the bracket; its ends are nearer the minimum.
+        lowest = min(sign * w[R.LO_N * L + l], sign * w[R.HI_N * L + l])
+        if lowest < w[R.FUZZ * L + l] * w[R.RATE_MAX * L + l] / w[R.SWING * L + l]:
             w[R.NEAR * L + l] += 1.0
         # No zero here; go on behind the piece that held the minimum.
         move = _next_piece(l, w, h)

@@ -41,7 +41,9 @@ if TYPE_CHECKING:
 TEMPLATES = (
     runs.reach_border,
     runs.see_contact,
+    runs.compare,
     runs.close_window,
+    runs.pass_marks,
     runs.start,
     runs.idle,
     runs.finish,

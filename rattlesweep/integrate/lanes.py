@@ -23,10 +23,9 @@ from rattlesweep.integrate import rows as R
 from rattlesweep.integrate.atomics import fetch_add, load
 from rattlesweep.integrate.events import HOLD, REVERSED, STEP, search
 from rattlesweep.integrate.runs import (
-    close_window,
     finish,
     idle,
-    reach_border,
+    pass_marks,
     see_contact,
     start,
 )
@@ -100,7 +99,7 @@ def decide(w, dt, max_steps):
             zero
             or w[R.LAST * L + l] > 0.0
             or w[R.MODE * L + l] > 0.0
-            or t >= w[R.WINDOW_END * L + l]
+            or t >= w[R.NEXT * L + l]
             or w[R.STEPS * L + l] >= max_steps
             or not accept
         )
@@ -264,10 +263,8 @@ def work(thread, w, lane_run, shared, order, y0, constants, probe, plan, options
                         if w[R.LAST * L + l] > 0.0 and not reversal:
                             t = w[R.T_END * L + l]
                         ended = reversal or w[R.LAST * L + l] > 0.0 or status != OK
-                        if not ended and t >= w[R.WINDOW_END * L + l]:
-                            reach_border(l, w)
-                            while t >= w[R.WINDOW_END * L + l]:
-                                close_window(l, w, run, windows, record)
+                        if not ended and t >= w[R.NEXT * L + l]:
+                            pass_marks(l, t, w, run, windows, record)
                 if ended:
                     w[R.STEPS * L + l] += 1.0
                     finish(l, status, reversal, t, w, run, result, counts, windows, record)

@@ -35,4 +35,7 @@ N_START = 45
 FUZZ = 46
 # 1 where a lane needs a closer look.
 DUE = 47
-STATE_ROWS = 48
+# Next time at which amplitudes are compared; marks that double until the first window ends; how
+# often they were compared; the least amplitude that counts; the largest in the window.
+NEXT, MARK, COMPARED, A_FLOOR, W_A_MAX = 48, 49, 50, 51, 52
+STATE_ROWS = 53

@@ -20,6 +20,9 @@ ENERGY = int(Status.ENERGY)
 
 MAX_ENERGY_DRIFT = 0.01
 TINY = 1e-290
+# Of the first squared amplitude: what has decayed by 1e-9 is gone.  A mode that dies at once would
+# else be followed into the rounding of the other.
+FLOOR = 1e-18
 
 # Bound by kernels.build.
 N_STATE = N_CONSTANTS = N_PROBE = 0
@@ -41,24 +44,47 @@ def lane_rhs(w, l):
     raise NotImplementedError
 
 
-def close_window(l, w, run, windows, record):
-    """Compare the largest amplitude of the window that ends here with the smallest before."""
-    largest = max(w[R.A_MAX * L + l], TINY)
-    if w[R.WINDOW_NO * L + l] > 0.0:
+def compare(l, w):
+    """Compare the largest amplitude since the last time with the smallest one before."""
+    largest = max(w[R.A_MAX * L + l], w[R.A_FLOOR * L + l], TINY)
+    if w[R.COMPARED * L + l] > 0.0:
         w[R.GROWTH * L + l] = max(w[R.GROWTH * L + l], largest / w[R.A_MIN * L + l])
         largest = min(largest, w[R.A_MIN * L + l])
+    else:
+        w[R.A_FLOOR * L + l] = FLOOR * largest
     w[R.A_MIN * L + l] = largest
+    w[R.COMPARED * L + l] += 1.0
+    w[R.W_A_MAX * L + l] = max(w[R.W_A_MAX * L + l], w[R.A_MAX * L + l])
+    # The state at the border belongs to both sides.
+    w[R.A_MAX * L + l] = w[AMPLITUDE * L + l]
+
+
+def close_window(l, w, run, windows, record):
+    """Compare, and write the window down if that was asked for."""
+    compare(l, w)
     k = int(w[R.WINDOW_NO * L + l])
     if record[C.REC_WINDOWS] and k < windows.shape[1]:
-        windows[run, k, 0] = sqrt(w[R.A_MAX * L + l])
+        windows[run, k, 0] = sqrt(w[R.W_A_MAX * L + l])
         windows[run, k, 1] = w[R.W_N_MIN * L + l]
         windows[run, k, 2] = w[R.W_N_MAX * L + l]
-    # The state at the border belongs to both windows.
-    w[R.A_MAX * L + l] = w[AMPLITUDE * L + l]
+    w[R.W_A_MAX * L + l] = w[AMPLITUDE * L + l]
     w[R.W_N_MIN * L + l] = w[N1 * L + l]
     w[R.W_N_MAX * L + l] = w[N1 * L + l]
     w[R.WINDOW_NO * L + l] = k + 1
     w[R.WINDOW_END * L + l] = (k + 2) * w[R.WINDOW * L + l]
+
+
+def pass_marks(l, t, w, run, windows, record):
+    """Close the windows, and compare at the marks within the first, that end by time ``t``."""
+    reach_border(l, w)
+    while t >= w[R.NEXT * L + l]:
+        if w[R.MARK * L + l] < w[R.WINDOW_END * L + l]:
+            compare(l, w)
+            w[R.MARK * L + l] *= 2.0
+        else:
+            close_window(l, w, run, windows, record)
+            w[R.MARK * L + l] = 1e290
+        w[R.NEXT * L + l] = min(w[R.MARK * L + l], w[R.WINDOW_END * L + l])
 
 
 def reach_border(l, w):
@@ -92,6 +118,8 @@ def start(l, run, w, lane_run, y0, constants, probe, plan, record):
     w[R.SWING * L + l] = swing
     w[R.WINDOW * L + l] = plan[run, C.WINDOW]
     w[R.WINDOW_END * L + l] = plan[run, C.WINDOW]
+    w[R.MARK * L + l] = plan[run, C.FIRST_MARK]
+    w[R.NEXT * L + l] = min(plan[run, C.FIRST_MARK], plan[run, C.WINDOW])
     w[R.RATE_MAX * L + l] = plan[run, C.RATE]
     w[R.N_START * L + l] = n
     w[R.N0 * L + l] = n
@@ -128,6 +156,7 @@ def idle(l, w, lane_run):
     w[R.SIGN * L + l] = 1.0
     w[R.T_END * L + l] = 1e290
     w[R.WINDOW_END * L + l] = 1e290
+    w[R.NEXT * L + l] = 1e290
 
 
 def finish(l, status, reversal, t, w, run, result, counts, windows, record):
@@ -149,8 +178,8 @@ def finish(l, status, reversal, t, w, run, result, counts, windows, record):
     result[run, C.N_END] = n
     result[run, C.DRIFT] = drift
     growth = w[R.GROWTH * L + l]
-    # Two windows at least, or there is nothing to compare.
-    result[run, C.GROWTH] = sqrt(growth) - 1.0 if w[R.WINDOW_NO * L + l] > 1.0 else nan
+    # Twice at least, or there was nothing to compare with.
+    result[run, C.GROWTH] = sqrt(growth) - 1.0 if w[R.COMPARED * L + l] > 1.0 else nan
     result[run, C.DEPARTURE] = 1.0 - least / abs(w[R.N_START * L + l])
     result[run, C.ENERGY_0] = energy0
     result[run, C.DRIFT_MAX] = max(w[R.DRIFT_MAX * L + l], abs(drift))

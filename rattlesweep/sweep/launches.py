@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 # A window is at least this many periods of the slower mode, so that it holds its largest
 # amplitude; see the evidence in docs/types.md.
 WINDOW_PERIODS = 2.0
+# Within the first window, amplitudes are compared first after this many periods.
+MARK_PERIODS = 8.0
 
 
 @dataclass(frozen=True)
@@ -142,6 +144,7 @@ def full_batch(launches: Launches) -> Batch:
         relevant=np.abs(np.where(pitch, modes.pitch.imag, modes.roll.imag)),
         rate=2 * fastest * oscillation / b.gamma,
         window=_windows(launches.t_end, slower),
+        first_mark=MARK_PERIODS * 2 * np.pi / slower,
     )
 
 
@@ -162,6 +165,7 @@ def reduced_batch(launches: Launches) -> Batch:
         relevant=np.zeros(len(rate)),
         rate=rate * launches.n_0,
         window=_windows(launches.t_end, np.full(len(rate), np.inf)),
+        first_mark=launches.t_end,
     )
 
 
