@@ -143,6 +143,9 @@ def _in_threads(
     """Draw in threads of their own: the calling one goes on hearing Ctrl-C."""
     errors: list[BaseException] = []
     draw = kernel()
+    # Compiled here, if at all: in a thread CPython 3.11 may map and unmap its stack at every call
+    # (a million times, which took as long again as the compilation).
+    draw(0, 0, stop, *settings)
 
     def work(first: int, last: int) -> None:
         try:
