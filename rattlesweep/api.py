@@ -6,8 +6,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from rattlesweep.integrate.status import Status
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import PARAMETERS, Rattleback
@@ -50,8 +48,8 @@ def reversal_time_gh(body: Rattleback, n_i: float, omega_xy0: float) -> float:
     found = theory.modes(body.alpha, body.beta, body.theta, body.phi, body.xi)
     psi = direction(found, n_i, "relevant")
     speed = theory.oscillation_speed(body.alpha, body.beta, body.gamma, omega_xy0, psi)
-    grows = theory.unsteady(found.K_p, n_i)
-    return float(theory.reversal_time(np.where(grows, found.K_p, found.K_r), n_i, speed))
+    relevant = theory.relevant_coefficient(found.K_p, found.K_r, n_i)
+    return float(theory.reversal_time(relevant, n_i, speed))
 
 
 @dataclass(frozen=True)

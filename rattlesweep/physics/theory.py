@@ -145,6 +145,11 @@ def unsteady(K_p: ArrayLike, n_i: ArrayLike) -> NDArray[np.bool_]:
     return result
 
 
+def relevant_coefficient(K_p: ArrayLike, K_r: ArrayLike, n_i: ArrayLike) -> Floats:
+    """Coefficient of the mode that grows: ``K_p`` in the unsteady direction, else ``K_r``."""
+    return np.where(unsteady(K_p, n_i), K_p, K_r)
+
+
 def reversal_time(K: ArrayLike, n_i: ArrayLike, speed: ArrayLike) -> Floats:
     """Time of reversal t_rGH (Eqs. trgh-p, trgh-m) for the coefficient of the growing mode.
 

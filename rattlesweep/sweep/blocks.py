@@ -10,6 +10,7 @@ from rattlesweep.integrate.batch import N_WINDOWS, Batch, Control, Outcome, inte
 from rattlesweep.integrate.model import MODELS
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.physics import theory
 from rattlesweep.sweep.launches import Launches, full_batch, prepare, reduced_batch
 from rattlesweep.sweep.tables import ragged
 from rattlesweep.sweep.types import TYPES, classify
@@ -148,9 +149,7 @@ def _closed_form(launches: Launches) -> dict[str, Any]:
     finite = np.isfinite(launches.t_end)
     reverses = finite & (launches.t_rgh <= launches.t_end)
     t_end = np.where(reverses, launches.t_rgh, np.where(finite, launches.t_end, 0.0))
-    rate = np.where(
-        np.sign(launches.n_i) * launches.modes.K_p > 0, launches.modes.K_p, launches.modes.K_r
-    )
+    rate = theory.relevant_coefficient(launches.modes.K_p, launches.modes.K_r, launches.n_i)
     late = launches.n_0 * np.abs(rate) * (t_end - launches.t_rgh) / 2
     n_end = np.where(reverses, 0.0, -np.sign(launches.n_i) * launches.n_0 * np.tanh(late))
     nothing = np.full(rows, np.nan)

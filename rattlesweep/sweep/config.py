@@ -64,6 +64,7 @@ __all__ = [
     "override_config",
     "parse_config",
     "physics_hash",
+    "physics_part",
     "resolved",
 ]
 
@@ -163,10 +164,16 @@ def resolved(config: Config) -> dict[str, Any]:
     return data | {"output": config.directory}
 
 
+def physics_part(data: Mapping[str, Any]) -> dict[str, Any]:
+    """What of a resolved config determines the stored numbers."""
+    return {key: value for key, value in data.items() if key not in NOT_PHYSICS}
+
+
 def physics_hash(config: Config) -> str:
     """SHA-256, in hex, of everything in the config that determines the stored numbers."""
-    data = {key: value for key, value in resolved(config).items() if key not in NOT_PHYSICS}
-    text = json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    text = json.dumps(
+        physics_part(resolved(config)), sort_keys=True, separators=(",", ":"), allow_nan=False
+    )
     return hashlib.sha256(text.encode()).hexdigest()
 
 

@@ -81,12 +81,11 @@ def derived(body: Rattleback, n_i: float, omega_xy0: float) -> list[Quantity]:
     m = theory.modes(b.alpha, b.beta, b.theta, b.phi, b.xi)
     psi = direction(m, n_i, "relevant")
     speed = theory.oscillation_speed(b.alpha, b.beta, b.gamma, omega_xy0, psi)
-    grows = bool(theory.unsteady(m.K_p, n_i))
     n_c1 = float(theory.bondi_threshold(b.alpha, b.beta, b.gamma, b.theta, b.phi))
     constants = full.constants(b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi)
     pitch, roll = steady.growth(constants, n_i)
     small_pitch, small_roll = theory.growth_rates(m.K_p, m.K_r, n_i)
-    time = theory.reversal_time(m.K_p if grows else m.K_r, n_i, speed)
+    time = theory.reversal_time(theory.relevant_coefficient(m.K_p, m.K_r, n_i), n_i, speed)
     rows: list[tuple[str, Any, str, str]] = [
         *((name, getattr(b, name), "rad" if name == "xi" else "1", "body") for name in PARAMETERS),
         ("omega_p", m.omega_p, FREQUENCY, "frequency of the pitch (the faster mode)"),

@@ -20,7 +20,7 @@ from rattlesweep.integrate.batch import Control, available_threads
 from rattlesweep.integrate.kernels import kernel
 from rattlesweep.sweep.blocks import STATUS_WORDS, Interrupted, finish_block, prepare_block
 from rattlesweep.sweep.columns import runs_schema
-from rattlesweep.sweep.config import differences, resolved
+from rattlesweep.sweep.config import differences, physics_part, resolved
 from rattlesweep.sweep.errors import ConfigError
 from rattlesweep.sweep.launches import prepare
 from rattlesweep.sweep.plan import Block, Plan
@@ -188,13 +188,7 @@ def open_store(plan: Plan, directory: Path, base: Path | None, threads: int) -> 
         return store, fresh
     old = read_manifest(store)
     if old.get("config_hash") != hash_:
-        ours = {k: v for k, v in fresh["config"].items() if k not in ("name", "output", "classify")}
-        theirs = {
-            k: v
-            for k, v in old.get("config", {}).items()
-            if k not in ("name", "output", "classify")
-        }
-        changes = differences(theirs, ours)
+        changes = differences(physics_part(old["config"]), physics_part(fresh["config"]))
         what = "; ".join(changes[:3]) or "the table of bodies has changed"
         raise ConfigError(
             f"{directory}: it holds the runs of another config ({what}); choose another output or "

@@ -86,7 +86,7 @@ def with_theory(
 ) -> Launches:
     """Launches with what theory says of them."""
     speed = theory.oscillation_speed(bodies.alpha, bodies.beta, bodies.gamma, omega_xy0, psi)
-    relevant = np.where(theory.unsteady(modes.K_p, n_i), modes.K_p, modes.K_r)
+    relevant = theory.relevant_coefficient(modes.K_p, modes.K_r, n_i)
     t_rgh = theory.reversal_time(relevant, n_i, speed)
     n_c1 = theory.bondi_threshold(bodies.alpha, bodies.beta, bodies.gamma, bodies.theta, bodies.phi)
     t_end = np.full(len(n_i), np.inf)
