@@ -1,0 +1,148 @@
+"""What the commands share: exit codes, errors in one sentence, progress."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable
+from functools import wraps
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from rattlesweep.sweep.engine import Progress
+
+DONE, FAILED, WRONG, SOME_FAILED, INTERRUPTED, TERMINATED = 0, 1, 2, 3, 130, 143
+# Seconds between lines of progress where there is no terminal.
+LINE_EVERY = 60.0
+
+
+class Terminated(BaseException):
+    """SIGTERM arrived."""
+
+
+def say(text: str) -> None:
+    """Write a line to standard error."""
+    click.echo(text, err=True)
+
+
+def leave(code: int) -> None:
+    """End the process; at once where a kernel still compiles and would hold up the exit."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    # Ours by name: an embedding program, such as a test runner, may have daemons of its own.
+    if any(t.name.startswith("rattlesweep-") for t in threading.enumerate()):
+        os._exit(code)
+    raise SystemExit(code)
+
+
+def guarded(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Turn what can go wrong into one sentence and an exit code."""
+
+    @wraps(command)
+    def guarded(*args: Any, **kwargs: Any) -> None:
+        def terminate(number: int, frame: Any) -> None:
+            raise Terminated
+
+        signal.signal(signal.SIGTERM, terminate)
+        try:
+            code = command(*args, **kwargs)
+        except (KeyboardInterrupt, Terminated) as error:
+            # A second Ctrl-C is obeyed at once.
+            signal.signal(signal.SIGINT, signal.SIG_DFL)
+            term = isinstance(error, Terminated)
+            what = "terminated" if term else "interrupted"
+            say(f"{what}; what is whole is kept, and the same command goes on from there")
+            leave(TERMINATED if term else INTERRUPTED)
+        except BrokenPipeError:
+            # The reader of standard output has gone; there is nobody to tell.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            raise SystemExit(FAILED) from None
+        except Exception as error:
+            from rattlesweep.sweep.errors import ConfigError, OutputError
+
+            if isinstance(error, ConfigError):
+                for line in error.messages:
+                    say(f"error: {line}")
+                leave(WRONG)
+            if isinstance(error, OutputError):
+                say(f"error: {error}")
+                leave(FAILED)
+            raise
+        if code:
+            leave(code)
+
+    return guarded
+
+
+OVERRIDES = click.option(
+    "--set",
+    "overrides",
+    metavar="KEY=VALUE",
+    multiple=True,
+    help="Replace a key of the config, such as bodies.samples=10; may be repeated.",
+)
+
+
+def most_threads() -> int:
+    """Threads that the kernels can use at most."""
+    from rattlesweep.integrate.batch import most_threads
+
+    return most_threads()
+
+
+class Meter:
+    """Progress: a bar on a terminal, one line a minute elsewhere, nothing if quiet."""
+
+    def __init__(self, quiet: bool) -> None:
+        self._quiet = quiet
+        self._bar: Any = None
+        self._last = time.monotonic()
+
+    def __enter__(self) -> Meter:
+        if not self._quiet and sys.stderr.isatty():
+            from tqdm import tqdm
+
+            # Of expected cost; tqdm's own estimate would count compilation as work.
+            self._bar = tqdm(
+                total=100.0, bar_format="{percentage:3.0f}%|{bar}| {desc}", file=sys.stderr
+            )
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        if self._bar is not None:
+            self._bar.close()
+
+    def __call__(self, progress: Progress) -> None:
+        left = "" if progress.left is None else f", {clock(progress.left)} left"
+        text = f"{progress.runs}/{progress.total} runs, {clock(progress.elapsed)}{left}"
+        if self._bar is not None:
+            self._bar.n = 100.0 * progress.fraction
+            self._bar.set_description_str(text)
+        elif not self._quiet and time.monotonic() - self._last >= LINE_EVERY:
+            self._last = time.monotonic()
+            say(f"{100 * progress.fraction:.1f} %, {text}")
+
+
+def clock(seconds: float) -> str:
+    """Seconds as h:mm:ss."""
+    whole = round(seconds)
+    hours, rest = divmod(whole, 3600)
+    return f"{hours}:{rest // 60:02d}:{rest % 60:02d}" if hours else f"{rest // 60}:{rest % 60:02d}"
+
+
+def stages(start: float) -> Callable[[str], None]:
+    """Say what is being done: each on a terminal, elsewhere no more than a line a minute."""
+    last = start
+
+    def say(text: str) -> None:
+        nonlocal last
+        if sys.stderr.isatty() or time.monotonic() - last >= LINE_EVERY:
+            last = time.monotonic()
+            say(f"{last - start:4.0f} s  {text}")
+
+    return say

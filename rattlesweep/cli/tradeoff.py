@@ -1,0 +1,73 @@
+"""`rattlesweep tradeoff`: speed against accuracy on this machine."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+
+import click
+
+from rattlesweep.cli.common import DONE, OVERRIDES, guarded, most_threads, say, stages
+
+
+@click.command(
+    epilog="\b\nExamples:\n  rattlesweep tradeoff --quick\n  rattlesweep tradeoff "
+    "configs/tradeoff.yaml --output out/tradeoff"
+)
+@click.argument("config", type=click.Path(), required=False)
+@click.option("--output", metavar="DIR", help="Output directory; overrides the config's.")
+@click.option("--samples", type=click.IntRange(1), help="Bodies; by default, 2000 runs or more.")
+@click.option("--quick", is_flag=True, help="Fewer runs and measurements: seconds, but rough.")
+@OVERRIDES
+@click.option("--threads", type=click.IntRange(1), help="Threads for the errors; costs are of one.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
+@guarded
+def tradeoff(
+    config: str | None,
+    output: str | None,
+    samples: int | None,
+    quick: bool,
+    overrides: tuple[str, ...],
+    threads: int | None,
+    as_json: bool,
+) -> int:
+    """Measure speed against accuracy: methods, settings and models on the same runs.
+
+    Draws runs from CONFIG, by default shell-dumbbell bodies in both directions; its model,
+    integrator and record play no part. Prints a table and the cheapest settings for some errors of
+    t_r, and writes tradeoff.parquet, tradeoff.svg and tradeoff.png.
+    """
+    from rattlesweep.integrate.batch import available_threads
+    from rattlesweep.study import tradeoff_output
+    from rattlesweep.study.tradeoff import DEFAULT, FULL, QUICK, measure
+    from rattlesweep.sweep.config import load_config, override_config
+    from rattlesweep.sweep.errors import ConfigError
+    from rattlesweep.sweep.files import probe_directory
+
+    loaded = (
+        override_config(DEFAULT, overrides) if config is None else load_config(config, overrides)
+    )
+    if output is not None and not output:
+        raise ConfigError("--output: the directory has no name; give one")
+    directory = Path(output if output is not None else loaded.directory)
+    if threads is not None and threads > (most := most_threads()):
+        raise click.BadParameter(f"{threads} is more than the {most} processors there are")
+    probe_directory(directory)
+    start = time.monotonic()
+    study = measure(
+        loaded,
+        None if config is None else Path(config).resolve().parent,
+        samples=samples,
+        scope=QUICK if quick else FULL,
+        threads=threads or available_threads(),
+        report=stages(start),
+    )
+    files = tradeoff_output.save(study, directory)
+    if as_json:
+        data = tradeoff_output.as_data(study)
+        click.echo(json.dumps(data, indent=2, allow_nan=False))
+    else:
+        click.echo(tradeoff_output.as_text(study))
+    say(f"{', '.join(p.name for p in files)} in {directory}; {time.monotonic() - start:.1f} s")
+    return DONE
