@@ -118,7 +118,7 @@ def simulate(
     from rattlesweep.sweep.blocks import finish_block, prepare_block
     from rattlesweep.sweep.bodies import GridBodies
     from rattlesweep.sweep.config import parse_config
-    from rattlesweep.sweep.plan import Plan, make_plan
+    from rattlesweep.sweep.plan import make_plan
     from rattlesweep.sweep.types import TYPES
 
     adaptive = {"tol": tol} if _adaptive(method) else {"dt": dt}
@@ -133,7 +133,7 @@ def simulate(
     )
     # The body itself, checked when it was made, in the preset's place; mirror images too.
     source = GridBodies({name: getattr(body, name) for name in PARAMETERS}, {})
-    plan = Plan(config, source, make_plan(config).cases)
+    plan = replace(make_plan(config), source=source)
     columns = finish_block(config, *prepare_block(plan, plan.block(0)), threads=1)
     codes, _ = columns["type"]
     status, words = columns["status"]
