@@ -7,7 +7,18 @@ from importlib import import_module
 import click
 
 # In the order of `--help`; each is `rattlesweep.cli.NAME:NAME`.
-COMMANDS = ("run", "status", "verify", "merge", "classify", "body", "tradeoff", "schema")
+COMMANDS = (
+    "run",
+    "plan",
+    "status",
+    "verify",
+    "merge",
+    "slurm",
+    "classify",
+    "body",
+    "tradeoff",
+    "schema",
+)
 
 
 class _Lazy(click.Group):
