@@ -262,7 +262,7 @@ class Classify(Base):
     )
 
 
-RECORDS = ("energy", "contact", "windows")
+RECORDS = ("energy", "contact", "windows", "lyapunov")
 
 
 class Config(Base):
@@ -299,7 +299,7 @@ class Config(Base):
     classify: Classify = Field(
         default_factory=lambda: Classify(), description="Thresholds between types of runs."
     )
-    record: list[Literal["energy", "contact", "windows"]] = Field(
+    record: list[Literal["energy", "contact", "windows", "lyapunov"]] = Field(
         default_factory=list,
         description="Extra columns; each costs time.",
         json_schema_extra={"uniqueItems": True},
