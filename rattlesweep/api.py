@@ -289,13 +289,13 @@ def sweep(
         If the config is wrong, or the directory cannot be written.
     """
     from rattlesweep.sweep.config import load_config, parse_config
+    from rattlesweep.sweep.config_physics import checked_plan
     from rattlesweep.sweep.engine import run_sweep
-    from rattlesweep.sweep.plan import make_plan
 
     file = isinstance(config, str | Path)
     loaded = load_config(config) if isinstance(config, str | Path) else parse_config(config)
     base = Path(str(config)).resolve().parent if file else None
-    plan = make_plan(loaded, base)
+    plan, _ = checked_plan(loaded, base)
     directory = Path(output if output is not None else loaded.directory)
     run_sweep(plan, directory, base=base, threads=threads)
     return Sweep(directory)

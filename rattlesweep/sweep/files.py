@@ -101,12 +101,17 @@ def remove_temporaries(folder: Path, older_than: float = 0.0) -> int:
     """Remove temporary files at least `older_than` seconds old; returns how many."""
     now, removed = time.time(), 0
     for path in folder.glob(".*.tmp"):
-        if _TEMPORARY.fullmatch(path.name):
+        if is_temporary(path):
             with contextlib.suppress(OSError):  # its owner, or another process, was quicker
                 if now - path.stat().st_mtime >= older_than:
                     path.unlink()
                     removed += 1
     return removed
+
+
+def is_temporary(path: Path) -> bool:
+    """Whether a file is one that a process of ours was still writing."""
+    return _TEMPORARY.fullmatch(path.name) is not None
 
 
 def reason(error: BaseException) -> str:

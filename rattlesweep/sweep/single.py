@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.sweep.blocks import prepare_block
 from rattlesweep.sweep.bodies import GridBodies
 from rattlesweep.sweep.config import parse_config
-from rattlesweep.sweep.plan import Plan, make_plan
+from rattlesweep.sweep.plan import make_plan
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -61,5 +62,5 @@ def single_run(
     )
     # The body itself, checked when it was made, in the preset's place.
     source = GridBodies({name: getattr(body, name) for name in PARAMETERS}, {})
-    plan = Plan(config, source, make_plan(config).cases)
+    plan = replace(make_plan(config), source=source)
     return config, *prepare_block(plan, plan.block(0))
