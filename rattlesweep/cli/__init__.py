@@ -16,6 +16,7 @@ COMMANDS = (
     "slurm",
     "classify",
     "body",
+    "trajectory",
     "tradeoff",
     "schema",
 )

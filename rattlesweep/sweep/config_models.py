@@ -266,7 +266,7 @@ class Classify(Base):
     )
 
 
-RECORDS = ("energy", "contact", "windows")
+RECORDS = ("energy", "contact", "windows", "lyapunov")
 
 
 class Config(Base):
@@ -303,7 +303,7 @@ class Config(Base):
     classify: Classify = Field(
         default_factory=lambda: Classify(), description="Thresholds between types of runs."
     )
-    record: list[Literal["energy", "contact", "windows"]] = Field(
+    record: list[Literal["energy", "contact", "windows", "lyapunov"]] = Field(
         default_factory=list,
         description="Extra columns; each costs time.",
         json_schema_extra={"uniqueItems": True},

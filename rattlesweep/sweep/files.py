@@ -8,8 +8,9 @@ import os
 import re
 import secrets
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import BinaryIO
 
 from rattlesweep.sweep.errors import OutputError
 
@@ -46,6 +47,32 @@ def replace_file(path: Path, data: bytes, check: Callable[[Path], None] | None =
         raise OutputError(f"cannot write {path}: {reason(error)}") from error
     finally:
         # After the rename there is nothing left; after anything else, Ctrl-C too, there may be.
+        _discard(temporary)
+
+
+@contextlib.contextmanager
+def streamed_file(path: Path) -> Iterator[BinaryIO]:
+    """Like `replace_file`, for data that comes in parts: a file to write them to.
+
+    It takes its place when the body has ended; if that raises, nothing is left of it.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written; names the file and the reason.
+    """
+    temporary = _temporary(path)
+    try:
+        handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
+        with os.fdopen(handle, "wb") as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+        _sync_directory(path.parent)
+    except OSError as error:
+        raise OutputError(f"cannot write {path}: {reason(error)}") from error
+    finally:
         _discard(temporary)
 
 

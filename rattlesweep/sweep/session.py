@@ -256,7 +256,7 @@ class Session:
             manifest.setdefault("expected", forecast)
 
         if "expected" not in (self.opened.manifest or {}):
-            self.store.update_manifest(change)
+            self.store.update_manifest(change, self._blank)
 
     def wrote(self, index: int, receipt: Receipt, seconds: float | None = None) -> None:
         """Keep the receipt of a block that has come to rest."""
