@@ -30,9 +30,11 @@ PACKAGE = Path(__file__).resolve().parent.parent
 
 
 @cache
-def source_hash(file: str) -> str:
-    """Hash of ``file`` and of the sources of ``integrate`` and ``physics``."""
-    digest = hashlib.sha256(Path(file).read_bytes())
+def source_hash(file: str, also: tuple[str, ...] = ()) -> str:
+    """Hash of a source file, some others, and those of ``integrate`` and ``physics``."""
+    digest = hashlib.sha256()
+    for name in (file, *also):
+        digest.update(Path(name).read_bytes())
     for room in ("integrate", "physics"):
         for path in sorted((PACKAGE / room).rglob("*.py")):
             digest.update(path.relative_to(PACKAGE).as_posix().encode())
@@ -41,8 +43,8 @@ def source_hash(file: str) -> str:
 
 
 @cache
-def directory(file: str) -> Path:
-    """Directory of the compiled functions of a source file.
+def directory(file: str, also: tuple[str, ...] = ()) -> Path:
+    """Directory of the compiled functions of a source file, which may reach those in ``also``.
 
     Under ``$NUMBA_CACHE_DIR`` if it is set, else in the user's cache directory, else in a
     temporary one.
@@ -50,7 +52,7 @@ def directory(file: str) -> Path:
     user = os.environ.get("XDG_CACHE_HOME") or os.path.join("~", ".cache")
     roots = [os.environ.get("NUMBA_CACHE_DIR", ""), os.path.join(user, "rattlesweep")]
     for root in filter(None, roots):
-        path = Path(root).expanduser() / source_hash(file)
+        path = Path(root).expanduser() / source_hash(file, also)
         try:
             path.mkdir(parents=True, exist_ok=True)
         except OSError:
@@ -61,11 +63,11 @@ def directory(file: str) -> Path:
 
 
 @contextmanager
-def _numba_directory(file: str) -> Iterator[None]:
+def _numba_directory(file: str, also: tuple[str, ...]) -> Iterator[None]:
     # Numba reads the setting when a function is decorated; others' functions keep theirs.
     with _setting:
         before = config.CACHE_DIR
-        config.CACHE_DIR = str(directory(file))
+        config.CACHE_DIR = str(directory(file, also))
         try:
             yield
         finally:
@@ -85,7 +87,13 @@ def specialise(template: Callable[..., Any], name: str, **bindings: Any) -> Any:
     return code
 
 
-def cached(function: Callable[..., Any], **options: Any) -> Any:
-    """``njit(cache=True)`` with the cache in :func:`directory` of the function's file."""
-    with _numba_directory(function.__code__.co_filename):
+def cached(function: Callable[..., Any], *, also: tuple[str, ...] = (), **options: Any) -> Any:
+    """``njit(cache=True)`` with the cache in :func:`directory` of the function's file.
+
+    Parameters
+    ----------
+    also : tuple of str
+        Other files, outside this room and the one to its right, whose functions it calls.
+    """
+    with _numba_directory(function.__code__.co_filename, also):
         return njit(cache=True, **options)(function)

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numba
 import numpy as np
 from llvmlite import binding
-from numba import njit
+from numba import config, njit
 
 from rattlesweep.integrate import carry, lanes, runs
 from rattlesweep.integrate import columns as C
@@ -161,7 +161,8 @@ def _locked(path: Path) -> Iterator[None]:
 def _compile_in_child(tableau_name: str, model_name: str, module: str = "kernels") -> None:
     """Have the kernel on disk, compiled by ``compile_here`` of a module in a process of its own."""
     place = directory(lanes.__file__)
-    cpu = "".join(c for c in binding.get_host_cpu_name() if c.isalnum())
+    name = config.CPU_NAME or binding.get_host_cpu_name()
+    cpu = "".join(c for c in name if c.isalnum())
     mark = place / f"{module}-{tableau_name}-{model_name}-{cpu}-{numba.__version__}.compiled"
     if mark.exists():
         return

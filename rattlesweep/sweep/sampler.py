@@ -14,6 +14,7 @@ from numba import njit
 from rattlesweep.integrate.batch import available_threads
 from rattlesweep.integrate.cache import cached, specialise
 from rattlesweep.physics import theory
+from rattlesweep.sweep import philox
 from rattlesweep.sweep.philox import uniforms
 
 if TYPE_CHECKING:
@@ -81,7 +82,7 @@ def _draw(
 @cache
 def kernel() -> Any:
     """The compiled sampler."""
-    return cached(_draw, nogil=True)
+    return cached(_draw, also=(philox.__file__,), nogil=True)
 
 
 def draw_bodies(
