@@ -72,6 +72,10 @@ def guarded(command: Callable[..., Any]) -> Callable[..., Any]:
             if isinstance(error, OutputError):
                 say(f"error: {error}")
                 leave(FAILED)
+            if isinstance(error, OSError):
+                # Such as a full disk behind standard output.
+                say(f"error: {error.filename or 'cannot write'}: {error.strerror or error}")
+                leave(FAILED)
             raise
         if code:
             leave(code)

@@ -221,7 +221,7 @@ def _kept(target: Store, index: int, note: Note) -> Receipt | None:
 
 
 def _check_target(target: Store, manifest: dict[str, Any], size: int) -> None:
-    if not target.manifest_path.exists():
+    if not target.has_manifest():
         if target.block_indices():
             raise ConfigError(f"--output {target.directory}: it holds runs already; give a new one")
         return

@@ -161,20 +161,6 @@ class Store:
         """
         return inspect_file(self.block_path(index))
 
-    def block_is_whole(self, index: int, schema: pa.Schema, rows: int) -> bool:
-        """Whether block `index` is in place, undamaged to the bit, and has these columns and rows.
-
-        Raises
-        ------
-        OutputError
-            The file may not be read, which says nothing about what it holds.
-        """
-        try:
-            found = self.inspect_block(index)
-        except DamagedError:
-            return False
-        return found.receipt.rows == rows and same_schema(found.schema, schema)
-
     def read_block(self, index: int, columns: Sequence[str] | None = None) -> pa.Table:
         """Read a block, having proved that it is whole.
 

@@ -101,7 +101,7 @@ def verify(
         manifest = read_manifest(store)
         config = override_config(manifest["config"], [])
     except OutputError as error:
-        if not store.manifest_path.exists():
+        if not store.has_manifest():
             raise
         verdict.problems.append(f"{error}; `rattlesweep run` makes it anew")
         return verdict

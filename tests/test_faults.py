@@ -1,0 +1,348 @@
+"""Calls of the system that fail: each call of a sweep, with each reason, once and for good.
+
+After each: exit 1 and one sentence that names a file and the reason, or exit 0 and everything
+there; what readers see is whole; the same command again ends with the same bytes.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+import subprocess
+import tempfile
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hardship import (
+    OTHER_TYPES,
+    PROGRAM,
+    Ended,
+    Reference,
+    blocks_of,
+    check_finished,
+    check_whole,
+    everything_in,
+    nursery,
+    one_sentence,
+    tiny,
+    trace,
+    wait_until,
+)
+from syscalls import MAY_FAIL
+
+NAMES = {number: errno.errorcode[number] for number in MAY_FAIL}
+NOBODY = 65534
+
+
+def explained(done: Ended, output: Path, *reasons: str) -> bool:
+    """Whether one sentence names a file and the reason."""
+    return (
+        one_sentence(done.err) and str(output) in done.err and any(r in done.err for r in reasons)
+    )
+
+
+def every_call_fails(
+    prepared: Path | None,
+    folder: Path,
+    command: list[Any],
+    number: int,
+    after: Reference,
+    *others: Reference,
+    for_good: bool,
+    stride: int = 1,
+) -> Counter[int]:
+    """Let the calls of a command fail, one after the other; exit codes and how often they came."""
+    output = folder / "out"
+
+    def begin() -> list[str]:
+        shutil.rmtree(output, ignore_errors=True)
+        if prepared is not None:
+            shutil.copytree(prepared, output)
+        return [str(part).replace("{out}", str(output)) for part in command]
+
+    kinds = MAY_FAIL[number]
+    calls = trace(output, folder / "log", *begin(), kinds=kinds)
+    codes: Counter[int] = Counter()
+    for at in range(0, len(calls), stride):
+        args = begin()
+        harm = {"root": output, "kinds": kinds, "at": at, "number": number, "for_good": for_good}
+        done = nursery().run(*args, calls=harm)
+        where = f"{NAMES[number]} at call {at}, {calls[at]}: {done}"
+        codes[done.code] += 1
+        assert done.code in (0, 1), where
+        if output.exists():
+            check_whole(output, after, *others)
+        if done.code == 1:
+            assert explained(done, output, os.strerror(number)), where
+        again = nursery().run(*args)
+        assert again.code == 0, (where, again)
+        if done.code == 0:
+            assert blocks_of(output) == after.runs, where
+        check_finished(output, after)
+    return codes
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A config of two blocks, and its sweep to which nothing happens."""
+    folder = tmp_path_factory.mktemp("whole")
+    config = tiny(folder, block_size=12)
+    assert nursery().run("run", config, "--output", folder / "out", "-q").code == 0
+    return config, folder / "out"
+
+
+ONCE, FOR_GOOD = False, True
+
+
+@pytest.mark.parametrize(
+    ("number", "for_good", "stride"),
+    [
+        (errno.ENOSPC, ONCE, 2),
+        (errno.ENOSPC, FOR_GOOD, 3),
+        (errno.EIO, ONCE, 6),
+        (errno.EIO, FOR_GOOD, 8),
+        (errno.EACCES, ONCE, 6),
+        (errno.EACCES, FOR_GOOD, 8),
+        *(
+            pytest.param(number, for_good, 1, marks=pytest.mark.slow)
+            for number in MAY_FAIL
+            for for_good in (ONCE, FOR_GOOD)
+        ),
+    ],
+    ids=lambda value: (
+        ("once", "for good")[value]
+        if isinstance(value, bool)
+        else NAMES.get(value, f"every {value}")
+    ),
+)
+def test_every_call_of_a_run_fails(number, for_good, stride, whole, tmp_path, record_property):
+    config, output = whole
+    command = ["run", config, "--output", "{out}", "-q"]
+    codes = every_call_fails(None, tmp_path, command, number, Reference.of(output),
+                             for_good=for_good, stride=stride)  # fmt: skip
+    assert codes[1] > 2
+    record_property("faults", codes.total())
+
+
+@pytest.mark.parametrize("for_good", [False, True], ids=["once", "for good"])
+@pytest.mark.parametrize("stride", [9, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EIO], ids=lambda n: NAMES[n])
+def test_every_call_of_classify_fails(number, stride, for_good, whole, tmp_path, record_property):
+    _, before = whole
+    after = Path(shutil.copytree(before, tmp_path / "after"))
+    assert nursery().run("classify", after, "--set", OTHER_TYPES).code == 0
+    references = Reference.of(after), Reference.of(before)
+    command = ["classify", "{out}", "--set", OTHER_TYPES]
+    codes = every_call_fails(before, tmp_path, command, number, *references,
+                             for_good=for_good, stride=stride)  # fmt: skip
+    assert codes[1] > 2
+    record_property("faults", codes.total())
+
+
+@pytest.mark.parametrize("stride", [9, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EACCES], ids=lambda n: NAMES[n])
+def test_every_call_of_a_fresh_start_fails(number, stride, whole, tmp_path, record_property):
+    config, output = whole
+    other = tmp_path / "other"
+    assert nursery().run("run", config, "--output", other, "--set", "seed=1", "-q").code == 0
+    references = Reference.of(output), Reference.of(other)
+    command = ["run", config, "--output", "{out}", "--fresh", "-q"]
+    codes = every_call_fails(other, tmp_path, command, number, *references,
+                             for_good=False, stride=stride)  # fmt: skip
+    assert codes[1] > 2
+    record_property("faults", codes.total())
+
+
+# -- faults that are real ----------------------------------------------------------------------
+
+
+@pytest.fixture
+def open_folder() -> Iterator[Path]:
+    """A folder that other users can reach too, which pytest's own is not."""
+    with tempfile.TemporaryDirectory(prefix="rattlesweep-tests-") as name:
+        os.chmod(name, 0o777)
+        yield Path(name)
+
+
+@pytest.fixture
+def one_megabyte(tmp_path: Path) -> Iterator[Path]:
+    """A file system of a megabyte."""
+    place = tmp_path / "small"
+    place.mkdir()
+    mount = shutil.which("mount")
+    if os.geteuid() != 0 or mount is None:
+        pytest.skip("only root may mount a file system")
+    done = subprocess.run([mount, "-t", "tmpfs", "-o", "size=1m", "tmpfs", place], check=False,
+                          capture_output=True)  # fmt: skip
+    if done.returncode != 0:
+        pytest.skip(f"no file system can be mounted here: {done.stderr.decode().strip()}")
+    try:
+        yield place
+    finally:
+        subprocess.run(["umount", place], check=True)
+
+
+def test_a_disk_that_fills_up(one_megabyte, tmp_path):
+    # Blocks of 11 kB and more; what fills the rest goes away by the third try.
+    config = tiny(tmp_path, "record: []", bodies="{source: sd, samples: 600}", block_size=40)
+    assert nursery().run("run", config, "--output", tmp_path / "whole", "-q").code == 0
+    reference = Reference.of(tmp_path / "whole")
+    size = sum(map(len, reference.runs.values()))
+    assert 300_000 < size < 900_000
+    output, ballast = one_megabyte / "out", one_megabyte / "ballast"
+    kept = []
+    for free in (20_000, size // 3, size // 2):
+        ballast.unlink(missing_ok=True)
+        used = sum(map(len, blocks_of(output).values()))
+        ballast.write_bytes(bytes((1 << 20) - used - free))
+        done = nursery().run("run", config, "--output", output, "-q")
+        assert done.code == 1
+        assert explained(done, output, "No space left on device"), done
+        kept.append(check_whole(output, reference))
+    assert kept == sorted(kept)
+    assert 0 < kept[1] < kept[2] < len(reference.runs)
+    ballast.unlink()
+    assert nursery().run("run", config, "--output", output, "-q").code == 0
+    check_finished(output, reference)
+
+
+@pytest.mark.parametrize("fsize", [400, 1000, 4000, 8000])
+def test_files_that_may_not_grow(fsize, whole, tmp_path):
+    """RLIMIT_FSIZE: a real fault, half-way through a write, that needs no rights."""
+    config, reference = whole[0], Reference.of(whole[1])
+    output = tmp_path / "out"
+    assert min(map(len, reference.runs.values())) > 8000
+    done = nursery().run("run", config, "--output", output, "-q", fsize=fsize)
+    assert done.code == 1
+    assert explained(done, output, "File too large"), done
+    assert check_whole(output, reference) == 0
+    assert nursery().run("run", config, "--output", output, "-q").code == 0
+    check_finished(output, reference)
+
+
+def begin_slowly(config: Path, output: Path, blocks: int, **how: Any) -> Any:
+    """Start a sweep whose blocks take a while, and wait until so many are in place."""
+    child = nursery().start("run", config, "--output", output, "-q", pace=0.15, **how)
+    wait_until(lambda: child.ended() or len(blocks_of(output)) >= blocks)
+    assert not child.ended(), child.wait()
+    return child
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can become another user")
+@pytest.mark.parametrize("what", ["runs", "."])
+def test_a_directory_that_becomes_read_only(what, open_folder):
+    config, output = tiny(open_folder), open_folder / "out"
+    assert nursery().run("run", config, "--output", open_folder / "whole", "-q").code == 0
+    reference = Reference.of(open_folder / "whole")
+    child = begin_slowly(config, output, 2, uid=NOBODY)
+    os.chmod(output / what, 0o555)
+    done = child.wait()
+    assert done.code == 1
+    assert explained(done, output, "Permission denied"), done
+    kept = check_whole(output, reference)
+    # Where only the directory itself is closed, just the summary and the manifest are missing.
+    assert 2 <= kept < 12 if what == "runs" else kept == 12
+    again = nursery().run("run", config, "--output", output, "-q", uid=NOBODY)
+    assert again.code == 1
+    assert explained(again, output, "Permission denied"), again
+    os.chmod(output / what, 0o755)
+    assert nursery().run("run", config, "--output", output, "-q", uid=NOBODY).code == 0
+    check_finished(output, reference)
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can become another user")
+def test_a_directory_of_somebody_else(open_folder):
+    config, output = tiny(open_folder), open_folder / "out"
+    assert nursery().run("run", config, "--output", output, "-q").code == 0
+    reference = Reference.of(output)
+    for command in (
+        ["run", config, "--output", output],
+        ["run", config, "--output", output, "--fresh"],
+        ["run", config, "--output", output, "--shard", "0/2"],
+        ["classify", output, "--set", OTHER_TYPES],
+    ):
+        done = nursery().run(*command, uid=NOBODY)
+        assert done.code == 1, done
+        assert explained(done, output, "Permission denied"), done
+    check_finished(output, reference)
+    os.chmod(output / "runs" / "block-000003.parquet", 0o000)
+    done = nursery().run("verify", output, uid=NOBODY)
+    assert done.code == 1
+    assert "block-000003.parquet: Permission denied" in done.out + done.err
+    assert "Traceback" not in done.err
+
+
+@pytest.mark.parametrize("what", ["runs", "."])
+def test_the_directory_is_removed_under_the_sweep(what, tmp_path):
+    config, output = tiny(tmp_path), tmp_path / "out"
+    assert nursery().run("run", config, "--output", tmp_path / "whole", "-q").code == 0
+    reference = Reference.of(tmp_path / "whole")
+    child = begin_slowly(config, output, 2)
+    # A file may come between what is listed and what is removed.
+    wait_until(
+        lambda: shutil.rmtree(output / what, ignore_errors=True) or not (output / what).exists()
+    )
+    done = child.wait()
+    assert done.code == 1
+    assert explained(done, output, "No such file or directory"), done
+    assert nursery().run("run", config, "--output", output, "-q").code == 0
+    check_finished(output, reference)
+
+
+@pytest.mark.parametrize(
+    "where",
+    [
+        "out",
+        "out/runs",
+        "out/.locks",
+        "out/manifest.json",
+        "out/summary.parquet",
+        "out/runs/block-000001.parquet",
+    ],
+)
+def test_something_is_in_the_way(where, whole, tmp_path):
+    """A file where a folder is to be, and the other way about."""
+    config, reference = whole[0], Reference.of(whole[1])
+    output, place = tmp_path / "out", tmp_path / where
+    if place.suffix:
+        shutil.copytree(whole[1], output)
+        place.unlink()
+        (place / "mine").mkdir(parents=True)
+    else:
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_text("mine")
+    before = everything_in(tmp_path)
+    done = nursery().run("run", config, "--output", output, "-q")
+    assert done.code == 1
+    assert explained(done, output, "in the way", "Is a directory", "Not a directory"), done
+    assert before <= everything_in(tmp_path)
+    if place.suffix:
+        shutil.rmtree(place)
+    else:
+        place.unlink()
+    assert nursery().run("run", config, "--output", output, "-q").code == 0
+    check_finished(output, reference)
+
+
+def test_a_manifest_that_is_removed_under_the_sweep_is_made_anew(tmp_path):
+    config, output = tiny(tmp_path), tmp_path / "out"
+    assert nursery().run("run", config, "--output", tmp_path / "whole", "-q").code == 0
+    child = begin_slowly(config, output, 2)
+    (output / "manifest.json").unlink()
+    assert child.wait().code == 0
+    check_finished(output, Reference.of(tmp_path / "whole"))
+
+
+def test_standard_output_that_is_full(whole, tmp_path):
+    """The table cannot be printed; the sweep is there all the same."""
+    config, reference = whole[0], Reference.of(whole[1])
+    with open("/dev/full", "w") as full:
+        done = subprocess.run([PROGRAM, "run", config, "--output", tmp_path / "out"], stdout=full,
+                              stderr=subprocess.PIPE, text=True, check=False)  # fmt: skip
+    check_finished(tmp_path / "out", reference)
+    assert done.returncode == 1
+    assert "Traceback" not in done.stderr, done.stderr
