@@ -374,13 +374,13 @@ def damage(path: Path) -> Iterator[bytes]:
 
 def test_damage_anywhere_is_noticed(store: Store) -> None:
     path = store.block_path(1)
-    whole = path.read_bytes()
+    original = path.read_bytes()
     for damaged in damage(path):
         path.write_bytes(damaged)
         assert not whole(store, 1, SCHEMA, 400)
         with pytest.raises(OutputError, match=r"block-000001.parquet is damaged"):
             store.read_block(1)
-    path.write_bytes(whole)
+    path.write_bytes(original)
     assert whole(store, 1, SCHEMA, 400)
 
 

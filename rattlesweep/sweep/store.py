@@ -30,7 +30,6 @@ from rattlesweep.sweep.tables import (
     build_table,
     encode,
     open_sealed,
-    same_schema,
 )
 
 _BLOCK = re.compile(r"block-(\d{6,})\.parquet")
