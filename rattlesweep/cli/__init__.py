@@ -7,7 +7,18 @@ from importlib import import_module
 import click
 
 # In the order of `--help`; each is `rattlesweep.cli.NAME:NAME`.
-COMMANDS = ("run", "status", "verify", "merge", "classify", "body", "tradeoff", "schema")
+COMMANDS = (
+    "run",
+    "status",
+    "verify",
+    "merge",
+    "classify",
+    "plot",
+    "report",
+    "body",
+    "tradeoff",
+    "schema",
+)
 
 
 class _Lazy(click.Group):
