@@ -330,7 +330,7 @@ BAD = {
     ),
     "recording misspelt": (
         changed("record: []", "record: [energy, contacts]"),
-        'c.yaml:16:18: record[1]: "contacts" is not one of energy, contact, windows; did you mean',
+        'c.yaml:16:18: record[1]: "contacts" is not one of energy, contact, windows, lyapunov; ',
     ),
     "method in capitals": (
         changed("method: dop853, tol: 1e-9", "method: RK4"),

@@ -15,6 +15,8 @@ COMMANDS = (
     "merge",
     "slurm",
     "classify",
+    "plot",
+    "report",
     "body",
     "trajectory",
     "tradeoff",

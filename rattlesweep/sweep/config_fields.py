@@ -105,6 +105,10 @@ FSd = Annotated[float, *_parameter("f_sd")]
 def _as_list(value: Any) -> Any:
     if isinstance(value, int | float) and not isinstance(value, bool):
         return [value]
+    if isinstance(value, dict) and ("linspace" in value or "logspace" in value):
+        from rattlesweep.sweep.config_grid import spaced  # it imports this module
+
+        return spaced(value)
     if not isinstance(value, list):
         raise PydanticCustomError("number_or_list", "a number or a list of numbers is wanted")
     return value
@@ -147,11 +151,16 @@ def _nonzero(values: list[float]) -> list[float]:
 
 
 def number_list_schema(**item: Any) -> dict[str, Any]:
-    """JSON schema of a number, or a list of distinct ones."""
+    """JSON schema of a number, a list of distinct ones, or numbers spaced like a grid's axis."""
     number = {"type": "number", **item}
-    return {
-        "anyOf": [number, {"type": "array", "items": number, "minItems": 1, "uniqueItems": True}]
-    }
+    ends = {"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3}
+    spaced = [
+        {"type": "object", "properties": {name: ends}, "required": [name],
+         "additionalProperties": False}
+        for name in ("linspace", "logspace")
+    ]  # fmt: skip
+    numbers = {"type": "array", "items": number, "minItems": 1, "uniqueItems": True}
+    return {"anyOf": [number, numbers, *spaced]}
 
 
 Numbers = Annotated[list[float], BeforeValidator(_as_list), AfterValidator(_listed)]

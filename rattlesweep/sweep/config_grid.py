@@ -9,12 +9,14 @@ from pydantic import (
     Discriminator,
     Field,
     Tag,
+    ValidationError,
     ValidationInfo,
     field_validator,
     model_validator,
 )
 
 from rattlesweep.sweep.config_bodies import MAX_BODIES, Preset, Skewed
+from rattlesweep.sweep.config_errors import problems_of
 from rattlesweep.sweep.config_fields import (
     DESCRIPTIONS,
     LIMITS,
@@ -28,6 +30,7 @@ from rattlesweep.sweep.config_fields import (
     limit_problem,
     no_repeats,
 )
+from rattlesweep.sweep.config_places import Places
 
 MAX_AXIS = 10**6
 _TOO_CLOSE = "{n:g} values from {low!r} to {high!r} would not all differ; give fewer of them"
@@ -141,6 +144,23 @@ class Logspace(Base):
         low, high, n = self.logspace
         inner = [low * (high / low) ** (i / (n - 1)) for i in range(1, int(n) - 1)]
         return [low, *inner, high] if n > 1 else [low]
+
+
+def spaced(given: dict[str, Any]) -> list[float]:
+    """The values of ``{linspace: [low, high, n]}`` or ``{logspace: ...}``.
+
+    Raises
+    ------
+    ValueError
+        It is neither, or its numbers make no axis.
+    """
+    kind: type[Linspace] | type[Logspace] = Logspace if "logspace" in given else Linspace
+    try:
+        return kind.model_validate(given).values()
+    except ValidationError as error:
+        problem = problems_of(error, kind, given, set(), Places())[0][0]
+        where = ".".join(str(part) for part in problem.key)
+        raise ValueError(f"{where}: {problem.message}") from None
 
 
 def _axis_kind(axis: Any) -> str:

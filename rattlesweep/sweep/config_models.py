@@ -99,7 +99,8 @@ class Spin(Base):
 
     n_i: SpinNumbers = Field(
         description=(
-            "Initial spins in sqrt(g/a); positive is the unsteady direction, negative the steady."
+            "Initial spins in sqrt(g/a); positive is the unsteady direction, negative the steady. "
+            "A number, a list, {linspace: [low, high, n]} or {logspace: [low, high, n]}."
         )
     )
     omega_xy0: OscillationNumbers = Field(

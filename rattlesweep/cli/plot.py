@@ -1,0 +1,79 @@
+"""`rattlesweep plot`: the right picture of any output directory."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from rattlesweep.cli.common import DONE, guarded, say
+
+
+@click.command(
+    epilog="\b\nExamples:\n  rattlesweep plot out/quickstart\n"
+    "  rattlesweep plot out/steady --kind ratio --select n_i=-0.1,-0.3 --output ratio.pdf\n"
+    "  rattlesweep plot out/map-theta-spin --select theta=0.84:0.99 --select n_i=-0.45:0"
+)
+@click.argument("directory", type=click.Path())
+@click.option(
+    "--kind",
+    metavar="KIND",
+    help="fractions, times (t_r), ratio (t_r/t_rGH), map or distribution; by default what suits "
+    "the sweep.",
+)
+@click.option("--x", metavar="NAME", help="What lies along the abscissa, such as K_r or theta.")
+@click.option(
+    "--select",
+    metavar="NAME=VALUES",
+    multiple=True,
+    help="Only these values, as in n_i=-0.3,-0.5 or theta=0.6:0.7; may be repeated.",
+)
+@click.option("--log/--linear", default=None, help="Logarithmic axes or not; by default as suits.")
+@click.option("--size", metavar="W,H", help="Width and height in inches.")
+@click.option(
+    "--dpi", type=click.FloatRange(20, 1200), default=150.0, help="Dots per inch of a PNG."
+)
+@click.option("--style", metavar="FILE", help="A style file of Matplotlib (.mplstyle).")
+@click.option("--title", metavar="TEXT", help="A title above the picture.")
+@click.option(
+    "--output",
+    metavar="FILE",
+    multiple=True,
+    help="An .svg, .png or .pdf; may be repeated. By default DIRECTORY/KIND.svg and .png.",
+)
+@click.option("--data", metavar="FILE", help="Write the numbers drawn, as .csv or .parquet.")
+@guarded
+def plot(
+    directory: str,
+    kind: str | None,
+    x: str | None,
+    select: tuple[str, ...],
+    log: bool | None,
+    size: str | None,
+    dpi: float,
+    style: str | None,
+    title: str | None,
+    output: tuple[str, ...],
+    data: str | None,
+) -> int:
+    """Draw a sweep: shares of types, reversal times against theory, or a map of a grid.
+
+    Works at any time, also while the sweep is running.
+    """
+    from rattlesweep.study import plot_files
+    from rattlesweep.study.plot import choose_picture, default_outputs
+    from rattlesweep.study.plot_layout import read_layout
+    from rattlesweep.study.plot_style import styled
+
+    paths, table = plot_files.named_outputs(output), plot_files.named_data(data)
+    inches = plot_files.parse_size(size)
+    with styled(None if style is None else Path(style)):
+        picture = choose_picture(read_layout(Path(directory)), kind, x=x, select=select)
+        paths = paths or default_outputs(Path(directory), picture.kind)
+        figure = picture.figure(title=title, log=log, size=inches)
+        plot_files.write_figure(figure, paths, dpi)
+    if table is not None:
+        plot_files.write_data(picture.data(), table)
+        paths.append(table)
+    say(f"{picture.kind}: {', '.join(str(path) for path in paths)}")
+    return DONE

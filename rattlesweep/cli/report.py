@@ -1,0 +1,36 @@
+"""`rattlesweep report`: a sweep on one page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from rattlesweep.cli.common import DONE, guarded, say
+
+
+@click.command(
+    epilog="\b\nExamples:\n  rattlesweep report out/quickstart\n"
+    "  rattlesweep report out/steady --output steady.html --title 'Steady direction'"
+)
+@click.argument("directory", type=click.Path())
+@click.option("--output", metavar="FILE", help="The page; by default DIRECTORY/report.html.")
+@click.option("--title", metavar="TEXT", help="Title of the page; by default the sweep's name.")
+@guarded
+def report(directory: str, output: str | None, title: str | None) -> int:
+    """Make one self-contained HTML page of a sweep.
+
+    With its config, cases, pictures, failures, cost and provenance. Works at any time, also while
+    the sweep is running.
+    """
+    from rattlesweep.study.report import make_report
+    from rattlesweep.sweep.errors import ConfigError
+    from rattlesweep.sweep.files import replace_file
+
+    if output is not None and not output.lower().endswith((".html", ".htm")):
+        raise ConfigError(f"--output {output}: the name must end in .html")
+    path = Path(directory) / "report.html" if output is None else Path(output)
+    page = make_report(Path(directory), title)
+    replace_file(path, page)
+    say(f"{path}, {len(page) / 1e6:.2f} MB")
+    return DONE
