@@ -15,6 +15,8 @@ COMMANDS = (
     "classify",
     "body",
     "trajectory",
+    "replay",
+    "show",
     "tradeoff",
     "schema",
 )
