@@ -19,6 +19,8 @@ COMMANDS = (
     "report",
     "body",
     "trajectory",
+    "replay",
+    "show",
     "tradeoff",
     "schema",
 )

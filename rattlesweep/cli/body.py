@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from rattlesweep.cli import options
 from rattlesweep.cli.common import DONE, guarded
 
 
@@ -14,19 +15,8 @@ from rattlesweep.cli.common import DONE, guarded
     epilog="\b\nExamples:\n  rattlesweep body --preset GH\n  rattlesweep body --gamma 10 --f-sd "
     "0.1 --theta 0.8 --phi 0.05 --xi-deg -3 --json"
 )
-@click.option("--preset", metavar="NAME", help="A named body: GH (Garcia and Hubbard 1988).")
-@click.option("--alpha", type=float, help="I_xx + 1, in M a^2.")
-@click.option("--beta", type=float, help="I_yy + 1, in M a^2.")
-@click.option("--gamma", type=float, help="I_zz, in M a^2.")
-@click.option(
-    "--f-sd", type=float, help="I_yy/I_zz of a shell-dumbbell body; replaces alpha, beta."
-)
-@click.option("--theta", type=float, help="Larger principal curvature, in 1/a.")
-@click.option("--phi", type=float, help="Smaller principal curvature, in 1/a.")
-@click.option("--xi", type=float, help="Skew angle in radians.")
-@click.option("--xi-deg", type=float, help="Skew angle in degrees.")
-@click.option("--n-i", type=float, default=0.1, show_default=True, help="Initial spin.")
-@click.option("--omega-xy0", type=float, default=0.01, show_default=True, help="Oscillation.")
+@options.body_options
+@options.spin_options
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
 @guarded
 def body(as_json: bool, n_i: float, omega_xy0: float, **given: Any) -> int:

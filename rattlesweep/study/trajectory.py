@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
     from rattlesweep.integrate.batch import Batch
     from rattlesweep.physics.body import Rattleback
+    from rattlesweep.sweep.config import Config
+    from rattlesweep.sweep.launches import Launches
 
     Floats = NDArray[np.float64]
 
@@ -164,11 +166,46 @@ class Course:
         e_r0: float | None = None,
         watch: Callable[[float], None] | None = None,
     ) -> None:
-        self._watch = watch
-        config, launches, batch = single_run(
+        run = single_run(
             body, n_i=n_i, omega_xy0=omega_xy0, t_end=t_end, psi=psi, model=model,
             integrator=integrator or {},
         )  # fmt: skip
+        self._prepare(run, channels, points, dt, steps, times, e_p0, e_r0, watch)
+
+    @classmethod
+    def of_run(
+        cls,
+        run: tuple[Config, Launches, Batch | None],
+        *,
+        channels: Sequence[str] = ("t", "n"),
+        points: int | None = None,
+        dt: float | None = None,
+        steps: bool = False,
+        watch: Callable[[float], None] | None = None,
+    ) -> Course:
+        """The trajectory of a run of a sweep: its config, its launch and its batch, one run each.
+
+        The other arguments are those of the class.
+        """
+        course = cls.__new__(cls)
+        course._prepare(run, channels, points, dt, steps, None, None, None, watch)
+        return course
+
+    def _prepare(
+        self,
+        run: tuple[Config, Launches, Batch | None],
+        channels: Sequence[str],
+        points: int | None,
+        dt: float | None,
+        steps: bool,
+        times: Any,
+        e_p0: float | None,
+        e_r0: float | None,
+        watch: Callable[[float], None] | None,
+    ) -> None:
+        self._watch = watch
+        config, launches, batch = run
+        model: str = config.model
         self.channels: tuple[Channel, ...] = choose(channels, model)
         self.model, self.launches = model, launches
         chosen = config.integrator

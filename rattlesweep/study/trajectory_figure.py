@@ -65,7 +65,11 @@ def course_for(
     given = launch.get("e_p0") is not None or launch.get("e_r0") is not None
     names = channels_of(model, beside=model == "full" and given)
     # The horizon is known once the launch is.
-    course = Course(body, channels=names, watch=watch, **launch)
+    return at_its_times(Course(body, channels=names, watch=watch, **launch))
+
+
+def at_its_times(course: Course) -> Course:
+    """Give a course the times that its figure needs."""
     course.times = even_points(course.t_end, points_for(course))
     return course
 

@@ -1,0 +1,88 @@
+"""`rattlesweep replay`: stored runs again, as trajectories."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from rattlesweep.cli import options
+from rattlesweep.cli.common import DONE, guarded, say
+from rattlesweep.cli.series import Share, check_targets, close, deliver, names_of, print_channels
+
+if TYPE_CHECKING:
+    from rattlesweep.study.replay import StoredRun
+
+
+@click.command(
+    epilog="\b\nExamples:\n  rattlesweep replay out/quickstart --case 3 --sample 17 --figure "
+    "run.svg\n  rattlesweep replay out/quickstart --where \"type = 'SW' and K_r < 0.005\" "
+    "--first 3 --output run-{case}-{sample}.parquet"
+)
+@click.argument("directory", type=click.Path())
+@options.which_options
+@click.option("--first", type=click.IntRange(1), help="So many runs of --where.  [default: 1]")
+@click.option(
+    "--t-end", type=float, help="Where it ends, in sqrt(a/g); by default the sweep's horizon."
+)
+@options.rows_options
+@click.option(
+    "--output", metavar="FILE", help="A .parquet or .csv file; {case} and {sample} are filled in."
+)
+@click.option("--figure", metavar="FILE", help="Draw it: .svg, .png or .pdf; likewise.")
+@options.quiet_option
+@guarded
+def replay(
+    directory: str,
+    case: int | None,
+    sample: int | None,
+    where: str | None,
+    first: int | None,
+    t_end: float | None,
+    channels: str,
+    output: str | None,
+    figure: str | None,
+    quiet: bool,
+    points: int | None,
+    dt: float | None,
+    steps: bool,
+) -> int:
+    """Integrate stored runs of DIRECTORY again and give them as time series, past their reversals.
+
+    Each is first integrated as the sweep did, and its whole row proved equal to the stored one,
+    bit for bit; so is the first reversal of the series. Exits with 1 where one differs.
+    """
+    from rattlesweep.study import trajectory_figure as figures
+    from rattlesweep.study.replay import Replay, check_course, find, said, targets
+
+    if channels == "list":
+        print_channels()
+        return DONE
+    source = Replay(Path(directory))
+    runs = find(source, case, sample, where, first)
+    outputs = targets(output, runs, "--output", printed=figure is None)
+    drawings = targets(figure, runs, "--figure")
+    for pair in zip(outputs, drawings, strict=True):
+        check_targets(*pair)
+
+    def one(run: StoredRun, out: Path | None, drawing: Path | None) -> int:
+        source.prove(run)
+        model = source.config.model
+        names, shown = names_of(channels), figures.channels_of(model)
+        with Share(quiet, files=out is not None or drawing is not None) as bar:
+            course = deliver(
+                lambda: source.course(run, t_end=t_end, channels=names, points=points, dt=dt,
+                                      steps=steps, watch=bar),
+                lambda: figures.at_its_times(
+                    source.course(run, t_end=t_end, channels=shown, watch=bar)
+                ),
+                out,
+                drawing,
+            )  # fmt: skip
+        check_course(run, course, model)
+        if not quiet:
+            say(said(run))
+        return close(course, quiet)
+
+    return max(one(*each) for each in zip(runs, outputs, drawings, strict=True))

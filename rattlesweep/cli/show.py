@@ -1,0 +1,134 @@
+"""`rattlesweep show`: one run as a page that moves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rattlesweep.cli import options
+from rattlesweep.cli.common import guarded, say
+from rattlesweep.cli.series import Share, close
+
+if TYPE_CHECKING:
+    from rattlesweep.study.replay import StoredRun
+    from rattlesweep.study.trajectory import Course
+
+
+@click.command(
+    epilog="\b\nExamples:\n  rattlesweep show --preset GH --n-i -0.1 --output spin.html\n"
+    "  rattlesweep show --from out/quickstart --where \"type = 'SW'\" --output wobble.html"
+)
+@click.option("--from", "directory", metavar="DIR", help="A run of this sweep, replayed.")
+@options.which_options
+@options.body_options
+@options.spin_options
+@options.psi_option
+@click.option(
+    "--t-end", type=float, help="Horizon, in sqrt(a/g); by default 5 t_rGH, or the run's."
+)
+@click.option("--points", type=int, help="Rows of data. [default: 20 a period of the pitch]")
+@options.integrator_options
+@click.option("--title", help="Of the page.")
+@click.option("--output", metavar="FILE", required=True, help="An .html file.")
+@options.quiet_option
+@click.pass_context
+@guarded
+def show(
+    context: click.Context,
+    directory: str | None,
+    case: int | None,
+    sample: int | None,
+    where: str | None,
+    t_end: float | None,
+    points: int | None,
+    title: str | None,
+    output: str,
+    quiet: bool,
+    **given: Any,
+) -> int:
+    """Write one HTML page in which the body rolls on the plane, with its trace and its spin.
+
+    It needs a browser and no network. Play, pause, choose the speed, drag to look around; keys
+    are listed in the page.
+    """
+    from rattlesweep.study import show as pages
+    from rattlesweep.study.replay import check_course, said
+    from rattlesweep.study.trajectory_file import check_target
+
+    path = Path(output)
+    check_target(path, "--output", (".html",))
+    run = None
+    with Share(quiet, files=True) as bar:
+        if directory is not None:
+            _refuse(context, given)
+            run, course, name = _stored(directory, case, sample, where, t_end, bar)
+        else:
+            course = _launched(case, sample, where, t_end, given, bar)
+            name = " ".join(["Rattleback", *([given["preset"]] if given["preset"] else [])])
+        scene = pages.make_scene(course, points)
+    if run is not None:
+        check_course(run, course, "full")
+    pages.save(scene, path, title or name, pages.describe(course))
+    if not quiet:
+        if run is not None:
+            say(said(run))
+        say(f"{path}: {len(scene.t)} rows, {path.stat().st_size / 1e6:.1f} MB")
+    return close(course, quiet)
+
+
+def _stored(
+    directory: str,
+    case: int | None,
+    sample: int | None,
+    where: str | None,
+    t_end: float | None,
+    bar: Share,
+) -> tuple[StoredRun, Course, str]:
+    """A run of a sweep, proved, and what to call it."""
+    from rattlesweep.study import show as pages
+    from rattlesweep.study.replay import Replay, find
+
+    source = Replay(Path(directory))
+    pages.check_model(source.config.model)
+    run = find(source, case, sample, where)[0]
+    source.prove(run)
+    course = source.course(run, t_end=t_end, channels=pages.CHANNELS, watch=bar)
+    kind = f", type {run.type}" if run.type else ""
+    return run, course, f"{source.config.name}: {run.name}{kind}"
+
+
+def _launched(
+    case: int | None,
+    sample: int | None,
+    where: str | None,
+    t_end: float | None,
+    given: dict[str, Any],
+    bar: Share,
+) -> Course:
+    """A body and a launch given on the command line."""
+    from rattlesweep.study import show as pages
+    from rattlesweep.study.trajectory import Course
+    from rattlesweep.sweep.derived import make_body
+    from rattlesweep.sweep.errors import ConfigError
+
+    if case is not None or sample is not None or where is not None:
+        raise ConfigError("--case, --sample and --where go with --from")
+    body = make_body({name: given[name] for name in options.BODY})
+    rest = {name: value for name, value in given.items() if name not in options.BODY}
+    integrator = options.integrator_of(rest)
+    psi = options.psi_of(rest.pop("psi"))
+    return Course(body, t_end=t_end, psi=psi, integrator=integrator, channels=pages.CHANNELS,
+                  watch=bar, **rest)  # fmt: skip
+
+
+def _refuse(context: click.Context, given: dict[str, Any]) -> None:
+    """Complain of a body or a launch beside `--from`."""
+    from rattlesweep.sweep.errors import ConfigError
+
+    for name in given:
+        source = context.get_parameter_source(name)
+        if source is click.core.ParameterSource.COMMANDLINE:
+            option = "--" + name.replace("_", "-")
+            raise ConfigError(f"{option} does not go with --from: the sweep says what the run was")
