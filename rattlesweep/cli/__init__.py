@@ -7,7 +7,7 @@ from importlib import import_module
 import click
 
 # In the order of `--help`; each is `rattlesweep.cli.NAME:NAME`.
-COMMANDS = ("run", "classify", "body", "tradeoff", "schema")
+COMMANDS = ("run", "classify", "body", "tradeoff", "paper", "schema")
 
 
 class _Lazy(click.Group):
