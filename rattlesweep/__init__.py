@@ -21,6 +21,7 @@ if TYPE_CHECKING:
         reversal_time_gh,
         simulate,
         sweep,
+        trajectory,
     )
 
 __all__ = [
@@ -34,6 +35,7 @@ __all__ = [
     "reversal_time_gh",
     "simulate",
     "sweep",
+    "trajectory",
 ]
 
 

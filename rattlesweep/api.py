@@ -8,17 +8,19 @@ from typing import TYPE_CHECKING, Any
 
 from rattlesweep.integrate.status import Status
 from rattlesweep.physics import theory
-from rattlesweep.physics.body import PARAMETERS, Rattleback
+from rattlesweep.physics.body import Rattleback
 from rattlesweep.physics.launch import direction
 from rattlesweep.physics.theory import Modes
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     import pandas as pd
 
+    from rattlesweep.study.trajectory import Trajectory
+
 __all__ = ["Modes", "Rattleback", "Run", "Sweep", "load", "modes", "reversal_time_gh", "simulate",
-           "sweep"]  # fmt: skip
+           "sweep", "trajectory"]  # fmt: skip
 
 
 def modes(body: Rattleback) -> Modes:
@@ -115,26 +117,16 @@ def simulate(
     ConfigError
         If an argument is wrong.
     """
-    from rattlesweep.sweep.blocks import finish_block, prepare_block
-    from rattlesweep.sweep.bodies import GridBodies
-    from rattlesweep.sweep.config import parse_config
-    from rattlesweep.sweep.plan import Plan, make_plan
+    from rattlesweep.sweep.blocks import finish_block
+    from rattlesweep.sweep.single import single_run
     from rattlesweep.sweep.types import TYPES
 
     adaptive = {"tol": tol} if _adaptive(method) else {"dt": dt}
-    config = parse_config(
-        {
-            "bodies": {"source": "preset", "name": "GH"},
-            "spin": {"n_i": [n_i], "omega_xy0": [omega_xy0], "psi": psi},
-            "model": model,
-            "horizon": {"t_rgh": 5.0} if t_end is None else {"t": t_end},
-            "integrator": {"method": method, **adaptive},
-        }
-    )
-    # The body itself, checked when it was made, in the preset's place; mirror images too.
-    source = GridBodies({name: getattr(body, name) for name in PARAMETERS}, {})
-    plan = Plan(config, source, make_plan(config).cases)
-    columns = finish_block(config, *prepare_block(plan, plan.block(0)), threads=1)
+    config, launches, batch = single_run(
+        body, n_i=n_i, omega_xy0=omega_xy0, t_end=t_end, psi=psi, model=model,
+        integrator={"method": method, **adaptive},
+    )  # fmt: skip
+    columns = finish_block(config, launches, batch, threads=1)
     codes, _ = columns["type"]
     status, words = columns["status"]
     row: dict[str, Any] = {
@@ -144,6 +136,72 @@ def simulate(
     }  # fmt: skip
     good = int(status[0]) == Status.OK
     return Run(type=TYPES[int(codes[0])] if good else None, status=words[int(status[0])], **row)
+
+
+def trajectory(
+    body: Rattleback,
+    *,
+    n_i: float,
+    omega_xy0: float,
+    t_end: float | None = None,
+    psi: str | float = "relevant",
+    model: str = "full",
+    channels: Sequence[str] = ("t", "n"),
+    points: int | None = None,
+    dt: float | None = None,
+    steps: bool = False,
+    times: Any = None,
+    method: str = "dop853",
+    tol: float = 1e-9,
+    dt_step: float = 0.002,
+    e_p0: float | None = None,
+    e_r0: float | None = None,
+) -> Trajectory:
+    """Integrate one launch to ``t_end``, past its reversals, and give it as a table.
+
+    Parameters
+    ----------
+    body : Rattleback
+    n_i, omega_xy0 : float
+        Initial spin and oscillation, in ``sqrt(g/a)``.
+    t_end : float, optional
+        Horizon, in ``sqrt(a/g)``; by default 5 t_rGH of the spin's own direction.
+    psi : str or float
+        ``relevant``, ``pitch``, ``roll`` or degrees.
+    model : str
+        ``full``, ``reduced`` or ``gh``.
+    channels : sequence of str
+        Columns of the table; ``rattlesweep.study.channels.CHANNELS`` lists them.
+    points, dt, steps, times
+        One way to choose the rows: so many evenly from 0 to ``t_end`` (2001 by default), one every
+        ``dt``, one per accepted step, or any increasing times.
+    method, tol, dt_step
+        Method, its tolerance or its step, as ``method, tol, dt`` of the config's ``integrator``.
+    e_p0, e_r0 : float, optional
+        Energies of pitch and roll with which the reduced model begins, in ``M g a``; by default
+        the launch's, where one of them is zero.
+
+    Returns
+    -------
+    Trajectory
+        ``table`` (pandas), ``reversals`` (all zeros of the spin), ``status``.  The accepted steps,
+        and so the first reversal, are those of :func:`simulate`, whatever rows are asked for.
+
+    Raises
+    ------
+    ConfigError
+        If an argument is wrong.
+    """
+    from rattlesweep.study.trajectory import Course, collect
+
+    adaptive = {"tol": tol} if _adaptive(method) else {"dt": dt_step}
+    return collect(
+        Course(
+            body, n_i=n_i, omega_xy0=omega_xy0, t_end=t_end, psi=psi, model=model,
+            channels=channels, points=points, dt=dt, steps=steps, times=times,
+            integrator={"method": method, **adaptive}, e_p0=e_p0, e_r0=e_r0,
+        )
+    )  # fmt: skip
 
 
 def _adaptive(method: str) -> bool:
@@ -231,13 +289,13 @@ def sweep(
         If the config is wrong, or the directory cannot be written.
     """
     from rattlesweep.sweep.config import load_config, parse_config
+    from rattlesweep.sweep.config_physics import checked_plan
     from rattlesweep.sweep.engine import run_sweep
-    from rattlesweep.sweep.plan import make_plan
 
     file = isinstance(config, str | Path)
     loaded = load_config(config) if isinstance(config, str | Path) else parse_config(config)
     base = Path(str(config)).resolve().parent if file else None
-    plan = make_plan(loaded, base)
+    plan, _ = checked_plan(loaded, base)
     directory = Path(output if output is not None else loaded.directory)
     run_sweep(plan, directory, base=base, threads=threads)
     return Sweep(directory)

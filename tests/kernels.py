@@ -138,7 +138,7 @@ def pieces(method, model):
 def workspace(method, model, lanes=stages.LANES):
     """A lane workspace, flat and as (row, lane), and its layout; at rest with GH-like numbers."""
     layout = stages.Layout.of(MODELS[model])
-    rows = layout.stages + METHODS[method].stages * MODELS[model].n_state
+    rows = layout.rows(METHODS[method], MODELS[model])
     flat = built.aligned(1, rows * lanes)[0][: rows * lanes]
     return flat, flat.reshape(rows, lanes), layout
 

@@ -21,11 +21,11 @@ import rattlesweep as rs
 from rattlesweep.physics import theory
 from rattlesweep.sweep.bodies import CHUNK
 from rattlesweep.sweep.config import parse_config
+from rattlesweep.sweep.contents import content_hash
 from rattlesweep.sweep.errors import ConfigError
 from rattlesweep.sweep.philox import uniforms
 from rattlesweep.sweep.plan import make_plan
 from rattlesweep.sweep.sampler import draw_bodies
-from rattlesweep.sweep.store import content_hash
 
 NAMES = ("alpha", "beta", "gamma", "theta", "phi", "xi")
 SPIN = {"n_i": -0.1, "omega_xy0": 0.01}

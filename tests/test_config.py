@@ -17,6 +17,7 @@ from rattlesweep.sweep.config import (
     config_json_schema,
     differences,
     load_config,
+    locating,
     parse_config,
     physics_hash,
     resolved,
@@ -200,9 +201,9 @@ def test_grid_axes_give_their_values(tmp_path: Path) -> None:
 def test_the_hash_is_of_the_physics_alone(tmp_path: Path) -> None:
     path = write(tmp_path, EXAMPLE)
     base = physics_hash(load_config(path))
-    same = ["name=x", "output=y", "classify.ss_growth=0.5", "spin.psi=relevant"]
+    same = ["name=x", "output=y", "classify.ss_growth=0.5", "spin.psi=relevant", "block_size=5"]
     assert physics_hash(load_config(path, same)) == base
-    for other in ("seed=1", "block_size=5", "integrator.tol=1e-8", "record=[energy]", "model=gh"):
+    for other in ("seed=1", "integrator.tol=1e-8", "record=[energy]", "model=gh"):
         assert physics_hash(load_config(path, [other])) != base
     energy_first = load_config(path, ["record=[energy, contact]"])
     assert physics_hash(energy_first) == physics_hash(
@@ -274,6 +275,87 @@ BAD = {
     "unknown key with a tilde": (
         changed("model: full", "~model: full"),
         'c.yaml:12:1: ~model: unknown key "~model"; did you mean "model"?',
+    ),
+    "unknown key in other letters": (
+        changed("horizon: {t_rgh: 5}", "horizon: {T-rGH: 5}"),
+        'c.yaml:13:11: horizon.T-rGH: unknown key "T-rGH"; did you mean "t_rgh"?',
+    ),
+    "unknown key drawn out": (
+        changed("tol: 1e-9", "tolerance: 1e-9"),
+        'c.yaml:14:30: integrator.tolerance: unknown key "tolerance"; did you mean "tol"?',
+    ),
+    "key of a deeper section": (
+        changed("samples: 1000", "theta: [0.6, 0.95]"),
+        'c.yaml:5:3: bodies.theta: unknown key "theta" here; it belongs under bodies.ranges',
+    ),
+    "key of another section": (
+        changed("model: full", "samples: 10"),
+        'c.yaml:12:1: samples: unknown key "samples" here; it belongs under bodies',
+    ),
+    "key of another source": (
+        PRESET.replace("overrides: {theta: 0.82}", "theta: 0.82"),
+        'c.yaml:1:36: bodies.theta: unknown key "theta" here; it belongs under bodies.overrides',
+    ),
+    "key of the top level": (
+        changed("psi: relevant", "model: full"),
+        'c.yaml:11:3: spin.model: unknown key "model" here; it belongs at the top level',
+    ),
+    "misspelt key of another section": (
+        changed("model: full", "max_step: 10"),
+        'c.yaml:12:1: max_step: unknown key "max_step"; did you mean "max_steps", under integrator',
+    ),
+    "axis misspelt": (
+        GRID.replace("phi: [0.02", "phy: [0.02"),
+        'bodies.axes.phy: unknown key "phy"; did you mean "phi"?',
+    ),
+    "base misspelt": (
+        GRID.replace("preset: GH", "presett: GH"),
+        'bodies.base.presett: unknown key "presett"; did you mean "preset"?',
+    ),
+    "source misspelt": (
+        changed("source: sd", "souce: sd"),
+        'c.yaml:4:3: bodies.souce: unknown key "souce"; did you mean "source"?',
+    ),
+    "missing because misspelt": (
+        changed("omega_xy0:", "omega_xyO:"),
+        'c.yaml:10:3: spin.omega_xyO: unknown key "omega_xyO"; did you mean "omega_xy0"?',
+    ),
+    "preset in small letters": (
+        PRESET.replace("GH", "gh"),
+        'c.yaml:1:26: bodies.name: "gh" is not one of GH; did you mean "GH"?',
+    ),
+    "model misspelt": (
+        changed("model: full", "model: redused"),
+        'c.yaml:12:1: model: "redused" is not one of full, reduced, gh; did you mean "reduced"?',
+    ),
+    "recording misspelt": (
+        changed("record: []", "record: [energy, contacts]"),
+        'c.yaml:16:18: record[1]: "contacts" is not one of energy, contact, windows; did you mean',
+    ),
+    "method in capitals": (
+        changed("method: dop853, tol: 1e-9", "method: RK4"),
+        'verner98, rk4; did you mean "rk4"?',
+    ),
+    "list as a key": (
+        "bodies: {[a]: 1}\n" + SPIN,
+        "c.yaml:1:10: bodies: a list, mapping or alias stands where a key should be; write a name",
+    ),
+    "phi above theta for all": (
+        changed("phi: [0.01, 0.1]", "phi: [0.96, 0.97]"),
+        "bodies.ranges.phi: phi >= theta for all bodies, as phi is at least 0.96 and theta at most",
+    ),
+    "too many cases": (
+        f"bodies: {{source: sd}}\nspin:\n  n_i: {list(range(1, 402))}\n"
+        f"  omega_xy0: {list(range(1, 402))}\n",
+        "c.yaml:2:1: spin: 160801 cases (targets x n_i x omega_xy0); at most 100000 are possible",
+    ),
+    "too fast": (
+        changed("n_i: [-0.1,", "n_i: [-1e7,"),
+        "c.yaml:9:3: spin.n_i: -1e+07 is faster than any body turns; at most 1e+06",
+    ),
+    "values too close": (
+        GRID.replace("[0.6, 0.99, 200]", "[0.6, 0.60000000000001, 1000]"),
+        "1000 values from 0.6 to 0.60000000000001 would not all differ; give",
     ),
     "repeated key": (
         changed("model: full", "seed: 3"),
@@ -347,7 +429,7 @@ BAD = {
     "phi above theta": (
         changed("phi: [0.01, 0.1]", "phi: [0.01, 0.7]"),
         "c.yaml:6:68: bodies.ranges.phi: phi >= theta is possible, as phi goes up to 0.7 and "
-        "theta down to 0.6; the ranges must not meet",
+        "theta down to 0.6, in 2.07 % of draws; the ranges must not meet",
     ),
     "phi of Table I above theta": (
         BODIES + "  ranges: {theta: [0.05, 0.5]}\n" + SPIN,
@@ -474,6 +556,10 @@ BAD = {
     "two documents": (EXAMPLE + "---\na: 1\n", "c.yaml:18:1: a second YAML document begins; keep"),
     "empty": ("# nothing\n", "c.yaml:1:1: the file is empty; it needs at least bodies and spin"),
     "a list": ("- 1\n", "c.yaml:1:1: a list stands where a mapping is wanted; write key: value"),
+    "endless": (
+        "record: [" + "1, " * 30_000 + "]",
+        "c.yaml:1:59995: more than 20000 keys and values up to here; a config is a short YAML",
+    ),
     "deep": ("a: " + "[" * 500, "more than 30 levels are nested"),
     "escape": ('a: "\\UFFFFFFFF"\n', "the text is not valid YAML (OverflowError"),
     "control character": ("a: 1\nb: \x01\n", "c.yaml:2:4: the character U+0001 is not allowed"),
@@ -503,6 +589,47 @@ def test_all_mistakes_are_told_at_once_in_the_order_of_the_file(tmp_path: Path) 
     text = text.replace("gamma: [5, 15]", "gamma: [15, 5]").replace("model: full", "seed: 1")
     places = [line.split(":")[1] for line in messages(write(tmp_path, text))]
     assert places == ["2", "6", "12", "14"]
+
+
+def test_many_mistakes_are_counted(tmp_path: Path) -> None:
+    keys = "".join(f"zzz{i}: 1\n" for i in range(50))
+    lines = messages(write(tmp_path, EXAMPLE.replace("seed: 2017", "seed: x") + keys))
+    assert len(lines) == 21
+    assert lines[0].startswith("c.yaml:2:1: seed: ")
+    assert lines[1].startswith('c.yaml:18:1: zzz0: unknown key "zzz0"; the keys allowed here are')
+    assert lines[19].startswith("c.yaml:36:1: zzz18: ")
+    assert lines[20] == "c.yaml: and 31 more; mend these first"
+    repeated = messages(write(tmp_path, EXAMPLE + "seed: 1\n" * 30 + keys))
+    assert repeated[-1] == "c.yaml: and 60 more; mend these first"
+    assert repeated[0].startswith("c.yaml:18:1: seed: the key is repeated")
+
+
+def test_repeated_keys_are_told_with_a_syntax_error(tmp_path: Path) -> None:
+    lines = messages(write(tmp_path, EXAMPLE + "seed: 1\nzz: [energy\nzzz: 1\n"))
+    assert [line.split(";")[0] for line in lines] == [
+        "c.yaml:18:1: seed: the key is repeated (first in line 2)",
+        "c.yaml:20:4: not valid YAML (expected ',' or ']', but got ':')",
+    ]
+
+
+def test_errors_of_others_get_the_place_of_their_key(tmp_path: Path) -> None:
+    path = write(tmp_path, EXAMPLE)
+    config = load_config(path, ["spin.psi=pitch"])
+    for message, place in {
+        "bodies.target.K_r: no": f"{path}:7:12: bodies.target.K_r: no",
+        "bodies.target.max_draws: no": f"{path}:7:3: bodies.target.max_draws: no",
+        "spin.omega_xy0[1]: no": f"{path}:10:22: spin.omega_xy0[1]: no",
+        "spin.psi: no": "--set spin.psi=pitch: spin.psi: no",
+        "bodies.path: a.csv: row 1: no": f"{path}:3:1: bodies.path: a.csv: row 1: no",
+        "steady: it holds runs": "steady: it holds runs",
+        "no key at all": "no key at all",
+    }.items():
+        with pytest.raises(ConfigError) as caught, locating(config.model_copy()):
+            raise ConfigError(message)
+        assert caught.value.messages == [place]
+    with pytest.raises(ConfigError) as caught, locating(parse_config(resolved(config))):
+        raise ConfigError("seed: no")
+    assert caught.value.messages == ["seed: no"]
 
 
 @pytest.mark.parametrize(
@@ -535,7 +662,7 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
         "c.yaml:1:10: byte 0xe9 is not UTF-8 text; a config is a YAML file in UTF-8"
     ]
     path.write_bytes(b"# " + b"x" * 2_000_000)
-    assert "is larger than 1000 kB" in messages(path)[0]
+    assert "is larger than 250 kB" in messages(path)[0]
     path.write_bytes(b"\xef\xbb\xbf" + EXAMPLE.encode())
     assert load_config(path).seed == 2017
 

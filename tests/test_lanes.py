@@ -336,7 +336,7 @@ def test_nonfinite_states_end_at_once_and_leave_the_neighbours_alone():
 
 def test_recording_changes_nothing_else():
     runs = mixed(70)
-    extra = ("energy_drift_max", "contact_ratio_max", "contact_normal_min", "windows")
+    extra = ("energy_drift_max", "contact_ratio_max", "contact_normal_min", "windows", "growth")
     for method in (DOP853, RK4):
         plain = integrate(runs, method, FULL, dt=0.01)
         for record in (*RECORDS, RECORDS):

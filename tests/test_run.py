@@ -33,9 +33,9 @@ from rattlesweep import cli
 from rattlesweep.cli import common
 from rattlesweep.sweep.columns import runs_schema, summary_schema
 from rattlesweep.sweep.config import parse_config
+from rattlesweep.sweep.contents import content_hash
 from rattlesweep.sweep.engine import Progress
 from rattlesweep.sweep.plan import make_plan
-from rattlesweep.sweep.store import content_hash
 
 ROOT = Path(__file__).parent.parent
 CONFIGS = ROOT / "configs"
@@ -376,7 +376,6 @@ def test_another_config_is_kept_out_of_a_directory(tmp_path):
         ("integrator.tol=1e-8", "integrator.tol: 1e-09 against 1e-08"),
         ("seed=1", "seed: 0 against 1"),
         ("record=[]", 'record: ["energy", "contact"] against []'),
-        ("block_size=1", "block_size: 10000 against 1"),
     ):
         for options in ((), ("--dry-run",)):
             result = run("gh.yaml", output, text, options=options)
@@ -400,15 +399,35 @@ def test_a_changed_table_is_another_config(tmp_path):
     assert "the table of bodies has changed" in result.stderr
 
 
-def test_runs_without_a_manifest_are_nobodys(tmp_path):
+def test_runs_whose_manifest_is_lost_know_their_config(tmp_path):
     output = tmp_path / "out"
-    run("gh.yaml", output)
-    (output / "manifest.json").unlink()
-    before = tree(output)
-    result = run("gh.yaml", output)
-    assert result.exit_code == 2
-    assert "it holds runs but no manifest.json" in result.stderr
-    assert tree(output) == before
+    sets = ("bodies.samples=4", "bodies.target.rel_tol=0.1")
+    run("quickstart.yaml", output, *sets, "block_size=7")
+    before = tree(output / "runs")
+    for damage in (Path.unlink, lambda path: path.write_bytes(path.read_bytes()[:-40])):
+        damage(output / "manifest.json")
+        result = run("quickstart.yaml", output, *sets, "seed=1")
+        assert result.exit_code == 2
+        assert "it holds runs but no whole manifest.json" in result.stderr
+        assert tree(output / "runs") == before
+        result = run("quickstart.yaml", output, *sets)
+        assert result.exit_code == 0
+        assert "60 of them from before" in result.stderr
+        assert tree(output / "runs") == before
+        assert manifest(output)["config"]["block_size"] == 7
+        assert manifest(output)["state"] == "complete"
+
+
+def test_blocks_stay_as_the_directory_was_begun(tmp_path):
+    output = tmp_path / "out"
+    sets = ("bodies.samples=4", "bodies.target.rel_tol=0.1")
+    run("quickstart.yaml", output, *sets, "block_size=7")
+    before = tree(output / "runs")
+    (output / "runs" / "block-000003.parquet").unlink()
+    result = run("quickstart.yaml", output, *sets, "block_size=50")
+    assert "was begun in blocks of 7 runs, and goes on so" in result.stderr
+    assert "53 of them from before" in result.stderr
+    assert tree(output / "runs") == before
 
 
 def test_name_output_thresholds_and_threads_may_differ(tmp_path):
@@ -667,7 +686,7 @@ def test_a_stopped_run_goes_on_to_the_same_rows(number, code, word, long_hash, t
         kept = [pq.ParquetFile(p).metadata.num_rows for p in output.glob("runs/*.parquet")]
         assert set(kept) == {1000}
         assert blocks <= len(kept) < 12
-        assert manifest(output)["state"] == "running"
+        assert manifest(output)["state"] == "stopped"
         resumed = sum(kept)
     result = run("quickstart.yaml", output, *LONG)
     assert result.exit_code == 0

@@ -21,8 +21,9 @@ import pytest
 
 from rattlesweep.sweep import files
 from rattlesweep.sweep.columns import RUNS, SUMMARY, runs_schema, summary_schema
+from rattlesweep.sweep.contents import content_hash
 from rattlesweep.sweep.errors import ConfigError, OutputError
-from rattlesweep.sweep.store import Store, content_hash
+from rattlesweep.sweep.store import Store
 from rattlesweep.sweep.tables import build_table, encode, open_sealed, ragged, same_schema
 
 RECORD = ("energy", "contact", "windows")
@@ -503,4 +504,7 @@ def test_manifest_missing_or_broken(tmp_path: Path) -> None:
             Store(tmp_path).read_manifest()
         assert "\n" not in str(caught.value)
     (tmp_path / "manifest.json").write_text(json.dumps({"ok": 1}))
+    with pytest.raises(OutputError, match="its checksum does not match"):
+        Store(tmp_path).read_manifest()
+    Store(tmp_path).write_manifest({"ok": 1})
     assert Store(tmp_path).read_manifest() == {"ok": 1}

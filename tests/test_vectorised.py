@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from rattlesweep.integrate.model import MODELS
+from rattlesweep.integrate.model import MODELS, WITH_TANGENT
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics.full import FASTMATH
 
@@ -22,8 +22,20 @@ ARITHMETIC = re.compile(
     r"^\s+v?(add|sub|mul|div|sqrt|min|max|cmp\w*|ucomi|comi|fn?m(?:add|sub)\d*)([sp])d\s", re.M
 )
 SLOW = {"div", "sqrt"}
+TANGENTS = [model.name for model in WITH_TANGENT.values()]
+# A step with a tangent takes seconds to compile: each once, the others when asked.
+QUICK = {("dop853", "full_tangent"), ("rk4", "reduced_tangent")}
 kinds = pytest.mark.parametrize(
-    ("method", "model"), [(method, model) for method in METHODS for model in MODELS]
+    ("method", "model"),
+    [
+        pytest.param(
+            method,
+            model,
+            marks=[pytest.mark.slow] if model in TANGENTS and (method, model) not in QUICK else [],
+        )
+        for method in METHODS
+        for model in MODELS
+    ],
 )
 
 
@@ -59,7 +71,7 @@ def test_attempt_is_vectorised(method, model):
     text = assembly(kernels.attempt(method, model), "void(float64[::1], float64)")
     assert_vectorised(text, share=0)
     # Every stage of the full model divides and takes a root.
-    assert model != "full" or counts(text)["p", True] >= METHODS[method].stages
+    assert not model.startswith("full") or counts(text)["p", True] >= METHODS[method].stages
 
 
 @kinds
@@ -81,6 +93,12 @@ def test_commit_is_vectorised(model):
 @pytest.mark.parametrize("model", MODELS)
 def test_advance_is_vectorised(model):
     text = assembly(kernels.pieces("dop853", model)["advance"], "void(float64[::1])")
+    assert_vectorised(text, share=0)
+
+
+@pytest.mark.parametrize("model", TANGENTS)
+def test_tangents_move_on_vectorised(model):
+    text = assembly(kernels.pieces("dop853", model)["tangent_advance"], "void(float64[::1])")
     assert_vectorised(text, share=0)
 
 

@@ -7,7 +7,18 @@ from importlib import import_module
 import click
 
 # In the order of `--help`; each is `rattlesweep.cli.NAME:NAME`.
-COMMANDS = ("run", "classify", "body", "tradeoff", "paper", "schema")
+COMMANDS = (
+    "run",
+    "status",
+    "verify",
+    "merge",
+    "classify",
+    "body",
+    "trajectory",
+    "tradeoff",
+    "paper",
+    "schema",
+)
 
 
 class _Lazy(click.Group):
@@ -31,5 +42,5 @@ def main() -> None:
     """Sweeps of rattlebacks: sample bodies, integrate them, type the runs, write Parquet.
 
     Exit codes: 0 done, 1 failed, 2 the command or the config is wrong, 3 done but some runs have
-    a status other than ok, 130 interrupted, 143 terminated.
+    a status other than ok, 75 stopped early on purpose, 130 interrupted, 143 terminated.
     """

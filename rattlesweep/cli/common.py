@@ -16,7 +16,7 @@ import click
 if TYPE_CHECKING:
     from rattlesweep.sweep.engine import Progress
 
-DONE, FAILED, WRONG, SOME_FAILED, INTERRUPTED, TERMINATED = 0, 1, 2, 3, 130, 143
+DONE, FAILED, WRONG, SOME_FAILED, EARLY, INTERRUPTED, TERMINATED = 0, 1, 2, 3, 75, 130, 143
 # Seconds between lines of progress where there is no terminal.
 LINE_EVERY = 60.0
 
@@ -118,6 +118,8 @@ class Meter:
             self._bar.close()
 
     def __call__(self, progress: Progress) -> None:
+        from rattlesweep.sweep.durations import clock
+
         left = "" if progress.left is None else f", {clock(progress.left)} left"
         text = f"{progress.runs}/{progress.total} runs, {clock(progress.elapsed)}{left}"
         if self._bar is not None:
@@ -128,11 +130,33 @@ class Meter:
             say(f"{100 * progress.fraction:.1f} %, {text}")
 
 
-def clock(seconds: float) -> str:
-    """Seconds as h:mm:ss."""
-    whole = round(seconds)
-    hours, rest = divmod(whole, 3600)
-    return f"{hours}:{rest // 60:02d}:{rest % 60:02d}" if hours else f"{rest // 60}:{rest % 60:02d}"
+class Bar:
+    """How much of something is done: a bar on a terminal, nothing elsewhere."""
+
+    def __init__(self, what: str) -> None:
+        self._what = what
+        self._bar: Any = None
+
+    def __enter__(self) -> Bar:
+        if sys.stderr.isatty():
+            from tqdm import tqdm
+
+            self._bar = tqdm(
+                total=100.0,
+                desc=self._what,
+                leave=False,
+                bar_format="{desc}: {percentage:3.0f}%|{bar}| {remaining} left",
+                file=sys.stderr,
+            )
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        if self._bar is not None:
+            self._bar.close()
+
+    def __call__(self, fraction: float) -> None:
+        if self._bar is not None:
+            self._bar.update(100.0 * fraction - self._bar.n)
 
 
 def stages(start: float) -> Callable[[str], None]:

@@ -3,19 +3,38 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from rattlesweep.cli.common import DONE, OVERRIDES, SOME_FAILED, Meter, guarded, most_threads, say
+from rattlesweep.cli.common import (
+    DONE,
+    EARLY,
+    OVERRIDES,
+    SOME_FAILED,
+    Meter,
+    guarded,
+    most_threads,
+    say,
+)
+
+if TYPE_CHECKING:
+    from rattlesweep.sweep.engine import Report
 
 
 @click.command(
-    epilog="\b\nExample:\n  rattlesweep run configs/quickstart.yaml --set bodies.samples=100"
+    epilog="\b\nExamples:\n  rattlesweep run configs/quickstart.yaml --set bodies.samples=100\n"
+    "  rattlesweep run configs/steady.yaml --max-time 3h50m\n"
+    "  rattlesweep run configs/steady.yaml --shard 0/4 --output out/steady-0"
 )
 @click.argument("config", type=click.Path())
 @click.option("--output", metavar="DIR", help="Output directory; overrides the config's.")
 @OVERRIDES
 @click.option("--threads", type=click.IntRange(1), help="Threads of the kernel.")
+@click.option("--shard", metavar="I/N", help="Do share I of N only, I from 0 to N-1.")
+@click.option("--max-time", metavar="TIME", help="Stop by itself after a time such as 3h50m.")
+@click.option("--fresh", is_flag=True, help="Remove the runs that are there, and start over.")
+@click.option("--retry-failed", is_flag=True, help="Do runs again whose status is not ok.")
 @click.option("--dry-run", is_flag=True, help="Say what would be run, and stop.")
 @click.option("-q", "--quiet", is_flag=True, help="No progress and no closing table.")
 @click.option("-v", "--verbose", is_flag=True, help="Say where the time went.")
@@ -25,6 +44,10 @@ def run(
     output: str | None,
     overrides: tuple[str, ...],
     threads: int | None,
+    shard: str | None,
+    max_time: str | None,
+    fresh: bool,
+    retry_failed: bool,
     dry_run: bool,
     quiet: bool,
     verbose: bool,
@@ -34,42 +57,75 @@ def run(
     Prints one row per case on standard output.
     """
     from rattlesweep.sweep.config import load_config
-    from rattlesweep.sweep.engine import open_store, run_sweep
+    from rattlesweep.sweep.durations import seconds_of
+    from rattlesweep.sweep.engine import run_sweep
     from rattlesweep.sweep.errors import ConfigError
     from rattlesweep.sweep.plan import make_plan
-    from rattlesweep.sweep.summary import closing_table
+    from rattlesweep.sweep.session import examine
+    from rattlesweep.sweep.shards import Shard
 
+    share = None if shard is None else Shard.parse(shard)
+    seconds = None if max_time is None else seconds_of(max_time, "--max-time")
     loaded = load_config(config, overrides)
     if output is not None:
         if not output:
             raise ConfigError("--output: the directory has no name; give one")
         loaded = loaded.model_copy(update={"output": output})
+    if fresh and share is not None:
+        raise ConfigError("--fresh: would remove the runs of other shards; start over without it")
     base = Path(config).resolve().parent
     if threads is not None and threads > (most := most_threads()):
         raise click.BadParameter(f"{threads} is more than the {most} processors there are")
     plan = make_plan(loaded, base)
     directory = Path(loaded.directory)
     if dry_run:
-        open_store(plan, directory, base, threads or 1)
+        if not fresh:
+            examine(plan, directory, base)
         click.echo(
             f"{plan.runs} runs: {len(plan.cases)} cases of {plan.samples} samples, in "
             f"{plan.n_blocks} blocks, to {directory}"
         )
         return DONE
     with Meter(quiet) as meter:
-        report = run_sweep(plan, directory, base=base, threads=threads, report=meter)
-    if not quiet and report.summary is not None:
-        click.echo(closing_table(report.summary))
+        report = run_sweep(
+            plan,
+            directory,
+            base=base,
+            threads=threads,
+            report=meter,
+            shard=share,
+            max_time=seconds,
+            fresh=fresh,
+            retry_failed=retry_failed,
+        )
+    return _close(report, quiet, verbose)
+
+
+def _close(report: Report, quiet: bool, verbose: bool) -> int:
+    """Say what became of a sweep; the exit code."""
+    from rattlesweep.sweep.summary import closing_table
+
+    for remark in report.remarks:
+        say(f"note: {remark}")
+    if not quiet:
+        if report.summary is not None:
+            click.echo(closing_table(report.summary))
         rate = (report.runs - report.resumed_runs) / max(report.seconds, 1e-9)
+        again = f", {report.retried} done again" if report.retried else ""
         say(
-            f"{report.runs} runs in {directory}, {report.resumed_runs} of them from before; "
-            f"{report.seconds:.1f} s, {rate:.0f} runs a second"
+            f"{report.runs} runs in {report.directory}, {report.resumed_runs} of them from before"
+            f"{again}; {report.seconds:.1f} s, {rate:.0f} runs a second"
         )
     if verbose:
         say(
             f"kernel loaded or compiled in {report.load_seconds:.2f} s, integration "
             f"{report.kernel_seconds:.2f} s, in all {report.seconds:.2f} s"
         )
+    if report.stopped is not None:
+        say(f"stopped: {report.stopped}; the same command goes on from there")
+        return EARLY
+    if report.missing and not quiet:
+        say(f"{report.missing} blocks of other shards are not in {report.directory} (yet)")
     if report.failed:
         words = ", ".join(f"{count} {word}" for word, count in sorted(report.failed.items()))
         say(f"{sum(report.failed.values())} runs are not ok: {words}")

@@ -11,6 +11,7 @@ from numba import config, get_num_threads, set_num_threads
 
 from rattlesweep.integrate import columns as C
 from rattlesweep.integrate.kernels import kernel, workspace
+from rattlesweep.integrate.model import WITH_TANGENT
 from rattlesweep.integrate.stages import SUBSTEPS
 from rattlesweep.integrate.status import Status
 
@@ -25,7 +26,9 @@ if TYPE_CHECKING:
 N_WINDOWS = 64
 # Largest change of the oscillation's amplitude, as a logarithm, that a fixed step may cause.
 MAX_DAMPING = 0.1
-RECORDS = ("energy", "contact", "windows")
+# What the kernel of every model can note, and what needs a kernel of its own.
+WATCHED = ("energy", "contact", "windows")
+RECORDS = (*WATCHED, "lyapunov")
 
 
 @dataclass(frozen=True)
@@ -82,6 +85,9 @@ class Outcome:
         State at ``t_end``.
     windows : ndarray, shape (runs, windows, 3) or (0, ...)
         Amplitude, least and largest spin in each window; NaN where the run had ended.
+    growth : ndarray, shape (runs, windows, 2) or (0, ...)
+        Time and logarithm of the tangent's growth at the end of each window, and of the run in the
+        row behind its last window; NaN behind that.
     stopped : bool
         Whether a stop request ended the kernel before all runs were done.
     """
@@ -102,6 +108,7 @@ class Outcome:
     n_rejected: NDArray[np.int64]
     y_end: Floats
     windows: Floats
+    growth: Floats
     stopped: bool
 
 
@@ -182,7 +189,7 @@ def integrate(
     max_steps : int
         Steps after which a run is given up with status STEP_LIMIT.
     record : frozenset of str
-        Extra observations: ``energy``, ``contact``, ``windows``.
+        Extra observations, of :data:`RECORDS`.
     threads : int, optional
         Threads; by default :func:`available_threads`.
     control : Control, optional
@@ -213,20 +220,24 @@ def integrate(
     columns = [batch.t_end, batch.swing, batch.window, batch.rate, first, cost, fuzz,
                batch.first_mark]  # fmt: skip
     plan = np.stack(columns, axis=1)
+    carried = WITH_TANGENT[model.name] if "lyapunov" in record else model
     result = np.full((runs, C.FIRST_STATE + model.n_state), np.nan)
     counts = np.zeros((runs, C.N_COUNTS), dtype=np.int64)
     counts[:, C.STATUS] = Status.STOPPED
-    windows = np.full((runs if "windows" in record else 0, N_WINDOWS, 3), np.nan)
+    # The tangent's columns come last.
+    seen = 3 if "windows" in record else 0
+    width = seen + (2 if carried is not model else 0)
+    windows = np.full((runs if width else 0, N_WINDOWS, width), np.nan)
     options = np.array([1.0 / tol**2, stride * dt, max_steps / stride])
-    flags = np.array([name in record for name in RECORDS])
+    flags = np.array([name in record for name in WATCHED])
 
     def run_kernel() -> None:
         before = get_num_threads()
         set_num_threads(threads)
         try:
-            kernel(tableau.name, model.name)(
+            kernel(tableau.name, carried.name)(
                 threads,
-                *workspace(tableau, model, threads),
+                *workspace(tableau, carried, threads),
                 control._shared,
                 order,
                 np.ascontiguousarray(batch.y0),
@@ -264,7 +275,8 @@ def integrate(
         near_tangencies=counts[:, C.NEAR],
         n_rejected=counts[:, C.REJECTED],
         y_end=result[:, C.FIRST_STATE :],
-        windows=windows,
+        windows=windows[:, :, :3] if seen else np.zeros((0, N_WINDOWS, 3)),
+        growth=windows[:, :, seen:] if width > seen else np.zeros((0, N_WINDOWS, 2)),
         stopped=bool((counts[:, C.STATUS] == Status.STOPPED).any()),
     )
 

@@ -21,12 +21,13 @@ import numpy as np
 from llvmlite import binding
 from numba import njit
 
+from rattlesweep.integrate import carry, lanes, runs
 from rattlesweep.integrate import columns as C
-from rattlesweep.integrate import lanes, runs
 from rattlesweep.integrate.cache import PACKAGE, cached, directory, specialise
 from rattlesweep.integrate.model import MODELS
 from rattlesweep.integrate.stages import LANES, Layout, compile_attempt, compile_lane_functions
 from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.integrate.tangents import compile_tangent_functions
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
     from rattlesweep.integrate.model import Model
     from rattlesweep.integrate.tableau import Tableau
 
-# Templates in the order in which they call each other.
+# Templates in the order in which they call each other; carry.py stands between the two.
 TEMPLATES = (
     runs.reach_border,
     runs.see_contact,
@@ -47,6 +48,8 @@ TEMPLATES = (
     runs.start,
     runs.idle,
     runs.finish,
+)
+LANE_TEMPLATES = (
     lanes.give_up,
     lanes.decide,
     lanes.commit,
@@ -76,14 +79,25 @@ def build(tableau: Tableau, model: Model) -> Callable[..., None]:
         "ADAPTIVE": tableau.adaptive,
         "attempt": compile_attempt(tableau, model),
         **compile_lane_functions(model),
+        **compile_tangent_functions(model),
     }
     suffix = f"_{tableau.name}_{model.name}"
-    for template in TEMPLATES:
-        name = template.__name__
-        # No fastmath here: the time is a compensated sum.
-        bindings[name] = njit(nogil=True, error_model="numpy")(
-            specialise(template, name + suffix, **bindings)
-        )
+
+    def bind(templates: tuple[Callable[..., Any], ...], mark: str = "") -> None:
+        for template in templates:
+            name = template.__name__
+            # No fastmath here: the time is a compensated sum.
+            bindings[name] = njit(nogil=True, error_model="numpy")(
+                specialise(template, name + mark + suffix, **bindings)
+            )
+
+    bind(TEMPLATES)
+    if model.tangent:
+        for template in carry.STAND_INS:
+            name = template.__name__
+            bindings["plain_" + name] = bindings.get(name)
+        bind(carry.STAND_INS, "_carry")
+    bind(LANE_TEMPLATES)
     driver = specialise(lanes.drive, "drive" + suffix, **bindings)
     compiled: Callable[..., None] = cached(driver, parallel=True, nogil=True)
     return compiled
@@ -99,7 +113,7 @@ def aligned(threads: int, size: int) -> NDArray[np.float64]:
 
 def workspace(tableau: Tableau, model: Model, threads: int) -> tuple[Any, ...]:
     """Workspace and run numbers of each thread: the arguments after ``threads``."""
-    rows = Layout.of(model).stages + tableau.stages * model.n_state
+    rows = Layout.of(model).rows(tableau, model)
     return (
         aligned(threads, rows * LANES),
         np.full((threads, LANES), -1, dtype=np.int64),
@@ -144,11 +158,11 @@ def _locked(path: Path) -> Iterator[None]:
         yield
 
 
-def _compile_in_child(tableau_name: str, model_name: str) -> None:
-    """Have the kernel on disk, compiled by a process of its own."""
+def _compile_in_child(tableau_name: str, model_name: str, module: str = "kernels") -> None:
+    """Have the kernel on disk, compiled by ``compile_here`` of a module in a process of its own."""
     place = directory(lanes.__file__)
     cpu = "".join(c for c in binding.get_host_cpu_name() if c.isalnum())
-    mark = place / f"{tableau_name}-{model_name}-{cpu}-{numba.__version__}.compiled"
+    mark = place / f"{module}-{tableau_name}-{model_name}-{cpu}-{numba.__version__}.compiled"
     if mark.exists():
         return
     with _locked(place / "compile.lock"):
@@ -160,10 +174,11 @@ def _compile_in_child(tableau_name: str, model_name: str) -> None:
             "PYTHONHASHSEED": "0",
             "PYTHONPATH": path,
         }
-        call = "import sys; from rattlesweep.integrate.kernels import compile_here; " \
+        call = f"import sys; from rattlesweep.integrate.{module} import compile_here; " \
                "compile_here(*sys.argv[1:])"  # fmt: skip
         done = subprocess.run(
-            [sys.executable, "-c", call, tableau_name, model_name],
+            # -P: a package of this name in the working directory is another one.
+            [sys.executable, "-P", "-c", call, tableau_name, model_name],
             env=environment,
             stdin=subprocess.DEVNULL,
             capture_output=True,

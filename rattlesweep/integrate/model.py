@@ -2,13 +2,37 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from rattlesweep.physics import full, reduced
+from rattlesweep.physics import full, reduced, tangent
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+
+@dataclass(frozen=True)
+class Tangent:
+    """How a small difference ``v`` moves along a run, as compiled scalar functions.
+
+    With ``f`` the derivative of the state, and ``y`` and ``q`` as for :class:`Model`:
+
+    Attributes
+    ----------
+    rate : callable
+        ``rate(*y, *f, *v, *q)``, the derivative of ``v``.
+    seed : callable
+        ``seed(*y, *q)``, the tangent to begin with.
+    transverse : callable
+        ``transverse(*y, *f, *v, *q)``: the part of ``v`` that is measured.
+    square : callable
+        ``square(*v, *q)``: squared norm.
+    """
+
+    rate: Callable[..., Any]
+    seed: Callable[..., Any]
+    transverse: Callable[..., Any]
+    square: Callable[..., Any]
 
 
 @dataclass(frozen=True)
@@ -29,6 +53,8 @@ class Model:
         ``error(*e, *y, *q)``: square of the step error ``e`` relative to the oscillation.
     energy, contact : callable
         ``energy(*y, *q)``; ``contact(*y, *q)``, normal and tangential force.
+    tangent : Tangent, optional
+        The tangent that a run carries with it; by default it carries none.
     """
 
     name: str
@@ -42,6 +68,7 @@ class Model:
     error: Callable[..., Any]
     energy: Callable[..., Any]
     contact: Callable[..., Any]
+    tangent: Tangent | None = None
 
 
 @full.scalar
@@ -120,4 +147,27 @@ REDUCED = Model(
     contact=_no_contact,
 )
 
-MODELS: dict[str, Model] = {FULL.name: FULL, REDUCED.name: REDUCED}
+FULL_TANGENT = replace(
+    FULL,
+    name="full_tangent",
+    tangent=Tangent(
+        tangent.full_rate, tangent.full_seed, tangent.full_transverse, tangent.full_square
+    ),
+)
+REDUCED_TANGENT = replace(
+    REDUCED,
+    name="reduced_tangent",
+    tangent=Tangent(
+        tangent.reduced_rate,
+        tangent.reduced_seed,
+        tangent.reduced_transverse,
+        tangent.reduced_square,
+    ),
+)
+
+WITH_TANGENT: dict[str, Model] = {FULL.name: FULL_TANGENT, REDUCED.name: REDUCED_TANGENT}
+"""The same equations with a tangent, by the name of the model without."""
+
+MODELS: dict[str, Model] = {
+    model.name: model for model in (FULL, REDUCED, FULL_TANGENT, REDUCED_TANGENT)
+}

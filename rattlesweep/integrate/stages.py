@@ -7,6 +7,10 @@ loads its combination of earlier stages, calls the scalar right-hand side and st
 the coefficients and the offsets as constants in the source, LLVM drops the zeros, keeps the
 stage in registers and vectorises each loop; one workspace instead of many arrays
 lets it prove that rows do not overlap.
+
+A tangent has loops of its own, behind those of the state.  In one loop with it LLVM would share
+products between the two, fuse other sums with them, and the state would come out with other
+last bits than without a tangent.
 """
 
 from __future__ import annotations
@@ -44,8 +48,15 @@ class Layout:
     h, error, n1, rate1, amplitude : int
         Rows of the step size, the squared error in units of the tolerance, and of the spin, its
         rate and the squared amplitude at the end of the step.
+    v, g, v1, g1 : int
+        First row of the tangent and its derivative at the start and at the end of the step; this
+        and the next have no rows in a model without tangent.
+    ys, fs : int
+        First row of a stage's state and derivative, for the tangent's stage.
+    shift : int
+        Row of the exponent of the power of two taken out of the tangent.
     stages : int
-        First row of the stages; they come last.
+        First row of the stages; they come last, those of the tangent behind the state's.
     """
 
     y: int
@@ -59,15 +70,28 @@ class Layout:
     n1: int
     rate1: int
     amplitude: int
+    v: int
+    g: int
+    v1: int
+    g1: int
+    ys: int
+    fs: int
+    shift: int
     stages: int
 
     @classmethod
     def of(cls, model: Model) -> Layout:
         """Layout for a model."""
         n = model.n_state
-        sizes = (n, n, n, n, model.n_constants, model.n_probe, 1, 1, 1, 1, 1, 0)
+        t = n if model.tangent else 0
+        sizes = (n, n, n, n, model.n_constants, model.n_probe, 1, 1, 1, 1, 1,
+                 t, t, t, t, t, t, min(t, 1), 0)  # fmt: skip
         rows = [STATE_ROWS + sum(sizes[:i]) for i in range(len(sizes))]
         return cls(*rows)
+
+    def rows(self, tableau: Tableau, model: Model) -> int:
+        """Number of rows of the workspace for a method."""
+        return self.stages + tableau.stages * model.n_state * (2 if model.tangent else 1)
 
 
 def source(tableau: Tableau, model: Model, lanes: int = LANES) -> str:
@@ -95,8 +119,10 @@ def source(tableau: Tableau, model: Model, lanes: int = LANES) -> str:
     def stage(j: int, c: int) -> str:
         return cell(at.stages + j * n + c)
 
-    def combine(row: Row, c: int) -> str:
-        return " + ".join(f"{coefficient!r} * {stage(j, c)}" for j, coefficient in row.items())
+    def combine(row: Row, c: int, first: int = 0) -> str:
+        return " + ".join(
+            f"{coefficient!r} * {stage(first + j, c)}" for j, coefficient in row.items()
+        )
 
     constants = ", ".join(f"q{i}" for i in range(model.n_constants))
     load_constants = [f"q{i} = {cell(at.constants + i)}" for i in range(model.n_constants)]
@@ -126,10 +152,29 @@ def source(tableau: Tableau, model: Model, lanes: int = LANES) -> str:
         lines.append(" " * indent + f"for l in range({lanes}):")
         lines.extend(" " * (indent + 4) + text for text in body)
 
-    def stages(y: int, f: int, share: str, last: list[str]) -> None:
-        """A step of ``share * h`` from rows ``y, f``; ``last`` joins the last loop."""
+    def tangent_at(row: Row, v: int, y: int, f: int, project: bool = False) -> list[str]:
+        """The tangent at ``row`` and its rate, with the state and its derivative at ``y, f``."""
+        first = tableau.stages
+        given = f"{names('y')}, {names('f')}, {names('v')}, {constants}"
+        return [
+            *load_constants,
+            *(f"y{c} = {cell(y + c)}" for c in states),
+            *(f"f{c} = {cell(f + c)}" for c in states),
+            *(f"v{c} = {cell(v + c)} + ({combine(row, c, first)})" for c in states),
+            *([f"{names('v')} = transverse({given})"] if project else []),
+            f"{names('g')} = tangent_rate({given})",
+        ]
+
+    share = "" if tableau.adaptive else f" * {1 / SUBSTEPS!r}"
+    keep = [f"{cell(at.ys + c)} = y{c}" for c in states if model.tangent]
+    keep += [f"{cell(at.fs + c)} = f{c}" for c in states if model.tangent]
+
+    def stages(y: int, f: int, v: int, g: int, last: list[str]) -> None:
+        """A step of ``share * h`` from rows ``y, f, v, g``; ``last`` joins the last loop."""
         h = f"h = {cell(at.h)}{share}"
         loop([h, *(f"{stage(0, c)} = h * {cell(f + c)}" for c in states)])
+        if model.tangent:
+            loop([h, *(f"{stage(tableau.stages, c)} = h * {cell(g + c)}" for c in states)])
         for i in range(1, tableau.stages):
             loop(
                 [
@@ -138,8 +183,13 @@ def source(tableau: Tableau, model: Model, lanes: int = LANES) -> str:
                     *(f"y{c} = {cell(y + c)} + ({combine(tableau.a[i], c)})" for c in states),
                     f"{names('f')} = rhs({names('y')}, {constants})",
                     *(f"{stage(i, c)} = h * f{c}" for c in states),
+                    *keep,
                 ]
             )
+            if model.tangent:
+                body = tangent_at(tableau.a[i], v, at.ys, at.fs)
+                body += [f"{stage(tableau.stages + i, c)} = h * g{c}" for c in states]
+                loop([h, *body])
         loop(
             [
                 *load_constants,
@@ -148,9 +198,16 @@ def source(tableau: Tableau, model: Model, lanes: int = LANES) -> str:
                 *last,
             ]
         )
+        if model.tangent:
+            # Only the transverse part goes on.  If it decays, what rounding leaves of the others
+            # would soon hide it.
+            body = tangent_at(tableau.b, v, at.y1, at.f1, project=True)
+            body += [f"{cell(at.v1 + c)} = v{c}" for c in states]
+            body += [f"{cell(at.g1 + c)} = g{c}" for c in states]
+            loop(body)
 
     if tableau.adaptive:
-        stages(at.y, at.f, "", ends)
+        stages(at.y, at.f, at.v, at.g, ends)
         body = [f"h = {cell(at.h)}", *load_constants]
         body += [f"y{c} = {cell(at.y + c)}" for c in states]
         for k, row in enumerate(tableau.errors):
@@ -169,9 +226,11 @@ def source(tableau: Tableau, model: Model, lanes: int = LANES) -> str:
     else:
         both = range(2 * n)
         loop([f"{cell(at.y1 + c)} = {cell(at.y + c)}" for c in both])
+        if model.tangent:
+            loop([f"{cell(at.v1 + c)} = {cell(at.v + c)}" for c in both])
         lines.append(f"    for _ in range({SUBSTEPS}):")
         indent = 8
-        stages(at.y1, at.f1, f" * {1 / SUBSTEPS!r}", [])
+        stages(at.y1, at.f1, at.v1, at.g1, [])
         indent = 4
         loop(
             [
@@ -193,6 +252,8 @@ def compile_attempt(tableau: Tableau, model: Model, lanes: int = LANES) -> Calla
         "spin_rate": model.spin_rate,
         "amplitude": model.amplitude,
         "error": model.error,
+        "tangent_rate": model.tangent and model.tangent.rate,
+        "transverse": model.tangent and model.tangent.transverse,
     }
     exec(source(tableau, model, lanes), namespace)
     function = namespace["attempt"]

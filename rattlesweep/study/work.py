@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import threading
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rattlesweep.integrate.batch import Batch, Control
+from rattlesweep.integrate.batch import Batch
 from rattlesweep.integrate.status import Status
 from rattlesweep.sweep.blocks import run_batch
 from rattlesweep.sweep.config import Config, SdSource, override_config, resolved
 from rattlesweep.sweep.launches import Launches, full_batch, prepare, reduced_batch
 from rattlesweep.sweep.plan import make_plan
+from rattlesweep.sweep.task import Task
 from rattlesweep.sweep.types import classify
 
 if TYPE_CHECKING:
@@ -24,9 +24,6 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
     Flags = NDArray[np.bool_]
-
-POLL = 0.05
-PATIENCE = 0.8
 
 
 @dataclass(frozen=True)
@@ -131,27 +128,7 @@ def integrate(
             "integrator": type(config.integrator).model_validate(dict(integrator)),
         }
     )
-    control = Control()
-    found: list[Any] = []
-
-    def work() -> None:
-        try:
-            found.append(run_batch(chosen, batch, threads=threads, control=control))
-        except BaseException as error:
-            found.append(error)
-
-    thread = threading.Thread(target=work, daemon=True, name="rattlesweep-study")
-    thread.start()
-    try:
-        while thread.is_alive():
-            thread.join(POLL)
-    except BaseException:
-        control.stop()
-        thread.join(PATIENCE)
-        raise
-    if isinstance(found[0], BaseException):
-        raise found[0]
-    out = found[0]
+    out = Task(lambda control: run_batch(chosen, batch, threads=threads, control=control)).wait()
     ok = out.status == Status.OK
     return Answer(
         t_r=np.where(ok, out.t_r, np.nan),

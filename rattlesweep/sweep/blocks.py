@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rattlesweep.integrate.batch import N_WINDOWS, Batch, Control, Outcome, integrate
+from rattlesweep.integrate.batch import Batch, Control, Outcome, integrate
+from rattlesweep.integrate.lyapunov import exponents
 from rattlesweep.integrate.model import MODELS
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
@@ -115,8 +116,8 @@ def _spread(outcome: Outcome, good: Any) -> Outcome:
         values = getattr(outcome, name)
         if name == "stopped":
             continue
-        if name == "windows" and not values.size:
-            wide[name] = np.zeros((0, N_WINDOWS, 3))
+        if len(values) != good.sum():  # not recorded
+            wide[name] = values
             continue
         fill = 0 if values.dtype.kind == "i" else np.nan
         wide[name] = np.full((len(good), *values.shape[1:]), fill, dtype=values.dtype)
@@ -189,4 +190,6 @@ def _measured(outcome: Outcome, record: list[Any]) -> dict[str, Any]:
             "contact_ratio_max": outcome.contact_ratio_max,
             "contact_normal_min": outcome.contact_normal_min,
         }
+    if "lyapunov" in record:
+        columns["lyapunov"], columns["lyapunov_late"] = exponents(outcome.growth)
     return columns

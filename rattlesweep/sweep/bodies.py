@@ -213,12 +213,14 @@ def _grid(source: GridSource) -> GridBodies:
             name, array = "xi", -np.radians(array)
         axes[name] = array
     grid = GridBodies(parameters, axes)
-    for start in range(0, grid.samples, 1_000_000):
-        part = grid.bodies(0, np.arange(start, min(start + 1_000_000, grid.samples)))
-        columns = {name: getattr(part, name) for name in PARAMETERS}
-        for place, sentence in violations(**columns):
-            corner = ", ".join(f"{name} {columns[name][place]:g}" for name in PARAMETERS)
-            raise ConfigError(f"bodies.axes: at {corner}: {sentence}")
+    # A rule is linear in each parameter, so a grid that breaks it breaks it in a corner.
+    ends = {name: np.array([axis.min(), axis.max()]) for name, axis in axes.items()}
+    corners = GridBodies(parameters, ends)
+    part = corners.bodies(0, np.arange(corners.samples))
+    columns = {name: getattr(part, name) for name in PARAMETERS}
+    for place, sentence in violations(**columns):
+        corner = ", ".join(f"{name} {columns[name][place]:g}" for name in PARAMETERS)
+        raise ConfigError(f"bodies.axes: at {corner}: {sentence}")
     return grid
 
 

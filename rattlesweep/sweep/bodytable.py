@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,7 +11,8 @@ import numpy as np
 import pandas as pd
 
 from rattlesweep.physics.body import PARAMETERS, violations
-from rattlesweep.sweep.errors import ConfigError
+from rattlesweep.sweep.config_fields import MAX_SPEED
+from rattlesweep.sweep.errors import ConfigError, one_line
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -51,11 +53,12 @@ def read_table(path: str, base: Path | None = None) -> BodyTable:
     ConfigError
         If the file cannot be read, a column is missing, or a row is wrong; the row is named.
     """
-    where = f"bodies.path: {path}"
+    where = f"bodies.path: {one_line(path, 200)}"
     file = Path(path)
-    if not file.exists() and base is not None and (base / path).exists():
+    # os.path.exists, as a name that is too long is no error to it.
+    if not os.path.exists(file) and base is not None and os.path.exists(base / path):
         file = base / path
-    if not file.exists():
+    if not os.path.exists(file):
         raise ConfigError(f"{where}: no such file; give the path of a CSV or Parquet table")
     try:
         if file.is_dir() or file.suffix.lower() in (".parquet", ".pq"):
@@ -64,7 +67,7 @@ def read_table(path: str, base: Path | None = None) -> BodyTable:
             # As text first, so that a wrong cell can be quoted with its row.
             frame = pd.read_csv(file, dtype=str, skipinitialspace=True)
     except Exception as error:  # pandas and pyarrow raise many kinds
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        reason = one_line(str(error).split("\n")[0] or type(error).__name__, 200)
         raise ConfigError(f"{where}: cannot be read as a table ({reason})") from None
     missing = [name for name in PARAMETERS if name not in frame.columns]
     if missing:
@@ -113,6 +116,12 @@ def _check_rows(columns: dict[str, Floats], where: str) -> None:
             bad = np.flatnonzero(values == 0 if name == "n_i" else values <= 0)
             if bad.size:
                 worst.append((int(bad[0]), f"{name} is {values[bad[0]]:g}; {want}"))
+            fast = np.flatnonzero(~(np.abs(values) <= MAX_SPEED))
+            if name in LAUNCH and fast.size:
+                value = values[fast[0]]
+                worst.append(
+                    (int(fast[0]), f"{name} is {value:g}; at most {MAX_SPEED:g} is wanted")
+                )
     if worst:
         row, sentence = min(worst)
         raise ConfigError(f"{where}: row {row + 1}: {sentence}")

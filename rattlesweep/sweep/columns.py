@@ -178,6 +178,22 @@ RUNS: tuple[Column, ...] = (
         Column("window_n_min", _SERIES, RATE, "smallest spin, by window"),
         Column("window_n_max", _SERIES, RATE, "largest spin, by window"),
     ),
+    *_extra(
+        "lyapunov",
+        Column(
+            "lyapunov",
+            _F64,
+            RATE,
+            "largest Lyapunov exponent, apart from the zeros of the flow and the energy, over the "
+            "whole run; of a run that reverses, the finite-time one up to t_r",
+        ),
+        Column(
+            "lyapunov_late",
+            _F64,
+            RATE,
+            "the same over the second half of the run; null: too short to tell",
+        ),
+    ),
 )
 """Columns of `runs` in their order."""
 
@@ -224,6 +240,7 @@ RECORD_PARTS: dict[str, frozenset[str]] = {
     "energy": frozenset({"full", "reduced"}),
     "contact": frozenset({"full"}),
     "windows": frozenset({"full", "reduced"}),
+    "lyapunov": frozenset({"full", "reduced"}),
 }
 """What `record` may ask for, with the models that can tell.
 
@@ -240,7 +257,7 @@ def runs_columns(record: Collection[str] = (), model: str = "full") -> tuple[Col
     Parameters
     ----------
     record
-        Any of ``energy``, ``contact``, ``windows``; their order does not matter.
+        Any words of `RECORD_PARTS`; their order does not matter.
     model
         ``full``, ``reduced`` or ``gh``.
 

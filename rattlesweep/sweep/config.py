@@ -35,8 +35,9 @@ from rattlesweep.sweep.config_grid import (
     ShellDumbbellBase,
 )
 from rattlesweep.sweep.config_models import Classify, Config, Horizon, Integrator, Spin
-from rattlesweep.sweep.errors import ConfigError
-from rattlesweep.sweep.yamlfile import Key, Problem, one_line
+from rattlesweep.sweep.config_places import MAX_TOLD, Origin, Places, dotted, locating
+from rattlesweep.sweep.errors import ConfigError, one_line
+from rattlesweep.sweep.yamlfile import Key, Problem
 
 __all__ = [
     "Axes",
@@ -61,6 +62,7 @@ __all__ = [
     "config_json_schema",
     "differences",
     "load_config",
+    "locating",
     "override_config",
     "parse_config",
     "physics_hash",
@@ -68,7 +70,7 @@ __all__ = [
     "resolved",
 ]
 
-NOT_PHYSICS = ("name", "output", "classify")
+NOT_PHYSICS = ("name", "output", "classify", "block_size")
 """Keys that change no stored number."""
 
 
@@ -96,11 +98,9 @@ def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> 
     file = one_line(os.fspath(path), 200)
     document = yamlfile.parse(yamlfile.read_text(path))
     data = document.data
-    origins = {key: f"{file}:{line}:{column}" for key, (line, column) in document.positions.items()}
-    origins[()] = f"{file}:1:1"
-    problems = list(document.problems)
-    if any(problem.key == () for problem in problems):
-        raise ConfigError(_lines(problems, origins, file))
+    origins: dict[Key, Origin] = {(): (1, 1), **document.positions}
+    if document.broken:
+        raise ConfigError(Places(file, origins).lines(document.problems))
     if data is None:
         raise ConfigError(f"{file}:1:1: the file is empty; it needs at least bodies and spin")
     if not isinstance(data, dict):
@@ -108,7 +108,7 @@ def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> 
             f"{file}:1:1: {describe(data)} stands where a mapping is wanted; write key: value lines"
         )
     refused = [line for text in overrides for line in _override(data, origins, text)]
-    return _checked(data, problems, origins, file, refused)
+    return _checked(data, document.problems, Places(file, origins), refused)
 
 
 def parse_config(data: Mapping[str, Any]) -> Config:
@@ -133,7 +133,7 @@ def parse_config(data: Mapping[str, Any]) -> Config:
     plain = _plain(data, (), problems)
     if not isinstance(plain, dict):
         raise ConfigError(f"{describe(plain)} stands where a mapping is wanted; give a dict")
-    return _checked(plain, problems, {}, None)
+    return _checked(plain, problems, Places())
 
 
 def override_config(data: Mapping[str, Any], overrides: Sequence[str]) -> Config:
@@ -145,9 +145,9 @@ def override_config(data: Mapping[str, Any], overrides: Sequence[str]) -> Config
         With everything that is wrong, one line each.
     """
     changed = copy.deepcopy(dict(data))
-    origins: dict[Key, str] = {}
+    origins: dict[Key, Origin] = {}
     refused = [line for text in overrides for line in _override(changed, origins, text)]
-    return _checked(changed, [], origins, None, refused)
+    return _checked(changed, [], Places(None, origins), refused)
 
 
 def config_json_schema() -> dict[str, Any]:
@@ -165,8 +165,14 @@ def resolved(config: Config) -> dict[str, Any]:
 
 
 def physics_part(data: Mapping[str, Any]) -> dict[str, Any]:
-    """What of a resolved config determines the stored numbers."""
-    return {key: value for key, value in data.items() if key not in NOT_PHYSICS}
+    """What of a resolved config determines the stored numbers.
+
+    The limit of steps is left out: runs that did not reach it are the same under a higher one.
+    """
+    part = {key: value for key, value in data.items() if key not in NOT_PHYSICS}
+    limits = {"max_steps"}
+    part["integrator"] = {k: v for k, v in part["integrator"].items() if k not in limits}
+    return part
 
 
 def physics_hash(config: Config) -> str:
@@ -198,27 +204,20 @@ def _flat(data: Any, prefix: str = "") -> dict[str, str]:
 
 
 def _checked(
-    data: dict[str, Any],
-    problems: list[Problem],
-    origins: dict[Key, str],
-    file: str | None,
-    refused: Sequence[str] = (),
+    data: dict[str, Any], problems: list[Problem], places: Places, refused: Sequence[str] = ()
 ) -> Config:
     """The config, or a ConfigError with `problems`, what validation finds, and `refused`."""
-    config = None
+    config, more = None, 0
     try:
         config = Config.model_validate(data)
     except ValidationError as error:
         # A bad value is null in `data`; that null cannot stand there is no news.
-        known = [problem.key for problem in problems if _at(data, problem.key) is None]
-        problems = problems + [
-            problem
-            for problem in problems_of(error, Config)
-            if not any(problem.key[: len(key)] == key for key in known)
-        ]
+        known = {problem.key for problem in problems if _at(data, problem.key) is None}
+        found, more = problems_of(error, Config, data, known, places)
+        problems = problems + found
     if problems or refused or config is None:
-        raise ConfigError([*_lines(problems, origins, file), *refused])
-    return config
+        raise ConfigError([*places.lines(problems, more), *refused[:MAX_TOLD]])
+    return config.placed(places)
 
 
 def _at(data: Any, key: Key) -> Any:
@@ -228,34 +227,7 @@ def _at(data: Any, key: Key) -> Any:
     return data
 
 
-def _lines(problems: list[Problem], origins: dict[Key, str], file: str | None) -> list[str]:
-    """One line per problem, in the order of the places where they stand."""
-    order = {key: place for place, key in enumerate(origins)}
-    found: list[tuple[tuple[int, int, int], str]] = []
-    for problem in problems:
-        key = problem.key
-        while key not in origins and key:
-            key = key[:-1]
-        origin = origins.get(key, "")
-        if problem.position is not None and file is not None:
-            origin = f"{file}:{problem.position[0]}:{problem.position[1]}"
-        parts = [part for part in (origin, _dotted(problem.key), problem.message) if part]
-        place = (1, order.get(key, 0), 0)
-        if origin and not origin.startswith("--set"):
-            line, column = origin.rsplit(":", 2)[1:]
-            place = (0, int(line), int(column))
-        found.append((place, ": ".join(parts)))
-    return list(dict.fromkeys(text for _, text in sorted(found, key=lambda item: item[0])))
-
-
-def _dotted(key: Key) -> str:
-    text = ""
-    for part in key:
-        text += f"[{part}]" if isinstance(part, int) else f".{one_line(part)}"
-    return text.removeprefix(".")
-
-
-def _override(data: dict[str, Any], origins: dict[Key, str], text: str) -> list[str]:
+def _override(data: dict[str, Any], origins: dict[Key, Origin], text: str) -> list[str]:
     """Put one ``KEY=VALUE`` into `data`; what is wrong with it comes back."""
     origin = f"--set {one_line(text, 100)}"
     name, equals, value = text.partition("=")
@@ -264,7 +236,7 @@ def _override(data: dict[str, Any], origins: dict[Key, str], text: str) -> list[
         return [f"{origin}: is not KEY=VALUE; write it as in bodies.samples=10"]
     document = yamlfile.parse(value)
     if document.problems:
-        return [f"{origin}: {_dotted(key)}: {document.problems[0].message}"]
+        return [f"{origin}: {dotted(key)}: {document.problems[0].message}"]
     here = data
     for depth, part in enumerate(key[:-1], start=1):
         if here.get(str(part)) is None:
@@ -272,7 +244,7 @@ def _override(data: dict[str, Any], origins: dict[Key, str], text: str) -> list[
             origins[key[:depth]] = origin
         here = here[str(part)]
         if not isinstance(here, dict):
-            return [f"{origin}: {_dotted(key[:depth])} is not a mapping; set it as a whole"]
+            return [f"{origin}: {dotted(key[:depth])} is not a mapping; set it as a whole"]
     here[str(key[-1])] = document.data
     for old in [old for old in origins if old[: len(key)] == key]:
         del origins[old]
@@ -284,7 +256,7 @@ def _plain(value: Any, key: Key, problems: list[Problem]) -> Any:
     """Python data as a config file would give it; NaN and the like become problems."""
     if len(key) > yamlfile.MAX_DEPTH:
         # At once: data that holds itself has no end, and may double at each level.
-        raise ConfigError(f"{_dotted(key[:1])}: is nested too deeply; a config has 5 levels")
+        raise ConfigError(f"{dotted(key[:1])}: is nested too deeply; a config has 5 levels")
     if isinstance(value, Mapping):
         return {str(k): _plain(v, (*key, str(k)), problems) for k, v in value.items()}
     if isinstance(value, list | tuple):

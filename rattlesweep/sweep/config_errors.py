@@ -1,13 +1,15 @@
 """Says in plain sentences what pydantic found wrong: what stands there, and what would be right."""
 
-import difflib
 import json
 from collections.abc import Iterable
-from typing import Any, get_args
+from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from rattlesweep.sweep.yamlfile import Key, Problem, is_number, one_line
+from rattlesweep.sweep.config_nearest import alternatives, nearest, unknown_key
+from rattlesweep.sweep.config_places import MAX_TOLD, Places
+from rattlesweep.sweep.errors import one_line
+from rattlesweep.sweep.yamlfile import Key, Problem, is_number
 
 
 def quoted(text: str) -> str:
@@ -35,8 +37,8 @@ def describe(value: Any) -> str:
 def not_one_of(text: str, names: Iterable[str]) -> str:
     """Sentence for a word that is none of `names`."""
     names = list(names)
-    near = difflib.get_close_matches(text, names, 1)
-    hint = f'did you mean "{near[0]}"?' if near else "choose one of them"
+    near = nearest(text, names)
+    hint = f"did you mean {quoted(near)}?" if near else "choose one of them"
     return f"{quoted(text)} is not one of {', '.join(names)}; {hint}"
 
 
@@ -74,23 +76,24 @@ _LIMITS = {
 }
 
 
-def _unknown_key(key: str, model: type[BaseModel] | None) -> str:
-    names = list(model.model_fields) if model else []
-    near = difflib.get_close_matches(key, names, 1)
-    if near:
-        return f"unknown key {quoted(key)}; did you mean {quoted(near[0])}?"
-    return f"unknown key {quoted(key)}; the keys allowed here are {', '.join(names)}"
-
-
-def _sentence(error: Any, model: type[BaseModel]) -> Problem:
-    kind, value, context = error["type"], error["input"], error.get("ctx", {})
+def _key(error: Any) -> Key:
+    """The key an error is about: its location without the tags that choose among models."""
     location = error["loc"]
-    key: Key = tuple(part for part in location if not str(part).startswith("~"))
-    if kind == "extra_forbidden":
+    if error["type"] == "extra_forbidden":
         # The user's own word comes last; it may well look like a tag.
-        name = str(location[-1])
-        key = (*(part for part in location[:-1] if not str(part).startswith("~")), name)
-        message = _unknown_key(name, _model_at(model, location[:-1]))
+        return *_untagged(location[:-1]), str(location[-1])
+    return _untagged(location)
+
+
+def _untagged(location: Iterable[Any]) -> Key:
+    return tuple(part for part in location if not str(part).startswith("~"))
+
+
+def _sentence(error: Any, model: type[BaseModel], source: Any) -> Problem:
+    kind, value, context = error["type"], error["input"], error.get("ctx", {})
+    key = _key(error)
+    if kind == "extra_forbidden":
+        message = unknown_key(str(key[-1]), _model_at(model, error["loc"][:-1]), model, source)
     elif kind == "missing":
         message = "the key is missing; add it"
         if key == ("bodies",):
@@ -127,6 +130,8 @@ def _source_problem(value: Any, key: Key) -> Problem:
     if not isinstance(value, dict):
         return Problem(key, _wanted(value, "a mapping"))
     if "source" not in value:
+        if near := nearest("source", map(str, value)):
+            return Problem((*key, near), f'unknown key {quoted(near)}; did you mean "source"?')
         return Problem(
             (*key, "source"), f"the key is missing; it must be one of {', '.join(SOURCES)}"
         )
@@ -144,30 +149,47 @@ def _model_at(model: type[BaseModel], location: Iterable[Any]) -> type[BaseModel
     here: list[Any] = [model]
     for part in location:
         if str(part).startswith("~"):
-            here = [one for one, tags in _alternatives(here) if part in tags] or here
+            here = [one for one, tags in alternatives(here) if part in tags] or here
         else:
-            models = [m for m, _ in _alternatives(here)]
+            models = [m for m, _ in alternatives(here)]
             here = [m.model_fields[part].annotation for m in models if part in m.model_fields]
-    models = [m for m, _ in _alternatives(here)]
+    models = [m for m, _ in alternatives(here)]
     return models[0] if models else None
 
 
-def _alternatives(
-    types: Iterable[Any], tags: tuple[str, ...] = ()
-) -> list[tuple[type[BaseModel], tuple[str, ...]]]:
-    """The models inside unions and annotations, each with the tags that choose it."""
-    found: list[tuple[type[BaseModel], tuple[str, ...]]] = []
-    for one in types:
-        if isinstance(one, type) and issubclass(one, BaseModel):
-            found.append((one, tags))
-        else:
-            metadata = getattr(one, "__metadata__", ())
-            own = tuple(str(m.tag) for m in metadata if hasattr(m, "tag"))
-            found += _alternatives(get_args(one)[:1] if metadata else get_args(one), tags + own)
-    return found
+def problems_of(
+    error: ValidationError, model: type[BaseModel], data: Any, known: set[Key], places: Places
+) -> tuple[list[Problem], int]:
+    """Errors of a validation as one plain sentence each and the key it is about.
 
+    Parameters
+    ----------
+    error, model, data
+        What was wrong with which data of a config of which model.
+    known
+        Keys of which, and of what is below them, enough is said already.
+    places
+        Where the keys stand: the first `MAX_TOLD` are put in words.
 
-def problems_of(error: ValidationError, model: type[BaseModel]) -> list[Problem]:
-    """Every error of a validation as one plain sentence and the key it is about."""
-    found = error.errors(include_url=False)
-    return list(dict.fromkeys(_sentence(one, model) for one in found))
+    Returns
+    -------
+    tuple
+        The problems, and how many more there are.
+    """
+    bodies = data.get("bodies") if isinstance(data, dict) else None
+    source = bodies.get("source") if isinstance(bodies, dict) else None
+    every = [(_key(one), one) for one in error.errors(include_url=False)]
+    unknown: dict[Key, list[str]] = {}
+    for key, one in every:
+        if one["type"] == "extra_forbidden":
+            unknown.setdefault(key[:-1], []).append(str(key[-1]))
+    found = [
+        (key, one)
+        for key, one in every
+        if not any(key[:depth] in known for depth in range(len(key) + 1))
+        # What is missing stands there under a misspelt name, which is told.
+        and not (one["type"] == "missing" and nearest(str(key[-1]), unknown.get(key[:-1], ())))
+    ]
+    found.sort(key=lambda item: places.rank(item[0]))
+    told = [_sentence(one, model, source) for _, one in found[:MAX_TOLD]]
+    return list(dict.fromkeys(told)), max(0, len(found) - MAX_TOLD)

@@ -26,6 +26,9 @@ class Limits(NamedTuple):
     words: str
 
 
+MAX_SPEED = 1e6
+"""Of spins and oscillations, in sqrt(g/a): 5e6 turns a second of a body of 1 cm."""
+
 LIMITS = {
     "alpha": Limits(1, 1e6, "1 < beta < alpha < 1e6"),
     "beta": Limits(1, 1e6, "1 < beta < alpha < 1e6"),
@@ -130,6 +133,13 @@ def _positive(values: list[float]) -> list[float]:
     return values
 
 
+def _slow(values: list[float]) -> list[float]:
+    for value in values:
+        if not abs(value) <= MAX_SPEED:
+            raise ValueError(f"{value:g} is faster than any body turns; at most {MAX_SPEED:g}")
+    return values
+
+
 def _nonzero(values: list[float]) -> list[float]:
     if 0 in values:
         raise ValueError("the spin 0 has no direction; every n_i must be positive or negative")
@@ -149,7 +159,18 @@ PositiveNumbers = Annotated[
     Numbers, AfterValidator(_positive), WithJsonSchema(number_list_schema(exclusiveMinimum=0))
 ]
 SpinNumbers = Annotated[
-    Numbers, AfterValidator(_nonzero), WithJsonSchema(number_list_schema(**{"not": {"const": 0}}))
+    Numbers,
+    AfterValidator(_nonzero),
+    AfterValidator(_slow),
+    WithJsonSchema(
+        number_list_schema(minimum=-MAX_SPEED, maximum=MAX_SPEED, **{"not": {"const": 0}})
+    ),
+]
+OscillationNumbers = Annotated[
+    Numbers,
+    AfterValidator(_positive),
+    AfterValidator(_slow),
+    WithJsonSchema(number_list_schema(exclusiveMinimum=0, maximum=MAX_SPEED)),
 ]
 
 

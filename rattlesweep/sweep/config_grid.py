@@ -1,6 +1,7 @@
 """Bodies on a grid: a base body and the parameters that vary over it."""
 
 import math
+import sys
 from typing import Annotated, Any, Literal
 
 from pydantic import (
@@ -16,6 +17,7 @@ from pydantic import (
 from rattlesweep.sweep.config_bodies import MAX_BODIES, Preset, Skewed
 from rattlesweep.sweep.config_fields import (
     DESCRIPTIONS,
+    LIMITS,
     Alpha,
     Base,
     Beta,
@@ -28,6 +30,7 @@ from rattlesweep.sweep.config_fields import (
 )
 
 MAX_AXIS = 10**6
+_TOO_CLOSE = "{n:g} values from {low!r} to {high!r} would not all differ; give fewer of them"
 
 
 class PresetBase(Base):
@@ -59,7 +62,7 @@ def _base_kind(base: Any) -> str:
     keys = base.keys() if isinstance(base, dict) else ()
     if isinstance(base, ShellDumbbellBase) or ("f_sd" in keys and "alpha" not in keys):
         return "~shell-dumbbell"
-    if isinstance(base, ExplicitBase) or (keys and "preset" not in keys):
+    if isinstance(base, ExplicitBase) or ("preset" not in keys and LIMITS.keys() & keys):
         return "~explicit"
     return "~preset"
 
@@ -86,13 +89,23 @@ def _checked_ends(ends: list[float]) -> list[float]:
     return ends
 
 
+def _checked_step(ends: list[float]) -> list[float]:
+    low, high, n = ends
+    # Neighbours closer than this may round to one number.
+    if n > 1 and not abs(high / (n - 1) - low / (n - 1)) > 4 * math.ulp(max(abs(low), abs(high))):
+        raise ValueError(_TOO_CLOSE.format(n=n, low=low, high=high))
+    return ends
+
+
 def _checked_ratio(ends: list[float]) -> list[float]:
-    low, high, _ = ends
+    low, high, n = ends
     if low == 0 or not 0 < high / low < math.inf:
         raise ValueError(
             f"no constant ratio leads from {low:g} to {high:g}; "
             "both ends must have the same sign and neither be 0"
         )
+    if n > 1 and not abs(math.log(high / low)) / (n - 1) > 4 * sys.float_info.epsilon:
+        raise ValueError(_TOO_CLOSE.format(n=n, low=low, high=high))
     return ends
 
 
@@ -105,7 +118,9 @@ _ENDS: Any = Field(
 class Linspace(Base):
     """Evenly spaced values."""
 
-    linspace: Annotated[list[float], AfterValidator(_checked_ends)] = _ENDS
+    linspace: Annotated[
+        list[float], AfterValidator(_checked_ends), AfterValidator(_checked_step)
+    ] = _ENDS
 
     def values(self) -> list[float]:
         """The values along the axis."""
@@ -145,9 +160,20 @@ Axis = (
 )
 
 
-def axis_values(axis: list[float] | Linspace | Logspace) -> list[float]:
+Values = list[float] | Linspace | Logspace
+
+
+def axis_values(axis: Values) -> list[float]:
     """The values along an axis, however it is written."""
     return axis if isinstance(axis, list) else axis.values()
+
+
+def axis_ends(axis: Values) -> tuple[float, float, int]:
+    """Smallest and largest value of an axis, and how many there are; the others are not made."""
+    if isinstance(axis, list):
+        return min(axis), max(axis), len(axis)
+    low, high, n = axis.linspace if isinstance(axis, Linspace) else axis.logspace
+    return min(low, high), max(low, high), int(n)
 
 
 class Axes(Base):
@@ -168,32 +194,40 @@ class Axes(Base):
     def _in_limits(cls, axis: Axis, info: ValidationInfo) -> Axis:
         if axis is None or info.field_name is None:
             return axis
-        values = axis_values(axis)
-        if not values:
-            raise ValueError("the list is empty; give at least one number")
-        no_repeats(values)
-        for value in (min(values), max(values)):
+        if isinstance(axis, list):
+            if not axis:
+                raise ValueError("the list is empty; give at least one number")
+            no_repeats(axis)
+        for value in axis_ends(axis)[:2]:
             if problem := limit_problem(info.field_name, value, "the value"):
                 raise ValueError(problem)
         return axis
 
     @model_validator(mode="after")
     def _plausible(self) -> "Axes":
-        values = self.values()
-        if not values:
+        ends = self.ends()
+        if not ends:
             raise ValueError("no parameter varies; give at least one axis")
-        angles = [name for name in values if "xi" in name]
+        angles = [name for name in ends if "xi" in name]
         if len(angles) > 1:
             raise ValueError(f"both {' and '.join(angles)} are given; keep one of them")
-        bodies = math.prod(len(axis) for axis in values.values())
+        bodies = math.prod(size for _, _, size in ends.values())
         if bodies > MAX_BODIES:
             raise ValueError(f"the grid has {bodies} bodies; at most {MAX_BODIES} are possible")
         return self
 
+    def given(self) -> dict[str, Values]:
+        """The axes that are given."""
+        axes = {name: getattr(self, name) for name in type(self).model_fields}
+        return {name: axis for name, axis in axes.items() if axis is not None}
+
     def values(self) -> dict[str, list[float]]:
         """The values of each axis that is given."""
-        axes = {name: getattr(self, name) for name in type(self).model_fields}
-        return {name: axis_values(axis) for name, axis in axes.items() if axis is not None}
+        return {name: axis_values(axis) for name, axis in self.given().items()}
+
+    def ends(self) -> dict[str, tuple[float, float, int]]:
+        """Smallest and largest value of each axis that is given, and how many there are."""
+        return {name: axis_ends(axis) for name, axis in self.given().items()}
 
 
 class GridSource(Base):
@@ -218,20 +252,20 @@ class GridSource(Base):
         base = info.data.get("base")
         if base is None:
             return axes
-        values = axes.values()
+        ends = axes.ends()
         shell_dumbbell = isinstance(base, ShellDumbbellBase)
         for name in ("alpha", "beta") if shell_dumbbell else ("f_sd",):
-            if name in values:
+            if name in ends:
                 raise ValueError(
                     f"{name} cannot vary over this base; f_sd is for a shell-dumbbell base, alpha "
                     "and beta are for any other"
                 )
         for small, large in (("phi", "theta"), ("beta", "alpha")):
-            lows = values.get(small) or [getattr(base, small, -math.inf)]
-            highs = values.get(large) or [getattr(base, large, math.inf)]
-            if max(lows) >= min(highs):
+            most = ends[small][1] if small in ends else getattr(base, small, -math.inf)
+            least = ends[large][0] if large in ends else getattr(base, large, math.inf)
+            if most >= least:
                 raise ValueError(
-                    f"{small} >= {large} is possible, as {small} goes up to {max(lows):g} and "
-                    f"{large} down to {min(highs):g}; their values must not meet"
+                    f"{small} >= {large} is possible, as {small} goes up to {most:g} and "
+                    f"{large} down to {least:g}; their values must not meet"
                 )
         return axes

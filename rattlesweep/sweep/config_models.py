@@ -7,6 +7,7 @@ from pydantic import (
     ConfigDict,
     Discriminator,
     Field,
+    PrivateAttr,
     Tag,
     ValidationInfo,
     field_validator,
@@ -16,14 +17,17 @@ from pydantic import (
 from rattlesweep.sweep.config_bodies import PresetSource, SdSource, TableSource
 from rattlesweep.sweep.config_fields import (
     Base,
-    PositiveNumbers,
+    OscillationNumbers,
     SpinNumbers,
     no_repeats,
     tag_number,
 )
 from rattlesweep.sweep.config_grid import GridSource
+from rattlesweep.sweep.config_places import Places
 
 SOURCES = {"sd": SdSource, "preset": PresetSource, "table": TableSource, "grid": GridSource}
+
+MAX_CASES = 100_000
 
 DEFAULT_TOL = 1e-9
 DEFAULT_DT = 0.002
@@ -98,7 +102,7 @@ class Spin(Base):
             "Initial spins in sqrt(g/a); positive is the unsteady direction, negative the steady."
         )
     )
-    omega_xy0: PositiveNumbers = Field(
+    omega_xy0: OscillationNumbers = Field(
         description="Initial sizes of the oscillation's angular velocity in sqrt(g/a)."
     )
     psi: Psi = Field(
@@ -262,7 +266,7 @@ class Classify(Base):
     )
 
 
-RECORDS = ("energy", "contact", "windows")
+RECORDS = ("energy", "contact", "windows", "lyapunov")
 
 
 class Config(Base):
@@ -299,7 +303,7 @@ class Config(Base):
     classify: Classify = Field(
         default_factory=lambda: Classify(), description="Thresholds between types of runs."
     )
-    record: list[Literal["energy", "contact", "windows"]] = Field(
+    record: list[Literal["energy", "contact", "windows", "lyapunov"]] = Field(
         default_factory=list,
         description="Extra columns; each costs time.",
         json_schema_extra={"uniqueItems": True},
@@ -313,6 +317,8 @@ class Config(Base):
         pattern=r"^[^\x00]*$",
         description="Directory; null: out/<name>.",
     )
+
+    _places: Places = PrivateAttr(default_factory=Places)
 
     @field_validator("name")
     @classmethod
@@ -331,6 +337,15 @@ class Config(Base):
             raise ValueError(
                 f"missing; bodies of source {bodies.source} need a spin with n_i and omega_xy0"
             )
+        if spin is not None:
+            targets = 1
+            if isinstance(bodies, SdSource) and bodies.target is not None:
+                targets = len(bodies.target.values)
+            cases = targets * len(spin.n_i) * len(spin.omega_xy0)
+            if cases > MAX_CASES:
+                raise ValueError(
+                    f"{cases} cases (targets x n_i x omega_xy0); at most {MAX_CASES} are possible"
+                )
         return spin
 
     @field_validator("record")
@@ -338,6 +353,16 @@ class Config(Base):
     def _once_and_in_order(cls, record: list[str]) -> list[str]:
         no_repeats(record)
         return [name for name in RECORDS if name in record]
+
+    @property
+    def places(self) -> Places:
+        """Where the keys stand in the file that was read."""
+        return self._places
+
+    def placed(self, places: Places) -> "Config":
+        """Remember where the keys stand; returns the config itself."""
+        self._places = places
+        return self
 
     @property
     def directory(self) -> str:

@@ -2,6 +2,15 @@
 
 from collections.abc import Iterable
 
+MAX_LINE = 1000
+
+
+def one_line(text: str, limit: int = 60) -> str:
+    """`text` fit for one line of any terminal: nothing unprintable, and cut if it is long."""
+    if len(text) > limit:
+        text = text[: limit - 3] + "..."
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+
 
 class ConfigError(ValueError):
     """A command or a config is wrong (exit code 2).
@@ -9,11 +18,12 @@ class ConfigError(ValueError):
     Parameters
     ----------
     messages
-        One message, or one for each thing that is wrong. Each is a single line.
+        One message, or one for each thing that is wrong. Each becomes a single line.
     """
 
     def __init__(self, messages: str | Iterable[str]) -> None:
-        self.messages = [messages] if isinstance(messages, str) else list(messages)
+        lines = [messages] if isinstance(messages, str) else messages
+        self.messages = [one_line(line, MAX_LINE) for line in lines]
         super().__init__(self.messages)
 
     def __str__(self) -> str:

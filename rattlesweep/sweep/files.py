@@ -8,8 +8,9 @@ import os
 import re
 import secrets
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import BinaryIO
 
 from rattlesweep.sweep.errors import OutputError
 
@@ -49,6 +50,32 @@ def replace_file(path: Path, data: bytes, check: Callable[[Path], None] | None =
         _discard(temporary)
 
 
+@contextlib.contextmanager
+def streamed_file(path: Path) -> Iterator[BinaryIO]:
+    """Like `replace_file`, for data that comes in parts: a file to write them to.
+
+    It takes its place when the body has ended; if that raises, nothing is left of it.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written; names the file and the reason.
+    """
+    temporary = _temporary(path)
+    try:
+        handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
+        with os.fdopen(handle, "wb") as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+        _sync_directory(path.parent)
+    except OSError as error:
+        raise OutputError(f"cannot write {path}: {reason(error)}") from error
+    finally:
+        _discard(temporary)
+
+
 def probe_directory(path: Path) -> None:
     """Create `path` where need be, and try out that files can be written in it.
 
@@ -74,12 +101,17 @@ def remove_temporaries(folder: Path, older_than: float = 0.0) -> int:
     """Remove temporary files at least `older_than` seconds old; returns how many."""
     now, removed = time.time(), 0
     for path in folder.glob(".*.tmp"):
-        if _TEMPORARY.fullmatch(path.name):
+        if is_temporary(path):
             with contextlib.suppress(OSError):  # its owner, or another process, was quicker
                 if now - path.stat().st_mtime >= older_than:
                     path.unlink()
                     removed += 1
     return removed
+
+
+def is_temporary(path: Path) -> bool:
+    """Whether a file is one that a process of ours was still writing."""
+    return _TEMPORARY.fullmatch(path.name) is not None
 
 
 def reason(error: BaseException) -> str:

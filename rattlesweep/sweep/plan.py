@@ -56,6 +56,7 @@ class Plan:
     config: Config
     source: Source
     cases: tuple[Case, ...]
+    block_size: int
 
     @property
     def samples(self) -> int:
@@ -70,11 +71,11 @@ class Plan:
     @property
     def n_blocks(self) -> int:
         """Number of blocks."""
-        return -(-self.runs // self.config.block_size)
+        return -(-self.runs // self.block_size)
 
     def block(self, index: int) -> Block:
         """One block."""
-        size = self.config.block_size
+        size = self.block_size
         return Block(index, index * size, min((index + 1) * size, self.runs))
 
     def runs_of(self, block: Block) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -114,4 +115,4 @@ def make_plan(config: Config, base: Path | None = None) -> Plan:
             product(enumerate(targets), launches)
         )
     ]
-    return Plan(config, source, tuple(cases))
+    return Plan(config, source, tuple(cases), config.block_size)

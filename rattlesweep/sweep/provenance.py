@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rattlesweep.sweep.config import TableSource, physics_hash, resolved
-from rattlesweep.sweep.errors import OutputError
+from rattlesweep.sweep.errors import ConfigError, OutputError
 
 if TYPE_CHECKING:
     from rattlesweep.sweep.plan import Plan
     from rattlesweep.sweep.store import Store
 
-FORMAT = 1
+FORMAT = 2
 PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "pandas", "pyarrow")
 
 
@@ -62,14 +62,24 @@ def identity(plan: Plan, base: Path | None = None) -> str:
     return digest.hexdigest()
 
 
-def new_manifest(plan: Plan, hash_: str, threads: int) -> dict[str, Any]:
-    """The manifest of a sweep that begins."""
+def versions() -> dict[str, str]:
+    """Versions of what the numbers depend on."""
+    return {
+        "rattlesweep": package_version(),
+        "python": platform.python_version(),
+        **{name: version(name) for name in PACKAGES},
+    }
+
+
+def new_manifest(plan: Plan, hash_: str, base: Path | None) -> dict[str, Any]:
+    """The manifest of a sweep that begins; `base` is where its table's path starts."""
     return {
         "format": FORMAT,
         "name": plan.config.name,
         "state": "running",
-        "config": resolved(plan.config),
+        "config": resolved(plan.config) | {"block_size": plan.block_size},
         "config_hash": hash_,
+        "base": None if base is None else str(base),
         "cases": [
             {
                 "case": case.index,
@@ -82,15 +92,13 @@ def new_manifest(plan: Plan, hash_: str, threads: int) -> dict[str, Any]:
         "samples": plan.samples,
         "runs": plan.runs,
         "blocks": plan.n_blocks,
-        "versions": {
-            "rattlesweep": package_version(),
-            "python": platform.python_version(),
-            **{name: version(name) for name in PACKAGES},
-        },
+        "versions": versions(),
         "machine": machine(),
-        "threads": threads,
         "started": now(),
         "command": [Path(sys.argv[0]).name, *sys.argv[1:]],
+        "failed": {},
+        "sessions": [],
+        "receipts": {},
     }
 
 
@@ -100,11 +108,17 @@ def read_manifest(store: Store) -> dict[str, Any]:
     Raises
     ------
     ConfigError
-        There is none.
+        There is none, or it is of another format.
     OutputError
         It is damaged.
     """
     manifest = store.read_manifest()
+    if manifest.get("format") != FORMAT:
+        raise ConfigError(
+            f"{store.directory}: it was written in format {manifest.get('format')} by rattlesweep "
+            f"{manifest.get('versions', {}).get('rattlesweep', '?')}; this version writes format "
+            f"{FORMAT}, so choose another output or start over with --fresh"
+        )
     for name, kind in (("config", dict), ("cases", list)):
         if not isinstance(manifest.get(name), kind):
             raise OutputError(f"{store.manifest_path} is damaged: it names no {name}")

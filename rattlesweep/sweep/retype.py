@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import pyarrow as pa
 import pyarrow.compute as pc
 
 from rattlesweep.sweep.config import override_config, resolved
-from rattlesweep.sweep.errors import ConfigError
+from rattlesweep.sweep.errors import ConfigError, OutputError
+from rattlesweep.sweep.locks import hold
 from rattlesweep.sweep.provenance import read_manifest
 from rattlesweep.sweep.store import Store
 from rattlesweep.sweep.summary import summarise
+from rattlesweep.sweep.tables import DamagedError
 from rattlesweep.sweep.types import TYPES, classify
 
 if TYPE_CHECKING:
@@ -22,17 +24,33 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from rattlesweep.sweep.config import Classify
+    from rattlesweep.sweep.config import Classify, Config
+    from rattlesweep.sweep.receipts import Receipt
 
 
-def retype_blocks(store: Store, thresholds: Classify) -> int:
-    """Give every stored run the type that these thresholds ask for.
+class _Noting(Protocol):
+    """What keeps the receipts of blocks that are replaced."""
+
+    def forget(self, indices: list[int]) -> None:
+        """Drop receipts, before."""
+
+    def wrote(self, index: int, receipt: Receipt) -> None:
+        """Keep a receipt, after."""
+
+
+def retype_blocks(
+    store: Store, indices: Sequence[int], thresholds: Classify, noting: _Noting
+) -> int:
+    """Give the runs of some blocks the types that these thresholds ask for.
 
     Parameters
     ----------
     store : Store
-        Its blocks whose types change are replaced, one by one and each in one step.
+        Its blocks are replaced, one by one and each in one step.
+    indices : sequence of int
     thresholds : Classify
+    noting
+        Hears which blocks are replaced.
 
     Returns
     -------
@@ -40,15 +58,42 @@ def retype_blocks(store: Store, thresholds: Classify) -> int:
         Number of runs whose type has changed.
     """
     changed = 0
-    for index, table in store.iter_blocks():
-        typed = _typed(table, thresholds)
-        before = table.column("type").combine_chunks()
-        differing = _differing(before, typed)
-        if differing:
-            place = table.schema.get_field_index("type")
-            store.rewrite_block(index, table.set_column(place, table.schema.field(place), typed))
-            changed += differing
+    noting.forget(list(indices))
+    for index in indices:
+        note = store.inspect_block(index).note
+        table = store.read_block(index)
+        types = typed(table, thresholds)
+        changed += _differing(table.column("type").combine_chunks(), types)
+        place = table.schema.get_field_index("type")
+        if note is not None:
+            note = replace(note, classify=thresholds.model_dump())
+        table = table.set_column(place, table.schema.field(place), types)
+        noting.wrote(index, store.rewrite_block(index, table, note))
     return changed
+
+
+class _Receipts:
+    """Receipts in the manifest of a directory that no sweep is at work in."""
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self._seconds: dict[str, float] = {}
+        self.fresh: dict[str, Any] = {}
+
+    def forget(self, indices: list[int]) -> None:
+        """Drop receipts."""
+
+        def change(manifest: dict[str, Any]) -> None:
+            for index in map(str, indices):
+                old = manifest["receipts"].pop(index, {})
+                self._seconds |= {index: old["seconds"]} if "seconds" in old else {}
+
+        self._store.update_manifest(change)
+
+    def wrote(self, index: int, receipt: Receipt) -> None:
+        """Keep a receipt."""
+        seconds = self._seconds.get(str(index))
+        self.fresh[str(index)] = replace(receipt, seconds=seconds).dump()
 
 
 def retype(directory: Path, overrides: Sequence[str] = ()) -> tuple[int, pa.Table]:
@@ -71,9 +116,39 @@ def retype(directory: Path, overrides: Sequence[str] = ()) -> tuple[int, pa.Tabl
     ConfigError
         If this is no output directory, or an override is not of ``classify``.
     OutputError
-        If a file is damaged or cannot be written.
+        If a file is damaged or cannot be written, or another process works there.
     """
     store = Store(directory)
+    config_of(store, overrides)  # before anything is made there
+    with hold(directory):
+        manifest, config = config_of(store, overrides)
+        thresholds = resolved(config)["classify"]
+        receipts = _Receipts(store)
+        old = [i for i in store.block_indices() if _note_differs(store, i, thresholds)]
+        changed = retype_blocks(store, old, config.classify, receipts) if old else 0
+        summary = summarise(store, stored_cases(manifest))
+        store.write_summary(summary)
+
+        def change(manifest: dict[str, Any]) -> None:
+            manifest["config"] = manifest["config"] | {"classify": thresholds}
+            manifest["receipts"] = dict(
+                sorted((manifest["receipts"] | receipts.fresh).items(), key=lambda r: int(r[0]))
+            )
+
+        store.update_manifest(change)
+    return changed, summary
+
+
+def config_of(store: Store, overrides: Sequence[str]) -> tuple[dict[str, Any], Config]:
+    """Manifest and config of a directory, with other thresholds.
+
+    Raises
+    ------
+    ConfigError
+        If it is no output directory, or an override is not of ``classify``.
+    OutputError
+        If its manifest is damaged.
+    """
     manifest = read_manifest(store)
     for text in overrides:
         if not text.strip().startswith("classify."):
@@ -81,13 +156,15 @@ def retype(directory: Path, overrides: Sequence[str] = ()) -> tuple[int, pa.Tabl
                 f"--set {text}: only keys of classify can change without integrating, such as "
                 "classify.sw_departure=0.1"
             )
-    config = override_config(manifest["config"], overrides)
-    changed = retype_blocks(store, config.classify)
-    summary = summarise(store, stored_cases(manifest))
-    store.write_summary(summary)
-    manifest["config"] = resolved(config)
-    store.write_manifest(manifest)
-    return changed, summary
+    return manifest, override_config(manifest["config"], overrides)
+
+
+def _note_differs(store: Store, index: int, thresholds: dict[str, float]) -> bool:
+    try:
+        note = store.inspect_block(index).note
+    except DamagedError as error:
+        raise OutputError(f"{store.block_path(index)} is damaged: {error}") from error
+    return note is None or note.classify != thresholds
 
 
 @dataclass(frozen=True)
@@ -118,7 +195,8 @@ def _floats(table: pa.Table, name: str) -> NDArray[np.float64]:
     return values
 
 
-def _typed(table: pa.Table, thresholds: Classify) -> pa.Array:
+def typed(table: pa.Table, thresholds: Classify) -> pa.Array:
+    """Types that the numbers of stored runs give under these thresholds."""
     status: Any = table.column("status").to_numpy()
     codes = classify(
         status == "ok",

@@ -8,23 +8,24 @@ kills the process, at whatever moment, `runs/*.parquet` matches whole blocks onl
 from __future__ import annotations
 
 import errno
-import json
+import hashlib
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from rattlesweep.sweep import sealedjson
 from rattlesweep.sweep.errors import ConfigError, OutputError
 from rattlesweep.sweep.files import probe_directory, reason, remove_temporaries, replace_file
+from rattlesweep.sweep.locks import turn
+from rattlesweep.sweep.receipts import Note, Receipt
 from rattlesweep.sweep.tables import (
-    ContentHash,
+    NOTE,
     DamagedError,
     build_table,
     encode,
@@ -33,6 +34,19 @@ from rattlesweep.sweep.tables import (
 )
 
 _BLOCK = re.compile(r"block-(\d{6,})\.parquet")
+
+
+class DamagedManifest(OutputError):
+    """`manifest.json` is not what was written."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """A block that is in place and whole."""
+
+    schema: pa.Schema
+    note: Note | None
+    receipt: Receipt
 
 
 class Store:
@@ -100,7 +114,13 @@ class Store:
             raise OutputError(f"cannot read {self.runs}: {reason(error)}") from error
         return sorted(int(match[1]) for name in names if (match := _BLOCK.fullmatch(name)))
 
-    def write_block(self, index: int, columns: Mapping[str, Any], schema: pa.Schema) -> None:
+    def write_block(
+        self,
+        index: int,
+        columns: Mapping[str, Any],
+        schema: pa.Schema,
+        note: Note | None = None,
+    ) -> Receipt:
         """Write one block from plain arrays; see `tables.build_table` for what they may be.
 
         Raises
@@ -110,9 +130,9 @@ class Store:
         ValueError
             The columns do not make a table of `schema`: a mistake of the calling code.
         """
-        self._write_table(self.block_path(index), build_table(columns, schema))
+        return self._write_table(self.block_path(index), build_table(columns, schema), note)
 
-    def rewrite_block(self, index: int, table: pa.Table) -> None:
+    def rewrite_block(self, index: int, table: pa.Table, note: Note | None = None) -> Receipt:
         """Put `table` in the place of block `index`, as safely as `write_block`.
 
         Raises
@@ -123,7 +143,32 @@ class Store:
             A column that must have a value in every row lacks one.
         """
         columns = {name: table.column(name) for name in table.schema.names}
-        self._write_table(self.block_path(index), build_table(columns, table.schema))
+        return self.write_block(index, columns, table.schema, note)
+
+    def inspect_block(self, index: int) -> Found:
+        """What block `index` holds, proved undamaged to the bit.
+
+        Raises
+        ------
+        DamagedError
+            It is not there, or not whole.
+        OutputError
+            The file may not be read, which says nothing about what it holds.
+        """
+        path = self.block_path(index)
+        try:
+            data = path.read_bytes()
+            file = open_sealed(data)
+            status = file.read(columns=["status"]).column("status")
+        except PermissionError as error:
+            raise OutputError(f"cannot read {path}: {reason(error)}") from error
+        except OSError as error:
+            raise DamagedError(reason(error)) from error
+        except (pa.ArrowException, KeyError) as error:
+            raise DamagedError(f"it has no status: {reason(error)}") from error
+        schema = file.schema_arrow
+        note = Note.load((schema.metadata or {}).get(NOTE))
+        return Found(schema, note, _receipt(data, status))
 
     def block_is_whole(self, index: int, schema: pa.Schema, rows: int) -> bool:
         """Whether block `index` is in place, undamaged to the bit, and has these columns and rows.
@@ -134,12 +179,10 @@ class Store:
             The file may not be read, which says nothing about what it holds.
         """
         try:
-            file = open_sealed(self.block_path(index).read_bytes())
-        except PermissionError as error:
-            raise OutputError(f"cannot read {self.block_path(index)}: {reason(error)}") from error
-        except (DamagedError, OSError):
+            found = self.inspect_block(index)
+        except DamagedError:
             return False
-        return file.metadata.num_rows == rows and same_schema(file.schema_arrow, schema)
+        return found.receipt.rows == rows and same_schema(found.schema, schema)
 
     def read_block(self, index: int, columns: Sequence[str] | None = None) -> pa.Table:
         """Read a block, having proved that it is whole.
@@ -216,9 +259,7 @@ class Store:
         return table.replace_schema_metadata(None)
 
     def write_manifest(self, manifest: Mapping[str, Any]) -> None:
-        """Write `manifest.json`, as safely as a block, keys in the order given.
-
-        Floats come back bit for bit. NumPy scalars and paths are written as what they mean.
+        """Write `manifest.json`, as safely as a block; see `sealedjson.dump`.
 
         Raises
         ------
@@ -227,36 +268,51 @@ class Store:
         ValueError, TypeError
             It holds NaN, infinity, or something JSON has no word for.
         """
-        text = json.dumps(
-            dict(manifest), indent=2, allow_nan=False, ensure_ascii=False, default=_plain
-        )
-        replace_file(self.manifest_path, text.encode() + b"\n")
+        replace_file(self.manifest_path, sealedjson.dump(manifest))
 
     def read_manifest(self) -> dict[str, Any]:
-        """Read `manifest.json`.
+        """Read `manifest.json`, having proved that it is whole.
 
         Raises
         ------
         ConfigError
             There is none, so this is no output directory.
+        DamagedManifest
+            It is not what `write_manifest` writes.
         OutputError
-            It cannot be read or is not what `write_manifest` writes.
+            It cannot be read.
         """
         try:
-            manifest = json.loads(self.manifest_path.read_bytes())
+            return sealedjson.load(self.manifest_path.read_bytes())
         except (FileNotFoundError, NotADirectoryError):
             raise ConfigError(
                 f"{self.directory} is not an output directory: it has no manifest.json"
             ) from None
         except OSError as error:
             raise OutputError(f"cannot read {self.manifest_path}: {reason(error)}") from error
-        except (ValueError, RecursionError) as error:
-            raise OutputError(f"{self.manifest_path} is damaged: {error}") from error
-        if not isinstance(manifest, dict):
-            raise OutputError(f"{self.manifest_path} is damaged: it holds no object")
+        except ValueError as error:
+            raise DamagedManifest(f"{self.manifest_path} is damaged: {error}") from error
+
+    def update_manifest(self, change: Callable[[dict[str, Any]], None]) -> dict[str, Any]:
+        """Change `manifest.json` in one step that no other process can come between.
+
+        Parameters
+        ----------
+        change
+            Called with the manifest as it is now, empty where there is none.
+
+        Returns
+        -------
+        dict
+            The manifest as written.
+        """
+        with turn(self.directory):
+            manifest = self.read_manifest() if self.manifest_path.exists() else {}
+            change(manifest)
+            self.write_manifest(manifest)
         return manifest
 
-    def _write_table(self, path: Path, table: pa.Table) -> None:
+    def _write_table(self, path: Path, table: pa.Table, note: Note | None = None) -> Receipt:
         def reads_back(temporary: Path) -> None:
             try:
                 with pq.ParquetFile(temporary) as file:
@@ -266,60 +322,19 @@ class Store:
             if rows != table.num_rows:
                 raise OSError(errno.EIO, f"reads back {rows} of {table.num_rows} rows")
 
-        replace_file(path, encode(table), reads_back)
+        data = encode(table, None if note is None else note.dump())
+        replace_file(path, data, reads_back)
+        return _receipt(data, table.column("status") if "status" in table.schema.names else None)
 
 
-def content_hash(directory: Path | str) -> str:
-    """SHA-256 of all rows in order of (case, sample), however they are cut into blocks.
-
-    Column by column in the order of the schema, raw bits: two sweeps have equal hashes when
-    every value of every run is equal to the last bit. Memory does not grow with the rows.
-
-    Raises
-    ------
-    OutputError
-        A block is unreadable or damaged, blocks differ in their columns, or rows are out of
-        order or there twice.
-    """
-    store = Store(directory)
-    digest: ContentHash | None = None
-    schema: pa.Schema | None = None
-    last = (-1, -1)
-    for batch in store.iter_batches():
-        if schema is None or digest is None:
-            schema = batch.schema
-            digest = ContentHash(schema)
-        elif not same_schema(schema, batch.schema):
-            raise OutputError(f"the blocks in {store.runs} differ in their columns")
-        last = _check_order(batch, last, store.runs)
-        digest.update(batch)
-    return (digest or ContentHash(pa.schema([]))).hexdigest()
-
-
-def _check_order(batch: pa.RecordBatch, last: tuple[int, int], where: Path) -> tuple[int, int]:
-    """Check that rows ascend strictly by (case, sample); the last row's keys."""
-    if batch.num_rows == 0:
-        return last
-    case = _with_first(last[0], batch.column("case"))
-    sample = _with_first(last[1], batch.column("sample"))
-    step = np.diff(case)
-    if not np.all((step > 0) | ((step == 0) & (np.diff(sample) > 0))):
-        raise OutputError(f"the rows in {where} are not in the order of (case, sample), each once")
-    return int(case[-1]), int(sample[-1])
-
-
-def _with_first(first: int, column: pa.Array) -> npt.NDArray[np.int64]:
-    values = pc.fill_null(column, -1).to_numpy(zero_copy_only=False).astype(np.int64)
-    return np.concatenate([np.array([first], dtype=np.int64), values])
+def _receipt(data: bytes, status: pa.ChunkedArray | None) -> Receipt:
+    rows, failed = 0, {}
+    if status is not None:
+        rows = len(status)
+        counts = {entry["values"]: entry["counts"] for entry in status.value_counts().to_pylist()}
+        failed = {word: count for word, count in sorted(counts.items()) if word != "ok"}
+    return Receipt(hashlib.sha256(data).hexdigest(), rows, len(data), failed)
 
 
 def _listed(columns: Sequence[str] | None) -> list[str] | None:
     return None if columns is None else list(columns)
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.generic):
-        return value.item()
-    if isinstance(value, Path):
-        return str(value)
-    raise TypeError(f"internal error: {type(value).__name__} in the manifest")

@@ -26,6 +26,8 @@ ROW_GROUP = 1 << 17
 """Rows in a row group: about 30 MB decoded, so that readers can stream a large block."""
 
 _SEAL = b"rattlesweep.sha256"
+NOTE = b"rattlesweep.block"
+"""Key of the file's metadata under which a block says what it is."""
 _BLANK = b"0" * 64
 # Thrift's compact protocol puts two bytes between a key and its value: field type and length.
 _SEALED = re.compile(re.escape(_SEAL) + rb"\x18\x40([0-9a-f]{64})")
@@ -133,11 +135,18 @@ def _series(values: Any, kind: pa.DataType) -> pa.Array:
     )
 
 
-def encode(table: pa.Table) -> bytes:
-    """Turn a table into the bytes of a sealed Parquet file; equal tables give equal bytes."""
+def encode(table: pa.Table, note: bytes | None = None) -> bytes:
+    """Turn a table into the bytes of a sealed Parquet file; equal tables give equal bytes.
+
+    Parameters
+    ----------
+    note
+        Kept in the file's metadata under `NOTE`.
+    """
     # Chunk borders would move page borders. The seal goes into the schema's metadata, since
     # ParquetWriter.add_key_value_metadata (merged May 2024) is younger than pyarrow 16.
-    table = table.combine_chunks().replace_schema_metadata({_SEAL: _BLANK})
+    noted = {} if note is None else {NOTE: note}
+    table = table.combine_chunks().replace_schema_metadata({**noted, _SEAL: _BLANK})
     sink = pa.BufferOutputStream()
     pq.write_table(
         table,

@@ -13,12 +13,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rattlesweep.sweep.errors import ConfigError
+from rattlesweep.sweep.errors import ConfigError, one_line
 
 Key = tuple[str | int, ...]
 """Where a value stands in nested data: ``("bodies", "ranges", "theta", 1)``."""
 
-MAX_BYTES = 1_000_000
+# The parser takes 20 us a value and 1 us a character: what is larger is refused in a second.
+MAX_BYTES = 250_000
+MAX_EVENTS = 20_000
 MAX_DEPTH = 30
 
 _NULL = re.compile(r"|~|null|Null|NULL")
@@ -49,11 +51,14 @@ class Document:
         Line and column, from 1, of each key of a mapping and each item of a list.
     problems
         Bad values and repeated keys. `data` leaves them out and can be looked at further.
+    broken
+        Whether reading stopped at a problem, the last one; what comes behind it is not known.
     """
 
     data: Any = None
     positions: dict[Key, tuple[int, int]] = field(default_factory=dict)
     problems: list[Problem] = field(default_factory=list)
+    broken: bool = False
 
 
 class _Stop(Exception):
@@ -62,13 +67,6 @@ class _Stop(Exception):
     def __init__(self, message: str, mark: Any = None, key: Key = ()) -> None:
         super().__init__(message)
         self.problem = Problem(key, message, _position(mark))
-
-
-def one_line(text: str, limit: int = 60) -> str:
-    """`text` fit for one line of any terminal: nothing unprintable, and cut if it is long."""
-    if len(text) > limit:
-        text = text[: limit - 3] + "..."
-    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
 def is_number(text: str) -> bool:
@@ -120,13 +118,14 @@ def read_text(path: str | os.PathLike[str]) -> str:
 def parse(text: str) -> Document:
     """Read one YAML document from `text`.
 
-    A text that is not YAML yields a problem at the empty key and no data.
+    A text that is not YAML yields no data and is marked as broken.
     """
     document = Document()
     try:
         _Builder(text, document).build()
     except _Stop as stop:
         document.data = None
+        document.broken = True
         document.problems.append(stop.problem)
     return document
 
@@ -143,7 +142,14 @@ def _events(text: str) -> Iterator[Any]:
 
     try:
         # The pure parser: the C one follows YAML 1.1.
-        yield from YAML(typ="safe", pure=True).parse(text)
+        for count, event in enumerate(YAML(typ="safe", pure=True).parse(text)):
+            if count == MAX_EVENTS:
+                raise _Stop(
+                    f"more than {MAX_EVENTS} keys and values up to here; a config is a short YAML "
+                    "file, and long lists of bodies go into a table",
+                    event.start_mark,
+                )
+            yield event
     except MarkedYAMLError as error:
         raise _Stop(_syntax_message(error), error.problem_mark or error.context_mark) from None
     except ReaderError as error:
@@ -162,6 +168,12 @@ def _events(text: str) -> Iterator[Any]:
             f"the text is not valid YAML ({type(error).__name__} while reading it); "
             "check its quotes and escapes"
         ) from None
+
+
+def _too_deep(event: Any) -> _Stop:
+    # Also for speed: the parser takes time that grows with the square of the depth.
+    message = f"more than {MAX_DEPTH} levels are nested; a config has at most 5"
+    return _Stop(message, event.start_mark)
 
 
 def _syntax_message(error: Any) -> str:
@@ -214,10 +226,7 @@ class _Builder:
             self._report(key, event, "aliases (*name) are not supported; write the value out")
             return None
         if len(key) > MAX_DEPTH:
-            raise _Stop(
-                f"more than {MAX_DEPTH} levels are nested; a config has at most 5",
-                event.start_mark,
-            )
+            raise _too_deep(event)
         if event.anchor is not None:
             self._report(key, event, "anchors (&name) are not supported; remove it")
         if event.tag not in (None, "!"):
@@ -263,6 +272,8 @@ class _Builder:
             depth -= kind in ("MappingEndEvent", "SequenceEndEvent")
             if depth == 0:
                 return
+            if depth > MAX_DEPTH:
+                raise _too_deep(event)
             event = next(self.events)
 
     def _list(self, key: Key) -> list[Any]:

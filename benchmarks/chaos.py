@@ -1,0 +1,68 @@
+"""Evidence for the criterion of chaos: how far differences grow in the second half of SW runs.
+
+    rattlesweep run configs/steady.yaml --set 'record=[lyapunov]' --output out/lyapunov
+    python benchmarks/chaos.py out/lyapunov
+
+Prints histograms of the logarithm of that growth, and what becomes of some of the runs in six
+times their horizon, followed past reversals.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+import pandas as pd
+
+from rattlesweep.integrate.lyapunov import growth_along
+from rattlesweep.physics import full
+from rattlesweep.sweep.chaos import LEAST_GROWTH
+
+EDGES = [-np.inf, -2, 0, 2, 4, 6, 8, 10, 15, 20, 40, np.inf]
+LONGER = 6
+
+
+def later(run: Any) -> float:
+    """Growth in the second half of a longer run from the same launch."""
+    constants = full.constants(run.alpha, run.beta, run.gamma, run.theta, run.phi, run.xi)
+    rates = run.omega_xy0 * np.cos(run.psi), run.omega_xy0 * np.sin(run.psi)
+    half, end = growth_along(
+        constants, [0, 0, *rates, -run.n_i], run.t_end * LONGER * np.array([0.5, 1])
+    )
+    return float(end - half)
+
+
+@click.command()
+@click.argument("directory", type=click.Path(exists=True, path_type=Path))
+@click.option("--runs", default=60, help="Runs of each kind to follow on.")
+def main(directory: Path, runs: int) -> None:
+    """Print the evidence from the output of a sweep."""
+    frame = pd.concat([pd.read_parquet(path) for path in sorted(directory.glob("runs/*.parquet"))])
+    growth = frame.lyapunov_late * frame.t_end / 2
+    click.echo(f"borders of growth: {EDGES}")
+    for kind, one in frame.groupby("type"):
+        for n_i, few in one.groupby("n_i"):
+            found = few.lyapunov_late * few.t_end / 2
+            counts = np.histogram(found.dropna(), EDGES)[0]
+            chaotic = int((found > LEAST_GROWTH).sum())
+            click.echo(f"{kind:13} n_i {n_i:5}: {len(few):6} runs, chaotic {chaotic:4}, {counts}")
+    sw = frame.assign(growth=growth)[frame.type == "SW"]
+    chaotic = sw[sw.growth > LEAST_GROWTH]
+    share = chaotic.groupby(["n_i", chaotic.K_r.round(3)]).size()
+    click.echo(f"chaotic SW by n_i and K_r:\n{share.to_string()}")
+    click.echo(f"their exponents by n_i:\n{chaotic.groupby('n_i').lyapunov_late.median()}")
+    for low, high in ((LEAST_GROWTH, np.inf), (4, LEAST_GROWTH), (-np.inf, 4)):
+        chosen = sw[(sw.growth > low) & (sw.growth <= high)]
+        chosen = chosen.sample(min(runs, len(chosen)), random_state=0)
+        on = np.array([later(run) for run in chosen.itertuples()])
+        click.echo(
+            f"growth {low:g} to {high:g}: {len(on)} runs, {LONGER} times as long: "
+            f"{(on > LEAST_GROWTH).sum()} chaotic, {(on < 0).sum()} decay; "
+            f"10, 50, 90 %: {np.quantile(on, [0.1, 0.5, 0.9]).round(1)}"
+        )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,45 @@
+"""`rattlesweep merge`: one directory from those of shards."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from rattlesweep.cli.common import DONE, EARLY, SOME_FAILED, Bar, guarded, say
+
+
+@click.command(
+    epilog="\b\nExample:\n  rattlesweep merge out/steady-0 out/steady-1 --output out/steady"
+)
+@click.argument("directories", metavar="DIR...", type=click.Path(), nargs=-1, required=True)
+@click.option("--output", metavar="DIR", required=True, help="The directory to make.")
+@click.option("-q", "--quiet", is_flag=True, help="No closing table.")
+@guarded
+def merge(directories: tuple[str, ...], output: str, quiet: bool) -> int:
+    """Join the directories of one sweep's shards, in files of sensible size.
+
+    Checks that they are of one config and agree where they overlap. If runs are missing, joins
+    what there is, says what is missing, and exits with 75: `rattlesweep run CONFIG --output DIR`
+    does the rest.
+    """
+    from rattlesweep.sweep.errors import ConfigError
+    from rattlesweep.sweep.merge import merge as join
+    from rattlesweep.sweep.summary import closing_table
+
+    if not output:
+        raise ConfigError("--output: the directory has no name; give one")
+    with Bar("files") as bar:
+        merged = join([Path(d) for d in directories], Path(output), report=bar)
+    if merged.summary is not None and not quiet:
+        click.echo(closing_table(merged.summary))
+    say(f"{merged.runs} runs in {merged.files} files in {output}")
+    if merged.missing:
+        spans = ", ".join(f"{first} to {stop - 1}" for first, stop in merged.missing[:5])
+        more = f" and {len(merged.missing) - 5} more spans" if len(merged.missing) > 5 else ""
+        say(
+            f"missing: runs {spans}{more}; merge the other shards too, or do them with "
+            f"`rattlesweep run CONFIG --output {output}`"
+        )
+        return EARLY
+    return SOME_FAILED if merged.failed else DONE

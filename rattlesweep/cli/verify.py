@@ -1,0 +1,53 @@
+"""`rattlesweep verify`: whether everything is whole."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import click
+
+from rattlesweep.cli.common import DONE, FAILED, Bar, guarded, say
+
+
+@click.command(epilog="\b\nExample:\n  rattlesweep verify out/quickstart --recompute 100")
+@click.argument("directory", type=click.Path())
+@click.option(
+    "--recompute",
+    type=click.IntRange(0),
+    metavar="N",
+    default=0,
+    help="Integrate N random runs again, and compare bit for bit.",
+)
+@click.option("--seed", type=click.IntRange(0), help="Of their choice; by default a new one.")
+@click.option("--threads", type=click.IntRange(1), help="Threads of the kernel.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of sentences.")
+@guarded
+def verify(
+    directory: str, recompute: int, seed: int | None, threads: int | None, as_json: bool
+) -> int:
+    """Check a directory from the first bit to the last.
+
+    Checksums, schema, missing or double runs, nulls where none belong, types, summary. Prints
+    what is wrong, a line each, and exits with 1 if anything is. `rattlesweep run` mends what it
+    finds by doing those blocks again.
+    """
+    from rattlesweep.sweep.verify import verify as check
+
+    with Bar("blocks") as bar:
+        verdict = check(
+            Path(directory), recompute=recompute, seed=seed, threads=threads, report=bar
+        )
+    if as_json:
+        click.echo(json.dumps(asdict(verdict), indent=2))
+    else:
+        for problem in verdict.problems:
+            click.echo(problem)
+    for remark in verdict.remarks:
+        say(f"note: {remark}")
+    again = f", {verdict.recomputed} integrated again" if recompute else ""
+    left = f", {len(verdict.missing)} blocks not in place" if verdict.missing else ""
+    wrong = f"{len(verdict.problems)} problems" if verdict.problems else "no problem"
+    say(f"{verdict.blocks} whole blocks, {verdict.runs} runs{again}{left}: {wrong}")
+    return FAILED if verdict.problems else DONE

@@ -1,0 +1,189 @@
+"""Compiled :func:`follow.march` and :func:`follow.aside` of all methods and models."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numba import njit
+
+from rattlesweep.integrate import columns as C
+from rattlesweep.integrate import follow, lanes, runs
+from rattlesweep.integrate.cache import cached, specialise
+from rattlesweep.integrate.kernels import _compile_in_child, workspace
+from rattlesweep.integrate.model import FULL, MODELS, Model
+from rattlesweep.integrate.stages import Layout, compile_attempt, compile_lane_functions
+from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.physics import attitude, full
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rattlesweep.integrate.tableau import Tableau
+
+# In the order in which they call each other.
+TEMPLATES = (
+    runs.see_contact,
+    runs.start,
+    runs.idle,
+    lanes.give_up,
+    lanes.decide,
+    lanes.commit,
+)
+
+
+@full.scalar
+def _spin(p, q, a, b, c, heading, x, y):  # type: ignore[no-untyped-def]
+    return full.spin(p, q, a, b, c)
+
+
+@full.scalar
+def _spin_rate(p, q, a, b, c, heading, x, y, dp, dq, da, db, dc, dh, dx, dy):  # type: ignore[no-untyped-def]
+    return full.spin_rate(p, q, da, db, dc)
+
+
+@full.scalar
+def _nothing(p, q, a, b, c, heading, x, y):  # type: ignore[no-untyped-def]
+    return 0.0
+
+
+@full.scalar
+def _no_error(ep, eq, ea, eb, ec, eh, ex, ey, p, q, a, b, c, h, x, y, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
+    return 0.0
+
+
+ATTITUDE = Model(
+    name="attitude",
+    n_state=full.N_STATE + attitude.N_EXTRA,
+    n_constants=full.N_CONSTANTS,
+    n_probe=0,
+    rhs=attitude.rhs,
+    spin=_spin,
+    spin_rate=_spin_rate,
+    amplitude=_nothing,
+    error=_no_error,
+    energy=full.energy,
+    contact=full.contact_force,
+)
+"""The full model with heading and track; its steps go from the full model's, never far."""
+
+
+def _model(name: str) -> tuple[Model, int]:
+    """Model, and how many of its components an accepted step has."""
+    return (ATTITUDE, FULL.n_state) if name == ATTITUDE.name else (MODELS[name], 99)
+
+
+def build_march(tableau: Tableau, model: Model) -> Callable[..., None]:
+    """Compile :func:`follow.march` of a method and a model when it is first called."""
+    at = Layout.of(model)
+    bindings: dict[str, Any] = {
+        "N_STATE": model.n_state,
+        "N_CONSTANTS": model.n_constants,
+        "N_PROBE": model.n_probe,
+        "Y": at.y,
+        "F": at.f,
+        "Y1": at.y1,
+        "Q": at.constants,
+        "PROBE": at.probe,
+        "H": at.h,
+        "ERROR": at.error,
+        "N1": at.n1,
+        "RATE1": at.rate1,
+        "AMPLITUDE": at.amplitude,
+        "ADAPTIVE": tableau.adaptive,
+        "attempt": compile_attempt(tableau, model),
+        **compile_lane_functions(model),
+    }
+    suffix = f"_{tableau.name}_{model.name}"
+    for template in TEMPLATES:
+        name = template.__name__
+        bindings[name] = njit(nogil=True, error_model="numpy")(
+            specialise(template, f"{name}_march{suffix}", **bindings)
+        )
+    compiled: Callable[..., None] = cached(
+        specialise(follow.march, "march" + suffix, **bindings), nogil=True, error_model="numpy"
+    )
+    return compiled
+
+
+def build_aside(tableau: Tableau, name: str) -> Callable[..., None]:
+    """Compile :func:`follow.aside` of a method and a model when it is first called."""
+    model, given = _model(name)
+    at = Layout.of(model)
+    bindings: dict[str, Any] = {
+        "N_STATE": model.n_state,
+        "N_CONSTANTS": model.n_constants,
+        "N_GIVEN": min(given, model.n_state),
+        "Y": at.y,
+        "F": at.f,
+        "Y1": at.y1,
+        "Q": at.constants,
+        "H": at.h,
+        "attempt": compile_attempt(tableau, model),
+        "lane_rhs": compile_lane_functions(model)["lane_rhs"],
+    }
+    suffix = f"_{tableau.name}_{model.name}"
+    compiled: Callable[..., None] = cached(
+        specialise(follow.aside, "aside" + suffix, **bindings), nogil=True, error_model="numpy"
+    )
+    return compiled
+
+
+def march_workspace(tableau: Tableau, model: Model) -> tuple[Any, ...]:
+    """``w`` and ``lane_run``, the first arguments of march."""
+    w, lane_run = workspace(tableau, model, 1)
+    return w[0], lane_run[0]
+
+
+def aside_workspace(tableau: Tableau, name: str) -> Any:
+    """``w``, the first argument of aside."""
+    return workspace(tableau, _model(name)[0], 1)[0][0]
+
+
+def compile_here(tableau_name: str, task: str) -> None:
+    """Compile march or aside in this process; ``task`` is the word and the model's name."""
+    tableau = METHODS[tableau_name]
+    what, name = task.split("-")
+    model, given = _model(name)
+
+    def nothing(*shape: int) -> Any:
+        return np.zeros(shape)
+
+    if what == "march":
+        build_march(tableau, model)(
+            *march_workspace(tableau, model),
+            nothing(1, model.n_state),
+            nothing(1, model.n_constants),
+            nothing(1, model.n_probe),
+            nothing(1, C.N_PLAN),
+            nothing(C.N_OPTIONS),
+            np.zeros(3, dtype=np.bool_),
+            nothing(3),
+            nothing(0, follow.STATE + 2 * model.n_state),
+            nothing(0),
+            np.array([1, *[0] * (follow.N_COUNTS - 1)]),
+        )
+        return
+    build_aside(tableau, name)(
+        aside_workspace(tableau, name),
+        nothing(1, follow.STATE + 2 * min(given, model.n_state)),
+        np.zeros(0, dtype=np.int64),
+        nothing(0),
+        nothing(model.n_constants),
+        nothing(0, model.n_state),
+    )
+
+
+@cache
+def march_kernel(tableau_name: str, model_name: str) -> Callable[..., None]:
+    """March by names; the first call on a machine takes the time of its compilation."""
+    _compile_in_child(tableau_name, f"march-{model_name}", "trajectory_kernels")
+    return build_march(METHODS[tableau_name], MODELS[model_name])
+
+
+@cache
+def aside_kernel(tableau_name: str, model_name: str) -> Callable[..., None]:
+    """Aside by names, ``attitude`` among them; likewise."""
+    _compile_in_child(tableau_name, f"aside-{model_name}", "trajectory_kernels")
+    return build_aside(METHODS[tableau_name], model_name)

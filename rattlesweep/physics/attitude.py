@@ -1,0 +1,97 @@
+"""Attitude and track: where the body points and where it touches the plane.
+
+The state of :mod:`rattlesweep.physics.full` knows the vertical in the body's frame.  What it lacks
+is one angle and the place on the plane.  The heading is the angle of the horizontal
+part ``h_1`` of the body's x axis from its direction at the start; with ``h_2 = u x h_1`` and ``u``
+it spans a frame that never degenerates while the body stands on its lower surface.  The plane's
+axes are ``h_1, h_2`` at the start, and its origin the first point of contact.
+"""
+
+from __future__ import annotations
+
+from math import cos, sin, sqrt
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rattlesweep.physics import full
+from rattlesweep.physics.full import scalar
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+# Heading and the two co-ordinates of the contact point on the plane.
+N_EXTRA = 3
+
+
+@scalar
+def rhs(p, q, a, b, c, heading, x, y, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
+    """Time derivatives of the full state, the heading and the contact point on the plane.
+
+    The x axis ``e`` moves with ``omega x e``; the vertical part of ``e x (omega x e)`` over
+    ``1 - e_vertical^2`` is the heading's rate.  The contact point moves on the plane with
+    ``dr/dt + v = `` the dotted derivative of ``r`` (Eq. no-slip), which is horizontal.
+    """
+    dp, dq, da, db, dc = full.rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy)
+    uz = -1.0 / sqrt(1.0 + p * p + q * q)
+    uy = q * uz
+    square = uy * uy + uz * uz
+    root = sqrt(square)
+    turn = (uy * b + uz * c) / square
+    rx = p + cxx * p + cxy * q
+    ry = q + cxy * p + cyy * q
+    xd = dp + cxx * dp + cxy * dq
+    yd = dq + cxy * dp + cyy * dq
+    zd = -(rx * dp + ry * dq)
+    first = xd / root
+    second = (yd * uz - zd * uy) / root
+    cosine, sine = cos(heading), sin(heading)
+    return (
+        dp,
+        dq,
+        da,
+        db,
+        dc,
+        turn,
+        cosine * first - sine * second,
+        sine * first + cosine * second,
+    )
+
+
+def quaternion(u: Floats, heading: Floats) -> Floats:
+    """Attitude as unit quaternions ``(q0, q1, q2, q3)``, the scalar first.
+
+    They turn components in the body's frame into components along the plane's axes and the
+    vertical, and have no jumps.
+
+    Parameters
+    ----------
+    u : ndarray, shape (3, ...)
+        Vertical unit vector in the body's frame, ``u_z < 0``.
+    heading : ndarray
+        In radians, not brought into one turn.
+
+    Returns
+    -------
+    ndarray, shape (4, ...)
+    """
+    ux, uy, uz = u
+    root = np.sqrt(uy * uy + uz * uz)
+    # Rows h_1, h_2, u of the turn at heading zero, root and h_2y = uz / root on its diagonal.
+    # Near the upright position it is half a turn about x, so that q1 is the safe pivot.
+    h2y, h2z = uz / root, -uy / root
+    pivot = 0.5 * np.sqrt(1 + root - h2y - uz)
+    w = (uy - h2z) / (4 * pivot)
+    y = -ux * uy / root / (4 * pivot)
+    z = (ux - ux * uz / root) / (4 * pivot)
+    cosine, sine = np.cos(heading / 2), np.sin(heading / 2)
+    return np.stack(
+        [
+            cosine * w - sine * z,
+            cosine * pivot - sine * y,
+            cosine * y + sine * pivot,
+            cosine * z + sine * w,
+        ]
+    )

@@ -1,0 +1,260 @@
+"""Tangent dynamics: how a small difference between two runs moves.
+
+The rates are the derivatives of Eqs. diff-u and diff-omega, and of Eqs. diff-ne-1 to diff-ne-3,
+along a tangent, in forward mode by hand.
+
+A tangent is measured in the energy of the oscillation plus that of the spin, nearly the norm of the
+step error.  Two directions neither grow nor decay exponentially whatever the run does: along the
+flow, where a difference is a delay, and across the surface of constant energy.  What is measured
+is the part of a tangent in that surface and normal to the flow; it moves independently of the two
+others.  It may decay exponentially, as in a run that settles on a periodic one, where the exponent
+of the whole tangent would be zero and say nothing.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+
+from rattlesweep.physics.full import oscillation, scalar
+
+
+@scalar
+def full_rate(p, q, a, b, c, dp, dq, da, db, dc, p1, q1, a1, b1, c1, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
+    """Derivative of :func:`rattlesweep.physics.full.rhs` along a tangent.
+
+    The angular acceleration solves ``(D - r r^T) domega = T``.  So does its derivative, with
+    ``T1 - (D - r r^T)_1 domega`` on the right.  As in ``full.rhs`` the product of that with ``r``
+    is taken from the identity ``r . (I domega - g) = 0``, without what cancels.
+
+    Parameters
+    ----------
+    p, q, a, b, c, dp, dq, da, db, dc : float
+        State and its derivative.
+    p1, q1, a1, b1, c1 : float
+        Tangent.
+    ix, iy, iz, cxx, cxy, cyy : float
+        Constants of the body.
+
+    Returns
+    -------
+    tuple of 5 floats
+        Derivatives of the tangent.
+    """
+    # Names as in full.rhs; what ends in 1 is a derivative along the tangent.
+    m = p * b - q * a
+    m1 = p1 * b + p * b1 - q1 * a - q * a1
+    dp1 = q1 * c + q * c1 - b1 - p1 * m - p * m1
+    dq1 = a1 - p1 * c - p * c1 - q1 * m - q * m1
+    fx = cxx * p + cxy * q
+    fy = cxy * p + cyy * q
+    fx1 = cxx * p1 + cxy * q1
+    fy1 = cxy * p1 + cyy * q1
+    x = p + fx
+    y = q + fy
+    x1 = p1 + fx1
+    y1 = q1 + fy1
+    rise = 0.5 * (x * p + y * q)
+    rise1 = x * p1 + y * q1
+    z = 1.0 - rise
+    twist = fx * q - fy * p
+    twist1 = fx1 * q + fx * q1 - fy1 * p - fy * p1
+    wx = fy * c + rise * b + p * m - (cxx * dp + cxy * dq)
+    wy = q * m - rise * a - fx * c - (cxy * dp + cyy * dq)
+    wz = c * twist - 2.0 * m * rise
+    wx1 = fy1 * c + fy * c1 + rise1 * b + rise * b1 + p1 * m + p * m1 - (cxx * dp1 + cxy * dq1)
+    wy1 = q1 * m + q * m1 - rise1 * a - rise * a1 - fx1 * c - fx * c1 - (cxy * dp1 + cyy * dq1)
+    wz1 = c1 * twist + c * twist1 - 2.0 * (m1 * rise + m * rise1)
+    kx = b * wz - c * wy
+    ky = c * wx - a * wz
+    kz = a * wy - b * wx
+    kx1 = b1 * wz + b * wz1 - c1 * wy - c * wy1
+    ky1 = c1 * wx + c * wx1 - a1 * wz - a * wz1
+    kz1 = a1 * wy + a * wy1 - b1 * wx - b * wx1
+    uz = -1.0 / sqrt(1.0 + p * p + q * q)
+    uz1 = -uz * uz * uz * (p * p1 + q * q1)
+    gx = (iy - iz) * b * c
+    gy = (iz - ix) * c * a
+    gz = (ix - iy) * a * b
+    gx1 = (iy - iz) * (b1 * c + b * c1)
+    gy1 = (iz - ix) * (c1 * a + c * a1)
+    gz1 = (ix - iy) * (a1 * b + a * b1)
+    px = fy + q * rise
+    py = fx + p * rise
+    px1 = fy1 + q1 * rise + q * rise1
+    py1 = fx1 + p1 * rise + p * rise1
+    tx = gx1 + (y1 * kz + y * kz1 + rise1 * ky - z * ky1) + (uz1 * px + uz * px1)
+    ty = gy1 + (z * kx1 - rise1 * kx - x1 * kz - x * kz1) - (uz1 * py + uz * py1)
+    tz = gz1 + (x1 * ky + x * ky1 - y1 * kx - y * kx1) + (uz1 * twist + uz * twist1)
+    # z1 is -rise1.
+    along = x * da + y * db + z * dc
+    along1 = x1 * da + y1 * db - rise1 * dc
+    longer = 2.0 * (x * x1 + y * y1 - z * rise1)
+    tx += x1 * along + x * along1 - longer * da
+    ty += y1 * along + y * along1 - longer * db
+    tz += z * along1 - rise1 * along - longer * dc
+    normal = (
+        x * gx1 + y * gy1 + z * gz1
+        + x1 * (gx - ix * da) + y1 * (gy - iy * db) - rise1 * (gz - iz * dc)
+    )  # fmt: skip
+    r2 = x * x + y * y + z * z
+    dx = ix + r2
+    dy = iy + r2
+    dz = iz + r2
+    dyz = dy * dz
+    dzx = dz * dx
+    dxy = dx * dy
+    vol = dx * dyz
+    sx = ix * x * dyz
+    sy = iy * y * dzx
+    sz = iz * z * dxy
+    det = sx * x + sy * y + sz * z
+    inv = 1.0 / (det * vol)
+    s = (normal * vol - (sx * tx + sy * ty + sz * tz)) * vol * inv
+    ivol = det * inv
+    return (
+        dp1,
+        dq1,
+        (tx + x * s) * dyz * ivol,
+        (ty + y * s) * dzx * ivol,
+        (tz + z * s) * dxy * ivol,
+    )
+
+
+@scalar
+def full_gradient(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
+    """Gradient of :func:`rattlesweep.physics.full.energy`."""
+    fx = cxx * p + cxy * q
+    fy = cxy * p + cyy * q
+    x = p + fx
+    y = q + fy
+    z = 1.0 - 0.5 * (x * p + y * q)
+    vx = y * c - z * b
+    vy = z * a - x * c
+    vz = x * b - y * a
+    # By the contact point ...
+    rx = b * vz - c * vy
+    ry = c * vx - a * vz
+    rz = a * vy - b * vx
+    tilt = p * p + q * q
+    square = 1.0 + tilt
+    root = sqrt(square)
+    # ... and of the height, (1 + (x p + y q)/2) / sqrt(1 + p^2 + q^2).
+    flat = 0.5 * (tilt - fx * p - fy * q) / square
+    return (
+        rx * (1.0 + cxx) + ry * cxy - rz * x + (fx + p * flat) / root,
+        rx * cxy + ry * (1.0 + cyy) - rz * y + (fy + q * flat) / root,
+        ix * a + z * vy - y * vz,
+        iy * b + x * vz - z * vx,
+        iz * c + y * vx - x * vy,
+    )
+
+
+@scalar
+def full_square(p1, q1, a1, b1, c1, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
+    """Squared norm of a tangent, in ``M g a``.
+
+    Twice the energy to second order with ``B = 1 + C`` in the place of ``C``, which vanishes in one
+    direction as ``theta`` goes to 1.
+    """
+    slope = p1 * p1 + q1 * q1
+    return oscillation(p1, q1, a1, b1, ix, iy, cxx, cxy, cyy) + slope + iz * c1 * c1
+
+
+@scalar
+def full_transverse(  # type: ignore[no-untyped-def]
+    p, q, a, b, c, dp, dq, da, db, dc, p1, q1, a1, b1, c1, ix, iy, iz, cxx, cxy, cyy
+):
+    """Part of a tangent in the surface of constant energy and normal to the flow.
+
+    Both are taken away along directions normal in the norm of :func:`full_square`: the gradient of
+    the energy, and the flow.  A tangent that lies in the surface stays there but for rounding.
+    """
+    ep, eq, ea, eb, ec = full_gradient(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy)
+    # The norm's inverse applied to the gradient.
+    bxx = 1.0 + cxx
+    byy = 1.0 + cyy
+    det = bxx * byy - cxy * cxy
+    hp = (byy * ep - cxy * eq) / det
+    hq = (bxx * eq - cxy * ep) / det
+    ha = ea / (ix + 1.0)
+    hb = eb / (iy + 1.0)
+    hc = ec / iz
+    steep = ep * hp + eq * hq + ea * ha + eb * hb + ec * hc + 1e-290
+    off = (ep * p1 + eq * q1 + ea * a1 + eb * b1 + ec * c1) / steep
+    p1 -= off * hp
+    q1 -= off * hq
+    a1 -= off * ha
+    b1 -= off * hb
+    c1 -= off * hc
+    # At a state of rest there is no flow, and nothing to take away.
+    speed = full_square(dp, dq, da, db, dc, ix, iy, iz, cxx, cxy, cyy) + 1e-290
+    late = (
+        dp * (bxx * p1 + cxy * q1) + dq * (cxy * p1 + byy * q1)
+        + (ix + 1.0) * da * a1 + (iy + 1.0) * db * b1 + iz * dc * c1
+    ) / speed  # fmt: skip
+    return p1 - late * dp, q1 - late * dq, a1 - late * da, b1 - late * db, c1 - late * dc
+
+
+@scalar
+def full_seed(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
+    """A tangent along no mode: as much energy in each component of slope and rate."""
+    return (
+        1.0 / sqrt(1.0 + cxx),
+        1.0 / sqrt(1.0 + cyy),
+        1.0 / sqrt(ix + 1.0),
+        1.0 / sqrt(iy + 1.0),
+        0.0,
+    )
+
+
+@scalar
+def reduced_rate(n, e_p, e_r, dn, de_p, de_r, n1, p1, r1, k_p, k_r, inertia):  # type: ignore[no-untyped-def]
+    """Derivative of :func:`rattlesweep.physics.reduced.rhs` along a tangent.
+
+    Parameters
+    ----------
+    n, e_p, e_r, dn, de_p, de_r : float
+        State and its derivative.
+    n1, p1, r1 : float
+        Tangent: of the spin and of the amplitudes ``sqrt(2 E_p)``, ``sqrt(2 E_r)``, which are
+        regular where a mode is absent.
+    k_p, k_r, inertia : float
+        Constants.
+    """
+    p = sqrt(2.0 * abs(e_p))
+    r = sqrt(2.0 * abs(e_r))
+    return (
+        (k_r * r * r1 - k_p * p * p1) / inertia,
+        0.5 * k_p * (n1 * p + n * p1),
+        -0.5 * k_r * (n1 * r + n * r1),
+    )
+
+
+@scalar
+def reduced_square(n1, p1, r1, k_p, k_r, inertia):  # type: ignore[no-untyped-def]
+    """Squared norm of a tangent, in ``M g a``."""
+    return inertia * n1 * n1 + p1 * p1 + r1 * r1
+
+
+@scalar
+def reduced_transverse(n, e_p, e_r, dn, de_p, de_r, n1, p1, r1, k_p, k_r, inertia):  # type: ignore[no-untyped-def]
+    """Part of a tangent in the surface of constant energy and normal to the flow."""
+    p = sqrt(2.0 * abs(e_p))
+    r = sqrt(2.0 * abs(e_r))
+    # In this norm the gradient of the energy is the state itself, (n, p, r).
+    off = (inertia * n * n1 + p * p1 + r * r1) / (inertia * n * n + p * p + r * r + 1e-290)
+    n1 -= off * n
+    p1 -= off * p
+    r1 -= off * r
+    fp = 0.5 * k_p * n * p
+    fr = -0.5 * k_r * n * r
+    late = (inertia * dn * n1 + fp * p1 + fr * r1) / (
+        inertia * dn * dn + fp * fp + fr * fr + 1e-290
+    )
+    return n1 - late * dn, p1 - late * fp, r1 - late * fr
+
+
+@scalar
+def reduced_seed(n, e_p, e_r, k_p, k_r, inertia):  # type: ignore[no-untyped-def]
+    """A tangent along no mode: as much energy in each amplitude."""
+    return 0.0, 1.0, 1.0

@@ -1,0 +1,322 @@
+"""One run as a table of chosen channels, whole or in chunks."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from rattlesweep.integrate.model import MODELS, REDUCED
+from rattlesweep.integrate.status import Status
+from rattlesweep.integrate.tableau import DOP853, METHODS
+from rattlesweep.integrate.trajectory import Follower, Samples
+from rattlesweep.study.channels import Channel, View, choose
+from rattlesweep.sweep.errors import ConfigError
+from rattlesweep.sweep.launches import reduced_batch
+from rattlesweep.sweep.single import single_run
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from numpy.typing import NDArray
+
+    from rattlesweep.integrate.batch import Batch
+    from rattlesweep.physics.body import Rattleback
+
+    Floats = NDArray[np.float64]
+
+# Rows that are in memory at once.
+CHUNK = 8192
+# Rows of a table that is asked for without a word on its times.
+POINTS = 2001
+# Of the reduced model beside: its errors are then far below its own distance from the full one.
+BESIDE_TOL = 1e-10
+
+
+class Times(Protocol):
+    """Increasing times that need not all be there at once."""
+
+    def __len__(self) -> int:
+        """How many there are."""
+
+    def __getitem__(self, part: slice, /) -> Floats:
+        """Some of them."""
+
+
+@dataclass(frozen=True)
+class EvenTimes:
+    """``step * k / parts`` for ``k`` from 0 to ``count - 1``."""
+
+    count: int
+    step: float
+    parts: int = 1
+
+    def __len__(self) -> int:
+        return self.count
+
+    def __getitem__(self, part: slice) -> Floats:
+        k = np.arange(*part.indices(self.count), dtype=float)
+        # One division, of exact whole numbers: the last of N points is the horizon itself.
+        return self.step * (k / self.parts)
+
+
+def even_points(t_end: float, points: int) -> EvenTimes:
+    """So many times, even from 0 to ``t_end``."""
+    return EvenTimes(points, t_end, points - 1)
+
+
+def make_times(
+    t_end: float, points: int | None, dt: float | None, steps: bool, times: Any
+) -> Times | None:
+    """Times of the rows; None for those of the accepted steps.
+
+    Raises
+    ------
+    ConfigError
+        If more than one way is given, or it makes no increasing times from 0 to ``t_end``.
+    """
+    ways = {"points": points, "dt": dt, "steps": steps or None, "times": times}
+    given = [name for name, value in ways.items() if value is not None]
+    if len(given) > 1:
+        raise ConfigError(f"{' and '.join(given)} are both given; keep one of them")
+    if steps:
+        return None
+    if times is not None:
+        array = np.array(times, dtype=float, ndmin=1)
+        if array.ndim != 1 or not array.size or not np.all(np.isfinite(array)):
+            raise ConfigError("times: a list of finite numbers is wanted")
+        if array[0] < 0 or array[-1] > t_end or np.any(np.diff(array) <= 0):
+            raise ConfigError(f"times: they must increase, from 0 at least to t_end = {t_end:g}")
+        return array
+    if dt is not None:
+        if not (math.isfinite(dt) and dt > 0):
+            raise ConfigError(f"dt {dt:g}: the distance of two rows must be positive")
+        # A last row at the horizon, also where rounding has dt * k just above it.
+        count = math.floor(t_end / dt * (1 + 1e-15)) + 1
+        while dt * (count - 1) > t_end:
+            count -= 1
+        return EvenTimes(count, dt)
+    points = POINTS if points is None else points
+    if points < 2:
+        raise ConfigError(f"points {points}: at least 2 are wanted, the launch and the end")
+    return even_points(t_end, points)
+
+
+class Course:
+    """A trajectory under way: iterate to get it chunk by chunk, stop whenever you like.
+
+    Parameters
+    ----------
+    body : Rattleback
+    n_i, omega_xy0, t_end, psi, model
+        As for :func:`rattlesweep.sweep.single.single_run`.
+    channels : sequence of str
+        Names of :data:`rattlesweep.study.channels.CHANNELS`; these become the columns.
+    points, dt, steps, times
+        One way to choose the rows: so many, evenly from 0 to ``t_end``; every ``dt``; one per
+        accepted step; or any increasing times.  By default 2001 points.
+    integrator : mapping, optional
+        Keys of the config's ``integrator``.
+    e_p0, e_r0 : float, optional
+        Energies with which the reduced model begins, in ``M g a``; by default the launch's.
+    watch : callable, optional
+        Called with the share that is done, every few thousand steps.
+
+    Attributes
+    ----------
+    channels : tuple of Channel
+    launches : Launches
+        The launch and what theory says of it.
+    integrator : dict
+        Method with its ``tol`` or ``dt``.
+    times : Times or None
+        Of the rows; None for the accepted steps.
+    reversals : list of float
+        Zeros of the spin so far, in ``sqrt(a/g)``.
+    status : Status
+    t, t_end : float
+        Time reached, and the horizon.
+
+    Raises
+    ------
+    ConfigError
+        If an argument is wrong.
+    """
+
+    def __init__(
+        self,
+        body: Rattleback,
+        *,
+        n_i: float,
+        omega_xy0: float,
+        t_end: float | None = None,
+        psi: str | float = "relevant",
+        model: str = "full",
+        channels: Sequence[str] = ("t", "n"),
+        points: int | None = None,
+        dt: float | None = None,
+        steps: bool = False,
+        times: Any = None,
+        integrator: dict[str, Any] | None = None,
+        e_p0: float | None = None,
+        e_r0: float | None = None,
+        watch: Callable[[float], None] | None = None,
+    ) -> None:
+        self._watch = watch
+        config, launches, batch = single_run(
+            body, n_i=n_i, omega_xy0=omega_xy0, t_end=t_end, psi=psi, model=model,
+            integrator=integrator or {},
+        )  # fmt: skip
+        self.channels: tuple[Channel, ...] = choose(channels, model)
+        self.model, self.launches = model, launches
+        chosen = config.integrator
+        adaptive = METHODS[chosen.method].adaptive
+        self.integrator: dict[str, Any] = {"method": chosen.method} | (
+            {"tol": chosen.tol} if adaptive else {"dt": chosen.dt}
+        )
+        self.t_end = float(launches.t_end[0])
+        if not (math.isfinite(self.t_end) and self.t_end > 0):
+            raise ConfigError("t_end: Garcia and Hubbard's time of reversal is no finite time; "
+                              "give t_end")  # fmt: skip
+        if steps and batch is None:
+            raise ConfigError("steps: the model gh takes none; give points or dt")
+        self.times = make_times(self.t_end, points, dt, steps, times)
+        needs = {channel.needs for channel in self.channels}
+        if model == "full" and (e_p0 is not None or e_r0 is not None) and "reduced" not in needs:
+            raise ConfigError("e_p0 and e_r0 are of the reduced model; no channel asks for it")
+        self.energy_0, self._constants = math.nan, np.zeros(0)
+        self._follower = self._beside = None
+        if batch is not None:
+            if model == "reduced":
+                batch = _begin(batch, e_p0, e_r0)
+            self._follower = Follower(
+                batch,
+                METHODS[chosen.method],
+                MODELS[model],
+                tol=chosen.tol or 1e-9,
+                dt=chosen.dt or 0.002,
+                max_steps=chosen.max_steps,
+                attitude="attitude" in needs,
+                watch=self._report,
+            )
+            self._constants = batch.constants[0]
+            self.energy_0 = self._follower.energy_0
+        if "reduced" in needs:
+            beside = _begin(reduced_batch(launches), e_p0, e_r0)
+            self._beside = Follower(beside, DOP853, REDUCED, tol=BESIDE_TOL)
+
+    @property
+    def t(self) -> float:
+        """Time reached."""
+        return self.t_end if self._follower is None else self._follower.t
+
+    @property
+    def status(self) -> Status:
+        """What has become of the run so far."""
+        return Status.OK if self._follower is None else self._follower.status
+
+    @property
+    def n_steps(self) -> int:
+        """Accepted steps so far."""
+        return 0 if self._follower is None else self._follower.n_steps
+
+    @property
+    def reversals(self) -> list[float]:
+        """Times of the zeros of the spin so far."""
+        if self._follower is not None:
+            return self._follower.reversals
+        t_rgh = float(self.launches.t_rgh[0])
+        return [t_rgh] if t_rgh <= self.t_end else []
+
+    def __iter__(self) -> Iterator[dict[str, Floats]]:
+        """Columns by name, at most :data:`CHUNK` rows at a time."""
+        for samples in self._samples():
+            beside = None if self._beside is None else self._beside.at(samples.t)
+            view = View(self.launches, self.model, self._constants, self.energy_0, samples, beside)
+            yield {channel.name: channel.of(view) for channel in self.channels}
+
+    def _samples(self) -> Iterator[Samples]:
+        follower = self._follower
+        if self.times is None:
+            assert follower is not None
+            yield follower.launch()
+            while (found := follower.steps()).t.size or not follower.ended:
+                yield found
+            return
+        for begin in range(0, len(self.times), CHUNK):
+            part = self.times[begin : begin + CHUNK]
+            if follower is None:
+                yield Samples(part, np.zeros((len(part), 0)), np.zeros((len(part), 0)))
+                continue
+            found = follower.at(part)
+            if found.t.size:
+                yield found
+            if found.t.size < part.size:
+                return
+        # What lies behind the last row belongs to the run: its reversals and its status.
+        while follower is not None and not follower.ended:
+            follower.steps()
+
+    def _report(self, t: float) -> None:
+        if self._watch is not None:
+            self._watch(min(1.0, t / self.t_end))
+
+
+def _begin(batch: Batch, e_p0: float | None, e_r0: float | None) -> Batch:
+    """The batch of the reduced model with other energies of the launch."""
+    y0 = batch.y0.copy()
+    for column, name, value in ((1, "e_p0", e_p0), (2, "e_r0", e_r0)):
+        if value is None:
+            continue
+        if not (math.isfinite(value) and value >= 0):
+            raise ConfigError(f"{name} {value:g}: the energy must be finite and not negative")
+        y0[0, column] = value
+    return replace(batch, y0=y0)
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A run as a table.
+
+    Attributes
+    ----------
+    table : pandas.DataFrame
+        One column per channel; NaN where a channel has no finite value.
+    reversals : ndarray
+        Times of all zeros of the spin up to ``t_end``, in ``sqrt(a/g)``.
+    t_end : float
+        Time reached.
+    status : str
+        ``ok``, or a word for what went wrong, as in the tables of runs.
+    n_steps : int
+        Accepted steps.
+    units : dict
+        Unit of each column.
+    """
+
+    table: pd.DataFrame
+    reversals: Floats
+    t_end: float
+    status: str
+    n_steps: int
+    units: dict[str, str]
+
+
+def collect(course: Course) -> Trajectory:
+    """The whole trajectory in memory."""
+    import pandas as pd
+
+    chunks = list(course)
+    table = pd.DataFrame(
+        {c.name: np.concatenate([chunk[c.name] for chunk in chunks]) for c in course.channels}
+    )
+    return Trajectory(
+        table=table,
+        reversals=np.array(course.reversals),
+        t_end=course.t,
+        status=course.status.label,
+        n_steps=course.n_steps,
+        units={c.name: c.unit for c in course.channels},
+    )

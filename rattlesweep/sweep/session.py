@@ -1,0 +1,394 @@
+"""A process at work in an output directory: what it finds, what is left to do, what it notes."""
+
+from __future__ import annotations
+
+import os
+import socket
+import time
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rattlesweep.sweep.columns import runs_schema
+from rattlesweep.sweep.config import differences, physics_part, resolved
+from rattlesweep.sweep.errors import ConfigError, OutputError
+from rattlesweep.sweep.locks import hold
+from rattlesweep.sweep.provenance import identity, new_manifest, now, read_manifest
+from rattlesweep.sweep.receipts import Note, Receipt
+from rattlesweep.sweep.store import DamagedManifest, Store
+from rattlesweep.sweep.tables import DamagedError, same_schema
+
+if TYPE_CHECKING:
+    from rattlesweep.sweep.plan import Block, Plan
+    from rattlesweep.sweep.progress import Progress
+    from rattlesweep.sweep.shards import Shard
+
+# Seconds between two notes in the manifest; more where writing it takes long.
+NOTE_EVERY = 10.0
+# Sessions that the manifest remembers.
+REMEMBERED = 1000
+
+
+@dataclass(frozen=True)
+class Opened:
+    """What a directory is to a plan.
+
+    Attributes
+    ----------
+    plan : Plan
+        In the blocks that the directory was begun with.
+    manifest : dict or None
+        None where the sweep begins, or its manifest is lost.
+    remarks : list of str
+        What the user should know: versions that have changed, a lost manifest.
+    """
+
+    store: Store
+    plan: Plan
+    hash_: str
+    manifest: dict[str, Any] | None
+    remarks: list[str]
+
+    def note(self, block: Block) -> Note:
+        """What a block of this plan says of itself."""
+        config = self.plan.config
+        thresholds = resolved(config)["classify"]
+        return Note(self.hash_, block.first, block.stop, thresholds, config.integrator.max_steps)
+
+
+def examine(plan: Plan, directory: Path, base: Path | None) -> Opened:
+    """Compare a directory with a plan; nothing is written.
+
+    Raises
+    ------
+    ConfigError
+        If the directory holds the runs of another config; says what differs.
+    OutputError
+        If it cannot be read.
+    """
+    store, hash_ = Store(directory), identity(plan, base)
+    blocks = store.block_indices()
+    remarks: list[str] = []
+    manifest: dict[str, Any] | None = None
+    try:
+        if store.manifest_path.exists():
+            manifest = read_manifest(store)
+    except DamagedManifest as error:
+        remarks.append(f"{error}; it is made anew from the blocks")
+    if manifest is None:
+        if blocks:
+            plan = replace(plan, block_size=_adopted_size(store, blocks, hash_, plan))
+        return Opened(store, plan, hash_, None, remarks)
+    if manifest.get("config_hash") != hash_:
+        ours = resolved(plan.config)
+        changes = differences(physics_part(manifest["config"]), physics_part(ours))
+        what = "; ".join(changes[:3]) or "the table of bodies has changed"
+        raise ConfigError(
+            f"{directory}: it holds the runs of another config ({what}); choose another output, or "
+            "start over with --fresh"
+        )
+    size = manifest["config"]["block_size"]
+    if size != plan.block_size:
+        remarks.append(f"{directory} was begun in blocks of {size} runs, and goes on so")
+        plan = replace(plan, block_size=size)
+    current = new_manifest(plan, hash_, base)
+    for part in ("versions", "machine"):
+        if changed := differences(manifest.get(part, {}), current[part]):
+            remarks.append(
+                f"{directory} was begun with other {part} ({'; '.join(changed[:3])}): last bits "
+                "may differ"
+            )
+    return Opened(store, plan, hash_, manifest, remarks)
+
+
+def _adopted_size(store: Store, blocks: list[int], hash_: str, plan: Plan) -> int:
+    """Runs a block, from blocks whose manifest is lost, if they are of this sweep."""
+    for index in blocks:
+        try:
+            note = store.inspect_block(index).note
+        except DamagedError:
+            continue
+        if note is not None and note.sweep == hash_:
+            size = note.first // index if index else note.stop
+            return max(size, plan.block_size) if note.stop == plan.runs else size
+        break
+    raise ConfigError(
+        f"{store.directory}: it holds runs but no whole manifest.json, and the runs are not known "
+        "to be of this config; choose another output, or start over with --fresh"
+    )
+
+
+@dataclass
+class Session:
+    """A process's share of a sweep, while it holds it.
+
+    Attributes
+    ----------
+    blocks : list of Block
+        All of the share.
+    pending : list of Block
+        Those that are not in place.
+    receipts : dict
+        Receipts of blocks found whole or written by this session.
+    retype, retry : list of int
+        Numbers of whole blocks with types of other thresholds, and with failed runs.
+    """
+
+    opened: Opened
+    base: Path | None
+    shard: Shard | None
+    threads: int
+    blocks: list[Block]
+    pending: list[Block] = field(default_factory=list)
+    receipts: dict[int, Receipt] = field(default_factory=dict)
+    retype: list[int] = field(default_factory=list)
+    retry: list[int] = field(default_factory=list)
+    kept: int = 0
+    _noted: set[int] = field(default_factory=set)
+    _entry: dict[str, Any] = field(default_factory=dict)
+    _due: float = 0.0
+
+    @property
+    def store(self) -> Store:
+        """Its directory."""
+        return self.opened.store
+
+    @property
+    def plan(self) -> Plan:
+        """What is to be done."""
+        return self.opened.plan
+
+    # ------------------------------------------------------------ what is there
+
+    def scan(self, *, retry_failed: bool) -> None:
+        """Read every block of the share, and sort out what is left to do.
+
+        Raises
+        ------
+        ConfigError
+            If blocks were done under another limit of steps that shows in their rows.
+        OutputError
+            If a block may not be read.
+        """
+        schema = runs_schema(self.plan.config.record, self.plan.config.model)
+        known = (self.opened.manifest or {}).get("receipts", {})
+        for block in self.blocks:
+            try:
+                found = self.store.inspect_block(block.index)
+            except DamagedError:
+                self.pending.append(block)
+                continue
+            wanted = self.opened.note(block)
+            old = Receipt.load(known.get(str(block.index)))
+            if (
+                found.note is None
+                or not wanted.same_runs(found.note)
+                or found.receipt.rows != block.rows
+                or not same_schema(found.schema, schema)
+                or (old is not None and old.sha256 != found.receipt.sha256)
+            ):
+                self.pending.append(block)
+                continue
+            self._check_limit(found.note, wanted, found.receipt, retry_failed)
+            seconds = None if old is None else old.seconds
+            self.receipts[block.index] = replace(found.receipt, seconds=seconds)
+            self.kept += block.rows
+            if found.note.classify != wanted.classify:
+                self.retype.append(block.index)
+            if found.receipt.failed and retry_failed:
+                self.retry.append(block.index)
+
+    def _check_limit(self, old: Note, new: Note, receipt: Receipt, retry_failed: bool) -> None:
+        if old.max_steps > new.max_steps:
+            raise ConfigError(
+                f"{self.store.directory}: its runs were done with integrator.max_steps "
+                f"{old.max_steps}, which may only grow; {new.max_steps} needs another output"
+            )
+        if old.max_steps < new.max_steps and "step_limit" in receipt.failed and not retry_failed:
+            raise ConfigError(
+                f"{self.store.directory}: some of its runs ended at integrator.max_steps "
+                f"{old.max_steps}; to do them again with {new.max_steps}, add --retry-failed"
+            )
+
+    def check_shared(self) -> None:
+        """Refuse what only the whole sweep may do.
+
+        Raises
+        ------
+        ConfigError
+            If this is a shard and the stored types are of other thresholds.
+        """
+        if self.shard is not None and self.retype:
+            raise ConfigError(
+                f"{self.store.directory}: its types are of other thresholds; a shard cannot change "
+                "them, `rattlesweep classify` can"
+            )
+
+    # --------------------------------------------------------- what is noted
+
+    def begin(self) -> None:
+        """Say in the manifest that this session is at work."""
+        self._entry = {
+            "started": now(),
+            "state": "running",
+            "shard": None if self.shard is None else str(self.shard),
+            "host": socket.gethostname(),
+            "pid": os.getpid(),
+            "threads": self.threads,
+        }
+        fresh = new_manifest(self.plan, self.opened.hash_, self.base)
+        lost = self.opened.manifest is None
+
+        def change(manifest: dict[str, Any]) -> None:
+            if lost and "receipts" not in manifest:
+                manifest |= fresh
+            manifest["state"] = "running"
+            manifest["config"] = fresh["config"]
+            manifest["sessions"] = [*manifest["sessions"][-REMEMBERED:], self._entry]
+
+        if lost and self.store.manifest_path.exists():
+            self._replace_damaged(fresh)
+        self.store.update_manifest(change)
+        self._due = time.monotonic() + NOTE_EVERY
+
+    def _replace_damaged(self, fresh: dict[str, Any]) -> None:
+        # Another shard may have mended it since it was examined.
+        try:
+            self.store.read_manifest()
+        except DamagedManifest:
+            self.store.write_manifest(fresh)
+
+    def wrote(self, index: int, receipt: Receipt, seconds: float | None = None) -> None:
+        """Keep the receipt of a block that has come to rest."""
+        if seconds is None and index in self.receipts:
+            seconds = self.receipts[index].seconds
+        seconds = None if seconds is None else round(seconds, 4)
+        self.receipts[index] = replace(receipt, seconds=seconds)
+        self._noted.discard(index)
+
+    def forget(self, indices: list[int]) -> None:
+        """Take receipts out of the manifest before their blocks are replaced."""
+
+        def change(manifest: dict[str, Any]) -> None:
+            for index in indices:
+                manifest["receipts"].pop(str(index), None)
+
+        if indices:
+            self.store.update_manifest(change)
+            self._noted.difference_update(indices)
+
+    def note(self, progress: Progress) -> None:
+        """Write receipts and progress down, if it is time to."""
+        if time.monotonic() >= self._due:
+            start = time.monotonic()
+            self._write({"progress": {**asdict(progress), "at": now()}})
+            self._due = time.monotonic() + max(NOTE_EVERY, 50 * (time.monotonic() - start))
+
+    def end(self, state: str, totals: dict[str, Any]) -> dict[str, Any]:
+        """Write down how the session ended; the manifest as it is then."""
+        whole = len(self.store.block_indices()) == self.plan.n_blocks
+
+        def finish(manifest: dict[str, Any]) -> None:
+            done = whole and state == "complete"
+            # A share may be complete where the sweep is not.
+            manifest["state"] = "complete" if done else {"complete": "partial"}.get(state, state)
+            others = [s for s in manifest["sessions"] if not self._is_mine(s)]
+            if not done and any(s.get("state") == "running" for s in others):
+                manifest["state"] = "running"
+            if done:
+                manifest["finished"] = now()
+            failed: Counter[str] = Counter()
+            for data in manifest["receipts"].values():
+                failed.update(data.get("failed", {}))
+            manifest["failed"] = dict(sorted(failed.items()))
+            for key in ("seconds", "kernel_seconds"):
+                past = sum(s.get(key, 0.0) for s in others)
+                manifest[key] = round(past + totals[key], 3)
+
+        return self._write({"finished": now(), "state": state, **totals}, finish)
+
+    def _is_mine(self, entry: dict[str, Any]) -> bool:
+        return all(entry.get(key) == self._entry[key] for key in ("started", "host", "pid"))
+
+    def _write(self, news: dict[str, Any], more: Any = lambda manifest: None) -> dict[str, Any]:
+        fresh = {i: r for i, r in self.receipts.items() if i not in self._noted}
+        progress = news.pop("progress", None)
+
+        def change(manifest: dict[str, Any]) -> None:
+            manifest["receipts"] |= {str(i): r.dump() for i, r in fresh.items()}
+            manifest["receipts"] = dict(
+                sorted(manifest["receipts"].items(), key=lambda item: int(item[0]))
+            )
+            for entry in manifest["sessions"]:
+                if self._is_mine(entry) and progress is not None:
+                    entry["progress"] = progress
+                elif self._is_mine(entry):
+                    entry.pop("progress", None)
+                    entry |= news
+            more(manifest)
+
+        manifest = self.store.update_manifest(change)
+        self._noted.update(fresh)
+        return manifest
+
+
+@contextmanager
+def open_session(
+    plan: Plan,
+    directory: Path,
+    base: Path | None,
+    threads: int,
+    *,
+    shard: Shard | None = None,
+    fresh: bool = False,
+) -> Iterator[Session]:
+    """Take hold of a directory, or of a share of it.
+
+    Parameters
+    ----------
+    fresh : bool
+        Whether to remove the runs that are there first, whatever they are of.
+
+    Raises
+    ------
+    ConfigError, OutputError
+        As :func:`examine`, or if another process holds it or it cannot be written.
+    """
+    from rattlesweep.sweep.progress import Costs
+    from rattlesweep.sweep.shards import deal
+
+    if not fresh:
+        examine(plan, directory, base)  # before anything is made there
+    store = Store(directory)
+    store.prepare()
+    with hold(directory, None if shard is None else shard.name):
+        if fresh:
+            remove_runs(store)
+        # Files of another shard may be young.
+        store.remove_stale_temporaries(0.0 if shard is None else 3600.0)
+        opened = examine(plan, directory, base)
+        blocks = deal(opened.plan, shard, Costs(opened.plan))
+        yield Session(opened, base, shard, threads, blocks)
+
+
+def remove_runs(store: Store) -> None:
+    """Remove the files of a sweep, and only those.
+
+    Raises
+    ------
+    OutputError
+        One of them cannot be removed.
+    """
+    files = [store.block_path(index) for index in store.block_indices()]
+    try:
+        # The manifest first: without it, what is left is nobody's.
+        for path in (store.manifest_path, store.summary_path, *files):
+            path.unlink(missing_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot remove the runs in {store.directory}: {error}") from error
+
+
+__all__ = ["Opened", "Session", "examine", "open_session", "remove_runs"]

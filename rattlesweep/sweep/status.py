@@ -1,0 +1,153 @@
+"""How far a sweep is, told from its directory alone."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+from rattlesweep.sweep.durations import clock
+from rattlesweep.sweep.locks import holder
+from rattlesweep.sweep.provenance import read_manifest
+from rattlesweep.sweep.receipts import Receipt
+from rattlesweep.sweep.store import Store
+from rattlesweep.sweep.tables import DamagedError
+
+
+@dataclass(frozen=True)
+class Status:
+    """How far a sweep is.
+
+    Attributes
+    ----------
+    state : str
+        ``complete``, ``running``, ``stopped`` (on purpose or by a signal), ``partial`` (a shard's
+        share is done, others are not here) or ``died`` (its process ended without a word).
+    holder : str or None
+        Who is at work there.
+    runs, runs_done, blocks, blocks_done : int
+    failed : dict
+        Runs in place by status, other than ``ok``.
+    damaged : list of int
+        Blocks in place that do not read; `verify` says more.
+    seconds : float
+        Time spent by all sessions that have ended.
+    left : float or None
+        Seconds left at the speed so far, of the processes at work now if there are any.
+    ends : str or None
+        When it will be done, in UTC, if somebody is at work.
+    """
+
+    directory: str
+    name: str
+    state: str
+    holder: str | None
+    runs: int
+    runs_done: int
+    blocks: int
+    blocks_done: int
+    failed: dict[str, int]
+    damaged: list[int]
+    seconds: float
+    left: float | None
+    ends: str | None
+
+
+def status_of(directory: Path) -> Status:
+    """Look at a directory, also while a sweep is at work in it; nothing is written.
+
+    Raises
+    ------
+    ConfigError
+        It is no output directory.
+    OutputError
+        It cannot be read, or its manifest is damaged.
+    """
+    store = Store(directory)
+    at_work = holder(directory)
+    manifest = read_manifest(store)
+    runs, size = manifest["runs"], manifest["config"]["block_size"]
+    failed: Counter[str] = Counter()
+    damaged, done = [], 0
+    indices = store.block_indices()
+    for index in indices:
+        receipt = Receipt.load(manifest["receipts"].get(str(index)))
+        if receipt is None:
+            # Not noted yet, so the file is asked.
+            try:
+                receipt = store.inspect_block(index).receipt
+            except DamagedError:
+                damaged.append(index)
+                continue
+        failed.update(receipt.failed)
+        done += min(size, runs - index * size)
+    seconds = float(manifest.get("seconds", 0.0))
+    left, ends = _time_left(manifest, done, at_work is not None)
+    return Status(
+        directory=str(directory),
+        name=manifest["name"],
+        state=_state(manifest, at_work),
+        holder=at_work,
+        runs=runs,
+        runs_done=done,
+        blocks=manifest["blocks"],
+        blocks_done=len(indices) - len(damaged),
+        failed=dict(sorted(failed.items())),
+        damaged=damaged,
+        seconds=seconds,
+        left=left,
+        ends=ends,
+    )
+
+
+def _state(manifest: dict[str, Any], at_work: str | None) -> str:
+    if at_work is not None:
+        return "running"
+    return "died" if manifest["state"] == "running" else str(manifest["state"])
+
+
+def _time_left(
+    manifest: dict[str, Any], done: int, at_work: bool
+) -> tuple[float | None, str | None]:
+    """Seconds left, and the end if somebody is at work."""
+    if done >= manifest["runs"]:
+        return 0.0, None
+    running = [s for s in manifest["sessions"] if s.get("state") == "running" and "progress" in s]
+    if at_work and running:
+        # Each process knows its own share best; the last to end ends the sweep.
+        ends = [
+            datetime.fromisoformat(s["progress"]["at"]) + timedelta(seconds=s["progress"]["left"])
+            for s in running
+            if s["progress"]["left"] is not None
+        ]
+        if ends:
+            end = max(ends)
+            left = max(0.0, (end - datetime.now(UTC)).total_seconds())
+            return left, end.isoformat(timespec="seconds")
+    timed = [r for r in map(Receipt.load, manifest["receipts"].values()) if r and r.seconds]
+    if not timed:
+        return None, None
+    each = sum(r.seconds or 0.0 for r in timed) / sum(r.rows for r in timed)
+    return each * (manifest["runs"] - done), None
+
+
+def describe(status: Status) -> str:
+    """A few lines for people."""
+    share = 100 * status.runs_done / max(status.runs, 1)
+    lines = [
+        ("sweep", f"{status.name}, in {status.directory}"),
+        ("state", status.state + (f", by {status.holder}" if status.holder else "")),
+        ("runs", f"{status.runs_done} of {status.runs} done ({share:.1f} %)"),
+        ("blocks", f"{status.blocks_done} of {status.blocks}"),
+    ]
+    if status.damaged:
+        lines.append(("damaged", f"blocks {', '.join(map(str, status.damaged[:10]))}"))
+    words = ", ".join(f"{count} {word}" for word, count in status.failed.items())
+    lines.append(("failed", words or "none"))
+    lines.append(("time", f"{clock(status.seconds)} spent"))
+    if status.runs_done < status.runs:
+        left = "unknown" if status.left is None else f"about {clock(status.left)}"
+        lines.append(("left", left + (f", until {status.ends}" if status.ends else "")))
+    return "\n".join(f"{name:<8} {text}" for name, text in lines)

@@ -1,0 +1,297 @@
+"""Prove a directory: nothing damaged, missing or double, and numbers that can be had again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from rattlesweep.integrate.status import Status
+from rattlesweep.sweep.columns import runs_schema
+from rattlesweep.sweep.config import override_config
+from rattlesweep.sweep.errors import ConfigError, OutputError
+from rattlesweep.sweep.files import is_temporary
+from rattlesweep.sweep.locks import holder
+from rattlesweep.sweep.provenance import identity, read_manifest
+from rattlesweep.sweep.receipts import Note, Receipt
+from rattlesweep.sweep.recompute import differing_rows
+from rattlesweep.sweep.retype import stored_cases, typed
+from rattlesweep.sweep.store import Store
+from rattlesweep.sweep.summary import summarise
+from rattlesweep.sweep.tables import DamagedError, same_schema
+from rattlesweep.sweep.types import TYPES
+
+if TYPE_CHECKING:
+    from rattlesweep.sweep.config import Config
+
+STATUS_WORDS = [status.label for status in Status]
+
+
+@dataclass
+class Verdict:
+    """What a look at everything came to.
+
+    Attributes
+    ----------
+    problems : list of str
+        What is wrong, a sentence each.
+    blocks, runs : int
+        Blocks and runs in place that are whole.
+    missing : list of int
+        Blocks not in place; a problem only if the sweep is said to be complete.
+    recomputed : int
+        Runs integrated again.
+    remarks : list of str
+        What is not wrong, but worth knowing.
+    """
+
+    problems: list[str] = field(default_factory=list)
+    blocks: int = 0
+    runs: int = 0
+    missing: list[int] = field(default_factory=list)
+    recomputed: int = 0
+    remarks: list[str] = field(default_factory=list)
+
+
+def verify(
+    directory: Path,
+    *,
+    recompute: int = 0,
+    seed: int | None = None,
+    threads: int | None = None,
+    report: Callable[[float], None] = lambda fraction: None,
+) -> Verdict:
+    """Check a directory from the first bit to the last; nothing is written.
+
+    Checksums of files and pages; that every block is the one that was written and holds just its
+    runs; schema; nulls, infinities and words where none belong; types against thresholds; the
+    summary and the counts in the manifest against the runs.
+
+    Parameters
+    ----------
+    directory : Path
+    recompute : int
+        Number of random runs to integrate again and compare bit for bit.
+    seed : int, optional
+        Of their choice; by default another one each time.
+    threads : int, optional
+        Of the kernel.
+    report : callable
+        Called with the fraction of the blocks that are done.
+
+    Returns
+    -------
+    Verdict
+
+    Raises
+    ------
+    ConfigError
+        It is no output directory.
+    OutputError
+        It cannot be read.
+    """
+    store = Store(directory)
+    verdict = Verdict()
+    try:
+        manifest = read_manifest(store)
+        config = override_config(manifest["config"], [])
+    except OutputError as error:
+        if not store.manifest_path.exists():
+            raise
+        verdict.problems.append(f"{error}; `rattlesweep run` makes it anew")
+        return verdict
+    at_work = holder(directory)
+    if at_work is not None:
+        verdict.remarks.append(f"{directory} is in use by {at_work}; blocks may come and go")
+    whole = _check_blocks(store, manifest, config, verdict, report)
+    verdict.problems += _foreign_files(store, manifest["blocks"], at_work is not None)
+    complete = manifest["state"] == "complete"
+    if verdict.missing and complete:
+        verdict.problems.append(
+            f"{store.runs}: {_listed(verdict.missing)} of a sweep that is said to be complete "
+            "is missing"
+        )
+    if complete and not verdict.problems:
+        verdict.problems += _check_summary(store, manifest)
+    if recompute:
+        verdict.problems += _check_numbers(
+            store, manifest, config, whole, recompute, seed, threads, verdict
+        )
+    return verdict
+
+
+def _check_blocks(
+    store: Store,
+    manifest: dict[str, Any],
+    config: Config,
+    verdict: Verdict,
+    report: Callable[[float], None],
+) -> list[int]:
+    """Check every block; the numbers of those without a fault."""
+    schema = runs_schema(config.record, config.model)
+    present = set(store.block_indices())
+    whole = []
+    for index in range(manifest["blocks"]):
+        report(index / manifest["blocks"])
+        if index not in present:
+            verdict.missing.append(index)
+            continue
+        try:
+            faults = list(_faults(store, index, manifest, config, schema))
+        except DamagedError as error:
+            faults = [f"is damaged: {error}"]
+        verdict.problems += [f"{store.block_path(index)} {fault}" for fault in faults]
+        if not faults:
+            whole.append(index)
+            verdict.blocks += 1
+            verdict.runs += _borders(manifest, index)[1] - _borders(manifest, index)[0]
+    return whole
+
+
+def _borders(manifest: dict[str, Any], index: int) -> tuple[int, int]:
+    size = manifest["config"]["block_size"]
+    return index * size, min((index + 1) * size, manifest["runs"])
+
+
+def _faults(
+    store: Store, index: int, manifest: dict[str, Any], config: Config, schema: pa.Schema
+) -> Iterator[str]:
+    """What is wrong with a block, worst first."""
+    found = store.inspect_block(index)
+    first, stop = _borders(manifest, index)
+    classify = config.classify.model_dump()
+    wanted = Note(manifest["config_hash"], first, stop, classify, config.integrator.max_steps)
+    if not wanted.same_runs(found.note):
+        yield "is a block of another sweep, or of another place in this one"
+        return
+    if not same_schema(found.schema, schema):
+        yield "has other columns than its config asks for"
+        return
+    receipt = Receipt.load(manifest["receipts"].get(str(index)))
+    if receipt is not None and receipt.sha256 != found.receipt.sha256:
+        yield "is not the file that the manifest has the checksum of"
+    if receipt is None and manifest["state"] == "complete":
+        yield "has no checksum in the manifest"
+    table = store.read_block(index)
+    case, sample = np.divmod(np.arange(first, stop), manifest["samples"])
+    if not (
+        np.array_equal(table.column("case").to_numpy(), case)
+        and np.array_equal(table.column("sample").to_numpy(), sample)
+    ):
+        yield "has runs missing, double or out of order"
+    yield from _bad_values(table)
+    if found.note is not None and found.note.classify != classify:
+        yield "has types of other thresholds; `rattlesweep classify` renews them"
+    elif not typed(table, config.classify).equals(table.column("type").combine_chunks()):
+        yield "has types that do not follow from its numbers"
+
+
+def _bad_values(table: pa.Table) -> Iterator[str]:
+    """Nulls, infinities and words where none belong."""
+    for column_field in table.schema:
+        column = table.column(column_field.name)
+        if column.null_count and not column_field.nullable:
+            yield f"has nulls in {column_field.name}"
+        if pa.types.is_floating(column_field.type):
+            values = column.drop_null()
+            if len(values) and not pc.all(pc.is_finite(values)).as_py():
+                yield f"has NaN or infinity in {column_field.name}"
+    status, kind = table.column("status"), table.column("type")
+    ok = pc.equal(status, "ok")
+    reversed_ = pc.fill_null(pc.equal(kind, "R"), False)
+    rules = {
+        "words in status that mean nothing": pc.invert(
+            pc.is_in(status, value_set=pa.array(STATUS_WORDS))
+        ),
+        "words in type that mean nothing": pc.and_(
+            pc.is_valid(kind), pc.invert(pc.is_in(kind, value_set=pa.array(TYPES)))
+        ),
+        "types that are null though the status is ok, or the other way about": pc.xor(
+            ok, pc.is_valid(kind)
+        ),
+        "reversal times that do not go with their types": pc.xor(
+            reversed_, pc.and_(ok, pc.is_valid(table.column("t_r")))
+        ),
+        "runs that are ok but have no n_end or energy_drift": pc.and_(
+            ok,
+            pc.or_(pc.is_null(table.column("n_end")), pc.is_null(table.column("energy_drift"))),
+        ),
+    }
+    for words, broken in rules.items():
+        if pc.any(broken).as_py():
+            yield f"has {words}"
+
+
+def _foreign_files(store: Store, blocks: int, at_work: bool) -> Iterator[str]:
+    """Files that readers of ``runs/*.parquet`` would take for runs, and what the dead left."""
+    wanted = {store.block_path(index).name for index in range(blocks)}
+    for path in sorted(store.runs.glob("*")) + sorted(store.directory.glob(".*.tmp")):
+        if is_temporary(path):
+            continue
+        if path.name not in wanted and path.suffix == ".parquet":
+            yield f"{path} is no block of this sweep, but readers will take it for one"
+    if not at_work:
+        left = [p for d in (store.directory, store.runs) for p in d.glob(".*") if is_temporary(p)]
+        if left:
+            yield f"{left[0]} was left by a process that died; `rattlesweep run` removes it"
+
+
+def _check_summary(store: Store, manifest: dict[str, Any]) -> Iterator[str]:
+    try:
+        stored = store.read_summary()
+    except OutputError as error:
+        yield f"{error}; `rattlesweep run` makes it anew"
+        return
+    if not stored.equals(summarise(store, stored_cases(manifest)).replace_schema_metadata(None)):
+        yield f"{store.summary_path} does not follow from the runs; `rattlesweep run` makes it anew"
+    failed: dict[str, int] = {}
+    for data in manifest["receipts"].values():
+        for word, count in data.get("failed", {}).items():
+            failed[word] = failed.get(word, 0) + count
+    if failed != manifest["failed"]:
+        yield f"{store.manifest_path} counts failed runs other than those there are"
+
+
+def _check_numbers(
+    store: Store,
+    manifest: dict[str, Any],
+    config: Config,
+    whole: list[int],
+    count: int,
+    seed: int | None,
+    threads: int | None,
+    verdict: Verdict,
+) -> Iterator[str]:
+    """Integrate random runs again."""
+    from rattlesweep.sweep.plan import make_plan
+
+    base = None if manifest.get("base") is None else Path(manifest["base"])
+    try:
+        plan = make_plan(config, base)
+    except ConfigError as error:
+        yield f"no run can be integrated again: {error.messages[0]}"
+        return
+    if identity(plan, base) != manifest["config_hash"]:
+        yield "no run can be integrated again: the table of bodies has changed"
+        return
+    spans = [_borders(manifest, index) for index in whole]
+    numbers = np.concatenate([np.arange(*span) for span in spans] or [np.arange(0)])
+    chosen = np.sort(
+        np.random.default_rng(seed).choice(numbers, min(count, len(numbers)), replace=False)
+    )
+    for case, sample, columns in differing_rows(store, plan, manifest, chosen, threads):
+        yield (
+            f"case {case}, sample {sample} comes out otherwise when integrated again, in "
+            f"{', '.join(columns[:4])}{' and others' if len(columns) > 4 else ''}"
+        )
+    verdict.recomputed = len(chosen)
+
+
+def _listed(numbers: list[int]) -> str:
+    shown = ", ".join(map(str, numbers[:8]))
+    return f"block{'s' * (len(numbers) > 1)} {shown}{' and others' if len(numbers) > 8 else ''}"
