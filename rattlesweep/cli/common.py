@@ -98,7 +98,7 @@ def most_threads() -> int:
 class Meter:
     """Progress: a bar on a terminal, one line a minute elsewhere, nothing if quiet."""
 
-    def __init__(self, quiet: bool) -> None:
+    def __init__(self, quiet: bool = False) -> None:
         self._quiet = quiet
         self._bar: Any = None
         self._last = time.monotonic()
@@ -118,55 +118,42 @@ class Meter:
             self._bar.close()
 
     def __call__(self, progress: Progress) -> None:
+        """Show how far a sweep is."""
+        runs = f"{progress.runs}/{progress.total} runs"
+        self.show(progress.fraction, runs, progress.elapsed, progress.left)
+
+    def show(self, fraction: float, text: str, elapsed: float, left: float | None) -> None:
+        """Show how far something is, and what it is doing."""
         from rattlesweep.sweep.durations import clock
 
-        left = "" if progress.left is None else f", {clock(progress.left)} left"
-        text = f"{progress.runs}/{progress.total} runs, {clock(progress.elapsed)}{left}"
+        text = f"{text}, {clock(elapsed)}" + ("" if left is None else f", {clock(left)} left")
         if self._bar is not None:
-            self._bar.n = 100.0 * progress.fraction
+            self._bar.n = 100.0 * fraction
             self._bar.set_description_str(text)
         elif not self._quiet and time.monotonic() - self._last >= LINE_EVERY:
             self._last = time.monotonic()
-            say(f"{100 * progress.fraction:.1f} %, {text}")
+            say(f"{100 * fraction:.1f} %, {text}")
 
+    def counting(self, what: str) -> Callable[[float], None]:
+        """What shows a fraction of work that takes equally long all the way."""
+        start = time.monotonic()
 
-class Bar:
-    """How much of something is done: a bar on a terminal, nothing elsewhere."""
+        def report(fraction: float) -> None:
+            elapsed = time.monotonic() - start
+            left = elapsed * (1 - fraction) / fraction if fraction > 0 else None
+            self.show(fraction, what, elapsed, left)
 
-    def __init__(self, what: str) -> None:
-        self._what = what
-        self._bar: Any = None
-
-    def __enter__(self) -> Bar:
-        if sys.stderr.isatty():
-            from tqdm import tqdm
-
-            self._bar = tqdm(
-                total=100.0,
-                desc=self._what,
-                leave=False,
-                bar_format="{desc}: {percentage:3.0f}%|{bar}| {remaining} left",
-                file=sys.stderr,
-            )
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        if self._bar is not None:
-            self._bar.close()
-
-    def __call__(self, fraction: float) -> None:
-        if self._bar is not None:
-            self._bar.update(100.0 * fraction - self._bar.n)
+        return report
 
 
 def stages(start: float) -> Callable[[str], None]:
     """Say what is being done: each on a terminal, elsewhere no more than a line a minute."""
     last = start
 
-    def say(text: str) -> None:
+    def stage(text: str) -> None:
         nonlocal last
         if sys.stderr.isatty() or time.monotonic() - last >= LINE_EVERY:
             last = time.monotonic()
             say(f"{last - start:4.0f} s  {text}")
 
-    return say
+    return stage

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from rattlesweep.cli.common import DONE, EARLY, SOME_FAILED, Bar, guarded, say
+from rattlesweep.cli.common import DONE, EARLY, SOME_FAILED, Meter, guarded, say
 
 
 @click.command(
@@ -29,8 +29,8 @@ def merge(directories: tuple[str, ...], output: str, quiet: bool) -> int:
 
     if not output:
         raise ConfigError("--output: the directory has no name; give one")
-    with Bar("files") as bar:
-        merged = join([Path(d) for d in directories], Path(output), report=bar)
+    with Meter() as meter:
+        merged = join([Path(d) for d in directories], Path(output), report=meter.counting("files"))
     if merged.summary is not None and not quiet:
         click.echo(closing_table(merged.summary))
     say(f"{merged.runs} runs in {merged.files} files in {output}")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from rattlesweep.cli.common import DONE, FAILED, Bar, guarded, say
+from rattlesweep.cli.common import DONE, FAILED, Meter, guarded, say
 
 
 @click.command(epilog="\b\nExample:\n  rattlesweep verify out/quickstart --recompute 100")
@@ -35,9 +35,13 @@ def verify(
     """
     from rattlesweep.sweep.verify import verify as check
 
-    with Bar("blocks") as bar:
+    with Meter() as meter:
         verdict = check(
-            Path(directory), recompute=recompute, seed=seed, threads=threads, report=bar
+            Path(directory),
+            recompute=recompute,
+            seed=seed,
+            threads=threads,
+            report=meter.counting("blocks"),
         )
     if as_json:
         click.echo(json.dumps(asdict(verdict), indent=2))
