@@ -2,57 +2,19 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import click
 
 from rattlesweep.cli.common import (
     DONE,
-    LINE_EVERY,
     SOME_FAILED,
-    clock,
+    Meter,
     guarded,
     most_threads,
     say,
 )
-
-if TYPE_CHECKING:
-    from rattlesweep.study.paper.run import Progress
-
-
-class _Bar:
-    """Progress: a bar on a terminal, one line a minute elsewhere, nothing if quiet."""
-
-    def __init__(self, quiet: bool) -> None:
-        self._quiet = quiet
-        self._bar: Any = None
-        self._last = time.monotonic()
-
-    def __enter__(self) -> _Bar:
-        if not self._quiet and sys.stderr.isatty():
-            from tqdm import tqdm
-
-            self._bar = tqdm(
-                total=100.0, bar_format="{percentage:3.0f}%|{bar}| {desc}", file=sys.stderr
-            )
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        if self._bar is not None:
-            self._bar.close()
-
-    def __call__(self, progress: Progress) -> None:
-        left = "" if progress.left is None else f", {clock(progress.left)} left"
-        text = f"{progress.text}, {clock(progress.elapsed)}{left}"
-        if self._bar is not None:
-            self._bar.n = 100.0 * progress.fraction
-            self._bar.set_description_str(text)
-        elif not self._quiet and time.monotonic() - self._last >= LINE_EVERY:
-            self._last = time.monotonic()
-            say(f"{100 * progress.fraction:.1f} %, {text}")
 
 
 @click.command(
@@ -104,14 +66,14 @@ def paper(
     names = choose(only)
     directory = Path(output or ("out/paper-quick" if quick else "out/paper"))
     start = time.monotonic()
-    with _Bar(quiet) as bar:
+    with Meter(quiet) as meter:
         done = make_paper(
             settings.quick() if quick else settings,
             directory,
             names,
             quick=quick,
             threads=threads or available_threads(),
-            report=bar,
+            report=lambda p: meter.show(p.fraction, p.text, p.elapsed, p.left),
         )
     if not quiet:
         if done.claims:
