@@ -39,7 +39,10 @@ def later(run: Any) -> float:
 @click.option("--runs", default=60, help="Runs of each kind to follow on.")
 def main(directory: Path, runs: int) -> None:
     """Print the evidence from the output of a sweep."""
-    frame = pd.concat([pd.read_parquet(path) for path in sorted(directory.glob("runs/*.parquet"))])
+    frame = pd.concat(
+        [pd.read_parquet(path) for path in sorted(directory.glob("runs/*.parquet"))],
+        ignore_index=True,
+    )
     growth = frame.lyapunov_late * frame.t_end / 2
     click.echo(f"borders of growth: {EDGES}")
     for kind, one in frame.groupby("type"):
@@ -49,10 +52,10 @@ def main(directory: Path, runs: int) -> None:
             chaotic = int((found > LEAST_GROWTH).sum())
             click.echo(f"{kind:13} n_i {n_i:5}: {len(few):6} runs, chaotic {chaotic:4}, {counts}")
     sw = frame.assign(growth=growth)[frame.type == "SW"]
-    chaotic = sw[sw.growth > LEAST_GROWTH]
-    share = chaotic.groupby(["n_i", chaotic.K_r.round(3)]).size()
+    many = sw[sw.growth > LEAST_GROWTH]
+    share = many.groupby(["n_i", many.K_r.round(3)]).size()
     click.echo(f"chaotic SW by n_i and K_r:\n{share.to_string()}")
-    click.echo(f"their exponents by n_i:\n{chaotic.groupby('n_i').lyapunov_late.median()}")
+    click.echo(f"their exponents by n_i:\n{many.groupby('n_i').lyapunov_late.median()}")
     for low, high in ((LEAST_GROWTH, np.inf), (4, LEAST_GROWTH), (-np.inf, 4)):
         chosen = sw[(sw.growth > low) & (sw.growth <= high)]
         chosen = chosen.sample(min(runs, len(chosen)), random_state=0)

@@ -9,9 +9,11 @@ import click
 # In the order of `--help`; each is `rattlesweep.cli.NAME:NAME`.
 COMMANDS = (
     "run",
+    "plan",
     "status",
     "verify",
     "merge",
+    "slurm",
     "classify",
     "body",
     "trajectory",

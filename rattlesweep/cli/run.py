@@ -19,7 +19,9 @@ from rattlesweep.cli.common import (
 )
 
 if TYPE_CHECKING:
-    from rattlesweep.sweep.engine import Report
+    from collections.abc import Callable
+
+    from rattlesweep.sweep.engine import Job, Report
 
 
 @click.command(
@@ -31,11 +33,19 @@ if TYPE_CHECKING:
 @click.option("--output", metavar="DIR", help="Output directory; overrides the config's.")
 @OVERRIDES
 @click.option("--threads", type=click.IntRange(1), help="Threads of the kernel.")
+@click.option(
+    "--engine",
+    type=click.Choice(["local", "dask"]),
+    default="local",
+    help="What does the blocks: this process, or workers of a Dask cluster.",
+)
+@click.option("--scheduler", metavar="ADDRESS", help="A Dask scheduler that exists.")
+@click.option("--workers", type=click.IntRange(1), help="Processes of a Dask cluster begun here.")
 @click.option("--shard", metavar="I/N", help="Do share I of N only, I from 0 to N-1.")
 @click.option("--max-time", metavar="TIME", help="Stop by itself after a time such as 3h50m.")
 @click.option("--fresh", is_flag=True, help="Remove the runs that are there, and start over.")
 @click.option("--retry-failed", is_flag=True, help="Do runs again whose status is not ok.")
-@click.option("--dry-run", is_flag=True, help="Say what would be run, and stop.")
+@click.option("--dry-run", is_flag=True, help="Say what it would take, as `plan` does, and stop.")
 @click.option("-q", "--quiet", is_flag=True, help="No progress and no closing table.")
 @click.option("-v", "--verbose", is_flag=True, help="Say where the time went.")
 @guarded
@@ -44,6 +54,9 @@ def run(
     output: str | None,
     overrides: tuple[str, ...],
     threads: int | None,
+    engine: str,
+    scheduler: str | None,
+    workers: int | None,
     shard: str | None,
     max_time: str | None,
     fresh: bool,
@@ -57,10 +70,11 @@ def run(
     Prints one row per case on standard output.
     """
     from rattlesweep.sweep.config import load_config
+    from rattlesweep.sweep.config_physics import checked_plan
     from rattlesweep.sweep.durations import seconds_of
     from rattlesweep.sweep.engine import run_sweep
     from rattlesweep.sweep.errors import ConfigError
-    from rattlesweep.sweep.plan import make_plan
+    from rattlesweep.sweep.forecast import describe, forecast
     from rattlesweep.sweep.session import examine
     from rattlesweep.sweep.shards import Shard
 
@@ -74,17 +88,18 @@ def run(
     if fresh and share is not None:
         raise ConfigError("--fresh: would remove the runs of other shards; start over without it")
     base = Path(config).resolve().parent
-    if threads is not None and threads > (most := most_threads()):
+    work_off = _engine(engine, scheduler, workers, threads)
+    if scheduler is None and threads is not None and threads > (most := most_threads()):
         raise click.BadParameter(f"{threads} is more than the {most} processors there are")
-    plan = make_plan(loaded, base)
+    plan, warnings = checked_plan(loaded, base)
+    for warning in warnings:
+        say(f"warning: {warning}")
     directory = Path(loaded.directory)
     if dry_run:
         if not fresh:
             examine(plan, directory, base)
-        click.echo(
-            f"{plan.runs} runs: {len(plan.cases)} cases of {plan.samples} samples, in "
-            f"{plan.n_blocks} blocks, to {directory}"
-        )
+        shards = None if share is None else share.count
+        click.echo(describe(forecast(plan, threads, shards=shards)))
         return DONE
     with Meter(quiet) as meter:
         report = run_sweep(
@@ -97,8 +112,26 @@ def run(
             max_time=seconds,
             fresh=fresh,
             retry_failed=retry_failed,
+            engine=work_off,
         )
     return _close(report, quiet, verbose)
+
+
+def _engine(
+    name: str, scheduler: str | None, workers: int | None, threads: int | None
+) -> Callable[[Job], None]:
+    """The engine that the options ask for."""
+    from rattlesweep.sweep import local
+    from rattlesweep.sweep.errors import ConfigError
+
+    if name == "local":
+        for flag, value in (("--scheduler", scheduler), ("--workers", workers)):
+            if value is not None:
+                raise ConfigError(f"{flag}: is for --engine dask; add that, or leave this out")
+        return local.work_off
+    from rattlesweep.sweep.daskengine import make_engine
+
+    return make_engine(scheduler, workers, threads)
 
 
 def _close(report: Report, quiet: bool, verbose: bool) -> int:

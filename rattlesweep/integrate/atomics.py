@@ -1,4 +1,4 @@
-"""Atomic counter and flag shared by kernel threads; Numba has none for the CPU.
+"""Atomic counter and flag shared by kernel threads, and a barrier; Numba has none for the CPU.
 
 Every thread takes the next run from one counter, so that long and short runs even out (``prange``
 alone splits the runs before it knows their lengths), and reads a flag that Python sets to stop.
@@ -42,3 +42,18 @@ def load(typingctx, array, index):  # type: ignore[no-untyped-def]
         return builder.atomic_rmw("or", pointer, ir.Constant(ir.IntType(64), 0), "monotonic")
 
     return types.int64(array, types.intp), codegen
+
+
+@intrinsic
+def barrier(typingctx):  # type: ignore[no-untyped-def]
+    """Keep the compiler from joining arithmetic before with arithmetic behind; costs nothing.
+
+    What is behind reads its numbers afresh from arrays, and so shares no product with what is
+    before.  A shared product is not fused with a sum, and the last bits change.
+    """
+
+    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        builder.fence("seq_cst", "singlethread")
+        return context.get_dummy_value()
+
+    return types.void(), codegen

@@ -87,7 +87,8 @@ class Outcome:
         Amplitude, least and largest spin in each window; NaN where the run had ended.
     growth : ndarray, shape (runs, windows, 2) or (0, ...)
         Time and logarithm of the tangent's growth at the end of each window, and of the run in the
-        row behind its last window; NaN behind that.
+        row behind its last window; NaN behind that, and in all windows that one step ended but the
+        first.
     stopped : bool
         Whether a stop request ended the kernel before all runs were done.
     """

@@ -1,13 +1,15 @@
 """A run that carries a tangent: what is added to how runs begin, are watched and end.
 
 Templates that stand in for those of the same names in :mod:`rattlesweep.integrate.runs`, do what
-these do, and look after the tangent.
+these do, and look after the tangent.  Barriers keep the two apart: the state's last bits are those
+of a run without tangent.
 """
 
 # mypy: ignore-errors
 from __future__ import annotations
 
 from rattlesweep.integrate import rows as R
+from rattlesweep.integrate.atomics import barrier
 from rattlesweep.integrate.stages import LANES as L
 
 
@@ -38,15 +40,19 @@ plain_start = plain_finish = plain_pass_marks = plain_advance = None
 def start(l, run, w, lane_run, y0, constants, probe, plan, record):
     """Put a run and its tangent into a lane."""
     plain_start(l, run, w, lane_run, y0, constants, probe, plan, record)
+    barrier()
     tangent_seed(w, l)
     tangent_begin(w, l)
+    barrier()
 
 
 def see_tangent(l, t, w, run, windows):
     """Write the time and the tangent's growth into the last two columns of the window's row."""
     k = min(int(w[R.WINDOW_NO * L + l]), windows.shape[1] - 1)
+    barrier()
     windows[run, k, windows.shape[2] - 2] = t
     windows[run, k, windows.shape[2] - 1] = tangent_log(w, l)
+    barrier()
 
 
 def pass_marks(l, t, w, run, windows, record):

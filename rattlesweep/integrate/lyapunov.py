@@ -47,6 +47,9 @@ def exponents(growth: Floats) -> tuple[Floats, Floats]:
         windows.
     """
     runs = len(growth)
+    # A step that ends several windows fills the row of the first; the empty ones go last.
+    order = np.argsort(~np.isfinite(growth[:, :, :1]), axis=1, kind="stable")
+    growth = np.take_along_axis(growth, order, axis=1)
     t = np.concatenate([np.zeros((runs, 1)), growth[:, :, 0]], axis=1)
     log = np.concatenate([np.zeros((runs, 1)), growth[:, :, 1]], axis=1)
     row = np.arange(runs)

@@ -8,8 +8,8 @@ the coefficients and the offsets as constants in the source, LLVM drops the zero
 stage in registers and vectorises each loop; one workspace instead of many arrays
 lets it prove that rows do not overlap.
 
-A tangent has loops of its own, behind those of the state.  In one loop with it LLVM would share
-products between the two, fuse other sums with them, and the state would come out with other
+A tangent has loops of its own, behind those of the state, and barriers between.  Else LLVM would
+share products between the two, fuse other sums with them, and the state would come out with other
 last bits than without a tangent.
 """
 
@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from numba import njit
 
+from rattlesweep.integrate.atomics import barrier
 from rattlesweep.integrate.rows import ACCEPT, STATE_ROWS
 from rattlesweep.physics.full import FASTMATH
 
@@ -152,6 +153,11 @@ def source(tableau: Tableau, model: Model, lanes: int = LANES) -> str:
         lines.append(" " * indent + f"for l in range({lanes}):")
         lines.extend(" " * (indent + 4) + text for text in body)
 
+    def tangent_loop(body: list[str]) -> None:
+        lines.append(" " * indent + "barrier()")
+        loop(body)
+        lines.append(" " * indent + "barrier()")
+
     def tangent_at(row: Row, v: int, y: int, f: int, project: bool = False) -> list[str]:
         """The tangent at ``row`` and its rate, with the state and its derivative at ``y, f``."""
         first = tableau.stages
@@ -174,7 +180,8 @@ def source(tableau: Tableau, model: Model, lanes: int = LANES) -> str:
         h = f"h = {cell(at.h)}{share}"
         loop([h, *(f"{stage(0, c)} = h * {cell(f + c)}" for c in states)])
         if model.tangent:
-            loop([h, *(f"{stage(tableau.stages, c)} = h * {cell(g + c)}" for c in states)])
+            first = tableau.stages
+            tangent_loop([h, *(f"{stage(first, c)} = h * {cell(g + c)}" for c in states)])
         for i in range(1, tableau.stages):
             loop(
                 [
@@ -189,7 +196,7 @@ def source(tableau: Tableau, model: Model, lanes: int = LANES) -> str:
             if model.tangent:
                 body = tangent_at(tableau.a[i], v, at.ys, at.fs)
                 body += [f"{stage(tableau.stages + i, c)} = h * g{c}" for c in states]
-                loop([h, *body])
+                tangent_loop([h, *body])
         loop(
             [
                 *load_constants,
@@ -204,7 +211,7 @@ def source(tableau: Tableau, model: Model, lanes: int = LANES) -> str:
             body = tangent_at(tableau.b, v, at.y1, at.f1, project=True)
             body += [f"{cell(at.v1 + c)} = v{c}" for c in states]
             body += [f"{cell(at.g1 + c)} = g{c}" for c in states]
-            loop(body)
+            tangent_loop(body)
 
     if tableau.adaptive:
         stages(at.y, at.f, at.v, at.g, ends)
@@ -254,6 +261,7 @@ def compile_attempt(tableau: Tableau, model: Model, lanes: int = LANES) -> Calla
         "error": model.error,
         "tangent_rate": model.tangent and model.tangent.rate,
         "transverse": model.tangent and model.tangent.transverse,
+        "barrier": barrier,
     }
     exec(source(tableau, model, lanes), namespace)
     function = namespace["attempt"]

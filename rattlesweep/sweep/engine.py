@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
 import time
 from collections import Counter
@@ -12,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 from rattlesweep.integrate.batch import available_threads
 from rattlesweep.sweep import local
+from rattlesweep.sweep.errors import OutputError
+from rattlesweep.sweep.forecast import expectation
 from rattlesweep.sweep.progress import Costs, Meter, Progress
 from rattlesweep.sweep.retry import retry_blocks
 from rattlesweep.sweep.retype import retype_blocks
@@ -152,27 +155,35 @@ def run_sweep(
             if block.index not in pending:
                 meter.skip(block)
         session.begin()
-        state = "stopped"
         try:
+            if session.pending and engine is local.work_off:
+                session.expect(expectation(session.plan, threads))
             job = Job(session, meter, result, threads, deadline)
             retype_blocks(session.store, session.retype, plan.config.classify, session)
             retry_blocks(job)
             meter.tick()
             engine(job)
-            state = "complete" if result.stopped is None else "stopped"
             _sum_up(session, result)
-        finally:
-            result.seconds = time.perf_counter() - start
-            session.end(
-                state,
-                {
-                    "seconds": round(result.seconds, 3),
-                    "kernel_seconds": round(result.kernel_seconds, 3),
-                    "blocks": result.blocks,
-                    "peak_memory": _peak_memory(),
-                },
-            )
+        except BaseException:
+            # What stopped it is what the user is to hear of, not that this could not be noted.
+            with contextlib.suppress(OutputError):
+                _end(session, result, start, "stopped")
+            raise
+        _end(session, result, start, "complete" if result.stopped is None else "stopped")
     return result
+
+
+def _end(session: Session, result: Report, start: float, state: str) -> None:
+    result.seconds = time.perf_counter() - start
+    session.end(
+        state,
+        {
+            "seconds": round(result.seconds, 3),
+            "kernel_seconds": round(result.kernel_seconds, 3),
+            "blocks": result.blocks,
+            "peak_memory": _peak_memory(),
+        },
+    )
 
 
 def _sum_up(session: Session, result: Report) -> None:

@@ -98,14 +98,23 @@ def probe_directory(path: Path) -> None:
 
 
 def remove_temporaries(folder: Path, older_than: float = 0.0) -> int:
-    """Remove temporary files at least `older_than` seconds old; returns how many."""
+    """Remove temporary files at least `older_than` seconds old; returns how many.
+
+    Raises
+    ------
+    OutputError
+        The folder cannot be read.
+    """
     now, removed = time.time(), 0
-    for path in folder.glob(".*.tmp"):
-        if is_temporary(path):
-            with contextlib.suppress(OSError):  # its owner, or another process, was quicker
-                if now - path.stat().st_mtime >= older_than:
-                    path.unlink()
-                    removed += 1
+    try:
+        found = [folder / name for name in os.listdir(folder) if is_temporary(folder / name)]
+    except OSError as error:
+        raise OutputError(f"cannot read {folder}: {reason(error)}") from error
+    for path in found:
+        with contextlib.suppress(OSError):  # its owner, or another process, was quicker
+            if now - path.stat().st_mtime >= older_than:
+                path.unlink()
+                removed += 1
     return removed
 
 

@@ -18,6 +18,8 @@ from rattlesweep.sweep.task import Task
 if TYPE_CHECKING:
     from rattlesweep.sweep.engine import Job
     from rattlesweep.sweep.plan import Block
+    from rattlesweep.sweep.receipts import Receipt
+    from rattlesweep.sweep.session import Opened
 
     Columns = Mapping[str, Any]
 
@@ -76,7 +78,7 @@ def work_off(job: Job) -> None:
     if written is not None:
         _write(job, *written)
     if done < len(pending):
-        job.report.stopped = _why(done)
+        job.report.stopped = why_stopped(done)
     job.tick()
 
 
@@ -86,16 +88,19 @@ def _tick(job: Job, block: Block, control: Any) -> None:
         raise _Late
 
 
+def write_block(opened: Opened, block: Block, columns: Columns) -> Receipt:
+    """Write an integrated block; every engine does it so."""
+    schema = runs_schema(opened.plan.config.record, opened.plan.config.model)
+    return opened.store.write_block(block.index, columns, schema, opened.note(block))
+
+
 def _write(job: Job, block: Block, columns: Columns, seconds: float) -> None:
-    session = job.session
-    schema = runs_schema(session.plan.config.record, session.plan.config.model)
-    note = session.opened.note(block)
-    receipt = session.store.write_block(block.index, columns, schema, note)
-    session.wrote(block.index, receipt, seconds)
+    job.session.wrote(block.index, write_block(job.session.opened, block, columns), seconds)
     job.report.blocks += 1
 
 
-def _why(done: int) -> str:
+def why_stopped(done: int) -> str:
+    """What to say when the time was up after so many blocks."""
     if done:
         return "the time is up"
     return (
@@ -104,4 +109,4 @@ def _why(done: int) -> str:
     )
 
 
-__all__ = ["load_kernel", "work_off"]
+__all__ = ["load_kernel", "why_stopped", "work_off", "write_block"]

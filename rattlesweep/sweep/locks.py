@@ -46,13 +46,14 @@ class Busy(OutputError):
 
 def holder(directory: Path) -> str | None:
     """Who works in a directory, in words; None if nobody does."""
-    for path in sorted((directory / FOLDER).glob("*")):
-        try:
-            with open(path, "rb") as handle:
-                if path.name != _TURN and not _try(handle.fileno(), shared=True):
-                    return _words(path)
-        except OSError:
-            continue
+    try:
+        names = sorted(os.listdir(directory / FOLDER))
+    except OSError:
+        return None
+    for path in (directory / FOLDER / name for name in names if name != _TURN):
+        with contextlib.suppress(OSError), open(path, "rb") as handle:
+            if not _try(handle.fileno(), shared=True):
+                return _words(path)
     return None
 
 
@@ -84,6 +85,8 @@ def hold(directory: Path, share: str | None = None) -> Iterator[None]:
                 raise Busy(f"{directory} is in use by {holder(directory) or 'another process'}")
             if share is not None and not stack.enter_context(_locked(folder / share, shared=False)):
                 raise Busy(f"{directory}: {share} is in use by {_words(folder / share)}")
+        except (FileExistsError, NotADirectoryError) as error:
+            raise OutputError(f"cannot write in {folder}: a file is in the way") from error
         except OSError as error:
             raise OutputError(f"cannot write in {directory}: {reason(error)}") from error
         yield
@@ -91,13 +94,22 @@ def hold(directory: Path, share: str | None = None) -> Iterator[None]:
 
 @contextmanager
 def turn(directory: Path) -> Iterator[None]:
-    """Wait for this process's turn to change what shards share: a moment."""
-    if fcntl is None or not (directory / FOLDER).is_dir():
-        yield
-        return
-    with open(directory / FOLDER / _TURN, "ab") as handle:
-        with contextlib.suppress(OSError):
-            fcntl.flock(handle, fcntl.LOCK_EX)
+    """Wait for this process's turn to change what shards share: a moment.
+
+    Raises
+    ------
+    OutputError
+        The directory cannot be written.
+    """
+    path = directory / FOLDER / _TURN
+    with contextlib.ExitStack() as stack:
+        try:
+            if fcntl is not None and path.parent.is_dir():
+                handle = stack.enter_context(open(path, "ab"))
+                with contextlib.suppress(OSError):
+                    fcntl.flock(handle, fcntl.LOCK_EX)
+        except OSError as error:
+            raise OutputError(f"cannot write {path}: {reason(error)}") from error
         yield
 
 
@@ -115,13 +127,15 @@ def _locked(path: Path, *, shared: bool) -> Iterator[bool]:
             handle.flush()
         yield True
     finally:
-        if not shared or _try(handle.fileno(), shared=False):
-            path.unlink(missing_ok=True)
-            if path.name == _WHOLE:
-                (path.parent / _TURN).unlink(missing_ok=True)
-            with contextlib.suppress(OSError):  # other shares are at work
+        # Other shares may be at work; a file that cannot be removed locks nothing once closed.
+        with contextlib.suppress(OSError):
+            if not shared or _try(handle.fileno(), shared=False):
+                path.unlink(missing_ok=True)
+                if path.name == _WHOLE:
+                    (path.parent / _TURN).unlink(missing_ok=True)
                 path.parent.rmdir()
-        handle.close()
+        with contextlib.suppress(OSError):  # it is to hold what could not be written before
+            handle.close()
 
 
 def _open_locked(path: Path, shared: bool) -> BinaryIO | None:

@@ -13,7 +13,7 @@ from rattlesweep.sweep.config import override_config, resolved
 from rattlesweep.sweep.errors import ConfigError, OutputError
 from rattlesweep.sweep.locks import hold
 from rattlesweep.sweep.provenance import read_manifest
-from rattlesweep.sweep.store import Store
+from rattlesweep.sweep.store import Found, Store
 from rattlesweep.sweep.summary import summarise
 from rattlesweep.sweep.tables import DamagedError
 from rattlesweep.sweep.types import TYPES, classify
@@ -60,7 +60,7 @@ def retype_blocks(
     changed = 0
     noting.forget(list(indices))
     for index in indices:
-        note = store.inspect_block(index).note
+        note = _inspect(store, index).note
         table = store.read_block(index)
         types = typed(table, thresholds)
         changed += _differing(table.column("type").combine_chunks(), types)
@@ -123,17 +123,24 @@ def retype(directory: Path, overrides: Sequence[str] = ()) -> tuple[int, pa.Tabl
     with hold(directory):
         manifest, config = config_of(store, overrides)
         thresholds = resolved(config)["classify"]
+        store.remove_stale_temporaries()
         receipts = _Receipts(store)
-        old = [i for i in store.block_indices() if _note_differs(store, i, thresholds)]
+        found = {index: _inspect(store, index) for index in store.block_indices()}
+        old = [i for i, f in found.items() if f.note is None or f.note.classify != thresholds]
+        # Those that a killed process has typed have lost theirs.
+        whole = {
+            str(i): f.receipt.dump()
+            for i, f in found.items()
+            if f.note is not None and f.note.sweep == manifest["config_hash"]
+        }
         changed = retype_blocks(store, old, config.classify, receipts) if old else 0
         summary = summarise(store, stored_cases(manifest))
         store.write_summary(summary)
 
         def change(manifest: dict[str, Any]) -> None:
             manifest["config"] = manifest["config"] | {"classify": thresholds}
-            manifest["receipts"] = dict(
-                sorted((manifest["receipts"] | receipts.fresh).items(), key=lambda r: int(r[0]))
-            )
+            known = whole | manifest["receipts"] | receipts.fresh
+            manifest["receipts"] = dict(sorted(known.items(), key=lambda item: int(item[0])))
 
         store.update_manifest(change)
     return changed, summary
@@ -159,12 +166,11 @@ def config_of(store: Store, overrides: Sequence[str]) -> tuple[dict[str, Any], C
     return manifest, override_config(manifest["config"], overrides)
 
 
-def _note_differs(store: Store, index: int, thresholds: dict[str, float]) -> bool:
+def _inspect(store: Store, index: int) -> Found:
     try:
-        note = store.inspect_block(index).note
+        return store.inspect_block(index)
     except DamagedError as error:
         raise OutputError(f"{store.block_path(index)} is damaged: {error}") from error
-    return note is None or note.classify != thresholds
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rattlesweep.sweep.adopt import adopted_size, remove_copies
 from rattlesweep.sweep.columns import runs_schema
 from rattlesweep.sweep.config import differences, physics_part, resolved
 from rattlesweep.sweep.errors import ConfigError, OutputError
@@ -74,13 +75,13 @@ def examine(plan: Plan, directory: Path, base: Path | None) -> Opened:
     remarks: list[str] = []
     manifest: dict[str, Any] | None = None
     try:
-        if store.manifest_path.exists():
+        if store.has_manifest():
             manifest = read_manifest(store)
     except DamagedManifest as error:
         remarks.append(f"{error}; it is made anew from the blocks")
     if manifest is None:
         if blocks:
-            plan = replace(plan, block_size=_adopted_size(store, blocks, hash_, plan))
+            plan = replace(plan, block_size=adopted_size(store, blocks, hash_, plan))
         return Opened(store, plan, hash_, None, remarks)
     if manifest.get("config_hash") != hash_:
         ours = resolved(plan.config)
@@ -102,23 +103,6 @@ def examine(plan: Plan, directory: Path, base: Path | None) -> Opened:
                 "may differ"
             )
     return Opened(store, plan, hash_, manifest, remarks)
-
-
-def _adopted_size(store: Store, blocks: list[int], hash_: str, plan: Plan) -> int:
-    """Runs a block, from blocks whose manifest is lost, if they are of this sweep."""
-    for index in blocks:
-        try:
-            note = store.inspect_block(index).note
-        except DamagedError:
-            continue
-        if note is not None and note.sweep == hash_:
-            size = note.first // index if index else note.stop
-            return max(size, plan.block_size) if note.stop == plan.runs else size
-        break
-    raise ConfigError(
-        f"{store.directory}: it holds runs but no whole manifest.json, and the runs are not known "
-        "to be of this config; choose another output, or start over with --fresh"
-    )
 
 
 @dataclass
@@ -239,27 +223,40 @@ class Session:
             "pid": os.getpid(),
             "threads": self.threads,
         }
-        fresh = new_manifest(self.plan, self.opened.hash_, self.base)
-        lost = self.opened.manifest is None
+        config = resolved(self.plan.config) | {"block_size": self.plan.block_size}
 
         def change(manifest: dict[str, Any]) -> None:
-            if lost and "receipts" not in manifest:
-                manifest |= fresh
             manifest["state"] = "running"
-            manifest["config"] = fresh["config"]
-            manifest["sessions"] = [*manifest["sessions"][-REMEMBERED:], self._entry]
+            manifest["config"] = config
+            others = [entry for entry in manifest["sessions"] if not self._is_mine(entry)]
+            manifest["sessions"] = [*others[-REMEMBERED:], self._entry]
 
-        if lost and self.store.manifest_path.exists():
-            self._replace_damaged(fresh)
-        self.store.update_manifest(change)
+        if self.opened.manifest is None and self.store.has_manifest():
+            self._replace_damaged()
+        self.store.update_manifest(change, self._blank)
         self._due = time.monotonic() + NOTE_EVERY
 
-    def _replace_damaged(self, fresh: dict[str, Any]) -> None:
+    def _blank(self) -> dict[str, Any]:
+        """A manifest with all that this session knows: it may be removed while that is at work."""
+        receipts = {str(i): r.dump() for i, r in self.receipts.items()}
+        blank = new_manifest(self.plan, self.opened.hash_, self.base)
+        return blank | {"receipts": receipts, "sessions": [self._entry]}
+
+    def _replace_damaged(self) -> None:
         # Another shard may have mended it since it was examined.
         try:
             self.store.read_manifest()
         except DamagedManifest:
-            self.store.write_manifest(fresh)
+            self.store.write_manifest(self._blank())
+
+    def expect(self, forecast: dict[str, Any]) -> None:
+        """Keep what the sweep is expected to take, if nobody has before."""
+
+        def change(manifest: dict[str, Any]) -> None:
+            manifest.setdefault("expected", forecast)
+
+        if "expected" not in (self.opened.manifest or {}):
+            self.store.update_manifest(change, self._blank)
 
     def wrote(self, index: int, receipt: Receipt, seconds: float | None = None) -> None:
         """Keep the receipt of a block that has come to rest."""
@@ -277,7 +274,7 @@ class Session:
                 manifest["receipts"].pop(str(index), None)
 
         if indices:
-            self.store.update_manifest(change)
+            self.store.update_manifest(change, self._blank)
             self._noted.difference_update(indices)
 
     def note(self, progress: Progress) -> None:
@@ -307,6 +304,8 @@ class Session:
             for key in ("seconds", "kernel_seconds"):
                 past = sum(s.get(key, 0.0) for s in others)
                 manifest[key] = round(past + totals[key], 3)
+            manifest["bytes"] = sum(r["bytes"] for r in manifest["receipts"].values())
+            manifest["peak_memory"] = totals["peak_memory"]
 
         return self._write({"finished": now(), "state": state, **totals}, finish)
 
@@ -330,7 +329,7 @@ class Session:
                     entry |= news
             more(manifest)
 
-        manifest = self.store.update_manifest(change)
+        manifest = self.store.update_manifest(change, self._blank)
         self._noted.update(fresh)
         return manifest
 
@@ -370,6 +369,7 @@ def open_session(
         # Files of another shard may be young.
         store.remove_stale_temporaries(0.0 if shard is None else 3600.0)
         opened = examine(plan, directory, base)
+        opened.remarks.extend(remove_copies(store, opened.plan.n_blocks, opened.hash_))
         blocks = deal(opened.plan, shard, Costs(opened.plan))
         yield Session(opened, base, shard, threads, blocks)
 

@@ -96,6 +96,10 @@ class Store:
         """Where block `index` has its place."""
         return self.runs / f"block-{index:06d}.parquet"
 
+    def is_block(self, path: Path) -> bool:
+        """Whether a file has the name of a block."""
+        return _BLOCK.fullmatch(path.name) is not None
+
     def block_indices(self) -> list[int]:
         """Numbers of the blocks in place, ascending; other files in `runs` are ignored.
 
@@ -155,20 +159,7 @@ class Store:
         OutputError
             The file may not be read, which says nothing about what it holds.
         """
-        path = self.block_path(index)
-        try:
-            data = path.read_bytes()
-            file = open_sealed(data)
-            status = file.read(columns=["status"]).column("status")
-        except PermissionError as error:
-            raise OutputError(f"cannot read {path}: {reason(error)}") from error
-        except OSError as error:
-            raise DamagedError(reason(error)) from error
-        except (pa.ArrowException, KeyError) as error:
-            raise DamagedError(f"it has no status: {reason(error)}") from error
-        schema = file.schema_arrow
-        note = Note.load((schema.metadata or {}).get(NOTE))
-        return Found(schema, note, _receipt(data, status))
+        return inspect_file(self.block_path(index))
 
     def block_is_whole(self, index: int, schema: pa.Schema, rows: int) -> bool:
         """Whether block `index` is in place, undamaged to the bit, and has these columns and rows.
@@ -270,6 +261,19 @@ class Store:
         """
         replace_file(self.manifest_path, sealedjson.dump(manifest))
 
+    def has_manifest(self) -> bool:
+        """Whether there is a `manifest.json`, damaged or not.
+
+        Raises
+        ------
+        OutputError
+            The system does not say.
+        """
+        try:
+            return self.manifest_path.exists()
+        except OSError as error:
+            raise OutputError(f"cannot read {self.manifest_path}: {reason(error)}") from error
+
     def read_manifest(self) -> dict[str, Any]:
         """Read `manifest.json`, having proved that it is whole.
 
@@ -293,21 +297,33 @@ class Store:
         except ValueError as error:
             raise DamagedManifest(f"{self.manifest_path} is damaged: {error}") from error
 
-    def update_manifest(self, change: Callable[[dict[str, Any]], None]) -> dict[str, Any]:
+    def update_manifest(
+        self,
+        change: Callable[[dict[str, Any]], None],
+        blank: Callable[[], dict[str, Any]] | None = None,
+    ) -> dict[str, Any]:
         """Change `manifest.json` in one step that no other process can come between.
 
         Parameters
         ----------
         change
-            Called with the manifest as it is now, empty where there is none.
+            Called with the manifest as it is now.
+        blank
+            Makes the one to begin with where there is none.
 
         Returns
         -------
         dict
             The manifest as written.
+
+        Raises
+        ------
+        ConfigError, OutputError
+            As for `read_manifest` and `write_manifest`.
         """
         with turn(self.directory):
-            manifest = self.read_manifest() if self.manifest_path.exists() else {}
+            begin = blank is not None and not self.has_manifest()
+            manifest = blank() if blank is not None and begin else self.read_manifest()
             change(manifest)
             self.write_manifest(manifest)
         return manifest
@@ -325,6 +341,29 @@ class Store:
         data = encode(table, None if note is None else note.dump())
         replace_file(path, data, reads_back)
         return _receipt(data, table.column("status") if "status" in table.schema.names else None)
+
+
+def inspect_file(path: Path) -> Found:
+    """What a file holds, as `Store.inspect_block`, by whatever name.
+
+    Raises
+    ------
+    DamagedError, OutputError
+        As there.
+    """
+    try:
+        data = path.read_bytes()
+        file = open_sealed(data)
+        status = file.read(columns=["status"]).column("status")
+    except PermissionError as error:
+        raise OutputError(f"cannot read {path}: {reason(error)}") from error
+    except OSError as error:
+        raise DamagedError(reason(error)) from error
+    except (pa.ArrowException, KeyError) as error:
+        raise DamagedError(f"it has no status: {reason(error)}") from error
+    schema = file.schema_arrow
+    note = Note.load((schema.metadata or {}).get(NOTE))
+    return Found(schema, note, _receipt(data, status))
 
 
 def _receipt(data: bytes, status: pa.ChunkedArray | None) -> Receipt:

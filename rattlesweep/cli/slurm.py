@@ -1,0 +1,105 @@
+"""`rattlesweep slurm`: a job script for a cluster."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+
+from rattlesweep.cli.common import DONE, OVERRIDES, guarded, say
+
+
+@click.command(
+    epilog="\b\nExample:\n  rattlesweep slurm configs/steady.yaml --shards 100 --cpus 16 "
+    "--time 4:00:00 > steady.sh\n  sbatch steady.sh"
+)
+@click.argument("config", type=click.Path())
+@click.option("--shards", type=click.IntRange(1), required=True, help="Tasks of the array.")
+@click.option("--time", "limit", default="4:00:00", show_default=True, help="Limit of a task.")
+@click.option("--cpus", type=click.IntRange(1), default=1, show_default=True, help="Of a task.")
+@click.option("--mem", metavar="SIZE", help="Memory of a task; by default from a short pilot.")
+@click.option("--partition", metavar="NAME", help="Of the cluster.")
+@click.option("--output", metavar="DIR", help="Output directory; overrides the config's.")
+@OVERRIDES
+@click.option("--own-directories", "own", is_flag=True, help="A directory for each task: DIR-I.")
+@click.option(
+    "--restarts",
+    type=click.IntRange(0),
+    default=20,
+    show_default=True,
+    help="How often a task that runs out of time goes on by itself.",
+)
+@guarded
+def slurm(
+    config: str,
+    shards: int,
+    limit: str,
+    cpus: int,
+    mem: str | None,
+    partition: str | None,
+    output: str | None,
+    overrides: tuple[str, ...],
+    own: bool,
+    restarts: int,
+) -> int:
+    """Print the script of a Slurm job array that does the sweep, a share a task.
+
+    Tasks stop by themselves before the time limit and go on after a restart. The config is checked
+    now; the script checks its surroundings when it runs.
+    """
+    from rattlesweep.integrate.batch import available_threads
+    from rattlesweep.sweep.config import load_config
+    from rattlesweep.sweep.errors import ConfigError
+    from rattlesweep.sweep.forecast import forecast
+    from rattlesweep.sweep.plan import make_plan
+    from rattlesweep.sweep.provenance import package_version
+    from rattlesweep.sweep.session import examine
+    from rattlesweep.sweep.slurm import MOST_SHARDS, ArrayJob, job_script, limit_of, memory_of
+
+    seconds = limit_of(limit)
+    memory = None if mem is None else memory_of(mem)
+    loaded = load_config(config, overrides)
+    if output is not None:
+        if not output:
+            raise ConfigError("--output: the directory has no name; give one")
+        loaded = loaded.model_copy(update={"output": output})
+    path = Path(config).resolve()
+    plan = make_plan(loaded, path.parent)
+    directory = Path(loaded.directory).absolute()
+    if not own:
+        plan = examine(plan, directory, path.parent).plan
+    if shards > plan.n_blocks:
+        raise ConfigError(
+            f"--shards {shards}: is more than the {plan.n_blocks} blocks there are; take fewer, or "
+            "a smaller block_size"
+        )
+    if shards > MOST_SHARDS:
+        say(f"note: Slurm takes arrays of {MOST_SHARDS} tasks unless MaxArraySize says otherwise")
+    expected = None
+    if memory is None:
+        guess = forecast(plan, min(cpus, available_threads()), budget=1.0, shards=shards)
+        # Half as much again, and what an interpreter may need elsewhere.
+        memory = round(1.5 * guess.memory) + 256 * 1024**2
+        expected = guess.shard_seconds
+    job = ArrayJob(
+        name=loaded.name,
+        version=package_version(),
+        program=Path(sys.executable).with_name("rattlesweep"),
+        directory=Path.cwd(),
+        config=path,
+        output=directory,
+        overrides=overrides,
+        runs=plan.runs,
+        blocks=plan.n_blocks,
+        shards=shards,
+        own=own,
+        limit=seconds,
+        cpus=cpus,
+        memory=memory,
+        partition=partition,
+        restarts=restarts,
+        expected=expected,
+    )
+    click.echo(job_script(job), nl=False)
+    return DONE

@@ -1,0 +1,378 @@
+"""The engine of many machines: a Dask cluster works off the blocks.
+
+The driver holds the directory, hands out blocks, a few more than there are workers, and keeps the
+receipts. Which worker does a block, and what happens to the blocks of one that is lost, is left
+to Dask's scheduler; a block done twice is the same file twice.
+"""
+
+from __future__ import annotations
+
+import logging
+import signal
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from multiprocessing import resource_tracker
+from typing import TYPE_CHECKING, Any
+
+from rattlesweep.integrate.batch import available_threads
+from rattlesweep.sweep.blocks import Interrupted
+from rattlesweep.sweep.daskworker import Done, do_block, place_order, remove_orders
+from rattlesweep.sweep.errors import ConfigError, OutputError
+from rattlesweep.sweep.local import load_kernel, why_stopped
+from rattlesweep.sweep.progress import Costs
+from rattlesweep.sweep.provenance import machine
+from rattlesweep.sweep.receipts import Receipt
+from rattlesweep.sweep.tables import DamagedError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from distributed import Client, Future, KilledWorker
+
+    from rattlesweep.sweep.engine import Job
+    from rattlesweep.sweep.plan import Block
+
+# Blocks handed out for each worker: one under way, one ready.
+AHEAD = 2
+# Seconds without an answer after which a scheduler, and a receipt, are given up.
+ANSWER = 20.0
+# Seconds in which a lost scheduler may come back.
+RETURN = 8.0
+# Seconds for which there may be no worker.
+PATIENCE = 120.0
+# Seconds of silence after which the embedded cluster replaces a worker.
+SILENCE = "30s"
+# Dask gives a block up after four lost workers; it is handed out this often.
+ATTEMPTS = 2
+POLL = 0.05
+COUNT_EVERY = 2.0
+
+
+def make_engine(
+    scheduler: str | None = None, workers: int | None = None, threads: int | None = None
+) -> Callable[[Job], None]:
+    """Engine for :func:`rattlesweep.sweep.engine.run_sweep`.
+
+    Parameters
+    ----------
+    scheduler : str, optional
+        Address of a scheduler that exists; by default a cluster of processes on this machine, which
+        lives as long as the sweep.
+    workers : int, optional
+        Processes of the embedded cluster; by default as many as fill the machine.
+    threads : int, optional
+        Threads of a worker's kernel; by default 1 in the embedded cluster, elsewhere as many as
+        the worker was given (``dask worker --nthreads``).
+
+    Raises
+    ------
+    ConfigError
+        Dask is not installed, or the options contradict each other.
+    """
+    try:
+        import cryptography  # noqa: F401
+        import distributed  # noqa: F401
+    except ImportError as error:
+        raise ConfigError(
+            f"--engine dask: needs Dask ({error}); install it with "
+            "`pip install 'rattlesweep[dask]'`"
+        ) from None
+    if scheduler is not None and workers is not None:
+        raise ConfigError("--workers: the workers of --scheduler are those that it has")
+
+    def work_off(job: Job) -> None:
+        if not job.session.pending:
+            return
+        # Workers on this machine, or on others that share its cache, then find the kernel compiled.
+        load_kernel(job)
+        with ExitStack() as stack:
+            stack.enter_context(_quiet())
+            if scheduler is None:
+                client = stack.enter_context(_embedded(workers, threads or 1))
+            else:
+                client = stack.enter_context(_existing(scheduler))
+            directory = job.session.store.directory
+            if job.session.shard is None:
+                remove_orders(directory.resolve())
+            order = place_order(
+                job.session.opened, job.session.base, threads or (None if scheduler else 1)
+            )
+            # Taken away first: workers hear it and drop their blocks.
+            stack.callback(order.unlink, missing_ok=True)
+            _Driver(job, client, order).work_off()
+
+    return work_off
+
+
+class _Driver:
+    """Hands out blocks and keeps their receipts."""
+
+    def __init__(self, job: Job, client: Client, order: Path) -> None:
+        self._job = job
+        self._client = client
+        self._order = order
+        self._pending: deque[Block] = deque()
+        self._flying: dict[int, tuple[Block, Future]] = {}
+        self._tries: Counter[int] = Counter()
+        self._killed: Counter[int] = Counter()
+        self._workers = 0
+        self._counted = self._seen = time.monotonic()
+        self._done = 0
+        self._cpus = {machine()["cpu"]}
+
+    def work_off(self) -> None:
+        """Have all pending blocks done, or as many as there is time for."""
+        job = self._job
+        costs = Costs(job.session.plan)
+        # The dearest first, so that no worker begins one when the others are done.
+        blocks = sorted(job.session.pending, key=lambda block: (-costs.of(block), block.index))
+        self._pending.extend(blocks)
+        self._count(first=True)
+        job.meter.begin()
+        while self._pending or self._flying:
+            self._connected()
+            self._count()
+            self._hand_out()
+            if job.too_late() or not (self._flying or self._may_begin()):
+                break
+            time.sleep(POLL)
+            for index in [i for i, (_, f) in self._flying.items() if f.status != "pending"]:
+                self._look_at(*self._flying[index])
+            job.tick()
+        if self._pending or self._flying:
+            job.report.stopped = why_stopped(self._done)
+        job.tick()
+
+    # ------------------------------------------------------------- handing out
+
+    def _may_begin(self) -> bool:
+        """Whether a block that is begun now would be finished in time."""
+        mean = self._job.report.kernel_seconds / self._done if self._done else 0.0
+        return not self._job.too_late(AHEAD * mean)
+
+    def _hand_out(self) -> None:
+        while self._pending and len(self._flying) < AHEAD * self._workers and self._may_begin():
+            block = self._pending.popleft()
+            future = self._client.submit(
+                do_block,
+                str(self._order),
+                block.index,
+                key=f"rattlesweep-{self._order.stem[-16:]}-{block.index}-{self._tries[block.index]}",
+                pure=False,
+            )
+            self._flying[block.index] = block, future
+
+    def _count(self, first: bool = False) -> None:
+        """Count the workers, now and then; at first, wait until there is one."""
+        while True:
+            now = time.monotonic()
+            if first or now - self._counted >= COUNT_EVERY:
+                self._counted = now
+                self._workers = len(self._ask(self._client.scheduler.ncores))
+            if self._workers:
+                self._seen = now
+            elif now - self._seen > PATIENCE:
+                where = self._client.scheduler.address
+                raise OutputError(
+                    f"the scheduler at {where} has had no worker for {PATIENCE:.0f} s; start some "
+                    f"with `dask worker {where}`, and the same command goes on from there"
+                )
+            if self._workers or not first or self._job.too_late():
+                return
+            time.sleep(POLL)
+            self._job.tick()
+
+    def _ask(self, question: Any) -> Any:
+        from distributed import TimeoutError as Late
+
+        try:
+            return self._client.sync(question, callback_timeout=ANSWER)
+        except (OSError, Late) as error:
+            raise self._scheduler_lost() from error
+
+    # ---------------------------------------------------------- what comes back
+
+    def _connected(self) -> None:
+        """Wait while Dask tries to find a lost scheduler again."""
+        client = self._client
+        if client.status == "running":
+            return
+        end = time.monotonic() + RETURN
+        while client.status == "connecting" and time.monotonic() < end:
+            time.sleep(POLL)
+            self._job.tick()
+            if self._job.too_late():
+                return
+        if client.status != "running":
+            raise self._scheduler_lost()
+
+    def _scheduler_lost(self) -> OutputError:
+        return OutputError(
+            f"the scheduler at {self._client.scheduler.address} is lost; what is whole is kept, "
+            "and with a new one the same command goes on from there"
+        )
+
+    def _look_at(self, block: Block, future: Future) -> None:
+        from distributed import KilledWorker
+        from distributed import TimeoutError as Late
+
+        if future.status == "lost":
+            return  # its worker is, and Dask has it done again
+        del self._flying[block.index]
+        if future.status == "cancelled":
+            # By a scheduler that was lost and found again, or by another client.
+            self._again(block)
+            return
+        try:
+            done = future.result(timeout=ANSWER)
+        except (Late, OSError):
+            self._look_on_disk(block)
+        except KilledWorker as error:
+            self._again(block, error)
+        except Interrupted:
+            self._again(block)  # its worker was told to close
+        except ModuleNotFoundError as error:
+            raise OutputError(
+                f"a worker cannot import rattlesweep ({error}); give all workers the environment "
+                "of the driver"
+            ) from error
+        else:
+            self._keep(block, done)
+
+    def _look_on_disk(self, block: Block) -> None:
+        """The receipt does not come, its worker being lost or silent; the block may be there."""
+        session = self._job.session
+        try:
+            found = session.store.inspect_block(block.index)
+        except DamagedError:
+            self._again(block)
+            return
+        if found.note == session.opened.note(block):
+            self._keep(block, Done(found.receipt.dump(), None, machine()["cpu"]))
+        else:
+            self._again(block)
+
+    def _again(self, block: Block, error: KilledWorker | None = None) -> None:
+        self._tries[block.index] += 1
+        self._pending.append(block)
+        if error is None:
+            return
+        self._killed[block.index] += 1
+        if self._killed[block.index] >= ATTEMPTS:
+            raise OutputError(
+                f"block {block.index} is given up: workers that have it are lost again and again, "
+                f"the last one was {error.last_worker.address}; their logs say why, want of memory "
+                "perhaps, which a smaller block_size in a new output mends"
+            ) from error
+
+    def _keep(self, block: Block, done: Done) -> None:
+        job = self._job
+        receipt = Receipt.load(done.receipt)
+        assert receipt is not None
+        job.session.wrote(block.index, receipt, done.seconds)
+        job.report.blocks += 1
+        job.report.kernel_seconds += done.seconds or 0.0
+        job.meter.finish(block)
+        self._done += 1
+        if done.cpu not in self._cpus:
+            self._cpus.add(done.cpu)
+            job.report.remarks.append(
+                f"workers have other processors ({done.cpu}) than the driver: last bits may differ"
+            )
+
+
+# ------------------------------------------------------------------- clusters
+
+
+@contextmanager
+def _embedded(workers: int | None, threads: int) -> Iterator[Client]:
+    """A cluster of processes on this machine."""
+    import dask
+    from distributed import Client, LocalCluster
+
+    count = workers or max(1, available_threads() // threads)
+    settings = {
+        "distributed.scheduler.worker-ttl": SILENCE,
+        "distributed.worker.profile.enabled": False,
+    }
+    with ExitStack() as stack:
+        stack.enter_context(dask.config.set(settings))
+        with _no_interrupt_for_children():
+            cluster = stack.enter_context(
+                LocalCluster(
+                    n_workers=count,
+                    # A second thread prepares the next block while the kernel runs.
+                    threads_per_worker=max(2, threads),
+                    processes=True,
+                    host="127.0.0.1",
+                    dashboard_address="127.0.0.1:0",
+                    memory_limit=0,
+                    # Whoever reaches a port without this may run anything as this user.
+                    security=True,
+                    silence_logs=logging.CRITICAL,
+                )
+            )
+            client = stack.enter_context(Client(cluster, set_as_default=False))
+        yield client
+
+
+@contextmanager
+def _existing(address: str) -> Iterator[Client]:
+    """A client of a scheduler that somebody else looks after."""
+    from distributed import Client
+
+    try:
+        client = Client(address, timeout=ANSWER, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:
+        raise OutputError(
+            f"--scheduler {address}: no Dask scheduler answers there ({type(error).__name__}); "
+            "give an address such as tcp://host:8786"
+        ) from error
+    try:
+        yield client
+    finally:
+        with suppress(OSError, TimeoutError):
+            client.close(timeout=5)
+
+
+@contextmanager
+def _no_interrupt_for_children() -> Iterator[None]:
+    """Let threads, and the processes that they start, not be hit by Ctrl-C, which is the driver's.
+
+    A terminal sends it to all. What is blocked stays blocked in everything that is started here,
+    and in what Dask starts later in place of a lost worker.
+    """
+    if threading.current_thread() is not threading.main_thread() or not hasattr(
+        signal, "pthread_sigmask"
+    ):
+        yield
+        return
+    # Python starts this one with the first child, and thereby lets the signal through again.
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep Dask's log off the terminal: what matters is said in one sentence."""
+    names: tuple[str, ...] = ("distributed", "tornado", "tornado.application", "asyncio")
+    names += tuple(n for n in logging.root.manager.loggerDict if n.startswith("distributed."))
+    loggers = [logging.getLogger(name) for name in names]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
+
+
+__all__ = ["make_engine"]
