@@ -51,6 +51,12 @@ steady:
 fig6:
   rk4: {samples: 1, dt: 0.01, least_K_r: 0.04}
   basin: {n_i: -0.5, omega_xy0: [0.01, 0.1]}
+  examples:
+    ss: {n_i: -0.5, omega_xy0: 0.001}
+    sw: {n_i: -0.3, omega_xy0: 0.1}
+    chaotic: {K_r: 0.02, n_i: -0.5}
+    t_end: 500
+  lyapunov: 50
 fig7: {late: 2, closer: 50}
 """
 
@@ -414,7 +420,7 @@ def test_progress_rises_to_one(made):
 def test_every_claim_of_the_sweeps_is_in_the_table(made):
     directory, done, _ = made
     ids = [claim.id for claim in done.claims]
-    assert ids == ["U1", "U2", "S1", "S2", "S3", "S4", "S6", "S7", "S8"]
+    assert ids == ["U1", "U2", "S1", "S2", "S3", "S4", "S5", "S6", "S7", "S8"]
     table = open_sealed((directory / "claims.parquet").read_bytes()).read()
     assert table.column("id").to_pylist() == ids
     assert set(table.column("verdict").to_pylist()) <= {"agree", "partly", "disagree"}
@@ -461,7 +467,7 @@ def test_one_body_on_the_wrong_side_of_the_threshold_changes_s3(made):
     assert next(c for c in done.claims if c.id == "S3").verdict == "agree"
     tables = {
         name: pq.read_table(directory / f"fig6_{name}.parquet")
-        for name in ("fractions", "definitions", "basin", "rk4")
+        for name in ("fractions", "definitions", "basin", "rk4", "chaos")
     }
     frame = tables["fractions"].to_pandas()
     frame.loc[frame["omega_xy0"] == 0.001, "ss_only"] = [1] + [0] * 8
@@ -576,8 +582,8 @@ def test_the_command_makes_what_is_asked_for(config, tmp_path):
     assert [line.split()[0] for line in done.stdout.splitlines()] == ["U1", "U2"]
     assert "report.html" in done.stderr
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [
-        "claims.parquet", "fig5.png", "fig5.svg", "fig5_times.parquet", "paper.json",
-        "report.html", "sweeps",
+        "claims.parquet", "fig5.png", "fig5.svg", "fig5_forces.parquet", "fig5_spin.parquet",
+        "fig5_times.parquet", "paper.json", "report.html", "sweeps",
     ]  # fmt: skip
     record = json.loads((tmp_path / "out" / "paper.json").read_text())
     assert record["threads"] == available_threads()

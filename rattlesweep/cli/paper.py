@@ -43,8 +43,9 @@ def paper(
     """Make the figures of Kondo and Nakanishi (2017) and check their claims.
 
     Writes each figure's data (Parquet) and picture (SVG, PNG), claims.parquet and report.html, a
-    page that needs no other file. The same command goes on after a stop. Prints the verdicts on
-    standard output.
+    page that needs no other file. The same command goes on after a stop: whole figures and blocks
+    of runs are kept, and only what fig3 has counted (half a minute at most) is lost. Prints the
+    verdicts on standard output.
     """
     from rattlesweep.study.paper.settings import load_paper, shipped
     from rattlesweep.sweep.errors import ConfigError

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from rattlesweep.study.paper import steady_checks
+from rattlesweep.study.paper import examples, steady_checks
 from rattlesweep.study.paper.claim import wilson
 from rattlesweep.study.paper.style import TYPES, decade_ticks, frame, new_figure
 from rattlesweep.study.paper.sweeps import part
@@ -57,12 +57,14 @@ def compute(place: Place, report: Report) -> dict[str, pa.Table]:
     -------
     dict
         ``fractions``: one row a point. ``rk4``, ``definitions``, ``basin``: see
-        :mod:`rattlesweep.study.paper.steady_checks`.
+        :mod:`rattlesweep.study.paper.steady_checks`. ``chaos``, ``examples``, ``forces`` and the
+        spins of part (b): see :mod:`rattlesweep.study.paper.examples`.
     """
     sweep = place.sweep("steady", part(report, 0.0, 0.1))
     tables = {"fractions": fractions(sweep), "definitions": steady_checks.definitions(sweep)}
-    tables["basin"] = steady_checks.basin(place, sweep, part(report, 0.1, 0.25))
-    tables["rk4"] = steady_checks.rk4(place, sweep, part(report, 0.25, 1.0))
+    tables["basin"] = steady_checks.basin(place, sweep, part(report, 0.1, 0.15))
+    tables |= examples.compute(place, sweep, part(report, 0.15, 0.6))
+    tables["rk4"] = steady_checks.rk4(place, sweep, part(report, 0.6, 1.0))
     return tables
 
 
@@ -109,11 +111,12 @@ def draw(tables: Mapping[str, pa.Table]) -> Any:
     sizes = sorted(data["omega_xy0"].unique())
     traces = [(n, tables[n]) for n in ("spin_ss", "spin_sw", "spin_chaotic") if n in tables]
     height = 1.75 * len(sizes) + 0.7
-    figure = new_figure(2.1 * len(spins) + 0.6, height + (2.2 if traces else 0.0))
+    figure = new_figure(2.1 * len(spins) + 0.6, height + (2.4 if traces else 0.0))
     upper = figure
     if traces:
-        upper, lower = figure.subfigures(2, 1, height_ratios=(height, 2.2))
-        _traces(lower, traces)
+        upper, lower = figure.subfigures(2, 1, height_ratios=(height, 2.4))
+        rows = tables["examples"].to_pylist() if "examples" in tables else []
+        _traces(lower, traces, {row["example"]: row for row in rows})
     axes = upper.subplots(len(sizes), len(spins), sharex=True, sharey=True, squeeze=False)
     for row, size in zip(axes, sizes, strict=True):
         for axis, spin in zip(row, spins, strict=True):
@@ -153,12 +156,20 @@ def _panel(axis: Any, rows: pd.DataFrame) -> None:
     frame(axis)
 
 
-def _traces(figure: Any, traces: list[tuple[str, pa.Table]]) -> None:
+def _traces(
+    figure: Any, traces: list[tuple[str, pa.Table]], runs: Mapping[str, dict[str, Any]]
+) -> None:
     titles = {"spin_ss": "(b-1) SS", "spin_sw": "(b-2) SW", "spin_chaotic": "(b-3) SW, chaotic"}
     axes = figure.subplots(1, len(traces), squeeze=False)[0]
     for axis, (name, table) in zip(axes, traces, strict=True):
         axis.plot(table["t"].to_numpy(), table["n"].to_numpy(), color="#0072B2", linewidth=0.7)
-        axis.set_title(titles[name], fontsize=10, pad=4)
+        title = titles[name]
+        if name in runs:
+            run = runs[name]
+            launch = rf"$n_i = {run['n_i']:g}$, $|\omega_{{xy0}}| = {run['omega_xy0']:g}$"
+            title += f"\n{launch}, $K_r = {run['K_r']:g}$"
+        axis.set_title(title, fontsize=9.5, pad=4)
         axis.set_xlabel(r"$t$ / $\tilde t$")
+        axis.locator_params(axis="x", nbins=5)
         frame(axis)
     axes[0].set_ylabel(r"$n$ / $\tilde\omega$")

@@ -6,7 +6,20 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from rattlesweep.study.paper import claims_sweeps, claims_theory, fig2, fig3, fig5, fig6, fig7
+from rattlesweep.study.paper import (
+    claims_long,
+    claims_runs,
+    claims_sweeps,
+    claims_theory,
+    fig2,
+    fig3,
+    fig4,
+    fig5,
+    fig6,
+    fig7,
+    fig8,
+    fig8_lyapunov,
+)
 from rattlesweep.sweep.config_errors import not_one_of
 from rattlesweep.sweep.errors import ConfigError
 
@@ -21,6 +34,8 @@ if TYPE_CHECKING:
 
 # The claims about formulas alone go by this name where figures are chosen.
 THEORY = "theory"
+# Order of the claims, by their first letter.
+GROUPS = "TGUSL"
 
 
 @dataclass(frozen=True)
@@ -72,11 +87,21 @@ FIGURES: dict[str, Figure] = {
         fig3.draw,
         lambda paper: 0.5 + paper.fig3.density_samples * 4e-8,
     ),
+    "fig4": Figure(
+        "Fig. 4: the body GH in both directions",
+        "Spin and angular velocities in (a) the unsteady and (b) the steady direction. Dashed: "
+        "Garcia and Hubbard's solution; dotted: the first reversal. The four lower panels have one "
+        "scale.",
+        ("fig4",),
+        fig4.compute,
+        fig4.draw,
+        lambda paper: 1.0,
+    ),
     "fig5": Figure(
         "Fig. 5: time of reversal in the unsteady direction",
         "Mean over all runs of a point; bars are one standard deviation of the runs, lines Garcia "
-        "and Hubbard's formula with the mean n_0.",
-        ("unsteady",),
+        "and Hubbard's formula with the mean n_0. (b) A run of GH.",
+        ("unsteady", "fig5"),
         fig5.compute,
         fig5.draw,
         lambda paper: 0.2,
@@ -85,11 +110,12 @@ FIGURES: dict[str, Figure] = {
     "fig6": Figure(
         "Fig. 6: types in the steady direction",
         "Fractions of the types; bars are 95 % confidence intervals (Wilson). Filled triangles: "
-        "share of the bodies whose Bondi threshold is below the spin.",
+        "share of the bodies whose Bondi threshold is below the spin. (b) Runs of the sweep, each "
+        "chosen by a rule (fig6_examples.parquet), if it has such a run.",
         ("steady", "fig6"),
         fig6.compute,
         fig6.draw,
-        lambda paper: 1.0 + _runs(paper, "steady") * 2.5e-5 + _rk4_runs(paper) * 0.012,
+        lambda paper: 3.0 + _runs(paper, "steady") * 2.5e-4 + _rk4_runs(paper) * 0.012,
         sweep="steady",
     ),
     "fig7": Figure(
@@ -101,6 +127,25 @@ FIGURES: dict[str, Figure] = {
         fig7.draw,
         lambda paper: 0.5 + min(paper.fig7.closer, 0.12 * _runs(paper, "steady")) * 1.2e-3,
         sweep="steady",
+    ),
+    "fig8": Figure(
+        "Fig. 8: three long runs",
+        "Spin of GH with other curvatures theta, through many reversals. Dashed: the reduced model "
+        "(Eqs. diff-ne), begun with the same energy of the pitch and a little of the roll.",
+        ("fig8",),
+        fig8.compute,
+        fig8.draw,
+        lambda paper: 1.0 + paper.fig8.t_end * len(paper.fig8.theta) * 5e-5,
+    ),
+    "fig8_lyapunov": Figure(
+        "Beside Fig. 8: chaotic or not",
+        "Running estimate of the largest Lyapunov exponent of the runs of Fig. 8, followed "
+        "farther. A level is chaos; a fall along the dotted line is a growth no faster than time. "
+        "Dashed: the same at a coarser tolerance.",
+        ("fig8", "fig8_lyapunov"),
+        fig8_lyapunov.compute,
+        fig8_lyapunov.draw,
+        lambda paper: 1.0 + paper.fig8_lyapunov.t_end * len(paper.fig8.theta) * 7e-6,
     ),
 }
 """All of them, in the paper's order."""
@@ -127,7 +172,9 @@ def all_claims(figures: Mapping[str, Tables], *, theory: bool) -> list[Claim]:
     rows = claims_theory.claims(figures)
     needs = {"T4": "fig2", "T5": "fig3"}
     kept = [c for c in rows if (needs[c.id] in figures if c.id in needs else theory)]
-    return kept + claims_sweeps.claims(figures)
+    every = kept + claims_sweeps.claims(figures) + claims_runs.claims(figures)
+    every += claims_long.claims(figures)
+    return sorted(every, key=lambda claim: (GROUPS.index(claim.id[0]), int(claim.id[1:])))
 
 
 def choose(names: str | None) -> list[str]:

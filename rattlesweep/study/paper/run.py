@@ -237,6 +237,8 @@ def _store(directory: Path, record: dict[str, Any], name: str, key: str, tables:
     figure = FIGURES[name].draw(tables)
     for kind in ("svg", "png"):
         replace_file(directory / f"{name}.{kind}", encode_figure(figure, kind))
+        # Where things stand is known now; working it out again takes half of the time.
+        figure.set_layout_engine("none")
     record.setdefault("figures", {})[name] = {"key": key, "tables": list(tables)}
     _write_record(directory, record)
 

@@ -8,22 +8,30 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import Field, ValidationError, field_validator
 
+from rattlesweep.study.paper.examples import Examples
 from rattlesweep.study.paper.fig2 import Fig2Settings
 from rattlesweep.study.paper.fig3 import Fig3Settings
+from rattlesweep.study.paper.fig4 import Fig4Settings
+from rattlesweep.study.paper.fig5 import Fig5Settings
+from rattlesweep.study.paper.fig8 import Fig8Settings
+from rattlesweep.study.paper.fig8_lyapunov import Fig8LyapunovSettings
 from rattlesweep.sweep import yamlfile
 from rattlesweep.sweep.config import Config, SdSource
 from rattlesweep.sweep.config_errors import describe, problems_of
 from rattlesweep.sweep.config_fields import Base, PositiveNumbers
-from rattlesweep.sweep.errors import ConfigError
+from rattlesweep.sweep.config_places import Places
+from rattlesweep.sweep.errors import ConfigError, one_line
 
 if TYPE_CHECKING:
     import os
     from collections.abc import Mapping
 
-    from rattlesweep.sweep.yamlfile import Document, Key, Problem
+    from rattlesweep.sweep.yamlfile import Document
 
 # Samples of a point with --quick.
-QUICK_SAMPLES = 40
+QUICK_SAMPLES = 30
+# Wobbling runs with their Lyapunov exponents, with --quick.
+QUICK_LYAPUNOV = 200
 
 
 class Rk4(Base):
@@ -48,6 +56,8 @@ class Fig6Settings(Base):
 
     rk4: Rk4
     basin: Basin
+    examples: Examples
+    lyapunov: int = Field(ge=1, description="Most wobbling runs that are tried for chaos.")
 
 
 class Fig7Settings(Base):
@@ -62,10 +72,14 @@ class Paper(Base):
 
     fig2: Fig2Settings
     fig3: Fig3Settings
+    fig4: Fig4Settings
+    fig5: Fig5Settings
     unsteady: Config
     steady: Config
     fig6: Fig6Settings
     fig7: Fig7Settings
+    fig8: Fig8Settings
+    fig8_lyapunov: Fig8LyapunovSettings
 
     @field_validator("unsteady")
     @classmethod
@@ -85,9 +99,11 @@ class Paper(Base):
                 "fig3": self.fig3.quick(),
                 "unsteady": _fewer(self.unsteady),
                 "steady": _fewer(self.steady),
+                "fig8_lyapunov": self.fig8_lyapunov.quick(),
                 "fig6": self.fig6.model_copy(
                     update={
-                        "rk4": self.fig6.rk4.model_copy(update={"samples": 1, "least_K_r": 0.03})
+                        "rk4": self.fig6.rk4.model_copy(update={"samples": 1, "least_K_r": 0.03}),
+                        "lyapunov": min(self.fig6.lyapunov, QUICK_LYAPUNOV),
                     }
                 ),
             }
@@ -135,46 +151,33 @@ def load_paper(path: str | os.PathLike[str] | None = None) -> Paper:
     own = yamlfile.parse(shipped())
     if path is None:
         return _checked(own, own.data, "paper.yaml")
-    file = yamlfile.one_line(str(Path(path)), 200)
+    file = one_line(str(Path(path)), 200)
     given = yamlfile.parse(yamlfile.read_text(path))
-    if given.data is None and not given.problems:
+    if given.broken:
+        raise ConfigError(_places(given, file).lines(given.problems))
+    if given.data is None:
         raise ConfigError(f"{file}:1:1: the file is empty; give at least one section")
-    if given.data is not None and not isinstance(given.data, dict):
+    if not isinstance(given.data, dict):
         raise ConfigError(
             f"{file}:1:1: {describe(given.data)} stands where a mapping is wanted; write "
             "sections such as fig6:"
         )
-    return _checked(given, {**own.data, **(given.data or {})}, file)
+    return _checked(given, {**own.data, **given.data}, file)
+
+
+def _places(document: Document, file: str) -> Places:
+    return Places(file, {(): (1, 1), **document.positions})
 
 
 def _checked(document: Document, data: Mapping[str, Any], file: str) -> Paper:
-    problems = list(document.problems)
-    found = None
+    places, problems = _places(document, file), list(document.problems)
+    found, more = None, 0
     try:
         found = Paper.model_validate(data)
     except ValidationError as error:
         known = {problem.key for problem in problems}
-        problems += [p for p in problems_of(error, Paper) if p.key not in known]
+        news, more = problems_of(error, Paper, data, known, places)
+        problems += news
     if problems or found is None:
-        lines = sorted((_place(p, document), _dotted(p.key), p.message) for p in problems)
-        raise ConfigError(
-            dict.fromkeys(
-                ": ".join(part for part in (f"{file}:{place[0]}:{place[1]}", key, text) if part)
-                for place, key, text in lines
-            )
-        )
+        raise ConfigError(places.lines(problems, more))
     return found
-
-
-def _place(problem: Problem, document: Document) -> tuple[int, int]:
-    if problem.position is not None:
-        return problem.position
-    key: Key = problem.key
-    while key and key not in document.positions:
-        key = key[:-1]
-    return document.positions.get(key, (1, 1))
-
-
-def _dotted(key: Key) -> str:
-    text = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in key)
-    return text.removeprefix(".")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,10 +11,11 @@ import pandas as pd
 import pyarrow as pa
 
 from rattlesweep.sweep.config import Config, parse_config, resolved
-from rattlesweep.sweep.engine import open_store, run_sweep
+from rattlesweep.sweep.engine import run_sweep
 from rattlesweep.sweep.errors import ConfigError
 from rattlesweep.sweep.files import probe_directory, replace_file
 from rattlesweep.sweep.plan import Case, Plan, make_plan
+from rattlesweep.sweep.session import examine
 from rattlesweep.sweep.store import Store
 from rattlesweep.sweep.tables import encode
 
@@ -66,7 +66,9 @@ class Sweep:
         return self.plan.cases[number], good.reset_index(drop=True)
 
 
-def carry_out(config: Config, directory: Path, threads: int, report: Report) -> Sweep:
+def carry_out(
+    config: Config, directory: Path, threads: int, report: Report, *, fresh: bool = False
+) -> Sweep:
     """Run a sweep, or what of it is not yet on disk.
 
     Parameters
@@ -76,6 +78,8 @@ def carry_out(config: Config, directory: Path, threads: int, report: Report) -> 
     threads : int
     report : callable
         Called with the fraction done and a few words; may raise to stop.
+    fresh : bool
+        Whether to remove the runs that are there first.
 
     Raises
     ------
@@ -87,7 +91,7 @@ def carry_out(config: Config, directory: Path, threads: int, report: Report) -> 
     def say(progress: Progress) -> None:
         report(progress.fraction, f"{config.name}: {progress.runs}/{progress.total} runs")
 
-    run_sweep(plan, directory, threads=threads, report=say)
+    run_sweep(plan, directory, threads=threads, report=say, fresh=fresh)
     return Sweep(plan, Store(directory))
 
 
@@ -108,19 +112,16 @@ def carry_out_derived(
     source = {"source": "table", "path": str(bodies)}
     rest = {key: value for key, value in resolved(config).items() if key != "spin"}
     config = parse_config(rest | {"bodies": source})
-    if not bodies.exists() or bodies.read_bytes() != data:
-        _renew(directory, data)
-    try:
-        open_store(make_plan(config), directory, None, threads)
-    except ConfigError:
-        _renew(directory, data)
-    return carry_out(config, directory, threads, report)
-
-
-def _renew(directory: Path, bodies: bytes) -> None:
-    shutil.rmtree(directory, ignore_errors=True)
-    probe_directory(directory)
-    replace_file(directory / "bodies.parquet", bodies)
+    fresh = not bodies.exists() or bodies.read_bytes() != data
+    if fresh:
+        probe_directory(directory)
+        replace_file(bodies, data)
+    else:
+        try:
+            examine(make_plan(config), directory, None)
+        except ConfigError:
+            fresh = True
+    return carry_out(config, directory, threads, report, fresh=fresh)
 
 
 def bodies_of(runs: pd.DataFrame, horizon: NDArray[np.float64] | None = None) -> pa.Table:

@@ -9,7 +9,7 @@ from rattlesweep.study.html import Html
 
 GREEK = {
     "alpha": "α", "beta": "β", "gamma": "γ", "theta": "θ", "phi": "φ", "xi": "ξ",
-    "omega": "ω", "psi": "ψ", "epsilon": "ε",
+    "omega": "ω", "psi": "ψ", "delta": "δ", "epsilon": "ε",
 }  # fmt: skip
 SIGNS = {
     "-&gt;": "→",
@@ -20,10 +20,15 @@ SIGNS = {
     "&lt;&lt;": "≪",
     "&gt;&gt;": "≫",
     " ~ ": " ≈ ",
+    " +- ": " ± ",
+    "F_perp": "F_⊥",
+    "F_parallel": "F_∥",
 }
 _ABSOLUTE = re.compile(r"\babs\(([^()]*)\)")
 # A file's name is no symbol.
-_INDEXED = re.compile(r"(?<![\w.])(omega|psi|[EIJKnut])_(rGH[+-]|(?:rGH|[a-z]+\d?|\d)\b)(?![.]?\w)")
+_INDEXED = re.compile(
+    r"(?<![\w.])(omega|psi|delta|[CEFIJKnut])_(rGH[+-]|[⊥∥]|(?:rGH|I|[a-z]+\d?|\d)\b)(?![.]?\w)"
+)
 _LETTER = re.compile(r"(?<![\w.-])(" + "|".join(GREEK) + r")(?![\w.])")
 _POWER = re.compile(r"\^([+-]?\d+(?:/\d+)?)")
 _SIZE = re.compile(r"(?<![\w|])omega_xy0\b")
