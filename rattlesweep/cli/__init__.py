@@ -21,6 +21,7 @@ COMMANDS = (
     "trajectory",
     "replay",
     "show",
+    "paper",
     "tradeoff",
     "schema",
 )

@@ -39,7 +39,7 @@ th { text-align: left; font-size: .8rem; font-weight: 600; color: var(--soft);
   vertical-align: bottom; }
 th, td { padding: .45rem .7rem .45rem 0; border-bottom: 1px solid var(--line); }
 td { vertical-align: top; overflow-wrap: break-word; }
-td.number { text-align: right; white-space: nowrap; font-variant-numeric: tabular-nums; }
+.number { text-align: right; white-space: nowrap; font-variant-numeric: tabular-nums; }
 td.key { white-space: nowrap; font-weight: 600; padding-right: 1.2rem; }
 td p { margin: .35rem 0 0; max-width: none; }
 sub, sup { font-size: .72em; line-height: 0; }
@@ -57,6 +57,7 @@ pre { background: var(--band); padding: .9rem 1rem; overflow-x: auto; font-size:
   figure, tr { break-inside: avoid; } h2 { break-after: avoid; } pre { white-space: pre-wrap; } }
 """
 
+NUMBER = '<td class="number">'
 # A sign beside the word: colour alone says nothing to some.
 MARKS = {"agree": "✓", "partly": "◐", "disagree": "✗"}
 
@@ -109,8 +110,14 @@ def table(head: Sequence[str], rows: Iterable[Sequence[object]], *, stack: bool 
     stack
         Whether cells stand below each other on a narrow screen.
     """
-    top = "".join(f'<th scope="col">{escape(name)}</th>' for name in head)
-    body = "\n".join(f"<tr>{''.join(_cell(cell) for cell in row)}</tr>" for row in rows)
+    cells = [[_cell(cell) for cell in row] for row in rows]
+    right = [cell.startswith(NUMBER) for cell in cells[0]] if cells else []
+    top = "".join(
+        f'<th scope="col"{" class=number" if place < len(right) and right[place] else ""}>'
+        f"{escape(name)}</th>"
+        for place, name in enumerate(head)
+    )
+    body = "\n".join(f"<tr>{''.join(row)}</tr>" for row in cells)
     kind = ' class="stack"' if stack else ""
     return Html(
         f'<div class="wide"><table{kind}><thead><tr>{top}</tr></thead>\n<tbody>{body}</tbody>'
@@ -125,7 +132,7 @@ def key(text: str) -> Html:
 
 def number(text: str) -> Html:
     """A cell that holds a number."""
-    return Html(f'<td class="number">{escape(text)}</td>')
+    return Html(f"{NUMBER}{escape(text)}</td>")
 
 
 def _cell(value: object) -> str:

@@ -1,0 +1,87 @@
+"""`rattlesweep paper`: every figure and every claim of the paper."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import click
+
+from rattlesweep.cli.common import (
+    DONE,
+    SOME_FAILED,
+    Meter,
+    guarded,
+    most_threads,
+    say,
+)
+
+
+@click.command(
+    epilog="\b\nExamples:\n  rattlesweep paper --quick\n  rattlesweep paper --only fig6,fig7 "
+    "--output out/paper"
+)
+@click.option(
+    "--output", metavar="DIR", help="Output directory; by default out/paper, or out/paper-quick."
+)
+@click.option("--quick", is_flag=True, help="Fewer samples: seconds, but wide intervals.")
+@click.option("--only", metavar="NAMES", help="Figures to make, such as fig6,fig7, or theory.")
+@click.option("--config", metavar="FILE", type=click.Path(), help="Settings that differ.")
+@click.option("--print-config", is_flag=True, help="Print the settings that ship, and stop.")
+@click.option("--threads", type=click.IntRange(1), help="Threads of the kernels.")
+@click.option("-q", "--quiet", is_flag=True, help="No progress and no closing table.")
+@guarded
+def paper(
+    output: str | None,
+    quick: bool,
+    only: str | None,
+    config: str | None,
+    print_config: bool,
+    threads: int | None,
+    quiet: bool,
+) -> int:
+    """Make the figures of Kondo and Nakanishi (2017) and check their claims.
+
+    Writes each figure's data (Parquet) and picture (SVG, PNG), claims.parquet and report.html, a
+    page that needs no other file. The same command goes on after a stop: whole figures and blocks
+    of runs are kept, and only what fig3 has counted (half a minute at most) is lost. Prints the
+    verdicts on standard output.
+    """
+    from rattlesweep.study.paper.settings import load_paper, shipped
+    from rattlesweep.sweep.errors import ConfigError
+
+    if print_config:
+        click.echo(shipped(), nl=False)
+        return DONE
+    if output is not None and not output:
+        raise ConfigError("--output: the directory has no name; give one")
+    if threads is not None and threads > (most := most_threads()):
+        raise click.BadParameter(f"{threads} is more than the {most} processors there are")
+    settings = load_paper(config)
+
+    from rattlesweep.integrate.batch import available_threads
+    from rattlesweep.study.paper.figures import choose
+    from rattlesweep.study.paper.report import closing_table, tally
+    from rattlesweep.study.paper.run import make_paper
+
+    names = choose(only)
+    directory = Path(output or ("out/paper-quick" if quick else "out/paper"))
+    start = time.monotonic()
+    with Meter(quiet) as meter:
+        done = make_paper(
+            settings.quick() if quick else settings,
+            directory,
+            names,
+            quick=quick,
+            threads=threads or available_threads(),
+            report=lambda p: meter.show(p.fraction, p.text, p.elapsed, p.left),
+        )
+    if not quiet:
+        if done.claims:
+            click.echo(closing_table(done.claims))
+            say(f"{len(done.claims)} claims: {tally(done.claims)}")
+        say(f"{directory / 'report.html'}; {time.monotonic() - start:.1f} s")
+    if done.failed:
+        say(f"{done.failed} runs of the sweeps are not ok; see their column status")
+        return SOME_FAILED
+    return DONE
