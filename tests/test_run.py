@@ -60,6 +60,8 @@ SUMMARY_ORDER = (
 
 SMALL = {
     "gh.yaml": (),
+    "map_theta_spin.yaml": ("bodies.axes={theta: [0.7, 0.9]}", "spin.n_i=[-0.3, 0.3]"),
+    "million.yaml": ("bodies.samples=1", "bodies.target.rel_tol=0.05"),
     "quickstart.yaml": ("bodies.samples=4",),
     "steady.yaml": ("bodies.samples=1", "bodies.target.rel_tol=0.05"),
     "unsteady.yaml": ("bodies.samples=2", "bodies.target.rel_tol=0.05"),

@@ -26,7 +26,7 @@ OPEN_CASES, MOST_CASES = 40, 2000
 MOST_HASHED = 3_000_000
 # On a narrow screen a picture of many panels is looked at piece by piece.
 STYLE = Html(
-    "<style>#cases th { text-align: right; padding-left: .5rem; } "
+    "<style>#cases th { padding-left: .5rem; } "
     "summary { cursor: pointer; margin: .8rem 0; } "
     "@media (max-width: 44rem) { figure { overflow-x: auto; } "
     "figure img { max-width: none; width: 46rem; } }</style>"
