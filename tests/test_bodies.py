@@ -196,6 +196,23 @@ def test_bodies_do_not_depend_on_the_size_of_blocks():
         pd.testing.assert_frame_equal(frames[0], frame, check_exact=True)
 
 
+def test_samples_come_in_the_order_asked_for_from_any_chunk():
+    """A block may end one case and begin the next, and `verify` asks for runs here and there."""
+    samples = 2 * CHUNK + 100
+    bodies = {"source": "sd", "samples": samples, "target": {"K_r": 0.05, "rel_tol": 0.3}}
+    source = plan(bodies).source
+    every = source.bodies(0, np.arange(samples))
+    asked = np.random.default_rng(5).choice(samples, 500)
+    some = source.bodies(0, asked)
+    for name in ("alpha", "beta", "gamma", "theta", "phi", "xi", "f_sd"):
+        assert getattr(some, name).tobytes() == getattr(every, name)[asked].tobytes()
+    frames = [
+        rs_runs(bodies, {"n_i": [-0.1, 0.2], "omega_xy0": 0.01}, block_size=size)
+        for size in (1000, samples + 4321)
+    ]
+    pd.testing.assert_frame_equal(*frames, check_exact=True)
+
+
 @pytest.mark.parametrize(("name", "value"), [("K_r", 5.0), ("K_p", 1e-9)])
 def test_an_impossible_target_says_how_close_the_ranges_get(name, value):
     start = time.perf_counter()

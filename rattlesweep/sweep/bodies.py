@@ -120,13 +120,13 @@ class SdBodies:
         if self._target is None:
             return self._draw(group, samples)
         # Every case of a target asks for the same bodies, and redrawing is slow.
-        chunks = np.unique(samples // CHUNK)
-        parts = []
-        for chunk in chunks.tolist():
-            columns = self._chunk(group, chunk)
-            here = samples[samples // CHUNK == chunk] - chunk * CHUNK
-            parts.append(columns[:, here])
-        return _from_columns(np.concatenate(parts, axis=1))
+        chunk, place = np.divmod(samples, CHUNK)
+        columns = np.empty((7, len(samples)))
+        for number in np.unique(chunk).tolist():
+            # In the order asked for: a block may hold the end of one case and the start of the next.
+            here = chunk == number
+            columns[:, here] = self._chunk(group, number)[:, place[here]]
+        return _from_columns(columns)
 
     def _draw_chunk(self, group: int, chunk: int) -> Floats:
         samples = np.arange(chunk * CHUNK, min((chunk + 1) * CHUNK, self.samples))
