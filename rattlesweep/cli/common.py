@@ -40,8 +40,14 @@ def leave(code: int) -> None:
     raise SystemExit(code)
 
 
-def guarded(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Turn what can go wrong into one sentence and an exit code."""
+def guarded(command: Callable[..., Any], *, resumes: bool = False) -> Callable[..., Any]:
+    """Turn what can go wrong into one sentence and an exit code.
+
+    Parameters
+    ----------
+    resumes
+        Whether the same command goes on where it was stopped.
+    """
 
     @wraps(command)
     def guarded(*args: Any, **kwargs: Any) -> None:
@@ -56,7 +62,8 @@ def guarded(command: Callable[..., Any]) -> Callable[..., Any]:
             signal.signal(signal.SIGINT, signal.SIG_DFL)
             term = isinstance(error, Terminated)
             what = "terminated" if term else "interrupted"
-            say(f"{what}; what is whole is kept, and the same command goes on from there")
+            kept = "; what is whole is kept, and the same command goes on from there"
+            say(what + (kept if resumes else ""))
             leave(TERMINATED if term else INTERRUPTED)
         except BrokenPipeError:
             # The reader of standard output has gone; there is nobody to tell.
@@ -81,6 +88,11 @@ def guarded(command: Callable[..., Any]) -> Callable[..., Any]:
             leave(code)
 
     return guarded
+
+
+def resumable(command: Callable[..., Any]) -> Callable[..., Any]:
+    """As `guarded`, for commands that go on where they were stopped."""
+    return guarded(command, resumes=True)
 
 
 OVERRIDES = click.option(

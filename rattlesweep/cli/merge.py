@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from rattlesweep.cli.common import DONE, EARLY, SOME_FAILED, Meter, guarded, say
+from rattlesweep.cli.common import DONE, EARLY, SOME_FAILED, Meter, resumable, say
 
 
 @click.command(
@@ -15,7 +15,7 @@ from rattlesweep.cli.common import DONE, EARLY, SOME_FAILED, Meter, guarded, say
 @click.argument("directories", metavar="DIR...", type=click.Path(), nargs=-1, required=True)
 @click.option("--output", metavar="DIR", required=True, help="The directory to make.")
 @click.option("-q", "--quiet", is_flag=True, help="No closing table.")
-@guarded
+@resumable
 def merge(directories: tuple[str, ...], output: str, quiet: bool) -> int:
     """Join the directories of one sweep's shards, in files of sensible size.
 

@@ -11,8 +11,8 @@ from rattlesweep.cli.common import (
     DONE,
     SOME_FAILED,
     Meter,
-    guarded,
     most_threads,
+    resumable,
     say,
 )
 
@@ -30,7 +30,7 @@ from rattlesweep.cli.common import (
 @click.option("--print-config", is_flag=True, help="Print the settings that ship, and stop.")
 @click.option("--threads", type=click.IntRange(1), help="Threads of the kernels.")
 @click.option("-q", "--quiet", is_flag=True, help="No progress and no closing table.")
-@guarded
+@resumable
 def paper(
     output: str | None,
     quick: bool,

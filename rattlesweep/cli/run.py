@@ -13,8 +13,8 @@ from rattlesweep.cli.common import (
     OVERRIDES,
     SOME_FAILED,
     Meter,
-    guarded,
     most_threads,
+    resumable,
     say,
 )
 
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 @click.option("--dry-run", is_flag=True, help="Say what it would take, as `plan` does, and stop.")
 @click.option("-q", "--quiet", is_flag=True, help="No progress and no closing table.")
 @click.option("-v", "--verbose", is_flag=True, help="Say where the time went.")
-@guarded
+@resumable
 def run(
     config: str,
     output: str | None,

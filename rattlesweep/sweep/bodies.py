@@ -123,7 +123,7 @@ class SdBodies:
         chunk, place = np.divmod(samples, CHUNK)
         columns = np.empty((7, len(samples)))
         for number in np.unique(chunk).tolist():
-            # In the order asked for: a block may hold the end of one case and the start of the next.
+            # A block may hold the end of one case and the start of the next.
             here = chunk == number
             columns[:, here] = self._chunk(group, number)[:, place[here]]
         return _from_columns(columns)
