@@ -13,7 +13,7 @@ import pytest
 
 from rattlesweep.integrate.batch import integrate
 from rattlesweep.integrate.cache import cached, directory, source_hash, specialise
-from rattlesweep.integrate.kernels import _compile_in_child
+from rattlesweep.integrate.kernels import compile_in_child
 from rattlesweep.integrate.model import MODELS
 from rattlesweep.integrate.tableau import METHODS
 
@@ -107,7 +107,7 @@ def test_a_kernel_that_does_not_compile_says_so(monkeypatch, tmp_path):
     monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
     directory.cache_clear()
     with pytest.raises(RuntimeError, match="the kernel nonsense/full could not be compiled"):
-        _compile_in_child("nonsense", "full")
+        compile_in_child("nonsense", "full")
     assert not list(tmp_path.rglob("*.compiled"))
     directory.cache_clear()
 

@@ -58,10 +58,10 @@ LANE_TEMPLATES = (
 )
 
 
-def build(tableau: Tableau, model: Model) -> Callable[..., None]:
-    """Kernel of a method and a model: :func:`lanes.drive`, compiled when it is first called."""
+def names(tableau: Tableau, model: Model) -> dict[str, Any]:
+    """What templates see as globals: places of rows, functions of a method and a model."""
     at = Layout.of(model)
-    bindings: dict[str, Any] = {
+    return {
         "N_STATE": model.n_state,
         "N_CONSTANTS": model.n_constants,
         "N_PROBE": model.n_probe,
@@ -79,8 +79,12 @@ def build(tableau: Tableau, model: Model) -> Callable[..., None]:
         "ADAPTIVE": tableau.adaptive,
         "attempt": compile_attempt(tableau, model),
         **compile_lane_functions(model),
-        **compile_tangent_functions(model),
     }
+
+
+def build(tableau: Tableau, model: Model) -> Callable[..., None]:
+    """Kernel of a method and a model: :func:`lanes.drive`, compiled when it is first called."""
+    bindings = names(tableau, model) | compile_tangent_functions(model)
     suffix = f"_{tableau.name}_{model.name}"
 
     def bind(templates: tuple[Callable[..., Any], ...], mark: str = "") -> None:
@@ -158,7 +162,7 @@ def _locked(path: Path) -> Iterator[None]:
         yield
 
 
-def _compile_in_child(tableau_name: str, model_name: str, module: str = "kernels") -> None:
+def compile_in_child(tableau_name: str, model_name: str, module: str = "kernels") -> None:
     """Have the kernel on disk, compiled by ``compile_here`` of a module in a process of its own."""
     place = directory(lanes.__file__)
     name = config.CPU_NAME or binding.get_host_cpu_name()
@@ -196,5 +200,5 @@ def _compile_in_child(tableau_name: str, model_name: str, module: str = "kernels
 @cache
 def kernel(tableau_name: str, model_name: str) -> Callable[..., None]:
     """Kernel by names; the first call on a machine takes the time of its compilation."""
-    _compile_in_child(tableau_name, model_name)
+    compile_in_child(tableau_name, model_name)
     return build(METHODS[tableau_name], MODELS[model_name])

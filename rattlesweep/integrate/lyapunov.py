@@ -10,7 +10,7 @@ import numpy as np
 
 from rattlesweep.integrate import rows as R
 from rattlesweep.integrate.cache import cached, specialise
-from rattlesweep.integrate.kernels import _compile_in_child
+from rattlesweep.integrate.kernels import compile_in_child
 from rattlesweep.integrate.model import FULL, MODELS, WITH_TANGENT
 from rattlesweep.integrate.stages import Layout, compile_attempt, compile_lane_functions
 from rattlesweep.integrate.tableau import DOP853, METHODS
@@ -191,7 +191,7 @@ def compile_here(tableau_name: str, model_name: str) -> None:
 
 @cache
 def _driver(tableau_name: str, model_name: str) -> Callable[..., int]:
-    _compile_in_child(tableau_name, model_name, "lyapunov")
+    compile_in_child(tableau_name, model_name, "lyapunov")
     return build(METHODS[tableau_name], MODELS[model_name])
 
 

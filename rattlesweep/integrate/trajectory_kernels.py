@@ -11,7 +11,7 @@ from numba import njit
 from rattlesweep.integrate import columns as C
 from rattlesweep.integrate import follow, lanes, runs
 from rattlesweep.integrate.cache import cached, specialise
-from rattlesweep.integrate.kernels import _compile_in_child, workspace
+from rattlesweep.integrate.kernels import compile_in_child, names, workspace
 from rattlesweep.integrate.model import FULL, MODELS, Model
 from rattlesweep.integrate.stages import Layout, compile_attempt, compile_lane_functions
 from rattlesweep.integrate.tableau import METHODS
@@ -76,25 +76,7 @@ def _model(name: str) -> tuple[Model, int]:
 
 def build_march(tableau: Tableau, model: Model) -> Callable[..., None]:
     """Compile :func:`follow.march` of a method and a model when it is first called."""
-    at = Layout.of(model)
-    bindings: dict[str, Any] = {
-        "N_STATE": model.n_state,
-        "N_CONSTANTS": model.n_constants,
-        "N_PROBE": model.n_probe,
-        "Y": at.y,
-        "F": at.f,
-        "Y1": at.y1,
-        "Q": at.constants,
-        "PROBE": at.probe,
-        "H": at.h,
-        "ERROR": at.error,
-        "N1": at.n1,
-        "RATE1": at.rate1,
-        "AMPLITUDE": at.amplitude,
-        "ADAPTIVE": tableau.adaptive,
-        "attempt": compile_attempt(tableau, model),
-        **compile_lane_functions(model),
-    }
+    bindings = names(tableau, model)
     suffix = f"_{tableau.name}_{model.name}"
     for template in TEMPLATES:
         name = template.__name__
@@ -178,12 +160,12 @@ def compile_here(tableau_name: str, task: str) -> None:
 @cache
 def march_kernel(tableau_name: str, model_name: str) -> Callable[..., None]:
     """March by names; the first call on a machine takes the time of its compilation."""
-    _compile_in_child(tableau_name, f"march-{model_name}", "trajectory_kernels")
+    compile_in_child(tableau_name, f"march-{model_name}", "trajectory_kernels")
     return build_march(METHODS[tableau_name], MODELS[model_name])
 
 
 @cache
 def aside_kernel(tableau_name: str, model_name: str) -> Callable[..., None]:
     """Aside by names, ``attitude`` among them; likewise."""
-    _compile_in_child(tableau_name, f"aside-{model_name}", "trajectory_kernels")
+    compile_in_child(tableau_name, f"aside-{model_name}", "trajectory_kernels")
     return build_aside(METHODS[tableau_name], model_name)
