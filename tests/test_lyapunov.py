@@ -157,6 +157,7 @@ def test_exponent_of_a_stable_spin_is_the_slower_decay():
     assert growth == pytest.approx(-300, rel=0.02)
 
 
+@pytest.mark.slow  # it compiles a kernel of its own, 20 s
 def test_exponent_of_lorenz():
     """The textbook system, 0.9056, through the same steps and the same scaling."""
 
