@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 if TYPE_CHECKING:
+    from rattlesweep.sweep.config import Config
     from rattlesweep.sweep.engine import Progress
 
 DONE, FAILED, WRONG, SOME_FAILED, EARLY, INTERRUPTED, TERMINATED = 0, 1, 2, 3, 75, 130, 143
@@ -109,6 +110,47 @@ def most_threads() -> int:
     from rattlesweep.integrate.batch import most_threads
 
     return most_threads()
+
+
+def check_threads(threads: int | None) -> None:
+    """Refuse more threads than there are processors.
+
+    Raises
+    ------
+    click.BadParameter
+        There are too many.
+    """
+    if threads is not None and threads > (most := most_threads()):
+        raise click.BadParameter(f"{threads} is more than the {most} processors there are")
+
+
+def check_output(output: str | None) -> None:
+    """Refuse a directory without a name.
+
+    Raises
+    ------
+    ConfigError
+        It has none.
+    """
+    if output is not None and not output:
+        from rattlesweep.sweep.errors import ConfigError
+
+        raise ConfigError("--output: the directory has no name; give one")
+
+
+def load_sweep(config: str, overrides: tuple[str, ...], output: str | None) -> Config:
+    """The config of a sweep, with what the command line says instead.
+
+    Raises
+    ------
+    ConfigError
+        The config or an option is wrong.
+    """
+    from rattlesweep.sweep.config import load_config
+
+    loaded = load_config(config, overrides)
+    check_output(output)
+    return loaded if output is None else loaded.model_copy(update={"output": output})
 
 
 class Meter:

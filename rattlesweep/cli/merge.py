@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from rattlesweep.cli.common import DONE, EARLY, SOME_FAILED, Meter, resumable, say
+from rattlesweep.cli.common import DONE, EARLY, SOME_FAILED, Meter, check_output, resumable, say
 
 
 @click.command(
@@ -23,12 +23,10 @@ def merge(directories: tuple[str, ...], output: str, quiet: bool) -> int:
     what there is, says what is missing, and exits with 75: `rattlesweep run CONFIG --output DIR`
     does the rest.
     """
-    from rattlesweep.sweep.errors import ConfigError
     from rattlesweep.sweep.merge import merge as join
     from rattlesweep.sweep.summary import closing_table
 
-    if not output:
-        raise ConfigError("--output: the directory has no name; give one")
+    check_output(output)
     with Meter() as meter:
         merged = join([Path(d) for d in directories], Path(output), report=meter.counting("files"))
     if merged.summary is not None and not quiet:

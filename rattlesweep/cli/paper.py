@@ -11,7 +11,8 @@ from rattlesweep.cli.common import (
     DONE,
     SOME_FAILED,
     Meter,
-    most_threads,
+    check_output,
+    check_threads,
     resumable,
     say,
 )
@@ -48,15 +49,12 @@ def paper(
     verdicts on standard output.
     """
     from rattlesweep.study.paper.settings import load_paper, shipped
-    from rattlesweep.sweep.errors import ConfigError
 
     if print_config:
         click.echo(shipped(), nl=False)
         return DONE
-    if output is not None and not output:
-        raise ConfigError("--output: the directory has no name; give one")
-    if threads is not None and threads > (most := most_threads()):
-        raise click.BadParameter(f"{threads} is more than the {most} processors there are")
+    check_output(output)
+    check_threads(threads)
     settings = load_paper(config)
 
     from rattlesweep.integrate.batch import available_threads

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rattlesweep.cli.common import DONE, OVERRIDES, guarded, most_threads, say
+from rattlesweep.cli.common import DONE, OVERRIDES, check_threads, guarded, say
 
 if TYPE_CHECKING:
     from rattlesweep.sweep.forecast import Forecast
@@ -53,8 +53,7 @@ def plan(
 
     seconds = seconds_of(budget, "--budget")
     loaded = load_config(config, overrides)
-    if threads is not None and threads > (most := most_threads()):
-        raise click.BadParameter(f"{threads} is more than the {most} processors there are")
+    check_threads(threads)
     made, doubts = checked_plan(loaded, Path(config).resolve().parent)
     for doubt in doubts:
         say(f"warning: {doubt}")

@@ -13,7 +13,8 @@ from rattlesweep.cli.common import (
     OVERRIDES,
     SOME_FAILED,
     Meter,
-    most_threads,
+    check_threads,
+    load_sweep,
     resumable,
     say,
 )
@@ -69,7 +70,6 @@ def run(
 
     Prints one row per case on standard output.
     """
-    from rattlesweep.sweep.config import load_config
     from rattlesweep.sweep.config_physics import checked_plan
     from rattlesweep.sweep.durations import seconds_of
     from rattlesweep.sweep.engine import run_sweep
@@ -80,17 +80,13 @@ def run(
 
     share = None if shard is None else Shard.parse(shard)
     seconds = None if max_time is None else seconds_of(max_time, "--max-time")
-    loaded = load_config(config, overrides)
-    if output is not None:
-        if not output:
-            raise ConfigError("--output: the directory has no name; give one")
-        loaded = loaded.model_copy(update={"output": output})
+    loaded = load_sweep(config, overrides, output)
     if fresh and share is not None:
         raise ConfigError("--fresh: would remove the runs of other shards; start over without it")
     base = Path(config).resolve().parent
     work_off = _engine(engine, scheduler, workers, threads)
-    if scheduler is None and threads is not None and threads > (most := most_threads()):
-        raise click.BadParameter(f"{threads} is more than the {most} processors there are")
+    if scheduler is None:
+        check_threads(threads)
     plan, warnings = checked_plan(loaded, base)
     for warning in warnings:
         say(f"warning: {warning}")

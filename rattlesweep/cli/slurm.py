@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from rattlesweep.cli.common import DONE, OVERRIDES, guarded, say
+from rattlesweep.cli.common import DONE, OVERRIDES, guarded, load_sweep, say
 
 
 @click.command(
@@ -49,7 +49,6 @@ def slurm(
     now; the script checks its surroundings when it runs.
     """
     from rattlesweep.integrate.batch import available_threads
-    from rattlesweep.sweep.config import load_config
     from rattlesweep.sweep.errors import ConfigError
     from rattlesweep.sweep.forecast import forecast
     from rattlesweep.sweep.plan import make_plan
@@ -59,11 +58,7 @@ def slurm(
 
     seconds = limit_of(limit)
     memory = None if mem is None else memory_of(mem)
-    loaded = load_config(config, overrides)
-    if output is not None:
-        if not output:
-            raise ConfigError("--output: the directory has no name; give one")
-        loaded = loaded.model_copy(update={"output": output})
+    loaded = load_sweep(config, overrides, output)
     path = Path(config).resolve()
     plan = make_plan(loaded, path.parent)
     directory = Path(loaded.directory).absolute()

@@ -8,7 +8,15 @@ from pathlib import Path
 
 import click
 
-from rattlesweep.cli.common import DONE, OVERRIDES, guarded, most_threads, say, stages
+from rattlesweep.cli.common import (
+    DONE,
+    OVERRIDES,
+    check_output,
+    check_threads,
+    guarded,
+    say,
+    stages,
+)
 
 
 @click.command(
@@ -42,17 +50,14 @@ def tradeoff(
     from rattlesweep.study import tradeoff_output
     from rattlesweep.study.tradeoff import DEFAULT, FULL, QUICK, measure
     from rattlesweep.sweep.config import load_config, override_config
-    from rattlesweep.sweep.errors import ConfigError
     from rattlesweep.sweep.files import probe_directory
 
     loaded = (
         override_config(DEFAULT, overrides) if config is None else load_config(config, overrides)
     )
-    if output is not None and not output:
-        raise ConfigError("--output: the directory has no name; give one")
+    check_output(output)
     directory = Path(output if output is not None else loaded.directory)
-    if threads is not None and threads > (most := most_threads()):
-        raise click.BadParameter(f"{threads} is more than the {most} processors there are")
+    check_threads(threads)
     probe_directory(directory)
     start = time.monotonic()
     study = measure(

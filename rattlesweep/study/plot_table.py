@@ -13,7 +13,7 @@ import pyarrow.compute as pc
 
 from rattlesweep.study.plot_layout import Axis, Layout
 from rattlesweep.sweep.errors import ConfigError, OutputError
-from rattlesweep.sweep.summary import TYPES
+from rattlesweep.sweep.types import TYPES
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -15,7 +15,7 @@ from rattlesweep.study.trajectory import Course
 from rattlesweep.sweep.columns import runs_schema
 from rattlesweep.sweep.config import override_config
 from rattlesweep.sweep.errors import ConfigError, OutputError
-from rattlesweep.sweep.launches import full_batch, prepare, reduced_batch
+from rattlesweep.sweep.launches import make_batch, prepare
 from rattlesweep.sweep.plan import make_plan
 from rattlesweep.sweep.provenance import identity, read_manifest
 from rattlesweep.sweep.recompute import differing_rows
@@ -189,10 +189,7 @@ class Replay:
             if not (np.isfinite(t_end) and t_end > 0):
                 raise ConfigError(f"--t-end {t_end:g}: a finite, positive time is wanted")
             launches = replace(launches, t_end=np.array([t_end]))
-        if self.config.model not in MODELS:
-            return self.config, launches, None
-        make = full_batch if self.config.model == "full" else reduced_batch
-        return self.config, launches, make(launches)
+        return self.config, launches, make_batch(launches, self.config.model)
 
 
 def check_course(run: StoredRun, course: Course, model: str) -> None:

@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from rattlesweep.sweep.store import Store
-from rattlesweep.sweep.summary import TYPES
+from rattlesweep.sweep.types import TYPES
 
 _COLUMNS = ("case", "sample", "type", "status", "t_end", "n_steps", "near_tangencies")
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import math
 from typing import TYPE_CHECKING, Any
 
@@ -161,8 +160,7 @@ def encode(figure: Any, kind: str) -> bytes:
     """Bytes of a figure as ``svg`` or ``png``; equal figures give equal bytes."""
     import matplotlib
 
-    buffer = io.BytesIO()
-    metadata = {"Date": None} if kind == "svg" else {"Software": None}
+    from rattlesweep.study import plot_style
+
     with matplotlib.rc_context({"svg.hashsalt": "rattlesweep", "svg.fonttype": "path"}):
-        figure.savefig(buffer, format=kind, dpi=DPI, metadata=metadata)
-    return buffer.getvalue()
+        return plot_style.encode(figure, kind, DPI)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import math
 from typing import TYPE_CHECKING, Any
 
@@ -212,12 +211,7 @@ def encode(figure: Any, kind: str) -> bytes:
     """Bytes of a figure as ``svg``, ``png`` or ``pdf``; equal figures give equal bytes."""
     import matplotlib
 
-    buffer = io.BytesIO()
-    metadata: dict[str, Any] = {
-        "svg": {"Date": None},
-        "png": {"Software": None},
-        "pdf": {"CreationDate": None},
-    }[kind]
+    from rattlesweep.study import plot_style
+
     with matplotlib.rc_context({"svg.hashsalt": "rattlesweep", "svg.fonttype": "path"}):
-        figure.savefig(buffer, format=kind, dpi=DPI, metadata=metadata)
-    return buffer.getvalue()
+        return plot_style.encode(figure, kind, DPI)

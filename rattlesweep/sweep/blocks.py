@@ -12,12 +12,14 @@ from rattlesweep.integrate.model import MODELS
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics import theory
-from rattlesweep.sweep.launches import Launches, full_batch, prepare, reduced_batch
+from rattlesweep.sweep.launches import Launches, make_batch, prepare
 from rattlesweep.sweep.tables import ragged
 from rattlesweep.sweep.types import TYPES, classify
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+
+    from numpy.typing import NDArray
 
     from rattlesweep.sweep.config import Config
     from rattlesweep.sweep.plan import Block, Plan
@@ -31,11 +33,15 @@ class Interrupted(Exception):
 
 def prepare_block(plan: Plan, block: Block) -> tuple[Launches, Batch | None]:
     """What can be done before the kernel is free: bodies, theory, initial states."""
-    launches = prepare(plan, *plan.runs_of(block))
-    model = plan.config.model
-    if model == "gh":
-        return launches, None
-    return launches, full_batch(launches) if model == "full" else reduced_batch(launches)
+    return prepare_runs(plan, *plan.runs_of(block))
+
+
+def prepare_runs(
+    plan: Plan, case: NDArray[np.int64], sample: NDArray[np.int64]
+) -> tuple[Launches, Batch | None]:
+    """The same for any runs, given by (case, sample) in the order of their cases."""
+    launches = prepare(plan, case, sample)
+    return launches, make_batch(launches, plan.config.model)
 
 
 def finish_block(

@@ -19,7 +19,7 @@ from rattlesweep.physics import theory
 from rattlesweep.sweep.config import Config, ConfigError, SdRanges, SdSource, locating
 from rattlesweep.sweep.config_sample import Sample, body_of, limits, sample_runs
 from rattlesweep.sweep.config_targets import target_problems
-from rattlesweep.sweep.launches import full_batch, reduced_batch
+from rattlesweep.sweep.launches import make_batch
 from rattlesweep.sweep.plan import Plan, make_plan
 from rattlesweep.sweep.yamlfile import Key, Problem
 
@@ -112,7 +112,8 @@ def _findings(config: Config, source: Source | None) -> Iterator[_Finding]:
     # Without a horizon there is nothing to judge by; the runs get a status of their own.
     if config.model == "gh" or not np.isfinite(launches.t_end).all():
         return
-    batch = (full_batch if config.model == "full" else reduced_batch)(launches)
+    batch = make_batch(launches, config.model)
+    assert batch is not None
     method = METHODS[config.integrator.method]
     if not method.adaptive and config.model == "full":
         yield from _step(config, sample, batch, method)

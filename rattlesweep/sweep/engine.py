@@ -15,7 +15,7 @@ from rattlesweep.integrate.batch import available_threads
 from rattlesweep.sweep import local
 from rattlesweep.sweep.errors import OutputError
 from rattlesweep.sweep.forecast import expectation
-from rattlesweep.sweep.progress import Costs, Meter, Progress
+from rattlesweep.sweep.progress import Meter, Progress
 from rattlesweep.sweep.retry import retry_blocks
 from rattlesweep.sweep.retype import retype_blocks
 from rattlesweep.sweep.session import Session, open_session
@@ -149,7 +149,7 @@ def run_sweep(
         session.check_shared()
         result.remarks += session.opened.remarks
         result.resumed_runs = session.kept
-        meter = Meter(Costs(session.plan), session.blocks, report)
+        meter = Meter(session.costs, session.blocks, report)
         pending = {block.index for block in session.pending}
         for block in session.blocks:
             if block.index not in pending:

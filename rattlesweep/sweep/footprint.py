@@ -16,9 +16,8 @@ import pyarrow as pa
 
 from rattlesweep.integrate import columns as C
 from rattlesweep.integrate.batch import N_WINDOWS, expected_cost
-from rattlesweep.sweep.blocks import Interrupted, finish_block
+from rattlesweep.sweep.blocks import Interrupted, finish_block, prepare_runs
 from rattlesweep.sweep.columns import runs_columns, runs_schema
-from rattlesweep.sweep.pool import prepared
 from rattlesweep.sweep.tables import build_table, encode, open_sealed
 
 if TYPE_CHECKING:
@@ -136,7 +135,7 @@ def _of_a_block(plan: Plan, pool: Pool) -> tuple[Integers, Integers]:
 
 def _closed_form(plan: Plan, case: Integers, sample: Integers) -> tuple[Columns, float]:
     """Columns as the model `gh` has them, and the seconds it takes to make a row of them."""
-    launches, _ = prepared(plan, case, sample)
+    launches, _ = prepare_runs(plan, case, sample)
     config = plan.config.model_copy(update={"model": "gh", "record": []})
     begin = time.perf_counter()
     return finish_block(config, launches, None), (time.perf_counter() - begin) / len(case)
@@ -150,7 +149,7 @@ def _ended(pool: Pool, pilot: Pilot, rows: Integers) -> Columns | None:
     mapping or None
         None where nothing is integrated, or even short runs take too long.
     """
-    launches, batch = prepared(pool.plan, pool.launches.case[rows], pool.launches.sample[rows])
+    launches, batch = prepare_runs(pool.plan, pool.launches.case[rows], pool.launches.sample[rows])
     if batch is None:
         return None
     known = ~np.isnan(pilot.work)

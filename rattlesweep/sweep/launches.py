@@ -123,6 +123,13 @@ def _join(parts: list[Bodies]) -> Bodies:
     return type(first)(**joined)
 
 
+def make_batch(launches: Launches, model: str) -> Batch | None:
+    """Batch for a model; None for the closed form, of which nothing is integrated."""
+    if model == "gh":
+        return None
+    return full_batch(launches) if model == "full" else reduced_batch(launches)
+
+
 def full_batch(launches: Launches) -> Batch:
     """Batch for the full dynamics."""
     b = launches.bodies

@@ -18,13 +18,13 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from datetime import UTC, datetime
 from importlib import import_module
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from rattlesweep.sweep.errors import OutputError
 from rattlesweep.sweep.files import reason
+from rattlesweep.sweep.provenance import now
 
 fcntl: Any
 try:
@@ -176,7 +176,7 @@ def _me() -> dict[str, Any]:
         "pid": os.getpid(),
         "host": socket.gethostname(),
         "command": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
-        "since": datetime.now(UTC).isoformat(timespec="seconds"),
+        "since": now(),
     }
 
 

@@ -14,14 +14,14 @@ from rattlesweep.sweep.errors import ConfigError, OutputError
 from rattlesweep.sweep.files import probe_directory
 from rattlesweep.sweep.locks import hold
 from rattlesweep.sweep.provenance import now, read_manifest
-from rattlesweep.sweep.receipts import Note, Receipt
+from rattlesweep.sweep.receipts import Note, Receipt, borders, count_failed
 from rattlesweep.sweep.retype import stored_cases
 from rattlesweep.sweep.store import Store
 from rattlesweep.sweep.summary import summarise
 from rattlesweep.sweep.tables import DamagedError
 
 if TYPE_CHECKING:
-    from rattlesweep.sweep.config import Config
+    pass
 
 # Runs in a file: about 28 MB, and as much as a block may have, so that a merged
 # directory is an output directory like any other.
@@ -97,11 +97,10 @@ def merge(
     """
     stores = [Store(path) for path in sources]
     manifests = [read_manifest(store) for store in stores]
-    config = _one_config(stores, manifests)
+    _check_config(stores, manifests)
     if any(_same_place(store.directory, output) for store in stores):
         raise ConfigError(f"--output {output}: is one of the directories to be merged; give a new")
     pieces, missing = _cover(stores, manifests)
-    runs = manifests[0]["runs"]
     size = MERGED_SIZE if not missing else manifests[0]["config"]["block_size"]
     probe_directory(output)
     with hold(output):
@@ -115,24 +114,17 @@ def merge(
         receipts: dict[str, Any] = {}
         for index in range(manifest["blocks"]):
             report(index / manifest["blocks"])
-            span = index * size, min((index + 1) * size, runs)
-            if any(first < span[1] and span[0] < stop for first, stop in missing):
+            note = Note.of(manifest, index)
+            if any(first < note.stop and note.first < stop for first, stop in missing):
                 continue
-            note = Note(
-                manifest["config_hash"],
-                *span,
-                config.classify.model_dump(),
-                config.integrator.max_steps,
-            )
             receipt = _kept(target, index, note) or target.rewrite_block(
-                index, _gather(pieces, *span), note
+                index, _gather(pieces, note.first, note.stop), note
             )
             receipts[str(index)] = receipt.dump()
             result.files += 1
             result.runs += receipt.rows
-            for word, count in receipt.failed.items():
-                result.failed[word] = result.failed.get(word, 0) + count
-        manifest |= {"receipts": receipts, "failed": dict(sorted(result.failed.items()))}
+        result.failed = count_failed(receipts.values())
+        manifest |= {"receipts": receipts, "failed": result.failed}
         if missing:
             manifest["state"] = "stopped"
         else:
@@ -143,8 +135,8 @@ def merge(
     return result
 
 
-def _one_config(stores: list[Store], manifests: list[dict[str, Any]]) -> Config:
-    """The config that all share."""
+def _check_config(stores: list[Store], manifests: list[dict[str, Any]]) -> None:
+    """Refuse shares of different sweeps."""
     first = manifests[0]
     for store, manifest in zip(stores[1:], manifests[1:], strict=True):
         changes = differences(_matter(first["config"]), _matter(manifest["config"]))
@@ -155,7 +147,6 @@ def _one_config(stores: list[Store], manifests: list[dict[str, Any]]) -> Config:
                 f"{store.directory}: its config is not that of {stores[0].directory} "
                 f"({'; '.join(changes[:3])}); only shares of one sweep can be merged"
             )
-    return override_config(first["config"], [])
 
 
 def _matter(config: dict[str, Any]) -> dict[str, Any]:
@@ -169,9 +160,8 @@ def _cover(
     """All blocks there are, by their runs, and the runs that none has."""
     pieces = []
     for store, manifest in zip(stores, manifests, strict=True):
-        size, runs = manifest["config"]["block_size"], manifest["runs"]
         pieces += [
-            _Piece(store, index, index * size, min((index + 1) * size, runs))
+            _Piece(store, index, *borders(manifest, index))
             for index in store.block_indices()
             if index < manifest["blocks"]
         ]

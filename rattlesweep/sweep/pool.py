@@ -10,9 +10,10 @@ import numpy as np
 
 from rattlesweep.integrate.batch import Batch, expected_cost
 from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.sweep.blocks import prepare_runs
 from rattlesweep.sweep.bodies import CHUNK
 from rattlesweep.sweep.config import SdSource
-from rattlesweep.sweep.launches import Launches, full_batch, prepare, reduced_batch
+from rattlesweep.sweep.launches import Launches, prepare
 from rattlesweep.sweep.plan import make_plan
 
 if TYPE_CHECKING:
@@ -99,9 +100,9 @@ def make_pool(plan: Plan, most: int = POOL) -> Pool:
     start = time.perf_counter()
     prepare(small, case, sample)
     drawn = time.perf_counter()
-    launches, batch = prepared(small, case, sample)
+    launches, batch = prepare_runs(small, case, sample)
     whole = time.perf_counter()
-    prepared(small, case[:1], sample[:1])
+    prepare_runs(small, case[:1], sample[:1])
     fixed = time.perf_counter() - whole
     cost = np.zeros(len(case))
     if batch is not None:
@@ -127,12 +128,3 @@ def make_pool(plan: Plan, most: int = POOL) -> Pool:
         fixed_seconds=fixed,
         row_seconds=max(0.0, again - fixed) / len(case),
     )
-
-
-def prepared(plan: Plan, case: Integers, sample: Integers) -> tuple[Launches, Batch | None]:
-    """What :func:`rattlesweep.sweep.blocks.prepare_block` does, for any runs."""
-    launches = prepare(plan, case, sample)
-    if plan.config.model == "gh":
-        return launches, None
-    build = full_batch if plan.config.model == "full" else reduced_batch
-    return launches, build(launches)

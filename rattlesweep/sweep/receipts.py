@@ -3,8 +3,24 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
+
+
+def borders(manifest: Mapping[str, Any], index: int) -> tuple[int, int]:
+    """Numbers of the runs of block `index` in a directory with this manifest, from and up to."""
+    size: int = manifest["config"]["block_size"]
+    return index * size, min((index + 1) * size, manifest["runs"])
+
+
+def count_failed(receipts: Iterable[Any]) -> dict[str, int]:
+    """Runs by status, other than ``ok``, of blocks by their receipts in a manifest."""
+    failed: Counter[str] = Counter()
+    for receipt in receipts:
+        failed.update(receipt.get("failed", {}))
+    return dict(sorted(failed.items()))
 
 
 @dataclass(frozen=True)
@@ -40,6 +56,13 @@ class Note:
             return cls(**json.loads(text or b""))
         except (ValueError, TypeError):
             return None
+
+    @classmethod
+    def of(cls, manifest: Mapping[str, Any], index: int) -> Note:
+        """What block `index` of a directory with this manifest has to say."""
+        config = manifest["config"]
+        limit = config["integrator"]["max_steps"]
+        return cls(manifest["config_hash"], *borders(manifest, index), config["classify"], limit)
 
     def same_runs(self, other: Note | None) -> bool:
         """Whether another block is to hold the same numbers, types and limit aside."""

@@ -8,9 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
-from rattlesweep.integrate.model import MODELS
-from rattlesweep.sweep.blocks import finish_block
-from rattlesweep.sweep.launches import full_batch, prepare, reduced_batch
+from rattlesweep.sweep.blocks import finish_block, prepare_runs
 from rattlesweep.sweep.tables import build_table
 from rattlesweep.sweep.task import Task
 
@@ -39,10 +37,7 @@ def compute_rows(
     Interrupted
         If ``control`` asked the kernel to stop.
     """
-    launches = prepare(plan, case, sample)
-    batch = None
-    if plan.config.model in MODELS:
-        batch = full_batch(launches) if plan.config.model == "full" else reduced_batch(launches)
+    launches, batch = prepare_runs(plan, case, sample)
     return finish_block(plan.config, launches, batch, threads=threads, control=control)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import socket
 import time
-from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
@@ -17,15 +16,16 @@ from rattlesweep.sweep.columns import runs_schema
 from rattlesweep.sweep.config import differences, physics_part, resolved
 from rattlesweep.sweep.errors import ConfigError, OutputError
 from rattlesweep.sweep.locks import hold
+from rattlesweep.sweep.progress import Costs
 from rattlesweep.sweep.provenance import identity, new_manifest, now, read_manifest
-from rattlesweep.sweep.receipts import Note, Receipt
+from rattlesweep.sweep.receipts import Note, Receipt, count_failed
+from rattlesweep.sweep.shards import Shard, deal
 from rattlesweep.sweep.store import DamagedManifest, Store
 from rattlesweep.sweep.tables import DamagedError, same_schema
 
 if TYPE_CHECKING:
     from rattlesweep.sweep.plan import Block, Plan
     from rattlesweep.sweep.progress import Progress
-    from rattlesweep.sweep.shards import Shard
 
 # Seconds between two notes in the manifest; more where writing it takes long.
 NOTE_EVERY = 10.0
@@ -111,6 +111,8 @@ class Session:
 
     Attributes
     ----------
+    costs : Costs
+        Expected, of the plan's blocks.
     blocks : list of Block
         All of the share.
     pending : list of Block
@@ -125,6 +127,7 @@ class Session:
     base: Path | None
     shard: Shard | None
     threads: int
+    costs: Costs
     blocks: list[Block]
     pending: list[Block] = field(default_factory=list)
     receipts: dict[int, Receipt] = field(default_factory=dict)
@@ -297,10 +300,7 @@ class Session:
                 manifest["state"] = "running"
             if done:
                 manifest["finished"] = now()
-            failed: Counter[str] = Counter()
-            for data in manifest["receipts"].values():
-                failed.update(data.get("failed", {}))
-            manifest["failed"] = dict(sorted(failed.items()))
+            manifest["failed"] = count_failed(manifest["receipts"].values())
             for key in ("seconds", "kernel_seconds"):
                 past = sum(s.get(key, 0.0) for s in others)
                 manifest[key] = round(past + totals[key], 3)
@@ -314,7 +314,6 @@ class Session:
 
     def _write(self, news: dict[str, Any], more: Any = lambda manifest: None) -> dict[str, Any]:
         fresh = {i: r for i, r in self.receipts.items() if i not in self._noted}
-        progress = news.pop("progress", None)
 
         def change(manifest: dict[str, Any]) -> None:
             manifest["receipts"] |= {str(i): r.dump() for i, r in fresh.items()}
@@ -322,9 +321,7 @@ class Session:
                 sorted(manifest["receipts"].items(), key=lambda item: int(item[0]))
             )
             for entry in manifest["sessions"]:
-                if self._is_mine(entry) and progress is not None:
-                    entry["progress"] = progress
-                elif self._is_mine(entry):
+                if self._is_mine(entry):
                     entry.pop("progress", None)
                     entry |= news
             more(manifest)
@@ -356,9 +353,6 @@ def open_session(
     ConfigError, OutputError
         As :func:`examine`, or if another process holds it or it cannot be written.
     """
-    from rattlesweep.sweep.progress import Costs
-    from rattlesweep.sweep.shards import deal
-
     if not fresh:
         examine(plan, directory, base)  # before anything is made there
     store = Store(directory)
@@ -370,8 +364,8 @@ def open_session(
         store.remove_stale_temporaries(0.0 if shard is None else 3600.0)
         opened = examine(plan, directory, base)
         opened.remarks.extend(remove_copies(store, opened.plan.n_blocks, opened.hash_))
-        blocks = deal(opened.plan, shard, Costs(opened.plan))
-        yield Session(opened, base, shard, threads, blocks)
+        costs = Costs(opened.plan)
+        yield Session(opened, base, shard, threads, costs, deal(opened.plan, shard, costs))
 
 
 def remove_runs(store: Store) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 from rattlesweep.sweep.durations import clock
 from rattlesweep.sweep.locks import holder
 from rattlesweep.sweep.provenance import read_manifest
-from rattlesweep.sweep.receipts import Receipt
+from rattlesweep.sweep.receipts import Receipt, borders
 from rattlesweep.sweep.store import Store
 from rattlesweep.sweep.tables import DamagedError
 
@@ -68,7 +68,7 @@ def status_of(directory: Path) -> Status:
     store = Store(directory)
     at_work = holder(directory)
     manifest = read_manifest(store)
-    runs, size = manifest["runs"], manifest["config"]["block_size"]
+    runs = manifest["runs"]
     failed: Counter[str] = Counter()
     damaged, done = [], 0
     indices = store.block_indices()
@@ -82,7 +82,8 @@ def status_of(directory: Path) -> Status:
                 damaged.append(index)
                 continue
         failed.update(receipt.failed)
-        done += min(size, runs - index * size)
+        first, stop = borders(manifest, index)
+        done += stop - first
     seconds = float(manifest.get("seconds", 0.0))
     left, ends = _time_left(manifest, done, at_work is not None)
     return Status(

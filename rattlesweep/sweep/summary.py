@@ -21,8 +21,7 @@ from rattlesweep.sweep.columns import summary_schema
 from rattlesweep.sweep.errors import OutputError
 from rattlesweep.sweep.store import Store
 from rattlesweep.sweep.tables import build_table
-
-TYPES = ("R", "SS", "SW", "unclassified")
+from rattlesweep.sweep.types import TYPES
 
 _NEEDED = ("case", "n_i", "omega_p", "n_c1", "t_rgh", "t_r", "type", "status", "near_tangencies")
 _NAN = float("nan")

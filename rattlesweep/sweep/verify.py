@@ -11,14 +11,14 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from rattlesweep.integrate.status import Status
+from rattlesweep.sweep.blocks import STATUS_WORDS
 from rattlesweep.sweep.columns import runs_schema
 from rattlesweep.sweep.config import override_config
 from rattlesweep.sweep.errors import ConfigError, OutputError
 from rattlesweep.sweep.files import is_temporary
 from rattlesweep.sweep.locks import holder
 from rattlesweep.sweep.provenance import identity, read_manifest
-from rattlesweep.sweep.receipts import Note, Receipt
+from rattlesweep.sweep.receipts import Note, Receipt, borders, count_failed
 from rattlesweep.sweep.recompute import differing_rows
 from rattlesweep.sweep.retype import stored_cases, typed
 from rattlesweep.sweep.store import Store
@@ -28,8 +28,6 @@ from rattlesweep.sweep.types import TYPES
 
 if TYPE_CHECKING:
     from rattlesweep.sweep.config import Config
-
-STATUS_WORDS = [status.label for status in Status]
 
 
 @dataclass
@@ -149,13 +147,9 @@ def _check_blocks(
         if not faults:
             whole.append(index)
             verdict.blocks += 1
-            verdict.runs += _borders(manifest, index)[1] - _borders(manifest, index)[0]
+            first, stop = borders(manifest, index)
+            verdict.runs += stop - first
     return whole
-
-
-def _borders(manifest: dict[str, Any], index: int) -> tuple[int, int]:
-    size = manifest["config"]["block_size"]
-    return index * size, min((index + 1) * size, manifest["runs"])
 
 
 def _faults(
@@ -163,9 +157,7 @@ def _faults(
 ) -> Iterator[str]:
     """What is wrong with a block, worst first."""
     found = store.inspect_block(index)
-    first, stop = _borders(manifest, index)
-    classify = config.classify.model_dump()
-    wanted = Note(manifest["config_hash"], first, stop, classify, config.integrator.max_steps)
+    wanted = Note.of(manifest, index)
     if not wanted.same_runs(found.note):
         yield "is a block of another sweep, or of another place in this one"
         return
@@ -178,14 +170,14 @@ def _faults(
     if receipt is None and manifest["state"] == "complete":
         yield "has no checksum in the manifest"
     table = store.read_block(index)
-    case, sample = np.divmod(np.arange(first, stop), manifest["samples"])
+    case, sample = np.divmod(np.arange(wanted.first, wanted.stop), manifest["samples"])
     if not (
         np.array_equal(table.column("case").to_numpy(), case)
         and np.array_equal(table.column("sample").to_numpy(), sample)
     ):
         yield "has runs missing, double or out of order"
     yield from _bad_values(table)
-    if found.note is not None and found.note.classify != classify:
+    if found.note is not None and found.note.classify != wanted.classify:
         yield "has types of other thresholds; `rattlesweep classify` renews them"
     elif not typed(table, config.classify).equals(table.column("type").combine_chunks()):
         yield "has types that do not follow from its numbers"
@@ -249,11 +241,7 @@ def _check_summary(store: Store, manifest: dict[str, Any]) -> Iterator[str]:
         return
     if not stored.equals(summarise(store, stored_cases(manifest)).replace_schema_metadata(None)):
         yield f"{store.summary_path} does not follow from the runs; `rattlesweep run` makes it anew"
-    failed: dict[str, int] = {}
-    for data in manifest["receipts"].values():
-        for word, count in data.get("failed", {}).items():
-            failed[word] = failed.get(word, 0) + count
-    if failed != manifest["failed"]:
+    if count_failed(manifest["receipts"].values()) != manifest["failed"]:
         yield f"{store.manifest_path} counts failed runs other than those there are"
 
 
@@ -279,7 +267,7 @@ def _check_numbers(
     if identity(plan, base) != manifest["config_hash"]:
         yield "no run can be integrated again: the table of bodies has changed"
         return
-    spans = [_borders(manifest, index) for index in whole]
+    spans = [borders(manifest, index) for index in whole]
     numbers = np.concatenate([np.arange(*span) for span in spans] or [np.arange(0)])
     chosen = np.sort(
         np.random.default_rng(seed).choice(numbers, min(count, len(numbers)), replace=False)
