@@ -805,6 +805,15 @@ def test_help_is_quick_and_has_an_example(command):
         assert "Exit codes: 0 done" in text
 
 
+def test_the_module_is_the_program():
+    args = [sys.executable, "-m", "rattlesweep"]
+    for rest in (["--version"], ["body", "--help"]):
+        done = subprocess.run([*args, *rest], capture_output=True, text=True, check=True)
+        said = subprocess.run([PROGRAM, *rest], capture_output=True, text=True, check=True)
+        assert done.stdout == said.stdout
+        assert done.stdout.startswith(("rattlesweep", "Usage: rattlesweep body"))
+
+
 def test_every_command_is_tested_here():
     assert set(COMMANDS) <= set(cli.COMMANDS)
     for name in cli.COMMANDS:

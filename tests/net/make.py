@@ -51,7 +51,8 @@ SMALL = {
     "spin: {n_i: [0.1, 0.4], omega_xy0: 0.01}",
     "preset": f"{GH}\nspin: {{n_i: [0.1, -0.1], omega_xy0: 0.01}}\nrecord: [energy]",
     "grid": "bodies: {source: grid, base: {preset: GH}, "
-    "axes: {theta: {linspace: [0.6, 0.95, 5]}}}\nspin: {n_i: [-0.4, -0.2, 0.2, 0.4], omega_xy0: 0.1}\nhorizon: {t: 300}",
+    "axes: {theta: {linspace: [0.6, 0.95, 5]}}}\n"
+    "spin: {n_i: [-0.4, -0.2, 0.2, 0.4], omega_xy0: 0.1}\nhorizon: {t: 300}",
     "table": "bodies: {source: table, path: bodies.csv}",
     "failing": f"{SD}\n{SPIN}\nintegrator: {{tol: 1e-7, max_steps: 1500}}",
     "formula": f"{SD}\n{SPIN}\nmodel: gh",
@@ -143,7 +144,7 @@ paper --quick --output paper
 MASKS = (
     (r"\d{4}-\d\d-\d\d[T ][\d:.]+(\+[\d:]+|Z)?", "DATE"),
     (r"\b\d+(\.\d+)?(e[-+]\d+)? (ns|us|µs|ms|s|min|h|d)\b", "TIME"),
-    (r"(?<=[ \n])\d+:\d\d(:\d\d)?\b", "TIME"),
+    (r"(?<=\n)\d+:\d\d(:\d\d)?\b", "TIME"),
     (r"[\d.]+ (runs a second|[kMG]?B\b)", r"N \1"),
     (r"\b(python|numpy|numba|llvmlite|scipy|matplotlib|pandas|pyarrow) \d[\w.+]*", r"\1 V"),
     (r"machine \w+, cpu .*, processors \d+", "machine M, cpu C, processors N"),
