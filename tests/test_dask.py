@@ -338,8 +338,8 @@ def test_lost_scheduler_is_one_sentence_and_the_sweep_goes_on_later(
     said = process.communicate(timeout=NEVER)[1]
     assert process.returncode == 1
     assert said == (
-        f"error: the scheduler at {it.address} is lost; what is whole is kept, and with a new one "
-        "the same command goes on from there\n"
+        f"error: the scheduler at {it.address} is lost; completed work is kept, and with a new one "
+        "the same command resumes from there\n"
     )
     assert list(output.glob(".order*")) == []
     assert in_place(output) == 1
@@ -362,7 +362,7 @@ def test_signal_to_the_whole_group_ends_it_quietly(number, gate, held_config, he
     said = process.communicate(timeout=NEVER)[1]
     assert process.returncode == 128 + number
     word = "interrupted" if number == signal.SIGINT else "terminated"
-    assert said == f"{word}; what is whole is kept, and the same command goes on from there\n"
+    assert said == f"{word}; completed work is kept, and the same command resumes from there\n"
     wait_for(lambda: not any(map(alive, workers)))
     assert list(output.glob(".order*")) == []
     run_sweep(plan_of(HELD), output)
@@ -423,7 +423,7 @@ def test_worker_killed_and_worker_paused_and_scheduler_lost(
     said = process.communicate(timeout=NEVER)[1]
     assert process.returncode == 1
     assert len(said.strip().splitlines()) == 1
-    assert "is lost; what is whole is kept" in said
+    assert "is lost; completed work is kept" in said
     assert run_sweep(plan_of(HELD), output).summary is not None
     assert content_hash(output) == held_plain
 
