@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from rattlesweep.sweep import daskworker
-from rattlesweep.sweep.blocks import Interrupted
+from rattlesweep.sweep.blocks import Interrupted, finish_block
 
-_finish = daskworker.finish_block
 _place = Path(os.environ["RATTLESWEEP_TESTS_GATE"])
 
 
@@ -30,7 +29,7 @@ def _held(*args: Any, control: Any, **kwargs: Any) -> Any:
         if control.stopping:
             raise Interrupted
         time.sleep(0.01)
-    return _finish(*args, control=control, **kwargs)
+    return finish_block(*args, control=control, **kwargs)
 
 
 daskworker.finish_block = _held

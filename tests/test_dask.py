@@ -61,10 +61,12 @@ def plan_of(config: dict[str, Any] = CONFIG, **changes: Any) -> Plan:
     return make_plan(parse_config(config | changes))
 
 
-def wait_for(condition: Callable[[], Any], seconds: float = NEVER) -> None:
-    end = time.monotonic() + seconds
+def wait_for(condition: Callable[[], Any], process: subprocess.Popen[str] | None = None) -> None:
+    """Wait for a condition that only a process that runs can bring about."""
+    end = time.monotonic() + NEVER
     while not condition():
         assert time.monotonic() < end
+        assert process is None or process.poll() is None, process.communicate()
         time.sleep(0.02)
 
 
@@ -316,7 +318,7 @@ def test_killed_worker_costs_nothing_but_time(gate, own_cluster, held_config, he
     it = own_cluster(2)
     output = tmp_path / "out"
     process = begin(held_config, output, "--scheduler", it.address, "--threads", "1")
-    wait_for(lambda: in_place(output) >= 1)
+    wait_for(lambda: in_place(output) >= 1, process)
     it.workers[0].kill()
     assert in_place(output) == 1
     gate.touch()
@@ -333,7 +335,7 @@ def test_lost_scheduler_is_one_sentence_and_the_sweep_goes_on_later(
     it = own_cluster(2)
     output = tmp_path / "out"
     process = begin(held_config, output, "--scheduler", it.address, "--threads", "1")
-    wait_for(lambda: in_place(output) >= 1)
+    wait_for(lambda: in_place(output) >= 1, process)
     it.scheduler.kill()
     said = process.communicate(timeout=NEVER)[1]
     assert process.returncode == 1
@@ -355,7 +357,7 @@ def test_lost_scheduler_is_one_sentence_and_the_sweep_goes_on_later(
 def test_signal_to_the_whole_group_ends_it_quietly(number, gate, held_config, held_plain, tmp_path):
     output = tmp_path / "out"
     process = begin(held_config, output, "--workers", "2")
-    wait_for(lambda: in_place(output) >= 1)
+    wait_for(lambda: in_place(output) >= 1, process)
     workers = dask_workers(process.pid)
     assert len(workers) == 2
     os.killpg(process.pid, number)
@@ -375,7 +377,7 @@ def test_killed_and_paused_workers_of_an_embedded_cluster_are_replaced(
 ):
     output = tmp_path / "out"
     process = begin(held_config, output, "--workers", "2")
-    wait_for(lambda: in_place(output) >= 1)
+    wait_for(lambda: in_place(output) >= 1, process)
     first, second = dask_workers(process.pid)
     os.kill(first, signal.SIGKILL)
     os.kill(second, signal.SIGSTOP)
@@ -393,7 +395,7 @@ def test_paused_worker_is_given_up_and_may_come_back(
     it = own_cluster(2, ttl="6s")
     output = tmp_path / "out"
     process = begin(held_config, output, "--scheduler", it.address, "--threads", "1")
-    wait_for(lambda: in_place(output) >= 1)
+    wait_for(lambda: in_place(output) >= 1, process)
     os.kill(it.workers[0].pid, signal.SIGSTOP)
     gate.touch()
     said = process.communicate(timeout=NEVER)[1]
@@ -413,12 +415,12 @@ def test_worker_killed_and_worker_paused_and_scheduler_lost(
     it = own_cluster(3, ttl="6s")
     output = tmp_path / "out"
     process = begin(held_config, output, "--scheduler", it.address, "--threads", "1")
-    wait_for(lambda: in_place(output) >= 1)
+    wait_for(lambda: in_place(output) >= 1, process)
     it.workers[0].kill()
     os.kill(it.workers[1].pid, signal.SIGSTOP)
     for more in (2, 3):
         gate.with_name("ticket").touch()
-        wait_for(lambda more=more: in_place(output) >= more)
+        wait_for(lambda more=more: in_place(output) >= more, process)
     it.scheduler.kill()
     said = process.communicate(timeout=NEVER)[1]
     assert process.returncode == 1
@@ -435,7 +437,7 @@ def test_killed_driver_leaves_workers_that_stop_and_a_directory_that_goes_on(
     it = own_cluster(2)
     output = tmp_path / "out"
     process = begin(held_config, output, "--scheduler", it.address, "--threads", "1")
-    wait_for(lambda: in_place(output) >= 1)
+    wait_for(lambda: in_place(output) >= 1, process)
     process.kill()
     process.communicate()
     gate.touch()
