@@ -96,10 +96,9 @@ class Nursery:
     """A process with everything loaded, that forks one for each command."""
 
     def __init__(self) -> None:
-        self._folder = tempfile.TemporaryDirectory(prefix="rattlesweep-tests-")
-        os.chmod(self._folder.name, 0o755)
+        self.folder = Path(tempfile.mkdtemp(prefix="nursery-"))
         self._process = subprocess.Popen(
-            [sys.executable, Path(__file__).with_name("nursery.py"), self._folder.name, TINY],
+            [sys.executable, Path(__file__).with_name("nursery.py"), self.folder, TINY],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             start_new_session=True,
@@ -126,7 +125,7 @@ class Nursery:
         self._process.stdin.flush()
         while number not in self._pids:
             self._hear(60)
-        return Child(self, number, self._pids[number], Path(self._folder.name))
+        return Child(self, number, self._pids[number], self.folder)
 
     def run(self, *args: Any, **how: Any) -> Ended:
         """Start a command and wait for it."""
@@ -154,7 +153,6 @@ class Nursery:
     def close(self) -> None:
         """End it, and all that it started."""
         self._process.communicate()
-        self._folder.cleanup()
 
 
 @cache

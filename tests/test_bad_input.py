@@ -250,7 +250,7 @@ def test_a_damaged_manifest(damage, here):
     # The blocks know of which sweep they are.
     result = invoke("run", "c.yaml", "--output", "out", "-q")
     assert result.exit_code == 0
-    assert "it is made anew from the blocks" in result.stderr
+    assert "it is rebuilt from the blocks" in result.stderr
     assert tree(here / "out" / "runs") == whole
     assert invoke("verify", "out").exit_code == 0
 
@@ -263,7 +263,7 @@ def test_the_program_itself_shows_no_traceback(here):
     assert done.returncode == 2
     assert done.stdout == ""
     assert done.stderr == (
-        'error: c.yaml:5:3: bodies.samples: "many" (text) stands here; write a whole number\n'
+        'error: c.yaml:5:3: bodies.samples: "many" (text) is given here; write a whole number\n'
     )
     assert sys.executable
 

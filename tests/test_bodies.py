@@ -395,7 +395,7 @@ def test_wrong_types_inside_parquet_are_told_by_row(tmp_path):
     path = tmp_path / "b.parquet"
     frame.assign(theta=["0.5", "x", "0.6"]).to_parquet(path)
     line = refusal(lambda: plan({"source": "table", "path": str(path)}))
-    assert "row 2: theta is 'x'; a finite number is wanted" in line
+    assert "row 2: theta is 'x'; a finite number is needed" in line
     frame.assign(theta=[0.6, None, 0.6]).to_parquet(path)
     line = refusal(lambda: plan({"source": "table", "path": str(path)}))
     assert "row 2: theta is empty" in line

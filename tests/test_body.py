@@ -51,7 +51,7 @@ def test_gh_is_table_one():
     assert dataclasses.asdict(body) == oracle.GH
 
 
-BOTH = "0 < phi < theta < 1 is wanted"
+BOTH = "0 < phi < theta < 1 is needed"
 RULES = [
     ({"alpha": math.nan}, "a parameter is not a finite number"),
     ({"gamma": math.inf}, "a parameter is not a finite number"),
@@ -62,18 +62,18 @@ RULES = [
     ({"theta": 1.5}, f"theta is 1.5; {BOTH}"),
     ({"phi": 0.7}, f"phi 0.7 is not below theta 0.6429; {BOTH}"),
     ({"phi": 0.6429}, f"phi 0.6429 is not below theta 0.6429; {BOTH}"),
-    ({"beta": 1.0}, "beta is 1; alpha > beta > 1 is wanted"),
-    ({"beta": 0.5}, "beta is 0.5; alpha > beta > 1 is wanted"),
-    ({"alpha": 1.4}, "alpha 1.4 is not above beta 1.522; alpha > beta > 1 is wanted"),
-    ({"alpha": 1.522}, "alpha 1.522 is not above beta 1.522; alpha > beta > 1 is wanted"),
+    ({"beta": 1.0}, "beta is 1; alpha > beta > 1 is needed"),
+    ({"beta": 0.5}, "beta is 0.5; alpha > beta > 1 is needed"),
+    ({"alpha": 1.4}, "alpha 1.4 is not above beta 1.522; alpha > beta > 1 is needed"),
+    ({"alpha": 1.522}, "alpha 1.522 is not above beta 1.522; alpha > beta > 1 is needed"),
     ({"gamma": 0.0}, "gamma is 0; it must be positive"),
     ({"gamma": -3.0}, "gamma is -3; it must be positive"),
-    ({"xi": 0.0}, "xi is 0 rad; -pi/2 < xi < 0 is wanted, or xi > 0 for a mirror image"),
+    ({"xi": 0.0}, "xi is 0 rad; -pi/2 < xi < 0 is needed, or xi > 0 for a mirror image"),
     (
         {"xi": -math.pi / 2},
-        "xi is -1.5708 rad; -pi/2 < xi < 0 is wanted, or xi > 0 for a mirror image",
+        "xi is -1.5708 rad; -pi/2 < xi < 0 is needed, or xi > 0 for a mirror image",
     ),
-    ({"xi": 2.0}, "xi is 2 rad; -pi/2 < xi < 0 is wanted, or xi > 0 for a mirror image"),
+    ({"xi": 2.0}, "xi is 2 rad; -pi/2 < xi < 0 is needed, or xi > 0 for a mirror image"),
     (
         {"gamma": 11.0},
         "no body has this inertia: I_xx = alpha - 1 = 12.04 exceeds I_yy + I_zz = 11.522",

@@ -367,23 +367,23 @@ BAD = {
     ),
     "wrong type": (
         changed("samples: 1000", "samples: many"),
-        'c.yaml:5:3: bodies.samples: "many" (text) stands here; write a whole number',
+        'c.yaml:5:3: bodies.samples: "many" (text) is given here; write a whole number',
     ),
     "boolean for a number": (
         changed("seed: 2017", "seed: true"),
-        "c.yaml:2:1: seed: true (a truth value) stands here; write a whole number",
+        "c.yaml:2:1: seed: true (a truth value) is given here; write a whole number",
     ),
     "null for a number": (
         changed("samples: 1000", "samples:"),
-        "c.yaml:5:3: bodies.samples: nothing (null) stands here; write a whole number",
+        "c.yaml:5:3: bodies.samples: nothing (null) is given here; write a whole number",
     ),
     "date for a number": (
         changed("seed: 2017", "seed: 2017-01-01"),
-        'c.yaml:2:1: seed: "2017-01-01" (text) stands here; write a whole number',
+        'c.yaml:2:1: seed: "2017-01-01" (text) is given here; write a whole number',
     ),
     "list for a mapping": (
         changed("classify: {}", "classify: []"),
-        "c.yaml:15:1: classify: a list stands here; write a mapping",
+        "c.yaml:15:1: classify: a list is given here; write a mapping",
     ),
     "number for text": (
         changed("output: out/steady-kr-quick", "output: 12"),
@@ -555,7 +555,7 @@ BAD = {
     "YAML 1.1": ("%YAML 1.1\n---\n" + EXAMPLE, "c.yaml:2:1: the %YAML line asks for another"),
     "two documents": (EXAMPLE + "---\na: 1\n", "c.yaml:18:1: a second YAML document begins; keep"),
     "empty": ("# nothing\n", "c.yaml:1:1: the file is empty; it needs at least bodies and spin"),
-    "a list": ("- 1\n", "c.yaml:1:1: a list stands where a mapping is wanted; write key: value"),
+    "a list": ("- 1\n", "c.yaml:1:1: a list found where a mapping is needed; write key: value"),
     "endless": (
         "record: [" + "1, " * 30_000 + "]",
         "c.yaml:1:59995: more than 20000 keys and values up to here; a config is a short YAML",
@@ -598,9 +598,9 @@ def test_many_mistakes_are_counted(tmp_path: Path) -> None:
     assert lines[0].startswith("c.yaml:2:1: seed: ")
     assert lines[1].startswith('c.yaml:18:1: zzz0: unknown key "zzz0"; the keys allowed here are')
     assert lines[19].startswith("c.yaml:36:1: zzz18: ")
-    assert lines[20] == "c.yaml: and 31 more; mend these first"
+    assert lines[20] == "c.yaml: and 31 more; fix these first"
     repeated = messages(write(tmp_path, EXAMPLE + "seed: 1\n" * 30 + keys))
-    assert repeated[-1] == "c.yaml: and 60 more; mend these first"
+    assert repeated[-1] == "c.yaml: and 60 more; fix these first"
     assert repeated[0].startswith("c.yaml:18:1: seed: the key is repeated")
 
 

@@ -212,7 +212,7 @@ def test_rows_of_a_table_are_judged_by_their_own_horizons(tmp_path: Path) -> Non
     )
     fatal, [line] = judged(tmp_path / "c.yaml")
     assert fatal
-    assert "c.yaml:1:25: bodies.path: t.csv: row 2: n_i is 1e+160; at most 1e+06 is wanted" in line
+    assert "c.yaml:1:25: bodies.path: t.csv: row 2: n_i is 1e+160; at most 1e+06 is allowed" in line
     (tmp_path / "t.csv").write_text(f"alpha,beta,gamma,theta,phi,xi\n{body}\n")
     fatal, [line] = judged(tmp_path / "c.yaml")
     assert fatal

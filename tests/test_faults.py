@@ -163,7 +163,8 @@ def test_every_call_of_a_fresh_start_fails(number, stride, whole, tmp_path, reco
 @pytest.fixture
 def open_folder() -> Iterator[Path]:
     """A folder that other users can reach too, which pytest's own is not."""
-    with tempfile.TemporaryDirectory(prefix="rattlesweep-tests-") as name:
+    shared = os.environ.get("TMPDIR", "/tmp")
+    with tempfile.TemporaryDirectory(prefix="rattlesweep-tests-", dir=shared) as name:
         os.chmod(name, 0o777)
         yield Path(name)
 

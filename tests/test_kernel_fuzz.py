@@ -36,7 +36,9 @@ launches = st.tuples(
 )
 
 
-@pytest.mark.parametrize("method", ["dop853", "dopri5", "rk4"])
+@pytest.mark.parametrize(
+    "method", ["dop853", pytest.param("dopri5", marks=pytest.mark.slow), "rk4"]
+)
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.filter_too_much])
 @given(body=bodies().filter(lambda body: body is not None), launch=launches)
 def test_a_sane_row_or_a_status(method, body, launch):

@@ -25,7 +25,15 @@ DOP853, RK4 = METHODS["dop853"], METHODS["rk4"]
 PSI_P = oracle.modes(GH)["psi_p"]
 # Of tests/test_oracle.py and, the second, its slow part.
 T_UNSTEADY, T_STEADY = 112.093877963873, 809.857417847725
-every_method = pytest.mark.parametrize("method", METHODS.values(), ids=METHODS)
+# dopri5 compiles a kernel that nothing else in the quick suite needs.
+every_method = pytest.mark.parametrize(
+    "method",
+    [
+        pytest.param(m, marks=[pytest.mark.slow] if m.name == "dopri5" else [])
+        for m in METHODS.values()
+    ],
+    ids=METHODS,
+)
 
 
 def assert_status(outcome, status):
@@ -225,7 +233,7 @@ def test_grazing_spin_just_reverses_and_just_does_not(method, options):
     assert out.t_r[2] == pytest.approx(T_TOUCH, abs=1e-5)
 
 
-@pytest.mark.parametrize("name", ["dop853", "dopri5"])
+@pytest.mark.parametrize("name", ["dop853", pytest.param("dopri5", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("tol", [1e-6, 1e-8, 1e-9, 1e-12])
 def test_no_first_zero_is_missed_around_the_touch(name, tol):
     # Both sides on a logarithmic scale, dips from 1e-4 to 1e-15 deep.
@@ -306,7 +314,7 @@ def test_runs_end_at_the_most_steps(method):
     assert (out.t_end < 100).all()
 
 
-@pytest.mark.parametrize("name", ["dop853", "dopri5"])
+@pytest.mark.parametrize("name", ["dop853", pytest.param("dopri5", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("tol", [1e-15, 1e-25, 1e-60, 1e-150])
 def test_impossible_tolerances_end(name, tol):
     runs = kernels.full_batch(GH, [0.1, -2.0, 5.0], [0.1, 1e-6, 1e-12], t_end=50.0)
@@ -468,7 +476,9 @@ def test_progress_rises_to_the_total():
 # --- the reduced model ----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("method", [DOP853, RK4], ids=["dop853", "rk4"])
+@pytest.mark.parametrize(
+    "method", [DOP853, pytest.param(RK4, marks=pytest.mark.slow)], ids=["dop853", "rk4"]
+)
 def test_reduced_model_with_one_mode_is_the_formula(method):
     body, n_i, omega = shell_dumbbells(60, seed=31)
     e_p, e_r = kernels.mode_energies(body, n_i, omega)

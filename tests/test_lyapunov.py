@@ -243,6 +243,7 @@ def full_seed(y, constants):
     return np.array(tangent.full_seed(*y, *constants))
 
 
+@pytest.mark.slow  # it compiles a kernel of its own
 def test_the_reduced_model_is_integrable():
     body = {name: np.array([GH[name]]) for name in GH}
     e = kernels.mode_energies(GH, np.array([0.1]), 0.05)
@@ -390,24 +391,31 @@ def test_chaotic_and_almost_periodic_runs_of_a_sweep(tmp_path):
     assert not is_chaotic(runs.lyapunov_late, runs.t_end)[runs.type == "SS"].any()
 
 
-def test_a_sweep_records_it_when_asked(tmp_path):
+@pytest.mark.parametrize("model", ["full", pytest.param("reduced", marks=pytest.mark.slow)])
+def test_a_sweep_records_it_when_asked(model, tmp_path):
     config = {
         "bodies": {"source": "preset", "name": "GH"},
         "spin": {"n_i": [-0.1, 0.1], "omega_xy0": [0.01]},
     }
-    for model in ("full", "reduced"):
-        asked = {**config, "model": model, "record": ["lyapunov"]}
-        runs = rs.sweep(asked, output=tmp_path / f"{model}-asked").runs
-        plain = rs.sweep({**asked, "record": []}, output=tmp_path / model).runs
-        assert [c for c in runs if c not in plain] == ["lyapunov", "lyapunov_late"]
-        pd.testing.assert_frame_equal(runs[list(plain)], plain)
-        assert np.isfinite(runs.lyapunov).all()
-        if model == "full":
-            # The first half of each is the linear growth of pitch or roll.
-            constants, _ = launch(0.1, 0.01)
-            for n_i, whole in zip(runs.n_i, runs.lyapunov, strict=True):
-                rate = max(float(x) for x in steady.growth(constants, n_i))
-                assert 0 < whole < 1.5 * rate
+    asked = {**config, "model": model, "record": ["lyapunov"]}
+    runs = rs.sweep(asked, output=tmp_path / "asked").runs
+    plain = rs.sweep({**asked, "record": []}, output=tmp_path / "plain").runs
+    assert [c for c in runs if c not in plain] == ["lyapunov", "lyapunov_late"]
+    pd.testing.assert_frame_equal(runs[list(plain)], plain)
+    assert np.isfinite(runs.lyapunov).all()
+    if model == "full":
+        # The first half of each is the linear growth of pitch or roll.
+        constants, _ = launch(0.1, 0.01)
+        for n_i, whole in zip(runs.n_i, runs.lyapunov, strict=True):
+            rate = max(float(x) for x in steady.growth(constants, n_i))
+            assert 0 < whole < 1.5 * rate
+
+
+def test_the_closed_form_has_no_exponent(tmp_path):
+    config = {
+        "bodies": {"source": "preset", "name": "GH"},
+        "spin": {"n_i": [-0.1, 0.1], "omega_xy0": [0.01]},
+    }
     with pytest.raises(ConfigError, match=r"record: the model 'gh' has no 'lyapunov' to record"):
         rs.sweep({**config, "model": "gh", "record": ["lyapunov"]}, output=tmp_path / "gh")
     assert not (tmp_path / "gh").exists()

@@ -147,7 +147,7 @@ def test_a_file_replaces_the_sections_that_it_has(tmp_path):
         ("fig7:\n  late: -1\n  closer: 1\n", r"p.yaml:2:3: fig7.late: .*above 0"),
         ("fgi7: {}\n", r"p.yaml:1:1: fgi7: .*did you mean \"fig7\""),
         ("", r"p.yaml:1:1: the file is empty"),
-        ("- 1\n", r"p.yaml:1:1: a list stands where a mapping is wanted"),
+        ("- 1\n", r"p.yaml:1:1: a list found where a mapping is needed"),
         ("fig7: {late: 1, late: 2}\n", r"p.yaml:1:17: fig7.late: the key is repeated"),
         (
             "steady:\n  bodies: {source: sd, samples: 1}\n  spin: {n_i: -0.1, omega_xy0: 0.1}\n",
@@ -610,7 +610,7 @@ def test_ctrl_c_ends_the_command_with_130(config, tmp_path, monkeypatch):
     monkeypatch.setattr(run, "make_paper", interrupted)
     stopped = invoke("--config", config, "--output", tmp_path)
     assert stopped.exit_code == 130
-    assert "what is whole is kept" in stopped.stderr
+    assert "completed work is kept" in stopped.stderr
 
 
 def test_the_shipped_settings_are_printed(tmp_path):

@@ -471,7 +471,7 @@ def test_spins_may_be_spaced_like_an_axis() -> None:
         ({"linspace": [-0.5, 0.5]}, "linspace: three numbers are wanted"),
         ({"logspace": [-0.5, 0.5, 4]}, "logspace: no constant ratio leads"),
         ({"linspace": [-0.5, 0.5, 4], "n": 3}, 'n: unknown key "n"'),
-        ({"lin": [1, 2, 3]}, "a mapping stands here; write a number or a list of numbers"),
+        ({"lin": [1, 2, 3]}, "a mapping is given here; write a number or a list of numbers"),
     ):
         with pytest.raises(ConfigError, match=words):
             spin(n_i)

@@ -410,7 +410,7 @@ def test_runs_whose_manifest_is_lost_know_their_config(tmp_path):
         damage(output / "manifest.json")
         result = run("quickstart.yaml", output, *sets, "seed=1")
         assert result.exit_code == 2
-        assert "it holds runs but no whole manifest.json" in result.stderr
+        assert "it holds runs but no intact manifest.json" in result.stderr
         assert tree(output / "runs") == before
         result = run("quickstart.yaml", output, *sets)
         assert result.exit_code == 0
@@ -427,7 +427,7 @@ def test_blocks_stay_as_the_directory_was_begun(tmp_path):
     before = tree(output / "runs")
     (output / "runs" / "block-000003.parquet").unlink()
     result = run("quickstart.yaml", output, *sets, "block_size=50")
-    assert "was begun in blocks of 7 runs, and goes on so" in result.stderr
+    assert "was begun in blocks of 7 runs, and keeps that size" in result.stderr
     assert "53 of them from before" in result.stderr
     assert tree(output / "runs") == before
 
@@ -531,7 +531,7 @@ def test_types_follow_their_thresholds_and_come_back(mixed, tmp_path):
         ("classify.sw_departure=2", "2 is out of range; it must be below 1"),
         ("classify.ss_growth=0", "0 is out of range; it must be above 0"),
         ("classify.ss_growth", "is not KEY=VALUE"),
-        ("classify.ss_growth=big", '"big" (text) stands here; write a number'),
+        ("classify.ss_growth=big", '"big" (text) is given here; write a number'),
     ],
 )
 def test_classify_refuses_other_keys_and_values(text, words, mixed):
@@ -684,7 +684,7 @@ def test_a_stopped_run_goes_on_to_the_same_rows(number, code, word, long_hash, t
         assert time.monotonic() - sent < 1.0
         assert child.returncode == code
         assert table == ""
-        assert said == f"{word}; what is whole is kept, and the same command goes on from there\n"
+        assert said == f"{word}; completed work is kept, and the same command resumes from there\n"
         assert not [*output.rglob(".*")]
         kept = [pq.ParquetFile(p).metadata.num_rows for p in output.glob("runs/*.parquet")]
         assert set(kept) == {1000}
@@ -805,6 +805,15 @@ def test_help_is_quick_and_has_an_example(command):
         assert "Exit codes: 0 done" in text
 
 
+def test_the_module_is_the_program():
+    args = [sys.executable, "-m", "rattlesweep"]
+    for rest in (["--version"], ["body", "--help"]):
+        done = subprocess.run([*args, *rest], capture_output=True, text=True, check=True)
+        said = subprocess.run([PROGRAM, *rest], capture_output=True, text=True, check=True)
+        assert done.stdout == said.stdout
+        assert done.stdout.startswith(("rattlesweep", "Usage: rattlesweep body"))
+
+
 def test_every_command_is_tested_here():
     assert set(COMMANDS) <= set(cli.COMMANDS)
     for name in cli.COMMANDS:
@@ -902,7 +911,7 @@ def test_body_of_a_shell_dumbbell():
         ("--preset GH --f-sd 0.1", "--f-sd does not go with --preset"),
         ("--preset GH --xi -0.1 --xi-deg -3", "--xi and --xi-deg are both given"),
         ("--alpha 3 --f-sd 0.1", "--f-sd replaces --alpha and --beta"),
-        ("--preset GH --theta 1.2", "theta is 1.2; 0 < phi < theta < 1 is wanted"),
+        ("--preset GH --theta 1.2", "theta is 1.2; 0 < phi < theta < 1 is needed"),
         ("--preset GH --phi 0.7", "phi 0.7 is not below theta 0.6429"),
         ("--preset GH --gamma 13", "no body has this inertia: I_zz = gamma = 13 exceeds"),
         ("--preset GH --theta nan", "a parameter is not a finite number"),

@@ -259,7 +259,7 @@ def test_what_ran_out_of_time_goes_into_the_queue_again_and_not_for_ever(home, c
     text = stub(cluster, script(home, "--restarts", 4), "exit 75\n")
     code, log = cluster.run(text, 1, SLURM_RESTART_COUNT="3")
     assert (code, cluster.requeued()) == (0, ["requeue 100_1"])
-    assert "task 100_1 goes on after a restart" in log
+    assert "task 100_1 resumes after a restart" in log
     code, log = cluster.run(text, 1, SLURM_RESTART_COUNT="4")
     assert (code, cluster.requeued()) == (75, ["requeue 100_1"])
     assert "error: task 100_1 is not done after 4 restarts; submit the script again" in log

@@ -44,7 +44,7 @@ def test_the_time_is_up(sweep, tmp_path):
             assert done.code == 75
             assert done.out == ""
             last = done.err.splitlines()[-1]
-            assert last == "stopped: the time is up; the same command goes on from there"
+            assert last == "stopped: the time is up; the same command resumes from there"
             assert manifest(output)["state"] == "stopped"
             assert kept[-1] > kept[-2]
             assert not [name for name in everything_in(output) if "/." in f"/{name}"]
@@ -61,7 +61,7 @@ def test_a_time_too_short_for_one_block_says_so(sweep, tmp_path):
     assert done.code == 75
     assert done.err.splitlines()[-1] == (
         "stopped: the time was up before one block was done; give more, or choose a smaller "
-        "block_size in a new output; the same command goes on from there"
+        "block_size in a new output; the same command resumes from there"
     )
     assert blocks_of(output) == {}
     done = nursery().run("run", config, "--output", output, "--max-time", "1h")
@@ -102,7 +102,7 @@ def test_stopped_at_every_call(number, code, word, stride, sweep, tmp_path):
         done = nursery().run(*args, calls=harm)
         where = f"call {at}: {calls[at]}: {done}"
         assert done.code == code, where
-        expected = f"{word}; what is whole is kept, and the same command goes on from there\n"
+        expected = f"{word}; completed work is kept, and the same command resumes from there\n"
         assert done.err == expected, where
         check_whole(output, reference)
         assert nursery().run(*args).code == 0

@@ -208,7 +208,7 @@ def test_order_of_rk4_in_the_whole_kernel():
     assert errors[-1] < 1e-6
 
 
-@pytest.mark.parametrize("name", ["dopri5", "dop853"])
+@pytest.mark.parametrize("name", [pytest.param("dopri5", marks=pytest.mark.slow), "dop853"])
 def test_error_follows_the_tolerance(name):
     runs = kernels.full_batch(oracle.GH, *LAUNCH, T_END)
     errors = []

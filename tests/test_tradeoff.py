@@ -20,7 +20,7 @@ from matplotlib.image import imread
 from rattlesweep import cli
 from rattlesweep.physics import launch, theory
 from rattlesweep.physics.body import PARAMETERS, Rattleback
-from rattlesweep.study import tradeoff_figure, tradeoff_table
+from rattlesweep.study import tradeoff, tradeoff_figure, tradeoff_table
 from rattlesweep.study.reference import independent_reversal, make_reference
 from rattlesweep.study.tradeoff import measure
 from rattlesweep.study.tradeoff_settings import DEFAULT, QUICK, Setting, settings
@@ -57,17 +57,29 @@ def small(tmp_path, text=SMALL):
     return path
 
 
-@pytest.fixture(scope="module")
-def study(tmp_path_factory):
-    """All settings, on a few runs."""
+# dopri5 compiles a kernel that nothing else in the quick suite needs.
+FEW = [setting for setting in settings() if setting.method != "dopri5"]
+
+
+@pytest.fixture(scope="module", params=["few", pytest.param("all", marks=pytest.mark.slow)])
+def study(request, tmp_path_factory):
+    """Few settings or all, on a few runs."""
     config = load_config(small(tmp_path_factory.mktemp("study")))
-    return measure(config, samples=8, scope=SCOPE, threads=1)
+    chosen = FEW if request.param == "few" else None
+    return measure(config, samples=8, scope=SCOPE, threads=1, chosen=chosen)
+
+
+@pytest.fixture
+def few(monkeypatch):
+    """Let the command measure few settings."""
+    monkeypatch.setattr(tradeoff, "settings", lambda: FEW)
 
 
 def rows(study, method, model="full"):
     return [row for row in study.rows if (row.model, row.method) == (model, method)]
 
 
+@pytest.mark.usefixtures("few")
 def test_the_command_writes_a_table_and_a_figure(tmp_path):
     out = tmp_path / "out"
     arguments = ["tradeoff", small(tmp_path), "--output", out, "--quick", "--samples", 2, "--set",
@@ -86,7 +98,7 @@ def test_the_command_writes_a_table_and_a_figure(tmp_path):
         assert field.metadata[b"unit"]
         assert len(field.metadata[b"description"]) > 5
     table = open_sealed((out / "tradeoff.parquet").read_bytes()).read()
-    assert table.num_rows == len(settings())
+    assert table.num_rows == len(FEW)
     assert set(table["model"].to_pylist()) == {"full", "reduced", "gh"}
     for name in ("us_per_unit", "us_per_run", "speedup"):
         assert min(table[name].to_pylist()) > 0
@@ -96,13 +108,14 @@ def test_the_command_writes_a_table_and_a_figure(tmp_path):
     assert ElementTree.parse(out / "tradeoff.svg").getroot().tag.endswith("svg")
 
 
+@pytest.mark.usefixtures("few")
 def test_json_says_the_same(tmp_path):
     arguments = ["tradeoff", small(tmp_path), "--output", tmp_path / "o", "--quick", "--samples", 1,
                  "--json"]  # fmt: skip
     result = CliRunner().invoke(cli.main, [str(a) for a in arguments])
     assert result.exit_code == 0, result.stderr
     data = json.loads(result.stdout, parse_constant=lambda word: pytest.fail(word))
-    assert [row["method"] for row in data["rows"]] == [s.method for s in settings()]
+    assert [row["method"] for row in data["rows"]] == [s.method for s in FEW]
     assert data["facts"]["runs"] == 6
     assert data["facts"]["confirmed_missed"] == 0
     assert len(data["cheapest"]) == 4

@@ -75,7 +75,11 @@ def test_the_last_step_is_that_of_the_sweep_bit_for_bit(method, t_end):
     assert follower.reversals == []
 
 
-@every_method
+@pytest.mark.parametrize(
+    "method",
+    [DOP853, *(pytest.param(m, marks=pytest.mark.slow) for m in METHODS.values() if m != DOP853)],
+    ids=lambda m: m.name,
+)
 def test_reduced_runs_are_the_sweeps_too(method):
     batch = kernels.reduced_batch(oracle.GH, [0.1], 6e-4, 3e-5, 3000.0)
     out = integrate(batch, method, REDUCED, dt=0.5)

@@ -94,7 +94,7 @@ def test_who_only_looks_does_not_disturb(sweep, tmp_path):
         assert words is None or f"process {first.pid} " in words
         assert all("missing" not in problem for problem in verify(output).problems)
         assert nursery().run("status", output).code == 0
-        # Readers see whole blocks of two runs, each once, now as at any time.
+        # Readers see complete blocks of two runs, each once, now as at any time.
         for frame in (
             pd.read_parquet(output / "runs"),
             duckdb.sql(f"select * from '{output}/runs/*.parquet'").df(),

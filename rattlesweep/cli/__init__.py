@@ -45,7 +45,7 @@ class _Lazy(click.Group):
 @click.group(cls=_Lazy, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="rattlesweep", prog_name="rattlesweep")
 def main() -> None:
-    """Sweeps of rattlebacks: sample bodies, integrate them, type the runs, write Parquet.
+    """Parameter sweeps of rattlebacks: sample bodies, integrate, classify the runs, write Parquet.
 
     Exit codes: 0 done, 1 failed, 2 the command or the config is wrong, 3 done but some runs have
     a status other than ok, 75 stopped early on purpose, 130 interrupted, 143 terminated.

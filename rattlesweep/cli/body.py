@@ -20,9 +20,9 @@ from rattlesweep.cli.common import DONE, guarded
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
 @guarded
 def body(as_json: bool, n_i: float, omega_xy0: float, **given: Any) -> int:
-    """Derived quantities of one body: modes, torque coefficients, thresholds, reversal times.
+    """Print derived quantities of one body: modes, torque coefficients, thresholds, reversal times.
 
-    Spin and oscillation, in sqrt(g/a), are needed for the reversal times only.
+    The spin and the oscillation, in sqrt(g/a), matter for the reversal times only.
     """
     from rattlesweep.sweep.derived import derived, make_body
 

@@ -16,7 +16,7 @@ from rattlesweep.cli.common import DONE, OVERRIDES, guarded, say
 @OVERRIDES
 @guarded
 def classify(directory: str, overrides: tuple[str, ...]) -> int:
-    """Type the stored runs of a directory again, without integrating.
+    """Classify the stored runs of a directory again, without integrating.
 
     Prints one row per case on standard output.
     """

@@ -47,7 +47,7 @@ def guarded(command: Callable[..., Any], *, resumes: bool = False) -> Callable[.
     Parameters
     ----------
     resumes
-        Whether the same command goes on where it was stopped.
+        Whether the same command resumes where it was stopped.
     """
 
     @wraps(command)
@@ -63,7 +63,7 @@ def guarded(command: Callable[..., Any], *, resumes: bool = False) -> Callable[.
             signal.signal(signal.SIGINT, signal.SIG_DFL)
             term = isinstance(error, Terminated)
             what = "terminated" if term else "interrupted"
-            kept = "; what is whole is kept, and the same command goes on from there"
+            kept = "; completed work is kept, and the same command resumes from there"
             say(what + (kept if resumes else ""))
             leave(TERMINATED if term else INTERRUPTED)
         except BrokenPipeError:
@@ -92,7 +92,7 @@ def guarded(command: Callable[..., Any], *, resumes: bool = False) -> Callable[.
 
 
 def resumable(command: Callable[..., Any]) -> Callable[..., Any]:
-    """As `guarded`, for commands that go on where they were stopped."""
+    """As `guarded`, for commands that resume where they were stopped."""
     return guarded(command, resumes=True)
 
 
@@ -101,7 +101,7 @@ OVERRIDES = click.option(
     "overrides",
     metavar="KEY=VALUE",
     multiple=True,
-    help="Replace a key of the config, such as bodies.samples=10; may be repeated.",
+    help="Override a key of the config, such as bodies.samples=10; may be repeated.",
 )
 
 

@@ -13,15 +13,15 @@ from rattlesweep.cli.common import DONE, EARLY, SOME_FAILED, Meter, check_output
     epilog="\b\nExample:\n  rattlesweep merge out/steady-0 out/steady-1 --output out/steady"
 )
 @click.argument("directories", metavar="DIR...", type=click.Path(), nargs=-1, required=True)
-@click.option("--output", metavar="DIR", required=True, help="The directory to make.")
+@click.option("--output", metavar="DIR", required=True, help="The directory to write.")
 @click.option("-q", "--quiet", is_flag=True, help="No closing table.")
 @resumable
 def merge(directories: tuple[str, ...], output: str, quiet: bool) -> int:
-    """Join the directories of one sweep's shards, in files of sensible size.
+    """Merge the directories of one sweep's shards into files of sensible size.
 
-    Checks that they are of one config and agree where they overlap. If runs are missing, joins
+    Checks that they belong to one config and agree where they overlap. If runs are missing, merges
     what there is, says what is missing, and exits with 75: `rattlesweep run CONFIG --output DIR`
-    does the rest.
+    computes the rest.
     """
     from rattlesweep.sweep.merge import merge as join
     from rattlesweep.sweep.summary import closing_table
@@ -36,7 +36,7 @@ def merge(directories: tuple[str, ...], output: str, quiet: bool) -> int:
         spans = ", ".join(f"{first} to {stop - 1}" for first, stop in merged.missing[:5])
         more = f" and {len(merged.missing) - 5} more spans" if len(merged.missing) > 5 else ""
         say(
-            f"missing: runs {spans}{more}; merge the other shards too, or do them with "
+            f"missing: runs {spans}{more}; merge the other shards too, or compute them with "
             f"`rattlesweep run CONFIG --output {output}`"
         )
         return EARLY

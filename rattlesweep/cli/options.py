@@ -37,8 +37,16 @@ body_options = _all(
 BODY = ("preset", "alpha", "beta", "gamma", "f_sd", "theta", "phi", "xi", "xi_deg")
 
 spin_options = _all(
-    click.option("--n-i", type=float, default=0.1, show_default=True, help="Initial spin."),
-    click.option("--omega-xy0", type=float, default=0.01, show_default=True, help="Oscillation."),
+    click.option(
+        "--n-i", type=float, default=0.1, show_default=True, help="Initial spin, in sqrt(g/a)."
+    ),
+    click.option(
+        "--omega-xy0",
+        type=float,
+        default=0.01,
+        show_default=True,
+        help="Initial oscillation, in sqrt(g/a).",
+    ),
 )
 
 psi_option = click.option(
@@ -46,42 +54,44 @@ psi_option = click.option(
     default="relevant",
     show_default=True,
     metavar="DIRECTION",
-    help="Of the oscillation: relevant, pitch, roll, or degrees.",
+    help="Direction of the oscillation: relevant, pitch, roll, or degrees.",
 )
 
 integrator_options = _all(
-    click.option("--method", help="Method. [default: dop853]"),
+    click.option("--method", help="Integration method. [default: dop853]"),
     click.option("--tol", type=float, help="Tolerance of an adaptive method. [default: 1e-9]"),
     click.option("--dt-step", type=float, help="Step of a fixed-step method. [default: 0.002]"),
     click.option(
         "--accuracy",
         type=click.Choice(["draft", "standard", "reference"]),
-        help="Instead of a method and its tolerance.",
+        help="A named accuracy instead of a method and its tolerance.",
     ),
 )
 
 rows_options = _all(
     click.option(
-        "--points", type=int, help="So many rows, even from 0 to the horizon. [default: 2001]"
+        "--points",
+        type=int,
+        help="Number of rows, evenly spaced from 0 to the horizon. [default: 2001]",
     ),
-    click.option("--dt", type=float, help="A row every DT."),
-    click.option("--steps", is_flag=True, help="A row at every accepted step."),
+    click.option("--dt", type=float, help="Spacing of the rows in time."),
+    click.option("--steps", is_flag=True, help="One row per accepted step."),
     click.option(
         "--channels",
         default="t,n",
         show_default=True,
         metavar="A,B,...",
-        help="Columns; 'list' prints what there is.",
+        help="Columns; 'list' prints all of them.",
     ),
 )
 
 which_options = _all(
-    click.option("--case", type=int, help="Of the run: its case."),
-    click.option("--sample", type=int, help="Of the run: its sample."),
+    click.option("--case", type=int, help="Case of the run."),
+    click.option("--sample", type=int, help="Sample of the run."),
     click.option(
         "--where",
         metavar="CONDITION",
-        help="Runs by their columns: = != < <= > >=, in (...), is null, and, or, not.",
+        help="Select runs by their columns: = != < <= > >=, in (...), is null, and, or, not.",
     ),
 )
 

@@ -21,14 +21,18 @@ if TYPE_CHECKING:
     "  rattlesweep plan configs/steady.yaml --set bodies.samples=100000 --shards 16 --budget 10s"
 )
 @click.argument("config", type=click.Path())
-@click.option("--output", metavar="DIR", help="Where it would be written; only looked at.")
-@OVERRIDES
-@click.option("--threads", type=click.IntRange(1), help="Threads of the kernel.")
 @click.option(
-    "--shards", type=click.IntRange(1), help="Also say what the longest of N shares takes."
+    "--output", metavar="DIR", help="Where the sweep would be written; nothing is written now."
 )
+@OVERRIDES
+@click.option("--threads", type=click.IntRange(1), help="Number of threads of the kernel.")
+@click.option("--shards", type=click.IntRange(1), help="Also forecast the longest of N shares.")
 @click.option(
-    "--budget", metavar="TIME", default="2s", show_default=True, help="Time for trying out."
+    "--budget",
+    metavar="TIME",
+    default="2s",
+    show_default=True,
+    help="Time spent on the sample of runs.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
 @guarded
@@ -41,10 +45,10 @@ def plan(
     budget: str,
     as_json: bool,
 ) -> int:
-    """Expected time, disk and memory of a sweep.
+    """Forecast the time, disk space and memory of a sweep.
 
-    Some of its runs are integrated for about two seconds; nothing is written. The interval is one
-    of 95 %, for a machine as busy as it is now.
+    Integrates a sample of its runs for about two seconds and writes nothing. The interval is a 95 %
+    confidence interval, for a machine as busy as it is now.
     """
     from rattlesweep.sweep.config import load_config
     from rattlesweep.sweep.config_physics import checked_plan

@@ -18,30 +18,32 @@ from rattlesweep.cli.common import DONE, guarded, say
 @click.option(
     "--kind",
     metavar="KIND",
-    help="fractions, times (t_r), ratio (t_r/t_rGH), map or distribution; by default what suits "
-    "the sweep.",
+    help="fractions, times (t_r), ratio (t_r/t_rGH), map or distribution; by default the one that "
+    "suits the sweep.",
 )
-@click.option("--x", metavar="NAME", help="What lies along the abscissa, such as K_r or theta.")
+@click.option("--x", metavar="NAME", help="Quantity along the abscissa, such as K_r or theta.")
 @click.option(
     "--select",
     metavar="NAME=VALUES",
     multiple=True,
     help="Only these values, as in n_i=-0.3,-0.5 or theta=0.6:0.7; may be repeated.",
 )
-@click.option("--log/--linear", default=None, help="Logarithmic axes or not; by default as suits.")
+@click.option(
+    "--log/--linear", default=None, help="Logarithmic or linear axes; by default by range."
+)
 @click.option("--size", metavar="W,H", help="Width and height in inches.")
 @click.option(
     "--dpi", type=click.FloatRange(20, 1200), default=150.0, help="Dots per inch of a PNG."
 )
-@click.option("--style", metavar="FILE", help="A style file of Matplotlib (.mplstyle).")
-@click.option("--title", metavar="TEXT", help="A title above the picture.")
+@click.option("--style", metavar="FILE", help="A Matplotlib style file (.mplstyle).")
+@click.option("--title", metavar="TEXT", help="Title of the figure.")
 @click.option(
     "--output",
     metavar="FILE",
     multiple=True,
-    help="An .svg, .png or .pdf; may be repeated. By default DIRECTORY/KIND.svg and .png.",
+    help="An .svg, .png or .pdf file; may be repeated. By default DIRECTORY/KIND.svg and .png.",
 )
-@click.option("--data", metavar="FILE", help="Write the numbers drawn, as .csv or .parquet.")
+@click.option("--data", metavar="FILE", help="Also write the plotted numbers, as .csv or .parquet.")
 @guarded
 def plot(
     directory: str,
@@ -56,9 +58,9 @@ def plot(
     output: tuple[str, ...],
     data: str | None,
 ) -> int:
-    """Draw a sweep: shares of types, reversal times against theory, or a map of a grid.
+    """Plot a sweep: fractions of types, reversal times against theory, or a map of a grid.
 
-    Works at any time, also while the sweep is running.
+    Works at any time, even while the sweep is running.
     """
     from rattlesweep.study import plot_files
     from rattlesweep.study.plot import choose_picture, default_outputs

@@ -22,15 +22,15 @@ if TYPE_CHECKING:
 )
 @click.argument("directory", type=click.Path())
 @options.which_options
-@click.option("--first", type=click.IntRange(1), help="So many runs of --where.  [default: 1]")
 @click.option(
-    "--t-end", type=float, help="Where it ends, in sqrt(a/g); by default the sweep's horizon."
+    "--first", type=click.IntRange(1), help="Number of runs to take from --where.  [default: 1]"
 )
+@click.option("--t-end", type=float, help="Horizon, in sqrt(a/g); by default the sweep's.")
 @options.rows_options
 @click.option(
-    "--output", metavar="FILE", help="A .parquet or .csv file; {case} and {sample} are filled in."
+    "--output", metavar="FILE", help="A .parquet or .csv file; {case} and {sample} are substituted."
 )
-@click.option("--figure", metavar="FILE", help="Draw it: .svg, .png or .pdf; likewise.")
+@click.option("--figure", metavar="FILE", help="Plot to an .svg, .png or .pdf file; likewise.")
 @options.quiet_option
 @guarded
 def replay(
@@ -48,10 +48,10 @@ def replay(
     dt: float | None,
     steps: bool,
 ) -> int:
-    """Integrate stored runs of DIRECTORY again and give them as time series, past their reversals.
+    """Integrate stored runs of DIRECTORY again as time series that continue past their reversals.
 
-    Each is first integrated as the sweep did, and its whole row proved equal to the stored one,
-    bit for bit; so is the first reversal of the series. Exits with 1 where one differs.
+    Each run is first integrated as in the sweep, and its row is checked against the stored one, bit
+    for bit; so is the first reversal of the series. Exits with 1 if any differs.
     """
     from rattlesweep.study import trajectory_figure as figures
     from rattlesweep.study.replay import Replay, check_course, find, said, targets

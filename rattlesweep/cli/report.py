@@ -14,14 +14,14 @@ from rattlesweep.cli.common import DONE, guarded, say
     "  rattlesweep report out/steady --output steady.html --title 'Steady direction'"
 )
 @click.argument("directory", type=click.Path())
-@click.option("--output", metavar="FILE", help="The page; by default DIRECTORY/report.html.")
+@click.option("--output", metavar="FILE", help="File to write; by default DIRECTORY/report.html.")
 @click.option("--title", metavar="TEXT", help="Title of the page; by default the sweep's name.")
 @guarded
 def report(directory: str, output: str | None, title: str | None) -> int:
-    """Make one self-contained HTML page of a sweep.
+    """Write one self-contained HTML page about a sweep.
 
-    With its config, cases, pictures, failures, cost and provenance. Works at any time, also while
-    the sweep is running.
+    It holds the config, cases, figures, failures, cost and provenance. Works at any time, even
+    while the sweep is running.
     """
     from rattlesweep.study.report import make_report
     from rattlesweep.sweep.errors import ConfigError

@@ -33,22 +33,24 @@ if TYPE_CHECKING:
 @click.argument("config", type=click.Path())
 @click.option("--output", metavar="DIR", help="Output directory; overrides the config's.")
 @OVERRIDES
-@click.option("--threads", type=click.IntRange(1), help="Threads of the kernel.")
+@click.option("--threads", type=click.IntRange(1), help="Number of threads of the kernel.")
 @click.option(
     "--engine",
     type=click.Choice(["local", "dask"]),
     default="local",
-    help="What does the blocks: this process, or workers of a Dask cluster.",
+    help="Where blocks are computed: in this process, or by the workers of a Dask cluster.",
 )
-@click.option("--scheduler", metavar="ADDRESS", help="A Dask scheduler that exists.")
-@click.option("--workers", type=click.IntRange(1), help="Processes of a Dask cluster begun here.")
-@click.option("--shard", metavar="I/N", help="Do share I of N only, I from 0 to N-1.")
-@click.option("--max-time", metavar="TIME", help="Stop by itself after a time such as 3h50m.")
-@click.option("--fresh", is_flag=True, help="Remove the runs that are there, and start over.")
-@click.option("--retry-failed", is_flag=True, help="Do runs again whose status is not ok.")
-@click.option("--dry-run", is_flag=True, help="Say what it would take, as `plan` does, and stop.")
+@click.option("--scheduler", metavar="ADDRESS", help="Address of an existing Dask scheduler.")
+@click.option(
+    "--workers", type=click.IntRange(1), help="Worker processes of a Dask cluster started here."
+)
+@click.option("--shard", metavar="I/N", help="Compute share I of N only, with I from 0 to N-1.")
+@click.option("--max-time", metavar="TIME", help="Stop after this much time, such as 3h50m.")
+@click.option("--fresh", is_flag=True, help="Delete the existing runs and start over.")
+@click.option("--retry-failed", is_flag=True, help="Repeat the runs whose status is not ok.")
+@click.option("--dry-run", is_flag=True, help="Print the forecast, as `plan` does, and stop.")
 @click.option("-q", "--quiet", is_flag=True, help="No progress and no closing table.")
-@click.option("-v", "--verbose", is_flag=True, help="Say where the time went.")
+@click.option("-v", "--verbose", is_flag=True, help="Report where the time went.")
 @resumable
 def run(
     config: str,
@@ -66,7 +68,7 @@ def run(
     quiet: bool,
     verbose: bool,
 ) -> int:
-    """Run a sweep, or go on with one that was stopped.
+    """Run a sweep, or resume one that was stopped.
 
     Prints one row per case on standard output.
     """
@@ -151,7 +153,7 @@ def _close(report: Report, quiet: bool, verbose: bool) -> int:
             f"{report.kernel_seconds:.2f} s, in all {report.seconds:.2f} s"
         )
     if report.stopped is not None:
-        say(f"stopped: {report.stopped}; the same command goes on from there")
+        say(f"stopped: {report.stopped}; the same command resumes from there")
         return EARLY
     if report.missing and not quiet:
         say(f"{report.missing} blocks of other shards are not in {report.directory} (yet)")

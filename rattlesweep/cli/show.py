@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     epilog="\b\nExamples:\n  rattlesweep show --preset GH --n-i -0.1 --output spin.html\n"
     "  rattlesweep show --from out/quickstart --where \"type = 'SW'\" --output wobble.html"
 )
-@click.option("--from", "directory", metavar="DIR", help="A run of this sweep, replayed.")
+@click.option("--from", "directory", metavar="DIR", help="Replay a run of this sweep.")
 @options.which_options
 @options.body_options
 @options.spin_options
@@ -28,9 +28,9 @@ if TYPE_CHECKING:
 @click.option(
     "--t-end", type=float, help="Horizon, in sqrt(a/g); by default 5 t_rGH, or the run's."
 )
-@click.option("--points", type=int, help="Rows of data. [default: 20 a period of the pitch]")
+@click.option("--points", type=int, help="Number of rows. [default: 20 per pitch period]")
 @options.integrator_options
-@click.option("--title", help="Of the page.")
+@click.option("--title", help="Title of the page.")
 @click.option("--output", metavar="FILE", required=True, help="An .html file.")
 @options.quiet_option
 @click.pass_context
@@ -48,10 +48,10 @@ def show(
     quiet: bool,
     **given: Any,
 ) -> int:
-    """Write one HTML page in which the body rolls on the plane, with its trace and its spin.
+    """Write an HTML page on which the body rolls on the plane, with its trace and its spin.
 
-    It needs a browser and no network. Play, pause, choose the speed, drag to look around; keys
-    are listed in the page.
+    It needs a browser but no network. Play, pause, change the speed, drag to look around; the page
+    lists its keys.
     """
     from rattlesweep.study import show as pages
     from rattlesweep.study.replay import check_course, said

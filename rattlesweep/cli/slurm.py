@@ -15,20 +15,26 @@ from rattlesweep.cli.common import DONE, OVERRIDES, guarded, load_sweep, say
     "--time 4:00:00 > steady.sh\n  sbatch steady.sh"
 )
 @click.argument("config", type=click.Path())
-@click.option("--shards", type=click.IntRange(1), required=True, help="Tasks of the array.")
-@click.option("--time", "limit", default="4:00:00", show_default=True, help="Limit of a task.")
-@click.option("--cpus", type=click.IntRange(1), default=1, show_default=True, help="Of a task.")
-@click.option("--mem", metavar="SIZE", help="Memory of a task; by default from a short pilot.")
-@click.option("--partition", metavar="NAME", help="Of the cluster.")
+@click.option(
+    "--shards", type=click.IntRange(1), required=True, help="Number of tasks in the array."
+)
+@click.option("--time", "limit", default="4:00:00", show_default=True, help="Time limit of a task.")
+@click.option("--cpus", type=click.IntRange(1), default=1, show_default=True, help="CPUs per task.")
+@click.option(
+    "--mem", metavar="SIZE", help="Memory per task; by default estimated from a short pilot."
+)
+@click.option("--partition", metavar="NAME", help="Partition of the cluster.")
 @click.option("--output", metavar="DIR", help="Output directory; overrides the config's.")
 @OVERRIDES
-@click.option("--own-directories", "own", is_flag=True, help="A directory for each task: DIR-I.")
+@click.option(
+    "--own-directories", "own", is_flag=True, help="Give each task a directory of its own, DIR-I."
+)
 @click.option(
     "--restarts",
     type=click.IntRange(0),
     default=20,
     show_default=True,
-    help="How often a task that runs out of time goes on by itself.",
+    help="How often a task that runs out of time requeues itself.",
 )
 @guarded
 def slurm(
@@ -43,10 +49,10 @@ def slurm(
     own: bool,
     restarts: int,
 ) -> int:
-    """Print the script of a Slurm job array that does the sweep, a share a task.
+    """Print the script of a Slurm job array that runs the sweep, one share per task.
 
-    Tasks stop by themselves before the time limit and go on after a restart. The config is checked
-    now; the script checks its surroundings when it runs.
+    Tasks stop shortly before the time limit and resume after a restart. The config is checked now;
+    the script checks its environment when it runs.
     """
     from rattlesweep.integrate.batch import available_threads
     from rattlesweep.sweep.errors import ConfigError

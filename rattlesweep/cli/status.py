@@ -16,9 +16,9 @@ from rattlesweep.cli.common import DONE, SOME_FAILED, guarded
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
 @guarded
 def status(directory: str, as_json: bool) -> int:
-    """Say how far a sweep is: done, left, failed runs, expected end.
+    """Show the progress of a sweep: runs done, left and failed, expected end.
 
-    Works at any time, also while the sweep is running. Exits with 3 if some runs have a status
+    Works at any time, even while the sweep is running. Exits with 3 if some runs have a status
     other than ok.
     """
     from rattlesweep.sweep.status import describe, status_of

@@ -25,10 +25,18 @@ from rattlesweep.cli.common import (
 )
 @click.argument("config", type=click.Path(), required=False)
 @click.option("--output", metavar="DIR", help="Output directory; overrides the config's.")
-@click.option("--samples", type=click.IntRange(1), help="Bodies; by default, 2000 runs or more.")
-@click.option("--quick", is_flag=True, help="Fewer runs and measurements: seconds, but rough.")
+@click.option(
+    "--samples", type=click.IntRange(1), help="Number of bodies; by default enough for 2000 runs."
+)
+@click.option(
+    "--quick", is_flag=True, help="Fewer runs and measurements: takes seconds, but rough."
+)
 @OVERRIDES
-@click.option("--threads", type=click.IntRange(1), help="Threads for the errors; costs are of one.")
+@click.option(
+    "--threads",
+    type=click.IntRange(1),
+    help="Threads for measuring errors; costs are measured on one.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
 @guarded
 def tradeoff(
@@ -40,10 +48,10 @@ def tradeoff(
     threads: int | None,
     as_json: bool,
 ) -> int:
-    """Measure speed against accuracy: methods, settings and models on the same runs.
+    """Measure speed against accuracy of methods, settings and models on the same runs.
 
-    Draws runs from CONFIG, by default shell-dumbbell bodies in both directions; its model,
-    integrator and record play no part. Prints a table and the cheapest settings for some errors of
+    Draws runs from CONFIG, by default shell-dumbbell bodies in both directions; ignores its model,
+    integrator and record. Prints a table and the cheapest settings for some errors of
     t_r, and writes tradeoff.parquet, tradeoff.svg and tradeoff.png.
     """
     from rattlesweep.integrate.batch import available_threads

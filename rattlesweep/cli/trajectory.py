@@ -28,12 +28,14 @@ from rattlesweep.cli.series import Share, check_targets, close, deliver, names_o
     type=click.Choice(["full", "reduced", "gh"]),
     default="full",
     show_default=True,
-    help="Equations.",
+    help="Equations of motion.",
 )
 @click.option("--e-p0", type=float, help="Energy of the pitch at the start of the reduced model.")
-@click.option("--e-r0", type=float, help="Energy of the roll, likewise.")
-@click.option("--output", metavar="FILE", help="A .parquet or .csv file instead of CSV printed.")
-@click.option("--figure", metavar="FILE", help="Draw it: .svg, .png or .pdf.")
+@click.option("--e-r0", type=float, help="Energy of the roll at the start of the reduced model.")
+@click.option(
+    "--output", metavar="FILE", help="A .parquet or .csv file, instead of CSV on standard output."
+)
+@click.option("--figure", metavar="FILE", help="Plot to an .svg, .png or .pdf file.")
 @options.quiet_option
 @guarded
 def trajectory(
@@ -46,9 +48,9 @@ def trajectory(
     steps: bool,
     **given: Any,
 ) -> int:
-    """Integrate one launch past its reversals and give it as a time series.
+    """Integrate one launch, past its reversals, and write it as a time series.
 
-    Prints CSV unless a file or a figure is asked for; the reversal times go to standard error.
+    Prints CSV unless a file or a figure is requested; reversal times go to standard error.
     """
     from rattlesweep.study import trajectory_figure as figures
     from rattlesweep.study.trajectory import Course

@@ -1,4 +1,4 @@
-"""`rattlesweep verify`: whether everything is whole."""
+"""`rattlesweep verify`: whether everything is intact."""
 
 from __future__ import annotations
 
@@ -18,20 +18,24 @@ from rattlesweep.cli.common import DONE, FAILED, Meter, guarded, say
     type=click.IntRange(0),
     metavar="N",
     default=0,
-    help="Integrate N random runs again, and compare bit for bit.",
+    help="Integrate N random runs again and compare them bit for bit.",
 )
-@click.option("--seed", type=click.IntRange(0), help="Of their choice; by default a new one.")
-@click.option("--threads", type=click.IntRange(1), help="Threads of the kernel.")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of sentences.")
+@click.option(
+    "--seed",
+    type=click.IntRange(0),
+    help="Seed for choosing these runs; by default a new one each time.",
+)
+@click.option("--threads", type=click.IntRange(1), help="Number of threads of the kernel.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
 @guarded
 def verify(
     directory: str, recompute: int, seed: int | None, threads: int | None, as_json: bool
 ) -> int:
-    """Check a directory from the first bit to the last.
+    """Verify an output directory, every bit of it.
 
-    Checksums, schema, missing or double runs, nulls where none belong, types, summary. Prints
-    what is wrong, a line each, and exits with 1 if anything is. `rattlesweep run` mends what it
-    finds by doing those blocks again.
+    Checks checksums, schema, missing and duplicate runs, unexpected nulls, types and summary.
+    Prints one line per problem and exits with 1 if there is any. `rattlesweep run` repairs what
+    it finds by computing those blocks again.
     """
     from rattlesweep.sweep.verify import verify as check
 
@@ -53,5 +57,5 @@ def verify(
     again = f", {verdict.recomputed} integrated again" if recompute else ""
     left = f", {len(verdict.missing)} blocks not in place" if verdict.missing else ""
     wrong = f"{len(verdict.problems)} problems" if verdict.problems else "no problem"
-    say(f"{verdict.blocks} whole blocks, {verdict.runs} runs{again}{left}: {wrong}")
+    say(f"{verdict.blocks} complete blocks, {verdict.runs} runs{again}{left}: {wrong}")
     return FAILED if verdict.problems else DONE

@@ -92,19 +92,19 @@ def violations(
     )
     i_xx, i_yy = alpha - 1, beta - 1
     slack = _TRIANGLE * (alpha + gamma)
-    both = "0 < phi < theta < 1 is wanted"
+    both = "0 < phi < theta < 1 is needed"
     rules: tuple[tuple[NDArray[np.bool_], Callable[[int], str]], ...] = (
         (np.isfinite(alpha + beta + gamma + theta + phi + xi),
          lambda i: "a parameter is not a finite number"),
         (phi > 0, lambda i: f"phi is {phi[i]:g}; {both}"),
         (theta < 1, lambda i: f"theta is {theta[i]:g}; {both}"),
         (phi < theta, lambda i: f"phi {phi[i]:g} is not below theta {theta[i]:g}; {both}"),
-        (beta > 1, lambda i: f"beta is {beta[i]:g}; alpha > beta > 1 is wanted"),
+        (beta > 1, lambda i: f"beta is {beta[i]:g}; alpha > beta > 1 is needed"),
         (alpha > beta,
-         lambda i: f"alpha {alpha[i]:g} is not above beta {beta[i]:g}; alpha > beta > 1 is wanted"),
+         lambda i: f"alpha {alpha[i]:g} is not above beta {beta[i]:g}; alpha > beta > 1 is needed"),
         (gamma > 0, lambda i: f"gamma is {gamma[i]:g}; it must be positive"),
         ((xi != 0) & (np.abs(xi) < np.pi / 2),
-         lambda i: f"xi is {xi[i]:g} rad; -pi/2 < xi < 0 is wanted, or xi > 0 for a mirror image"),
+         lambda i: f"xi is {xi[i]:g} rad; -pi/2 < xi < 0 is needed, or xi > 0 for a mirror image"),
         (i_xx <= i_yy + gamma + slack,
          lambda i: f"no body has this inertia: I_xx = alpha - 1 = {i_xx[i]:g} exceeds "
                    f"I_yy + I_zz = {i_yy[i] + gamma[i]:g}"),

@@ -104,7 +104,7 @@ class _Parser:
             raise self._wrong("is empty; type = 'SW' and K_r < 0.005 is an example")
         expression = self._either()
         if self._next < len(self._tokens):
-            raise self._wrong(f"and or or is wanted before {self._shown()}")
+            raise self._wrong(f"and or or is needed before {self._shown()}")
         return Condition(expression, tuple(dict.fromkeys(self._columns)))
 
     def _wrong(self, what: str) -> ConfigError:
@@ -126,7 +126,7 @@ class _Parser:
 
     def _want(self, value: str, why: str) -> None:
         if self._take(value) is None:
-            raise self._wrong(f"{value} is wanted {why}, not {self._shown()}")
+            raise self._wrong(f"{value} is needed {why}, not {self._shown()}")
 
     def _either(self) -> Any:
         found = self._both()
@@ -168,7 +168,7 @@ class _Parser:
         sign = None if unlike else self._take("=", "!=", "<", "<=", ">", ">=")
         if sign is None:
             wanted = "in" if unlike else "=, !=, <, <=, >, >=, in or is"
-            raise self._wrong(f"{wanted} is wanted after {left.shown}, not {self._shown()}")
+            raise self._wrong(f"{wanted} is needed after {left.shown}, not {self._shown()}")
         right = self._operand()
         self._alike(left, right)
         if left.kind == "word" and sign not in ("=", "!="):
@@ -200,7 +200,7 @@ class _Parser:
 
     def _operand(self) -> _Operand:
         if self._next >= len(self._tokens):
-            raise self._wrong("ends where a column, a number or a 'word' is wanted")
+            raise self._wrong("ends where a column, a number or a 'word' is needed")
         kind, value = self._tokens[self._next]
         if kind == "number":
             self._next += 1
@@ -214,7 +214,7 @@ class _Parser:
         if kind == "name":
             self._next += 1
             return self._column(value)
-        raise self._wrong(f"a column, a number or a 'word' is wanted, not {self._shown()}")
+        raise self._wrong(f"a column, a number or a 'word' is needed, not {self._shown()}")
 
     def _column(self, name: str) -> _Operand:
         if name not in self._schema.names:

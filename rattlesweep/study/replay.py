@@ -187,7 +187,7 @@ class Replay:
         launches = prepare(self._plan, np.array([run.case]), np.array([run.sample]))
         if t_end is not None:
             if not (np.isfinite(t_end) and t_end > 0):
-                raise ConfigError(f"--t-end {t_end:g}: a finite, positive time is wanted")
+                raise ConfigError(f"--t-end {t_end:g}: a finite, positive time is needed")
             launches = replace(launches, t_end=np.array([t_end]))
         return self.config, launches, make_batch(launches, self.config.model)
 

@@ -258,7 +258,7 @@ def _notes(layout: Layout, facts: Facts, status: Status) -> Html:
         "|n_c1| < |n_i|.",
     ]
     if status.state != "complete":
-        notes.append(f"The sweep is not whole ({_state(status)}); what is here may change.")
+        notes.append(f"The sweep is not complete ({_state(status)}); what is here may change.")
     if facts.near_tangencies:
         notes.append(
             f"{facts.near_tangencies:,} extrema of the spin are so near zero that the tolerance "

@@ -88,7 +88,7 @@ def make_times(
     if times is not None:
         array = np.array(times, dtype=float, ndmin=1)
         if array.ndim != 1 or not array.size or not np.all(np.isfinite(array)):
-            raise ConfigError("times: a list of finite numbers is wanted")
+            raise ConfigError("times: a list of finite numbers is needed")
         if array[0] < 0 or array[-1] > t_end or np.any(np.diff(array) <= 0):
             raise ConfigError(f"times: they must increase, from 0 at least to t_end = {t_end:g}")
         return array

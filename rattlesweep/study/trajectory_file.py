@@ -39,7 +39,7 @@ def check_target(path: Path, option: str, endings: tuple[str, ...]) -> None:
     if path.suffix.lower() not in endings:
         raise ConfigError(
             f"{option} {path}: the name's ending chooses the format; "
-            f"{', '.join(endings[:-1])} or {endings[-1]} is wanted"
+            f"{', '.join(endings[:-1])} or {endings[-1]} is needed"
         )
     probe_directory(path.parent)
 

@@ -51,7 +51,7 @@ def adopted_size(store: Store, blocks: list[int], sweep: str, plan: Plan) -> int
     if ours:
         return plan.block_size
     raise ConfigError(
-        f"{store.directory}: it holds runs but no whole manifest.json, and the runs are not known "
+        f"{store.directory}: it holds runs but no intact manifest.json, and the runs are not known "
         "to be of this config; choose another output, or start over with --fresh"
     )
 

@@ -100,7 +100,7 @@ def _numbers(series: pd.Series[str], name: str, where: str, *, nullable: bool) -
         row = int(np.flatnonzero(bad)[0])
         cell = series.iloc[row]
         said = "empty" if pd.isna(cell) else f"{str(cell)[:40]!r}"
-        raise ConfigError(f"{where}: row {row + 1}: {name} is {said}; a finite number is wanted")
+        raise ConfigError(f"{where}: row {row + 1}: {name} is {said}; a finite number is needed")
     return values
 
 
@@ -120,7 +120,7 @@ def _check_rows(columns: dict[str, Floats], where: str) -> None:
             if name in LAUNCH and fast.size:
                 value = values[fast[0]]
                 worst.append(
-                    (int(fast[0]), f"{name} is {value:g}; at most {MAX_SPEED:g} is wanted")
+                    (int(fast[0]), f"{name} is {value:g}; at most {MAX_SPEED:g} is allowed")
                 )
     if worst:
         row, sentence = min(worst)

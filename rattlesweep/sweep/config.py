@@ -105,7 +105,7 @@ def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> 
         raise ConfigError(f"{file}:1:1: the file is empty; it needs at least bodies and spin")
     if not isinstance(data, dict):
         raise ConfigError(
-            f"{file}:1:1: {describe(data)} stands where a mapping is wanted; write key: value lines"
+            f"{file}:1:1: {describe(data)} found where a mapping is needed; write key: value lines"
         )
     refused = [line for text in overrides for line in _override(data, origins, text)]
     return _checked(data, document.problems, Places(file, origins), refused)
@@ -132,7 +132,7 @@ def parse_config(data: Mapping[str, Any]) -> Config:
     problems: list[Problem] = []
     plain = _plain(data, (), problems)
     if not isinstance(plain, dict):
-        raise ConfigError(f"{describe(plain)} stands where a mapping is wanted; give a dict")
+        raise ConfigError(f"{describe(plain)} found where a mapping is needed; give a dict")
     return _checked(plain, problems, Places())
 
 

@@ -59,7 +59,7 @@ class SdRanges(Base):
         if theta and phi[0] >= theta[1]:
             raise ValueError(
                 f"phi >= theta for all bodies, as phi is at least {phi[0]:g} and theta at most "
-                f"{theta[1]:g}; 0 < phi < theta < 1 is wanted"
+                f"{theta[1]:g}; 0 < phi < theta < 1 is needed"
             )
         if theta and phi[1] >= theta[0]:
             raise ValueError(

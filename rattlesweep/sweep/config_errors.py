@@ -51,7 +51,7 @@ def _wanted(value: Any, wanted: str) -> str:
             return f"{quoted(value)} is text in YAML 1.2; write {value.replace('_', '')}"
     if isinstance(value, int | float) and not isinstance(value, bool) and wanted == "text":
         return f"{value!r} is a number; put it in quotes to make it text"
-    return f"{describe(value)} stands here; write {wanted}"
+    return f"{describe(value)} is given here; write {wanted}"
 
 
 _WANTED = {

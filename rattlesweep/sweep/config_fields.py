@@ -110,7 +110,7 @@ def _as_list(value: Any) -> Any:
 
         return spaced(value)
     if not isinstance(value, list):
-        raise PydanticCustomError("number_or_list", "a number or a list of numbers is wanted")
+        raise PydanticCustomError("number_or_list", "a number or a list of numbers is needed")
     return value
 
 

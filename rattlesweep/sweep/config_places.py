@@ -68,7 +68,7 @@ class Places:
         lines = list(dict.fromkeys(self.line(problem) for problem in ordered))
         more += max(0, len(lines) - MAX_TOLD)
         if more:
-            rest = f"and {more} more; mend these first"
+            rest = f"and {more} more; fix these first"
             lines = [*lines[:MAX_TOLD], f"{self.file}: {rest}" if self.file else rest]
         return lines
 

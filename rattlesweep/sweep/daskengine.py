@@ -178,7 +178,7 @@ class _Driver:
                 where = self._client.scheduler.address
                 raise OutputError(
                     f"the scheduler at {where} has had no worker for {PATIENCE:.0f} s; start some "
-                    f"with `dask worker {where}`, and the same command goes on from there"
+                    f"with `dask worker {where}`, and the same command resumes from there"
                 )
             if self._workers or not first or self._job.too_late():
                 return
@@ -211,8 +211,8 @@ class _Driver:
 
     def _scheduler_lost(self) -> OutputError:
         return OutputError(
-            f"the scheduler at {self._client.scheduler.address} is lost; what is whole is kept, "
-            "and with a new one the same command goes on from there"
+            f"the scheduler at {self._client.scheduler.address} is lost; completed work is kept, "
+            "and with a new one the same command resumes from there"
         )
 
     def _look_at(self, block: Block, future: Future) -> None:
@@ -265,7 +265,7 @@ class _Driver:
             raise OutputError(
                 f"block {block.index} is given up: workers that have it are lost again and again, "
                 f"the last one was {error.last_worker.address}; their logs say why, want of memory "
-                "perhaps, which a smaller block_size in a new output mends"
+                "perhaps, which a smaller block_size in a new output avoids"
             ) from error
 
     def _keep(self, block: Block, done: Done) -> None:

@@ -138,7 +138,7 @@ def run_sweep(
     ConfigError, OutputError
         As :func:`rattlesweep.sweep.session.open_session`, or if a file cannot be written.
     KeyboardInterrupt
-        On Ctrl-C; the kernel is stopped first and whole blocks are kept.
+        On Ctrl-C; the kernel is stopped first and complete blocks are kept.
     """
     start = time.perf_counter()
     deadline = None if max_time is None else time.monotonic() + max_time

@@ -111,7 +111,7 @@ def forecast(
     budget : float
         Seconds that the pilot may take, a kernel that must be compiled aside.
     shards : int, optional
-        Shares of which the longest is wanted.
+        Shares of which the longest is to be forecast.
 
     Returns
     -------

@@ -78,7 +78,7 @@ def examine(plan: Plan, directory: Path, base: Path | None) -> Opened:
         if store.has_manifest():
             manifest = read_manifest(store)
     except DamagedManifest as error:
-        remarks.append(f"{error}; it is made anew from the blocks")
+        remarks.append(f"{error}; it is rebuilt from the blocks")
     if manifest is None:
         if blocks:
             plan = replace(plan, block_size=adopted_size(store, blocks, hash_, plan))
@@ -93,7 +93,7 @@ def examine(plan: Plan, directory: Path, base: Path | None) -> Opened:
         )
     size = manifest["config"]["block_size"]
     if size != plan.block_size:
-        remarks.append(f"{directory} was begun in blocks of {size} runs, and goes on so")
+        remarks.append(f"{directory} was begun in blocks of {size} runs, and keeps that size")
         plan = replace(plan, block_size=size)
     current = new_manifest(plan, hash_, base)
     for part in ("versions", "machine"):
@@ -120,7 +120,7 @@ class Session:
     receipts : dict
         Receipts of blocks found whole or written by this session.
     retype, retry : list of int
-        Numbers of whole blocks with types of other thresholds, and with failed runs.
+        Numbers of complete blocks with types of other thresholds, and with failed runs.
     """
 
     opened: Opened

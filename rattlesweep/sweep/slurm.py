@@ -222,7 +222,7 @@ cd @WHERE@ 2>/dev/null || fail "$HOSTNAME does not see "@WHERE@
 found=$("$program" --version 2>&1) ||
     fail "rattlesweep does not start on $HOSTNAME: ${found##*$'\n'}"
 [[ $found == *" @VERSION@" ]] ||
-    fail "this script is of rattlesweep @VERSION@, and $program is ${found##* }; write it anew" 2
+    fail "this script is of rattlesweep @VERSION@, and $program is ${found##* }; regenerate it" 2
 [[ -r $config ]] || fail "$HOSTNAME does not see $config" 2
 mkdir -p "$output" 2>/dev/null && [[ -w $output ]] || fail "$HOSTNAME cannot write in $output"
 
@@ -235,7 +235,7 @@ export NUMBA_CACHE_DIR=$cache
 export NUMBA_NUM_THREADS=$cpus
 
 # USR1 is Slurm's word that the time is nearly up; TERM comes when the task is cancelled or its node
-# is wanted by others, and then Slurm decides whether it comes again.
+# is claimed by others, and then Slurm decides whether it comes again.
 warned=0
 heard=0
 child=
@@ -265,9 +265,9 @@ done
 
 if [[ $code -eq 75 || ($code -eq 143 && $warned -eq 1) ]]; then
     if ((restarts >= @RESTARTS@)); then
-        fail "task $task is not done after $restarts restarts; submit the script again to go on" 75
+        fail "task $task is not done after $restarts restarts; submit the script again to resume" 75
     fi
-    echo "$(date '+%F %T') task $task goes on after a restart"
+    echo "$(date '+%F %T') task $task resumes after a restart"
     trap '' TERM
     scontrol requeue "$task" || fail "task $task could not be put into the queue again" 75
     exit 0

@@ -2,7 +2,7 @@
 
 A file appears under its name in one step, complete, or not at all. It is written beside its
 place under a name no reader's pattern matches, forced to the disk, read back, renamed. Whatever
-kills the process, at whatever moment, `runs/*.parquet` matches whole blocks only.
+kills the process, at whatever moment, `runs/*.parquet` matches complete blocks only.
 """
 
 from __future__ import annotations

@@ -101,7 +101,7 @@ def verify(
     except OutputError as error:
         if not store.has_manifest():
             raise
-        verdict.problems.append(f"{error}; `rattlesweep run` makes it anew")
+        verdict.problems.append(f"{error}; `rattlesweep run` recreates it")
         return verdict
     at_work = holder(directory)
     if at_work is not None:
@@ -237,10 +237,10 @@ def _check_summary(store: Store, manifest: dict[str, Any]) -> Iterator[str]:
     try:
         stored = store.read_summary()
     except OutputError as error:
-        yield f"{error}; `rattlesweep run` makes it anew"
+        yield f"{error}; `rattlesweep run` recreates it"
         return
     if not stored.equals(summarise(store, stored_cases(manifest)).replace_schema_metadata(None)):
-        yield f"{store.summary_path} does not follow from the runs; `rattlesweep run` makes it anew"
+        yield f"{store.summary_path} does not follow from the runs; `rattlesweep run` recreates it"
     if count_failed(manifest["receipts"].values()) != manifest["failed"]:
         yield f"{store.manifest_path} counts failed runs other than those there are"
 

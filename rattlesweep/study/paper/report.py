@@ -122,7 +122,7 @@ def _head(outcome: Outcome) -> list[Html]:
         paragraph(
             "Every figure and every claim of Y. Kondo and H. Nakanishi, ",
             Html("<em>Rattleback dynamics and its reversal time of rotation</em>"),
-            ", Phys. Rev. E 95, 062207 (2017), computed anew. Units are M = a = g = 1: times in "
+            ", Phys. Rev. E 95, 062207 (2017), recomputed. Units are M = a = g = 1: times in "
             "√(a/g), spins in √(g/a). A positive spin is the unsteady direction.",
         ),
         paragraph(

@@ -139,7 +139,7 @@ def make_paper(
     ConfigError, OutputError
         If the directory holds other sweeps, or cannot be written.
     KeyboardInterrupt
-        On Ctrl-C; whole figures and whole blocks of the sweeps are kept.
+        On Ctrl-C; whole figures and complete blocks of the sweeps are kept.
     """
     from rattlesweep.study.paper.report import write_report
 

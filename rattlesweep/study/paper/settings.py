@@ -117,7 +117,7 @@ def _fits(config: Config, name: str, *, positive: bool) -> Config:
         raise ValueError(f"bodies must be of source sd and have a target {name}; add one")
     if config.spin is None or any((n > 0) is not positive for n in config.spin.n_i):
         sign = "positive" if positive else "negative"
-        raise ValueError(f"every spin.n_i must be {sign} in this section; mend the sign")
+        raise ValueError(f"every spin.n_i must be {sign} in this section; change its sign")
     if config.model != "full":
         raise ValueError(f"the model is {config.model}; the figures are of the model full")
     return config
@@ -159,7 +159,7 @@ def load_paper(path: str | os.PathLike[str] | None = None) -> Paper:
         raise ConfigError(f"{file}:1:1: the file is empty; give at least one section")
     if not isinstance(given.data, dict):
         raise ConfigError(
-            f"{file}:1:1: {describe(given.data)} stands where a mapping is wanted; write "
+            f"{file}:1:1: {describe(given.data)} found where a mapping is needed; write "
             "sections such as fig6:"
         )
     return _checked(given, {**own.data, **given.data}, file)

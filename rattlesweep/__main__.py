@@ -1,0 +1,6 @@
+"""`python -m rattlesweep`: the command line."""
+
+from rattlesweep.cli import main
+
+if __name__ == "__main__":
+    main(prog_name="rattlesweep")
