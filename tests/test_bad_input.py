@@ -118,10 +118,15 @@ def test_all_mistakes_are_told_at_once(here):
         (["run", "c.yaml", "--set", "bodies.samples"], "is not KEY=VALUE"),
         (["run", "c.yaml", "--set", "bodies.sampels=3"], 'unknown key "sampels"'),
         (["run", "c.yaml", "--set", "integrator.max_steps=0"], "0 is out of range"),
-        (["run", "c.yaml", "--set", "bodies={source: sd, samples: 100000000000}"],
-         "block_size: 100000000000 runs make 10000000 blocks of 10000 runs, each a file; at most "),
+        (
+            ["run", "c.yaml", "--set", "bodies={source: sd, samples: 100000000000}"],
+            "block_size: 100000000000 runs make 10000000 blocks of 10000 runs, each a file; at ",
+        ),
         (["run", "c.yaml", "--output", ""], "--output: the directory has no name"),
-        (["run", "c.yaml", "--output", "o\udcff"], r"--output o\udcff: the name is not UTF-8; give"),
+        (
+            ["run", "c.yaml", "--output", "o\udcff"],
+            r"--output o\udcff: the name is not UTF-8; give",
+        ),
         (["merge", "c", "--output", "o\udcff"], r"--output o\udcff: the name is not UTF-8; give"),
         (["classify", "nowhere"], "is not an output directory"),
         (["classify", "c.yaml"], "is not an output directory"),

@@ -491,7 +491,7 @@ BAD = {
     ),
     "dt with dop853": (
         changed("tol: 1e-9", "dt: 0.1"),
-        "c.yaml:14:30: integrator.dt: dop853 chooses its own steps and takes no dt; give tol",
+        "c.yaml:14:30: integrator.dt: dop853 chooses its own steps and takes no dt; leave",
     ),
     "unknown method": (
         changed("dop853", "dop835"),

@@ -78,9 +78,7 @@ def check_launch(
     if not (math.isfinite(n_i) and n_i != 0):
         raise ConfigError(f"{names[0]} {n_i:g}: the initial spin must be finite and not zero")
     if not (math.isfinite(omega_xy0) and omega_xy0 > 0):
-        raise ConfigError(
-            f"{names[1]} {omega_xy0:g}: the oscillation must be finite and positive"
-        )
+        raise ConfigError(f"{names[1]} {omega_xy0:g}: the oscillation must be finite and positive")
 
 
 def derived(body: Rattleback, n_i: float, omega_xy0: float) -> list[Quantity]:
