@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -45,8 +47,16 @@ def reversal_time_gh(body: Rattleback, n_i: float, omega_xy0: float) -> float:
     n_i : float
         Initial spin, not zero; its sign chooses the direction.
     omega_xy0 : float
-        Oscillation along the relevant mode; both in ``sqrt(g/a)``.
+        Oscillation along the relevant mode, above zero; both in ``sqrt(g/a)``.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such launch.
     """
+    from rattlesweep.sweep.derived import check_launch
+
+    check_launch(n_i, omega_xy0)
     found = theory.modes(body.alpha, body.beta, body.theta, body.phi, body.xi)
     psi = direction(found, n_i, "relevant")
     speed = theory.oscillation_speed(body.alpha, body.beta, body.gamma, omega_xy0, psi)
@@ -89,8 +99,9 @@ def simulate(
     psi: str | float = "relevant",
     model: str = "full",
     method: str = "dop853",
-    tol: float = 1e-9,
-    dt: float = 0.002,
+    tol: float | None = None,
+    dt_step: float | None = None,
+    dt: float | None = None,
 ) -> Run:
     """Integrate one body from one launch to its first reversal or to ``t_end``.
 
@@ -105,8 +116,11 @@ def simulate(
         ``relevant``, ``pitch``, ``roll`` or degrees.
     model : str
         ``full`` or ``reduced``.
-    method, tol, dt
-        As in the config's ``integrator``.
+    method, tol, dt_step
+        Method, and the tolerance of an adaptive one or the step of a fixed-step one: ``method, tol,
+        dt`` of the config's ``integrator``, with its defaults.
+    dt
+        Former name of ``dt_step``; in :func:`trajectory` it is the distance of two rows.
 
     Returns
     -------
@@ -118,13 +132,23 @@ def simulate(
         If an argument is wrong.
     """
     from rattlesweep.sweep.blocks import finish_block
+    from rattlesweep.sweep.errors import ConfigError
     from rattlesweep.sweep.single import single_run
     from rattlesweep.sweep.types import TYPES
 
-    adaptive = {"tol": tol} if _adaptive(method) else {"dt": dt}
+    if dt is not None:
+        if dt_step is not None:
+            raise ConfigError("dt and dt_step are both given, and mean the same; give dt_step")
+        warnings.warn(
+            "dt of simulate is called dt_step now, as in trajectory, where dt is the distance of "
+            "two rows",
+            DeprecationWarning,
+            stacklevel=2,
+        )
+        dt_step = dt
     config, launches, batch = single_run(
         body, n_i=n_i, omega_xy0=omega_xy0, t_end=t_end, psi=psi, model=model,
-        integrator={"method": method, **adaptive},
+        integrator=_integrator(method, tol, dt_step),
     )  # fmt: skip
     columns = finish_block(config, launches, batch, threads=1)
     codes, _ = columns["type"]
@@ -152,8 +176,8 @@ def trajectory(
     steps: bool = False,
     times: Any = None,
     method: str = "dop853",
-    tol: float = 1e-9,
-    dt_step: float = 0.002,
+    tol: float | None = None,
+    dt_step: float | None = None,
     e_p0: float | None = None,
     e_r0: float | None = None,
 ) -> Trajectory:
@@ -176,7 +200,7 @@ def trajectory(
         One way to choose the rows: so many evenly from 0 to ``t_end`` (2001 by default), one every
         ``dt``, one per accepted step, or any increasing times.
     method, tol, dt_step
-        Method, its tolerance or its step, as ``method, tol, dt`` of the config's ``integrator``.
+        As for :func:`simulate`; not to be confused with ``dt``.
     e_p0, e_r0 : float, optional
         Energies of pitch and roll with which the reduced model begins, in ``M g a``; by default
         the launch's, where one of them is zero.
@@ -194,20 +218,19 @@ def trajectory(
     """
     from rattlesweep.study.trajectory import Course, collect
 
-    adaptive = {"tol": tol} if _adaptive(method) else {"dt": dt_step}
     return collect(
         Course(
             body, n_i=n_i, omega_xy0=omega_xy0, t_end=t_end, psi=psi, model=model,
             channels=channels, points=points, dt=dt, steps=steps, times=times,
-            integrator={"method": method, **adaptive}, e_p0=e_p0, e_r0=e_r0,
+            integrator=_integrator(method, tol, dt_step), e_p0=e_p0, e_r0=e_r0,
         )
     )  # fmt: skip
 
 
-def _adaptive(method: str) -> bool:
-    from rattlesweep.integrate.tableau import METHODS
-
-    return method not in METHODS or METHODS[method].adaptive
+def _integrator(method: str, tol: float | None, dt_step: float | None) -> dict[str, Any]:
+    """The config's `integrator`, which refuses what its method does not take."""
+    given = {"method": method, "tol": tol, "dt": dt_step}
+    return {key: value for key, value in given.items() if value is not None}
 
 
 def _number(value: Any) -> Any:
@@ -233,10 +256,15 @@ class Sweep:
 
     @property
     def runs(self) -> pd.DataFrame:
-        """One row a run: the columns of ``runs/*.parquet``."""
+        """One row a run: the columns of ``runs/*.parquet``; no rows before the first block."""
         import pyarrow as pa
 
+        from rattlesweep.sweep.columns import runs_schema
+
         tables = [table for _, table in self._store.iter_blocks()]
+        if not tables:
+            config = self.manifest["config"]
+            tables = [runs_schema(config["record"], config["model"]).empty_table()]
         frame: pd.DataFrame = pa.concat_tables(tables).to_pandas()
         return frame
 
@@ -287,15 +315,25 @@ def sweep(
     ------
     ConfigError, OutputError
         If the config is wrong, or the directory cannot be written.
+
+    Warns
+    -----
+    ConfigWarning
+        Of what makes little physical sense in the config, as ``rattlesweep run`` does.
     """
     from rattlesweep.sweep.config import load_config, parse_config
     from rattlesweep.sweep.config_physics import checked_plan
     from rattlesweep.sweep.engine import run_sweep
+    from rattlesweep.sweep.errors import ConfigWarning
 
     file = isinstance(config, str | Path)
     loaded = load_config(config) if isinstance(config, str | Path) else parse_config(config)
     base = Path(str(config)).resolve().parent if file else None
-    plan, _ = checked_plan(loaded, base)
+    plan, doubts = checked_plan(loaded, base)
+    # Called through the room of its name, it is one level further from the user.
+    through = sys._getframe(1).f_globals.get("__name__") == "rattlesweep.sweep"
+    for doubt in doubts:
+        warnings.warn(doubt, ConfigWarning, stacklevel=3 if through else 2)
     directory = Path(output if output is not None else loaded.directory)
     run_sweep(plan, directory, base=base, threads=threads)
     return Sweep(directory)

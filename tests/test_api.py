@@ -7,14 +7,19 @@ import inspect
 import math
 import subprocess
 import sys
+from typing import Any
 
 import numpy as np
 import oracle
 import pandas as pd
+import pyarrow as pa
 import pytest
 
 import rattlesweep as rs
-from rattlesweep.sweep.errors import ConfigError
+from rattlesweep.study.report import make_report
+from rattlesweep.sweep.errors import ConfigError, ConfigWarning
+from rattlesweep.sweep.store import Store
+from rattlesweep.sweep.verify import verify
 
 GH = rs.Rattleback.gh()
 CONFIG = {
@@ -127,13 +132,13 @@ def test_simulate_the_mirror_image():
 def test_simulate_takes_models_methods_and_directions():
     reduced = rs.simulate(GH, n_i=0.1, omega_xy0=0.01, model="reduced", tol=1e-11)
     assert reduced.t_r == pytest.approx(rs.reversal_time_gh(GH, 0.1, 0.01), rel=1e-8)
-    paper = rs.simulate(GH, n_i=0.1, omega_xy0=0.01, method="rk4", dt=0.002)
+    paper = rs.simulate(GH, n_i=0.1, omega_xy0=0.01, method="rk4", dt_step=0.002)
     assert paper.t_r == pytest.approx(112.0939, rel=1e-6)
     pitch = rs.simulate(GH, n_i=0.1, omega_xy0=0.01, psi="pitch", t_end=20.0)
     degrees = math.degrees(rs.modes(GH).psi_p)
     same = rs.simulate(GH, n_i=0.1, omega_xy0=0.01, psi=degrees, t_end=20.0)
     assert same.n_end == pytest.approx(pitch.n_end, rel=1e-9)
-    failed = rs.simulate(GH, n_i=0.1, omega_xy0=0.01, method="rk4", dt=3.0)
+    failed = rs.simulate(GH, n_i=0.1, omega_xy0=0.01, method="rk4", dt_step=3.0)
     assert failed.type is None
     assert failed.status in ("nonfinite", "energy")
 
@@ -146,6 +151,66 @@ def test_simulate_takes_models_methods_and_directions():
 def test_simulate_refuses(wrong):
     with pytest.raises(ConfigError, match=r".+"):
         rs.simulate(GH, **{"n_i": 0.1, "omega_xy0": 0.01, **wrong})
+
+
+def test_step_has_one_name_and_its_old_one_still_works():
+    launch: dict[str, Any] = {"n_i": 0.1, "omega_xy0": 0.01, "t_end": 1.0, "method": "rk4"}
+    run = rs.simulate(GH, dt_step=0.01, **launch)
+    assert run.n_steps == rs.trajectory(GH, dt_step=0.01, dt=0.5, **launch).n_steps
+    assert 100 <= run.n_steps <= 110
+    with pytest.warns(DeprecationWarning, match="dt of simulate is called dt_step now"):
+        assert rs.simulate(GH, dt=0.01, **launch) == run
+    with pytest.raises(ConfigError, match="dt and dt_step are both given"):
+        rs.simulate(GH, dt=0.01, dt_step=0.01, **launch)
+
+
+def test_tolerance_of_a_fixed_step_is_refused():
+    for call in (rs.simulate, rs.trajectory):
+        with pytest.raises(ConfigError, match="rk4 has steps of one size and takes no tol"):
+            call(GH, n_i=0.1, omega_xy0=0.01, method="rk4", tol=1e-9)
+        with pytest.raises(ConfigError, match="dop853 chooses its own steps and takes no dt"):
+            call(GH, n_i=0.1, omega_xy0=0.01, dt_step=0.1)
+
+
+@pytest.mark.parametrize(
+    ("n_i", "omega", "words"),
+    [(0.0, 0.01, "n_i 0: the initial spin must be finite and not zero"),
+     (math.inf, 0.01, "n_i inf: the initial spin must be finite"),
+     (0.1, -1, "omega_xy0 -1: the oscillation must be finite and positive"),
+     (0.1, 0.0, "omega_xy0 0: "), (0.1, math.nan, "omega_xy0 nan: ")],
+)  # fmt: skip
+def test_reversal_time_of_no_launch_is_refused(n_i, omega, words):
+    with pytest.raises(ConfigError, match=words):
+        rs.reversal_time_gh(GH, n_i, omega)
+
+
+def test_summary_of_an_earlier_version_is_read_and_made_anew(tmp_path):
+    output = tmp_path / "out"
+    new = rs.sweep(CONFIG, output=output, threads=1).summary
+    store = Store(output)
+    old = store.read_summary().drop_columns(["t_r_over_t_rgh_mean", "t_r_over_t_rgh_sem"])
+    place = old.schema.get_field_index("fraction_bondi")
+    store.write_summary(old.set_column(place, old.schema.field(place), pa.array([0.5, 0.5])))
+    assert rs.load(output).summary.fraction_bondi.tolist() == [0.5, 0.5]
+    assert verify(output).problems == []
+    assert b"t_r/t_rGH" in make_report(output)
+    pd.testing.assert_frame_equal(rs.sweep(CONFIG, output=output).summary, new)
+
+
+def test_load_before_the_first_block(tmp_path):
+    done = rs.sweep({**CONFIG, "record": ["energy"]}, output=tmp_path / "out", threads=1)
+    for block in (tmp_path / "out" / "runs").iterdir():
+        block.unlink()
+    none = rs.load(tmp_path / "out").runs
+    assert len(none) == 0
+    assert list(none) == list(done.runs)
+
+
+def test_sweep_warns_of_what_makes_little_sense(tmp_path):
+    short = {**CONFIG, "horizon": {"t": 0.01}}
+    with pytest.warns(ConfigWarning, match="is shorter than one pitch oscillation") as told:
+        rs.sweep(short, output=tmp_path / "out")
+    assert told[0].filename == __file__
 
 
 def test_sweep_and_load(tmp_path):

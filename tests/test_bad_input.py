@@ -118,7 +118,16 @@ def test_all_mistakes_are_told_at_once(here):
         (["run", "c.yaml", "--set", "bodies.samples"], "is not KEY=VALUE"),
         (["run", "c.yaml", "--set", "bodies.sampels=3"], 'unknown key "sampels"'),
         (["run", "c.yaml", "--set", "integrator.max_steps=0"], "0 is out of range"),
+        (
+            ["run", "c.yaml", "--set", "bodies={source: sd, samples: 100000000000}"],
+            "block_size: 100000000000 runs make 10000000 blocks of 10000 runs, each a file; at ",
+        ),
         (["run", "c.yaml", "--output", ""], "--output: the directory has no name"),
+        (
+            ["run", "c.yaml", "--output", "o\udcff"],
+            r"--output o\udcff: the name is not UTF-8; give",
+        ),
+        (["merge", "c", "--output", "o\udcff"], r"--output o\udcff: the name is not UTF-8; give"),
         (["classify", "nowhere"], "is not an output directory"),
         (["classify", "c.yaml"], "is not an output directory"),
     ],
@@ -143,6 +152,16 @@ def test_usage_errors_end_with_2(args, here):
     assert result.stdout == ""
     assert "Usage: " in result.stderr
     assert tree(here) == before
+
+
+def test_a_config_whose_name_is_not_utf_8(here):
+    name = os.fsdecode(b"c\xff.yaml")
+    (here / name).write_text(PRESET)
+    # As a program: what it was called with goes into the manifest.
+    done = subprocess.run([PROGRAM, "run", name, "-q"], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    (manifest,) = here.glob("out/*/manifest.json")
+    assert json.loads(manifest.read_bytes())["command"][2] == r"c\udcff.yaml"
 
 
 # -- directories that cannot be written --------------------------------------------------------

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 import tempfile
 import time
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
 import numba
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from hypothesis import example, given, settings
@@ -23,6 +25,7 @@ from rattlesweep.sweep.bodies import CHUNK
 from rattlesweep.sweep.config import parse_config
 from rattlesweep.sweep.contents import content_hash
 from rattlesweep.sweep.errors import ConfigError
+from rattlesweep.sweep.launches import prepare
 from rattlesweep.sweep.philox import uniforms
 from rattlesweep.sweep.plan import make_plan
 from rattlesweep.sweep.sampler import draw_bodies
@@ -362,6 +365,9 @@ BAD_TABLES = {
     "omega below 0": (f"{HEAD},n_i,omega_xy0\n{GH},1,-1\n", "row 1: omega_xy0 is -1; it must be"),
     "horizon of 0": (f"{HEAD},t_end\n{GH},0\n", "row 1: t_end is 0; it must be positive"),
     "empty launch": (f"{HEAD},n_i,omega_xy0\n{GH},,0.1\n", "row 1: n_i is empty; a finite"),
+    "repeated": (f"{HEAD},theta\n{GH},0.7\n", "there are 2 columns theta; keep one of them"),
+    "a cell more in each row": (f"{HEAD}\n{GH},\n{GH},\n", "cannot be read as a table ("),
+    "truth": (f"{HEAD}\n13,True,12,0.5,0.1,-0.1\n", "row 1: beta is 'True'; a finite number"),
     "no rows": (f"{HEAD}\n", "the table has no rows; give at least one body"),
     "no text": ("", "cannot be read as a table (No columns to parse from file)"),
     "too many cells": (f"{HEAD}\n{GH}\n{GH},1,2,3\n", "cannot be read as a table ("),
@@ -390,7 +396,7 @@ def test_files_that_are_no_tables(tmp_path):
     assert line.endswith("no such file; give the path of a CSV or Parquet table")
 
 
-def test_wrong_types_inside_parquet_are_told_by_row(tmp_path):
+def test_wrong_types_inside_parquet_are_told(tmp_path):
     frame = pd.DataFrame([[13.04, 1.522, 12.28, 0.6429, 0.036, -0.03]] * 3, columns=list(NAMES))
     path = tmp_path / "b.parquet"
     frame.assign(theta=["0.5", "x", "0.6"]).to_parquet(path)
@@ -401,8 +407,23 @@ def test_wrong_types_inside_parquet_are_told_by_row(tmp_path):
     assert "row 2: theta is empty" in line
     frame.assign(theta=[[1.0], [2.0], [3.0]]).to_parquet(path)
     assert "theta" in refusal(lambda: plan({"source": "table", "path": str(path)}))
-    frame.assign(theta=pd.Timestamp("2020-01-01")).to_parquet(path)
-    assert "theta" in refusal(lambda: plan({"source": "table", "path": str(path)}))
+    values: dict[str, Any] = {
+        "timestamp[us]": [pd.Timestamp("2020-01-01")] * 3, "binary": [b"0.5"] * 3,
+        "bool": [True, None, True], "duration[ns]": [pd.Timedelta(1)] * 3,
+    }  # fmt: skip
+    for kind, column in values.items():
+        frame.assign(alpha=column).to_parquet(path)
+        line = refusal(lambda: plan({"source": "table", "path": str(path)}))
+        assert f": the column alpha is of type {kind}; numbers are wanted" in line
+    # Any type of numbers is good, and columns that are not read may be of any type.
+    good = frame.assign(alpha=[Decimal("13.5")] * 3, beta=np.float32(1.5), note=[True] * 3)
+    good.assign(gamma=["12"] * 3).to_parquet(path)
+    bodies = plan({"source": "table", "path": str(path)}).source.bodies(0, np.arange(3))
+    assert columns(bodies)[:3].T.tolist() == [[13.5, 1.5, 12.0]] * 3
+    table_ = pa.table([pa.array([0.5])] * 7, names=[*NAMES, "theta"])
+    pq.write_table(table_, path)
+    line = refusal(lambda: plan({"source": "table", "path": str(path)}))
+    assert "there are 2 columns theta; keep one of them" in line
 
 
 def test_a_table_without_launch_needs_a_spin(tmp_path):
@@ -435,3 +456,12 @@ def test_an_output_table_is_a_valid_input_and_gives_the_same_results(psi, tmp_pa
     had = first.t_r.notna().to_numpy()
     assert (cut.t_end[had] <= 10).all()
     assert np.array_equal(cut.t_end[~had], first.t_end[~had])
+
+
+def test_runs_in_any_order_get_their_own_bodies():
+    made = plan({"source": "sd", "samples": 4, "target": {"K_r": [0.01, 0.1], "rel_tol": 0.1}})
+    case, sample = np.array([0, 0, 1, 1]), np.array([0, 3, 0, 3])
+    order = [2, 1, 3, 0]
+    whole, mixed = prepare(made, case, sample), prepare(made, case[order], sample[order])
+    assert np.array_equal(columns(mixed.bodies), columns(whole.bodies)[:, order])
+    assert np.array_equal(mixed.t_rgh, whole.t_rgh[order])

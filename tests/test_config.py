@@ -487,11 +487,11 @@ BAD = {
     ),
     "tol with rk4": (
         changed("method: dop853", "method: rk4"),
-        "c.yaml:14:27: integrator.tol: rk4 has steps of one size and takes no tol; give dt instead",
+        "c.yaml:14:27: integrator.tol: rk4 has steps of one size and takes no tol; leave it out",
     ),
     "dt with dop853": (
         changed("tol: 1e-9", "dt: 0.1"),
-        "c.yaml:14:30: integrator.dt: dop853 chooses its own steps and takes no dt; give tol",
+        "c.yaml:14:30: integrator.dt: dop853 chooses its own steps and takes no dt; leave",
     ),
     "unknown method": (
         changed("dop853", "dop835"),

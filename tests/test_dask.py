@@ -7,9 +7,13 @@ import os
 import pickle
 import re
 import signal
+import socket
 import subprocess
 import sys
+import tempfile
 import time
+import urllib.error
+import urllib.request
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -482,6 +486,33 @@ def test_embedded_cluster_is_closed_to_others():
             Client(address.replace("tls", "tcp"), timeout=1, set_as_default=False)
 
 
+def test_embedded_cluster_works_in_a_directory_of_its_own(tmp_path, monkeypatch):
+    # A place that somebody else has prepared.
+    planted = tmp_path / "dask-scratch-space"
+    planted.mkdir(mode=0o777)
+    (planted / "planted.py").write_text("")
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+
+    def look(dask_worker: Any) -> tuple[list[str], str]:
+        return sys.path, dask_worker.local_directory
+
+    with daskengine._embedded(1, 1) as client:
+        ((path, scratch),) = client.run(look).values()
+        (private,) = tmp_path.glob("rattlesweep-dask-*")
+        assert private.stat().st_mode & 0o777 == 0o700
+        assert Path(scratch).is_relative_to(private)
+        for place in (*path, *sys.path):
+            assert "dask-scratch-space" not in place
+        # No dashboard, and nothing to read where Dask opens a port all the same.
+        at = client.run_on_scheduler(lambda dask_scheduler: dask_scheduler.http_server.port)
+        for page in ("status", "info/main/workers.html", "metrics", "json/counts.json"):
+            with pytest.raises(urllib.error.HTTPError, match="404"):
+                urllib.request.urlopen(f"http://127.0.0.1:{at}/{page}", timeout=20)
+    assert not private.exists()
+    assert [p.name for p in planted.iterdir()] == ["planted.py"]
+
+
 # -- workers that do not fit -----------------------------------------------------------------------
 
 
@@ -539,15 +570,22 @@ def test_scheduler_without_workers_is_told(own_cluster, tmp_path, monkeypatch):
 
 
 def test_address_where_nobody_is_is_told(tmp_path, monkeypatch):
-    monkeypatch.setattr(daskengine, "ANSWER", 1.0)
+    monkeypatch.setattr(daskengine, "REACH", 1.0)
+    # Nor does it wait for the kernel, nor for a port where something else is silent.
+    monkeypatch.setattr(daskengine, "load_kernel", None)
+    other = socket.socket()
+    other.bind(("127.0.0.1", 0))
+    other.listen()
+    silent = f"tcp://127.0.0.1:{other.getsockname()[1]}"
     config = tmp_path / "sweep.yaml"
     config.write_text(json.dumps(CONFIG))
-    for address in ("tcp://127.0.0.1:9", "nonsense"):
+    for address in ("tcp://127.0.0.1:9", "nonsense", silent):
         result = invoke("run", config, "--output", tmp_path / "out", "--engine", "dask",
                         "--scheduler", address)  # fmt: skip
         assert result.exit_code == 1
         assert f"--scheduler {address}: no Dask scheduler answers there" in result.stderr
         assert len(result.stderr.strip().splitlines()) == 1
+    other.close()
 
 
 # -- options, and living without it ----------------------------------------------------------------

@@ -115,6 +115,9 @@ def test_counts_and_moments_against_pandas(sweeps: Path) -> None:
             assert row[f"{name}_std"] == pytest.approx(values.std(), rel=1e-10, nan_ok=True)
             assert row[f"{name}_sem"] == pytest.approx(values.sem(), rel=1e-10, nan_ok=True)
         assert row["t_rgh_mean"] == pytest.approx(cell["t_rgh"].mean(), rel=1e-12)
+    # Bondi's threshold is one of the steady direction.
+    unsteady = tally(read_layout(sweeps / "unsteady"), ["n_i"]).table()
+    assert unsteady["fraction_bondi"].null_count == len(unsteady) > 0
     assert table["fraction_SS"].max() > 0.2
     assert table["fraction_SW"].max() > 0
 

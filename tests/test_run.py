@@ -55,7 +55,7 @@ ORDER = (
 )
 SUMMARY_ORDER = (
     "case K_p K_r n_i omega_xy0 runs fraction_R fraction_SS fraction_SW fraction_unclassified "
-    "fraction_bondi t_r_mean t_r_std t_rgh_mean failed"
+    "fraction_bondi t_r_mean t_r_std t_rgh_mean t_r_over_t_rgh_mean t_r_over_t_rgh_sem failed"
 )
 
 SMALL = {
@@ -220,6 +220,9 @@ def test_the_summary_is_what_pandas_makes_of_the_runs(mixed):
     np.testing.assert_allclose(summary.t_r_mean, of_r.mean(), rtol=1e-13)
     np.testing.assert_allclose(summary.t_r_std, of_r.std(), rtol=1e-12)
     np.testing.assert_allclose(summary.t_rgh_mean, groups.t_rgh.mean(), rtol=1e-13)
+    ratio = (frame.t_r / frame.t_rgh)[frame.type == "R"].groupby(frame.case[frame.type == "R"])
+    np.testing.assert_allclose(summary.t_r_over_t_rgh_mean, ratio.mean(), rtol=1e-13)
+    np.testing.assert_allclose(summary.t_r_over_t_rgh_sem, ratio.sem(), rtol=1e-12)
     assert (summary.failed == 0).all()
     assert (summary.runs == 40).all()
     assert summary.K_r.tolist() == [0.01] * 3 + [0.1] * 3

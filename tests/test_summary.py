@@ -33,16 +33,20 @@ CASES = [Case(0, "K_r", 0.01), Case(1, "K_p", 0.3), Case(2, n_i=None, omega_xy0=
 def oracle(runs: pd.DataFrame) -> dict[str, float]:
     """Summary of one case's runs, the plain way."""
     ok = runs[runs["status"] == "ok"]
-    reversals = ok[ok["type"] == "R"]["t_r"]
-    theory = runs["omega_p"].notna()
+    reversed_ = ok[ok["type"] == "R"]
+    reversals = reversed_["t_r"]
+    ratio = (reversals / reversed_["t_rgh"])[reversed_["t_rgh"] > 0]
+    steady = runs["omega_p"].notna() & ~(runs["K_p"] * runs["n_i"] > 0)
     bondi = runs["n_c1"].abs() < runs["n_i"].abs()
     return {
         "runs": len(runs),
         **{f"fraction_{t}": (ok["type"] == t).mean() for t in ("R", "SS", "SW", "unclassified")},
-        "fraction_bondi": (bondi & theory).sum() / theory.sum(),
+        "fraction_bondi": (bondi & steady).sum() / steady.sum(),
         "t_r_mean": reversals.mean(),
         "t_r_std": reversals.std(),
         "t_rgh_mean": runs["t_rgh"].mean(),
+        "t_r_over_t_rgh_mean": ratio.mean(),
+        "t_r_over_t_rgh_sem": ratio.sem(),
         "failed": (runs["status"] != "ok").sum(),
         "near_tangencies": runs["near_tangencies"].sum(),
     }
@@ -67,7 +71,7 @@ def test_block_size_does_not_show(tmp_path: Path) -> None:
     tables = [summarise(fill(tmp_path / str(n), n, 3000), CASES) for n in (3000, 1024, 999, 100)]
     for table in tables[1:]:
         assert table.equals(tables[0])
-    for name in ("t_r_mean", "t_r_std", "t_rgh_mean"):
+    for name in ("t_r_mean", "t_r_std", "t_rgh_mean", "t_r_over_t_rgh_mean", "t_r_over_t_rgh_sem"):
         bits = {t.column(name).to_numpy().tobytes() for t in tables}
         assert len(bits) == 1
 
@@ -88,7 +92,7 @@ def test_case_larger_than_a_batch(tmp_path: Path) -> None:
 def one_case(directory: Path, **change: object) -> dict[str, object]:
     store = Store(directory)
     store.prepare()
-    columns = random_columns(np.zeros(3, int), np.arange(3))
+    columns = random_columns(np.zeros(3, int), np.arange(3)) | {"K_p": np.full(3, 0.3)}
     ok = {"status": ["ok"] * 3, "type": ["R", "SS", "SS"], "t_r": np.array([7.0, np.nan, np.nan])}
     store.write_block(0, {**columns, **ok, **change}, SCHEMA)
     row: dict[str, object] = summarise(store, CASES[:1]).to_pylist()[0]
@@ -115,6 +119,25 @@ def test_bondi_share(tmp_path: Path) -> None:
     assert row["fraction_bondi"] == 0
     row = one_case(tmp_path / "c", n_c1=np.full(3, nan), n_i=n_i, omega_p=np.full(3, nan))
     assert row["fraction_bondi"] is None
+
+
+def test_bondi_share_is_of_the_steady_direction(tmp_path: Path) -> None:
+    n_c1, omega_p = np.full(3, -0.2), np.ones(3)
+    row = one_case(tmp_path / "unsteady", n_c1=n_c1, n_i=np.full(3, 0.6), omega_p=omega_p)
+    assert row["fraction_bondi"] is None
+    # Mirror images are steady where n is positive.
+    mirrored = {"n_c1": -n_c1, "K_p": np.full(3, -0.3), "omega_p": omega_p}
+    row = one_case(tmp_path / "mirrored", **mirrored, n_i=np.array([0.6, 0.1, -0.6]))
+    assert row["fraction_bondi"] == 1 / 2
+
+
+def test_ratio_is_the_mean_over_the_runs_that_reverse(tmp_path: Path) -> None:
+    # Those that do not reverse have a theory too, and it must not count.
+    t_r, t_rgh = np.array([20.0, 6.0, np.nan]), np.array([10.0, 4.0, 1000.0])
+    row = one_case(tmp_path, type=["R", "R", "SS"], t_r=t_r, t_rgh=t_rgh)
+    assert row["t_r_over_t_rgh_mean"] == 1.75
+    assert row["t_r_over_t_rgh_sem"] == pytest.approx(0.25)
+    assert (row["t_r_mean"], row["t_rgh_mean"]) == (13.0, 338.0)
 
 
 def test_failed_runs_do_not_count_as_reversals(tmp_path: Path) -> None:
@@ -158,7 +181,7 @@ def test_summary_is_written_as_it_was_made(tmp_path: Path) -> None:
 
 def test_closing_table() -> None:
     values = [0, None, 0.0041, -0.5, 0.001, 10_000_000, 0.5, 0.25, 0.25, 0.0, 0.125]
-    values += [812.4567, 3.0, 800.0, 12, 0]
+    values += [812.4567, 3.0, 1600.0, 1.01557, 0.003, 12, 0]
     first = dict(zip(summary_schema().names, values, strict=True))
     second = dict.fromkeys(first, None) | {"case": 11, "runs": 0, "failed": 0, "near_tangencies": 0}
     text = closing_table(pa.Table.from_pylist([first, second], summary_schema()))

@@ -125,17 +125,19 @@ def check_threads(threads: int | None) -> None:
 
 
 def check_output(output: str | None) -> None:
-    """Refuse a directory without a name.
+    """Refuse a directory without a name, or with one that the files in it cannot hold.
 
     Raises
     ------
     ConfigError
-        It has none.
+        It has none, or it is not UTF-8.
     """
-    if output is not None and not output:
-        from rattlesweep.sweep.errors import ConfigError
+    from rattlesweep.sweep.errors import ConfigError, one_line
 
+    if output is not None and not output:
         raise ConfigError("--output: the directory has no name; give one")
+    if output is not None and output != output.encode(errors="replace").decode():
+        raise ConfigError(f"--output {one_line(output)}: the name is not UTF-8; give one that is")
 
 
 def load_sweep(config: str, overrides: tuple[str, ...], output: str | None) -> Config:

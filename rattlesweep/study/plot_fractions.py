@@ -28,9 +28,8 @@ def draw_fractions(figure: Any, counted: Tally, log: bool | None) -> None:
     """
     x, rows, columns = counted.axes[0], counted.axes[1:2], counted.axes[2:]
     panels = draw_panels(figure, rows, columns)
-    ok, theory = counted.grid(counted.ok), counted.grid(counted.theory)
-    # Bondi's threshold is one of the steady direction.
-    bondi = np.where(_steady(counted), shares(counted.grid(counted.bondi), theory), np.nan)
+    ok = counted.grid(counted.ok)
+    bondi = shares(counted.grid(counted.bondi), counted.grid(counted.steady))
     for panel in panels:
         here: Any = (slice(None), *panel.where)
         seen = ok[here] > 0
@@ -63,16 +62,6 @@ def draw_fractions(figure: Any, counted: Tally, log: bool | None) -> None:
     # Marks come last, whatever order they were drawn in.
     order = sorted(range(len(words)), key=lambda place: words[place] == BONDI_LABEL)
     legend_above(figure, [handles[place] for place in order], 1.75)
-
-
-def _steady(counted: Tally) -> Any:
-    """Where the spin is one in the steady direction, in the shape of the cells."""
-    for place, axis in enumerate(counted.axes):
-        if axis.name == "n_i":
-            shape = [1] * len(counted.axes)
-            shape[place] = -1
-            return np.broadcast_to(axis.values.reshape(shape) < 0, counted.shape)
-    return np.ones(counted.shape, bool)
 
 
 def _intervals(axes: Any, counted: Tally, here: Any, at: Any) -> None:

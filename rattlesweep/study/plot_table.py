@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from rattlesweep.physics.theory import unsteady
 from rattlesweep.study.plot_layout import Axis, Layout
 from rattlesweep.sweep.errors import ConfigError, OutputError
 from rattlesweep.sweep.types import TYPES
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
     Integers = NDArray[np.int64]
 
-COLUMNS = ("case", "sample", "n_i", "omega_p", "n_c1", "t_rgh", "t_r", "type", "status")
+COLUMNS = ("case", "sample", "n_i", "K_p", "omega_p", "n_c1", "t_rgh", "t_r", "type", "status")
 MOST_CELLS = 4_000_000
 # Edges of t_r/t_rGH for its distribution: 40 a decade.
 EDGES = 10.0 ** (np.arange(-80, 81) / 40)
@@ -81,8 +82,9 @@ class Tally:
         Runs stored, and those with status ``ok``.
     types : dict
         Of these, runs of each type.
-    theory, bondi : array
-        Runs with a theory, and those past Bondi's threshold, ``abs(n_c1) < abs(n_i)``.
+    steady, bondi : array
+        Runs in the steady direction that have a theory, and of these the ones past Bondi's
+        threshold, ``abs(n_c1) < abs(n_i)``.
     t_r, ratio : Moments
         Of ``t_r`` and ``t_r/t_rGH`` of type R.
     t_rgh : Moments
@@ -95,7 +97,7 @@ class Tally:
     runs: Floats
     ok: Floats
     types: dict[str, Floats]
-    theory: Floats
+    steady: Floats
     bondi: Floats
     t_r: Moments
     ratio: Moments
@@ -126,7 +128,7 @@ class Tally:
             columns[f"fraction_{name}"] = self.share(name)
             low, high = wilson(self.types[name], self.ok)
             columns |= {f"fraction_{name}_low": low, f"fraction_{name}_high": high}
-        columns["fraction_bondi"] = shares(self.bondi, self.theory)
+        columns["fraction_bondi"] = shares(self.bondi, self.steady)
         for name, moments in (("t_r", self.t_r), ("ratio", self.ratio)):
             columns |= {
                 f"{name}_mean": moments.means(),
@@ -179,9 +181,9 @@ def tally(
     cells = math.prod(shape)
     if cells > MOST_CELLS:
         raise ConfigError(f"{cells} cells are too many for a picture; choose some with --select")
-    runs, ok, theory, bondi = (np.zeros(cells) for _ in range(4))
+    runs, ok, steady, bondi = (np.zeros(cells) for _ in range(4))
     made = Tally(
-        axes, runs, ok, {name: np.zeros(cells) for name in TYPES}, theory, bondi,
+        axes, runs, ok, {name: np.zeros(cells) for name in TYPES}, steady, bondi,
         Moments.empty(cells), Moments.empty(cells), Moments.empty(cells), np.zeros(len(EDGES) - 1),
     )  # fmt: skip
     for batch in layout.store.iter_batches(COLUMNS):
@@ -209,9 +211,9 @@ def _count(
     cell = np.zeros(int(kept.sum()), np.int64)
     if names:
         cell = np.ravel_multi_index(tuple(at[name][kept] for name in names), made.shape)
-    n_i, omega_p, n_c1, t_rgh, t_r = (
+    n_i, K_p, omega_p, n_c1, t_rgh, t_r = (
         batch.column(name).to_numpy(zero_copy_only=False).astype(float)[kept]
-        for name in ("n_i", "omega_p", "n_c1", "t_rgh", "t_r")
+        for name in ("n_i", "K_p", "omega_p", "n_c1", "t_rgh", "t_r")
     )
     kind = _codes(batch.column("type"), TYPES)[kept]
     ok = _codes(batch.column("status"), ("ok",))[kept] == 0
@@ -224,10 +226,10 @@ def _count(
     add(made.ok, ok)
     for code, name in enumerate(TYPES):
         add(made.types[name], ok & (kind == code))
-    theory = np.isfinite(omega_p)
-    add(made.theory, theory)
+    steady = np.isfinite(omega_p) & ~unsteady(K_p, n_i)
+    add(made.steady, steady)
     # A null threshold is NaN here, which is below nothing.
-    add(made.bondi, theory & (np.abs(n_c1) < np.abs(n_i)))
+    add(made.bondi, steady & (np.abs(n_c1) < np.abs(n_i)))
     reversed_ = ok & (kind == TYPES.index("R")) & np.isfinite(t_r)
     made.t_r.add(cell[reversed_], t_r[reversed_])
     timed = reversed_ & (t_rgh > 0)

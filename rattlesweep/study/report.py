@@ -151,10 +151,11 @@ def _cases(layout: Layout) -> Html:
     ]  # fmt: skip
     rows = summarise(layout.store, cases).to_pylist()
     head = ["case", *sorted(named), "n_i", "ω_xy0", "runs", "R", "SS", "SW", "unclassified",
-            "Bondi", "mean t_r", "± std", "mean t_rGH", "failed"]  # fmt: skip
+            "Bondi", "mean t_r", "± std", "mean t_rGH", "mean t_r/t_rGH", "± error",
+            "failed"]  # fmt: skip
     names = ["case", *sorted(named), "n_i", "omega_xy0", "runs", "fraction_R", "fraction_SS",
              "fraction_SW", "fraction_unclassified", "fraction_bondi", "t_r_mean", "t_r_std",
-             "t_rgh_mean", "failed"]  # fmt: skip
+             "t_rgh_mean", "t_r_over_t_rgh_mean", "t_r_over_t_rgh_sem", "failed"]  # fmt: skip
     cells = [[html.number(_number(row[name], name)) for name in names] for row in rows]
     parts = [html.table(head, cells[:OPEN_CASES])]
     if len(cells) > OPEN_CASES:
@@ -255,7 +256,8 @@ def _notes(layout: Layout, facts: Facts, status: Status) -> Html:
         "Shares are of the runs with status ok. Type R reverses by the horizon; SS: the relevant "
         "oscillation decays; SW: the spin leaves its plateau; unclassified: neither.",
         "Bondi: the share of bodies whose steady spin theory calls linearly stable, "
-        "|n_c1| < |n_i|.",
+        "|n_c1| < |n_i|; in the unsteady direction none is.",
+        "t_r/t_rGH is taken run by run and averaged over type R; the error is that of the mean.",
     ]
     if status.state != "complete":
         notes.append(f"The sweep is not complete ({_state(status)}); what is here may change.")

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from rattlesweep.physics.body import PARAMETERS, violations
 from rattlesweep.sweep.config_fields import MAX_SPEED
@@ -20,7 +22,11 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 LAUNCH = ("n_i", "omega_xy0")
-OPTIONAL = (*LAUNCH, "t_end", "psi", "f_sd", "t_r")
+COLUMNS = (*PARAMETERS, *LAUNCH, "t_end", "psi", "f_sd", "t_r")
+
+# Types of a Parquet file that are taken.
+NUMBERS = (pa.types.is_integer, pa.types.is_floating, pa.types.is_decimal, pa.types.is_string,
+           pa.types.is_large_string, pa.types.is_null)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -61,11 +67,10 @@ def read_table(path: str, base: Path | None = None) -> BodyTable:
     if not os.path.exists(file):
         raise ConfigError(f"{where}: no such file; give the path of a CSV or Parquet table")
     try:
-        if file.is_dir() or file.suffix.lower() in (".parquet", ".pq"):
-            frame = pd.read_parquet(file)
-        else:
-            # As text first, so that a wrong cell can be quoted with its row.
-            frame = pd.read_csv(file, dtype=str, skipinitialspace=True)
+        parquet = file.is_dir() or file.suffix.lower() in (".parquet", ".pq")
+        frame = _read_parquet(file, where) if parquet else _read_csv(file, where)
+    except ConfigError:
+        raise
     except Exception as error:  # pandas and pyarrow raise many kinds
         reason = one_line(str(error).split("\n")[0] or type(error).__name__, 200)
         raise ConfigError(f"{where}: cannot be read as a table ({reason})") from None
@@ -81,7 +86,7 @@ def read_table(path: str, base: Path | None = None) -> BodyTable:
         raise ConfigError(f"{where}: the table has no rows; give at least one body")
     columns = {
         name: _numbers(frame[name], name, where, nullable=name in ("f_sd", "t_r", "t_end", "psi"))
-        for name in (*PARAMETERS, *OPTIONAL)
+        for name in COLUMNS
         if name in frame.columns
     }
     _check_rows(columns, where)
@@ -91,6 +96,38 @@ def read_table(path: str, base: Path | None = None) -> BodyTable:
     if "n_i" not in columns or not np.isfinite(columns.get("psi", np.array(np.nan))).all():
         columns.pop("psi", None)
     return BodyTable(columns, len(frame))
+
+
+def _read_csv(file: Path, where: str) -> pd.DataFrame:
+    # As text first, so that a wrong cell can be quoted with its row; the head as a row like any,
+    # as pandas renames columns that repeat, and moves all by one where rows have a cell more.
+    frame = pd.read_csv(file, header=None, dtype=str, skipinitialspace=True)
+    names = frame.iloc[0].tolist()
+    _check_repeats(names, where)
+    frame = frame.iloc[1:]
+    return pd.DataFrame({n: frame[names.index(n)] for n in COLUMNS if n in names}, frame.index)
+
+
+def _read_parquet(file: Path, where: str) -> pd.DataFrame:
+    data = pq.ParquetDataset(file)
+    _check_repeats(data.schema.names, where)
+    names = [name for name in COLUMNS if name in data.schema.names]
+    for name in names:
+        kind = data.schema.field(name).type
+        inner = kind.value_type if pa.types.is_dictionary(kind) else kind
+        # Text may hold numbers; pandas would make some of times, truth values and bytes too.
+        if not any(is_kind(inner) for is_kind in NUMBERS):
+            raise ConfigError(f"{where}: the column {name} is of type {kind}; numbers are wanted")
+    table = data.read(columns=names)
+    return pd.DataFrame({name: table.column(name).to_pandas() for name in names})
+
+
+def _check_repeats(names: list[str], where: str) -> None:
+    for name in COLUMNS:
+        if names.count(name) > 1:
+            raise ConfigError(
+                f"{where}: there are {names.count(name)} columns {name}; keep one of them"
+            )
 
 
 def _numbers(series: pd.Series[str], name: str, where: str, *, nullable: bool) -> Floats:

@@ -219,7 +219,8 @@ SUMMARY: tuple[Column, ...] = _group(
         "fraction_bondi",
         _F64,
         "1",
-        "share with abs(n_c1) < abs(n_i) among runs that have a theory",
+        "share with abs(n_c1) < abs(n_i) among runs in the steady direction that have a theory; "
+        "null in the unsteady direction, where no spin is stable",
         nullable=True,
     ),
     Column("t_r_mean", _F64, TIME, "mean t_r of type R", nullable=True),
@@ -231,6 +232,20 @@ SUMMARY: tuple[Column, ...] = _group(
         nullable=True,
     ),
     Column("t_rgh_mean", _F64, TIME, "mean t_rgh of the runs that have one", nullable=True),
+    Column(
+        "t_r_over_t_rgh_mean",
+        _F64,
+        "1",
+        "mean of t_r / t_rgh, taken run by run, of type R",
+        nullable=True,
+    ),
+    Column(
+        "t_r_over_t_rgh_sem",
+        _F64,
+        "1",
+        "standard error of that mean; null for fewer than 2 runs",
+        nullable=True,
+    ),
     Column("failed", _I64, "1", "runs with status other than ok"),
     Column("near_tangencies", _I64, "1", "sum of near_tangencies over the runs"),
 )

@@ -230,7 +230,7 @@ class Integrator(Base):
         if methods()[method].adaptive:
             return DEFAULT_TOL if tol is None else tol
         if tol is not None:
-            raise ValueError(f"{method} has steps of one size and takes no tol; give dt instead")
+            raise ValueError(f"{method} has steps of one size and takes no tol; leave it out")
         return None
 
     @field_validator("dt")
@@ -242,7 +242,7 @@ class Integrator(Base):
         if not methods()[method].adaptive:
             return DEFAULT_DT if dt is None else dt
         if dt is not None:
-            raise ValueError(f"{method} chooses its own steps and takes no dt; give tol instead")
+            raise ValueError(f"{method} chooses its own steps and takes no dt; leave it out")
         return None
 
 

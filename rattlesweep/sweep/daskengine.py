@@ -7,6 +7,7 @@ to Dask's scheduler; a block done twice is the same file twice.
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import signal
 import threading
@@ -15,9 +16,11 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from multiprocessing import resource_tracker
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from rattlesweep.integrate.batch import available_threads
+from rattlesweep.sweep import daskworker
 from rattlesweep.sweep.blocks import Interrupted
 from rattlesweep.sweep.daskworker import Done, do_block, place_order, remove_orders
 from rattlesweep.sweep.errors import ConfigError, OutputError
@@ -37,6 +40,8 @@ if TYPE_CHECKING:
 
 # Blocks handed out for each worker: one under way, one ready.
 AHEAD = 2
+# Seconds in which a scheduler must be reached.
+REACH = 5.0
 # Seconds without an answer after which a scheduler, and a receipt, are given up.
 ANSWER = 20.0
 # Seconds in which a lost scheduler may come back.
@@ -86,6 +91,8 @@ def make_engine(
     def work_off(job: Job) -> None:
         if not job.session.pending:
             return
+        if scheduler is not None:
+            _reach(scheduler)
         # Workers on this machine, or on others that share its cache, then find the kernel compiled.
         load_kernel(job)
         with ExitStack() as stack:
@@ -294,11 +301,20 @@ def _embedded(workers: int | None, threads: int) -> Iterator[Client]:
     from distributed import Client, LocalCluster
 
     count = workers or max(1, available_threads() // threads)
-    settings = {
-        "distributed.scheduler.worker-ttl": SILENCE,
-        "distributed.worker.profile.enabled": False,
-    }
     with ExitStack() as stack:
+        # Dask's own place is one that another user may have made, and it is on the path: whatever
+        # lies there would be imported.
+        scratch = stack.enter_context(
+            TemporaryDirectory(prefix="rattlesweep-dask-", ignore_cleanup_errors=True)
+        )
+        settings = {
+            "temporary-directory": scratch,
+            "distributed.scheduler.worker-ttl": SILENCE,
+            "distributed.scheduler.http.routes": [],
+            "distributed.worker.http.routes": [],
+            "distributed.worker.preload": [daskworker.__name__],
+            "distributed.worker.profile.enabled": False,
+        }
         stack.enter_context(dask.config.set(settings))
         with _no_interrupt_for_children():
             cluster = stack.enter_context(
@@ -308,7 +324,7 @@ def _embedded(workers: int | None, threads: int) -> Iterator[Client]:
                     threads_per_worker=max(2, threads),
                     processes=True,
                     host="127.0.0.1",
-                    dashboard_address="127.0.0.1:0",
+                    dashboard_address=None,
                     memory_limit=0,
                     # Whoever reaches a port without this may run anything as this user.
                     security=True,
@@ -316,7 +332,37 @@ def _embedded(workers: int | None, threads: int) -> Iterator[Client]:
                 )
             )
             client = stack.enter_context(Client(cluster, set_as_default=False))
+        daskworker.leave_path()
         yield client
+
+
+def _reach(address: str) -> None:
+    """Look whether a scheduler answers: Dask's client would be silent for long, and then hang.
+
+    Raises
+    ------
+    OutputError
+        It does not.
+    """
+    from distributed.comm import connect
+    from distributed.security import Security
+
+    async def shake_hands() -> None:
+        with_ = Security().get_connection_args("client")
+        comm = await asyncio.wait_for(connect(address, timeout=REACH, **with_), REACH)
+        await comm.close()
+
+    try:
+        asyncio.run(shake_hands())
+    except Exception as error:  # what answers may be anything, and say anything
+        raise _nobody_at(address, error) from error
+
+
+def _nobody_at(address: str, error: Exception) -> OutputError:
+    return OutputError(
+        f"--scheduler {address}: no Dask scheduler answers there ({type(error).__name__}); "
+        "give an address such as tcp://host:8786"
+    )
 
 
 @contextmanager
@@ -327,10 +373,7 @@ def _existing(address: str) -> Iterator[Client]:
     try:
         client = Client(address, timeout=ANSWER, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
-        raise OutputError(
-            f"--scheduler {address}: no Dask scheduler answers there ({type(error).__name__}); "
-            "give an address such as tcp://host:8786"
-        ) from error
+        raise _nobody_at(address, error) from error
     try:
         yield client
     finally:

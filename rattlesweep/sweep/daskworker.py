@@ -12,6 +12,7 @@ import hashlib
 import json
 import secrets
 import socket
+import sys
 import threading
 import time
 from collections.abc import Mapping
@@ -105,6 +106,19 @@ def remove_orders(directory: Path) -> None:
     for path in directory.glob(".order-*.json"):
         with suppress(OSError):
             path.unlink()
+
+
+def leave_path() -> None:
+    """Take the scratch directories of Dask off the path: nothing is imported from them."""
+    import dask
+
+    scratch = dask.config.get("temporary-directory")
+    sys.path[:] = [path for path in sys.path if not Path(path).is_relative_to(scratch)]
+
+
+def dask_setup(worker: object) -> None:
+    """Called by Dask as a worker of the embedded cluster starts."""
+    leave_path()
 
 
 def do_block(order: str, index: int) -> Done:

@@ -65,6 +65,22 @@ def make_body(given: dict[str, Any]) -> Rattleback:
         raise ConfigError(str(error)) from None
 
 
+def check_launch(
+    n_i: float, omega_xy0: float, names: tuple[str, str] = ("n_i", "omega_xy0")
+) -> None:
+    """Refuse a launch without spin or without oscillation; `names` are those the user wrote.
+
+    Raises
+    ------
+    ConfigError
+        If ``n_i`` is zero or ``omega_xy0`` is not positive.
+    """
+    if not (math.isfinite(n_i) and n_i != 0):
+        raise ConfigError(f"{names[0]} {n_i:g}: the initial spin must be finite and not zero")
+    if not (math.isfinite(omega_xy0) and omega_xy0 > 0):
+        raise ConfigError(f"{names[1]} {omega_xy0:g}: the oscillation must be finite and positive")
+
+
 def derived(body: Rattleback, n_i: float, omega_xy0: float) -> list[Quantity]:
     """Everything theory says of a body and a launch along the relevant mode.
 
@@ -73,10 +89,7 @@ def derived(body: Rattleback, n_i: float, omega_xy0: float) -> list[Quantity]:
     ConfigError
         If ``n_i`` is zero or ``omega_xy0`` is not positive.
     """
-    if not (math.isfinite(n_i) and n_i != 0):
-        raise ConfigError(f"--n-i {n_i:g}: the initial spin must be finite and not zero")
-    if not (math.isfinite(omega_xy0) and omega_xy0 > 0):
-        raise ConfigError(f"--omega-xy0 {omega_xy0:g}: the oscillation must be finite and positive")
+    check_launch(n_i, omega_xy0, ("--n-i", "--omega-xy0"))
     b = body
     m = theory.modes(b.alpha, b.beta, b.theta, b.phi, b.xi)
     psi = direction(m, n_i, "relevant")

@@ -1,4 +1,4 @@
-"""The two ways a sweep can fail that are the user's to mend."""
+"""The two ways a sweep can fail that are the user's to mend, and what only looks like one."""
 
 from collections.abc import Iterable
 
@@ -28,6 +28,10 @@ class ConfigError(ValueError):
 
     def __str__(self) -> str:
         return "\n".join(self.messages)
+
+
+class ConfigWarning(UserWarning):
+    """What a config asks for makes little physical sense."""
 
 
 class OutputError(RuntimeError):

@@ -56,10 +56,8 @@ class Launches:
 
 
 def prepare(plan: Plan, case: NDArray[np.int64], sample: NDArray[np.int64]) -> Launches:
-    """Bodies, launches, theory and horizons of runs, which come in the order of their cases."""
-    groups = np.array([c.group for c in plan.cases])[case]
-    parts = [plan.source.bodies(int(group), sample[groups == group]) for group in np.unique(groups)]
-    bodies = parts[0] if len(parts) == 1 else _join(parts)
+    """Bodies, launches, theory and horizons of runs, in any order."""
+    bodies = _bodies(plan, np.array([c.group for c in plan.cases])[case], sample)
     spin = plan.config.spin
     if bodies.n_i is not None and bodies.omega_xy0 is not None:
         n_i, omega_xy0 = bodies.n_i, bodies.omega_xy0
@@ -112,15 +110,24 @@ def with_theory(
     )
 
 
-def _join(parts: list[Bodies]) -> Bodies:
-    first = parts[0]
-    joined: dict[str, Any] = {
-        name: None
-        if getattr(first, name) is None
-        else np.concatenate([getattr(part, name) for part in parts])
-        for name in first.__dataclass_fields__
-    }
-    return type(first)(**joined)
+def _bodies(plan: Plan, groups: NDArray[np.int64], sample: NDArray[np.int64]) -> Bodies:
+    """Bodies of samples of some groups, each in the place of its run."""
+    found = {int(group): groups == group for group in np.unique(groups)}
+    parts = {group: plan.source.bodies(group, sample[mask]) for group, mask in found.items()}
+    first = next(iter(parts.values()))
+    if len(parts) == 1:
+        return first
+
+    def joined(name: str) -> Floats | None:
+        if getattr(first, name) is None:
+            return None
+        column = np.empty(len(sample))
+        for group, mask in found.items():
+            column[mask] = getattr(parts[group], name)
+        return column
+
+    columns: dict[str, Any] = {name: joined(name) for name in first.__dataclass_fields__}
+    return type(first)(**columns)
 
 
 def make_batch(launches: Launches, model: str) -> Batch | None:

@@ -23,6 +23,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
+# Files in one directory, all of which are looked at as a sweep begins: some seconds.
+MAX_BLOCKS = 100_000
+
+
 @dataclass(frozen=True)
 class Case:
     """One case; ``group`` is the place of its target in the target list."""
@@ -91,7 +95,8 @@ def make_plan(config: Config, base: Path | None = None) -> Plan:
     ------
     ConfigError
         If the source cannot deliver (see :func:`rattlesweep.sweep.bodies.make_source`), if nothing
-        says how to launch, or if the model and the recordings do not go together.
+        says how to launch, if the model and the recordings do not go together, or if there would
+        be too many blocks.
     """
     from rattlesweep.sweep.columns import runs_columns
 
@@ -115,4 +120,11 @@ def make_plan(config: Config, base: Path | None = None) -> Plan:
             product(enumerate(targets), launches)
         )
     ]
-    return Plan(config, source, tuple(cases), config.block_size)
+    plan = Plan(config, source, tuple(cases), config.block_size)
+    if plan.n_blocks > MAX_BLOCKS:
+        raise ConfigError(
+            f"block_size: {plan.runs} runs make {plan.n_blocks} blocks of {plan.block_size} runs, "
+            f"each a file; at most {MAX_BLOCKS} are possible, so take fewer samples, fewer cases, "
+            "or larger blocks"
+        )
+    return plan

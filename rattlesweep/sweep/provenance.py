@@ -95,7 +95,11 @@ def new_manifest(plan: Plan, hash_: str, base: Path | None) -> dict[str, Any]:
         "versions": versions(),
         "machine": machine(),
         "started": now(),
-        "command": [Path(sys.argv[0]).name, *sys.argv[1:]],
+        # A path need not be UTF-8, and JSON must.
+        "command": [
+            part.encode(errors="backslashreplace").decode()
+            for part in (Path(sys.argv[0]).name, *sys.argv[1:])
+        ],
         "failed": {},
         "sessions": [],
         "receipts": {},

@@ -17,13 +17,15 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from rattlesweep.physics.theory import unsteady
 from rattlesweep.sweep.columns import summary_schema
 from rattlesweep.sweep.errors import OutputError
 from rattlesweep.sweep.store import Store
 from rattlesweep.sweep.tables import build_table
 from rattlesweep.sweep.types import TYPES
 
-_NEEDED = ("case", "n_i", "omega_p", "n_c1", "t_rgh", "t_r", "type", "status", "near_tangencies")
+_NEEDED = ("case", "n_i", "K_p", "omega_p", "n_c1", "t_rgh", "t_r", "type", "status",
+           "near_tangencies")  # fmt: skip
 _NAN = float("nan")
 
 
@@ -53,17 +55,18 @@ class CaseLike(Protocol):
 
 @dataclass
 class _Tally:
-    """What is gathered of one case; 16 bytes a row at most, the rest are counts."""
+    """What is gathered of one case; 24 bytes a row at most, the rest are counts."""
 
     runs: int = 0
     ok: int = 0
     types: dict[str, int] = field(default_factory=lambda: dict.fromkeys(TYPES, 0))
-    theory: int = 0
+    steady: int = 0
     bondi: int = 0
     near_tangencies: int = 0
     # array() grows in place: a list of pieces needs twice the memory once joined.
     t_r: array[float] = field(default_factory=lambda: array("d"))
     t_rgh: array[float] = field(default_factory=lambda: array("d"))
+    ratio: array[float] = field(default_factory=lambda: array("d"))
 
     def add(self, rows: pa.RecordBatch) -> None:
         ok = _is(rows, "status", "ok")
@@ -72,20 +75,27 @@ class _Tally:
         reversed_ = ok & _is(rows, "type", "R")
         for name in TYPES:
             self.types[name] += int((ok & _is(rows, "type", name)).sum())
-        theory = np.isfinite(_floats(rows, "omega_p"))
+        n_i = _floats(rows, "n_i")
+        # Bondi's threshold is one of the steady direction: in the other the pitch always grows.
+        steady = np.isfinite(_floats(rows, "omega_p")) & ~unsteady(_floats(rows, "K_p"), n_i)
         # A null threshold is NaN here, which is below nothing.
-        bondi = np.abs(_floats(rows, "n_c1")) < np.abs(_floats(rows, "n_i"))
-        self.theory += int(theory.sum())
-        self.bondi += int((theory & bondi).sum())
+        bondi = np.abs(_floats(rows, "n_c1")) < np.abs(n_i)
+        self.steady += int(steady.sum())
+        self.bondi += int((steady & bondi).sum())
         self.near_tangencies += pc.sum(rows.column("near_tangencies"), min_count=0).as_py()
         t_r, t_rgh = _floats(rows, "t_r"), _floats(rows, "t_rgh")
-        self.t_r.frombytes(t_r[reversed_ & np.isfinite(t_r)].tobytes())
+        reversed_ &= np.isfinite(t_r)
+        timed = reversed_ & (t_rgh > 0)
+        self.t_r.frombytes(t_r[reversed_].tobytes())
+        self.ratio.frombytes((t_r[timed] / t_rgh[timed]).tobytes())
         self.t_rgh.frombytes(t_rgh[np.isfinite(t_rgh)].tobytes())
 
     def row(self, case: CaseLike) -> dict[str, float]:
         t_rgh_mean = _mean(self.t_rgh)
         self.t_rgh = array("d")  # makes room for the copy that the deviation takes
         t_r_mean, t_r_std = _mean(self.t_r), _deviation(self.t_r)
+        self.t_r = array("d")
+        ratio_mean, ratio_std = _mean(self.ratio), _deviation(self.ratio)
         return {
             "case": case.index,
             "K_p": _value(case.target if case.target_name == "K_p" else None),
@@ -94,10 +104,12 @@ class _Tally:
             "omega_xy0": _value(case.omega_xy0),
             "runs": self.runs,
             **{f"fraction_{name}": _share(n, self.ok) for name, n in self.types.items()},
-            "fraction_bondi": _share(self.bondi, self.theory),
+            "fraction_bondi": _share(self.bondi, self.steady),
             "t_r_mean": t_r_mean,
             "t_r_std": t_r_std,
             "t_rgh_mean": t_rgh_mean,
+            "t_r_over_t_rgh_mean": ratio_mean,
+            "t_r_over_t_rgh_sem": ratio_std / max(len(self.ratio), 1) ** 0.5,
             "failed": self.runs - self.ok,
             "near_tangencies": self.near_tangencies,
         }
@@ -106,7 +118,7 @@ class _Tally:
 def summarise(store: Store, cases: Sequence[CaseLike]) -> pa.Table:
     """Summarise the stored runs, one row a case in the order of `cases`.
 
-    Runs are streamed, and only one case's reversal times are held, 16 bytes a run. The result
+    Runs are streamed, and only one case's reversal times are held, 24 bytes a run. The result
     does not depend, in any bit, on how the runs are cut into blocks. A case of which nothing is
     stored yet has 0 runs and nulls.
 
@@ -122,7 +134,9 @@ def summarise(store: Store, cases: Sequence[CaseLike]) -> pa.Table:
     pyarrow.Table
         Of `summary_schema`. Fractions of types are of runs with status ok, null where there are
         none. `t_r_std` is the sample standard deviation (divisor n - 1), null for fewer than
-        two. A run has a theory where `omega_p` is not null.
+        two. A run has a theory where `omega_p` is not null, and `fraction_bondi` is of those in the
+        steady direction. Ratios are taken run by run: bodies differ in `t_rgh` by orders of
+        magnitude, and those that reverse are not a fair sample of them.
 
     Raises
     ------
@@ -199,7 +213,8 @@ def _value(value: float | None) -> float:
 def closing_table(summary: pa.Table) -> str:
     """Lay a summary out as an aligned text table about 100 characters wide.
 
-    ``t_r`` is the mean over type R, ``t_r/t_rGH`` its ratio to the mean `t_rgh` of all runs.
+    ``t_r`` and ``t_r/t_rGH`` are means over type R, the latter of the ratio of each run. It is
+    "-", as Bondi's share is, where there is none.
     """
     shares = {
         "R": "fraction_R",
@@ -211,9 +226,6 @@ def closing_table(summary: pa.Table) -> str:
     head = ["case", "target", "n_i", "omega_xy0", "runs", *shares, "t_r", "t_r/t_rGH"]
     lines = [[*head, "fail"]]
     for row in summary.to_pylist():
-        ratio = None
-        if row["t_r_mean"] is not None and row["t_rgh_mean"]:
-            ratio = row["t_r_mean"] / row["t_rgh_mean"]
         targets = [f"{k}={row[k]:.4g}" for k in ("K_p", "K_r") if row[k] is not None]
         lines.append(
             [
@@ -224,7 +236,7 @@ def closing_table(summary: pa.Table) -> str:
                 str(row["runs"]),
                 *(_text(row[name], ".3f") for name in shares.values()),
                 _text(row["t_r_mean"], ".5g"),
-                _text(ratio, ".4f"),
+                _text(row["t_r_over_t_rgh_mean"], ".4f"),
                 str(row["failed"]),
             ]
         )
