@@ -109,7 +109,7 @@ def _point(
         *(runs[name].to_numpy() for name in ("alpha", "beta", "gamma", "theta", "phi", "xi"))
     )
     slow = abs(first["n_i"]) < FAST
-    # Exact at any spin, over its limit for small spins (Eq. case-instab1).
+    # Exact at any spin, over its limit for small spins (Eq. (74) [case-instab1]).
     rate = (
         np.full(len(runs), np.nan)
         if slow
