@@ -503,13 +503,14 @@ def test_the_frequency_of_a_swing_is_found():
 
 EXCERPTS = Path(__file__).parent / "paper_excerpts.tex"
 # Labels of the numbered equations in their order; a dash is one without a label.
-NUMBERED = """
+LABELS = """
 em-1 em-2 no-slip def-z - - - def-xy - diff-u diff-omega - - def-abg - lin-u lin-omg1 -
 lin-omg2 - lin-omg3 lin-omg4 def-omgpr def-omega_pr omega_pr - - omega_p0 omega_r0 ave-torque
 def-kpr ave-ene kp-1 kp-2 kr-1 kr-2 k-rat k-diff Kp Kr - - omg_pr-approx-omgpr0 sign-typ-k - -
 diff-ne-1 diff-ne-2 diff-ne-3 - casimir - diff-n - gh-solution-p trgh-p gh-solution-m trgh-m
 ratomg - - - - - - - - sim-ic-1 sim-ic-2 sim-ic-3 - def-n0 def-nc1 case-instab1 toki-prs
-""".split()
+"""
+NUMBERED = LABELS.split()
 WORDS = {"lesssim": "<~", "gtrsim": ">~", "approx": "~", "ll": "<<", "gg": ">>", "le": "<=",
          "circ": "deg"}  # fmt: skip
 

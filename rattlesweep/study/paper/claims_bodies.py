@@ -62,7 +62,7 @@ def frequency_claim(
         low=row["ratio_bound"],
         checks=[
             (f"omega_p/omega_r > {BOUND:g} for every body drawn", row["below"] == 0),
-            (f"and for every body that the ranges allow", row["ratio_bound"] >= BOUND),
+            ("and for every body that the ranges allow", row["ratio_bound"] >= BOUND),
             (
                 f"distributions of omega_p0 and omega_r0 within {CLOSE:g}",
                 max(row["distance_p"], row["distance_r"]) < CLOSE,

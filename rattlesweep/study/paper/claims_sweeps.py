@@ -250,8 +250,8 @@ def s6(times: pd.DataFrame) -> Claim:
         high=float(row["ratio_high"]),
         checks=[
             (
-                f"abs(n_i) <= 0.2, omega_xy0 <= 0.01: most means within a factor {SYMBOL:.2f} of the "
-                f"formula ({near.sum()} of {len(near)})",
+                f"abs(n_i) <= 0.2, omega_xy0 <= 0.01: most means within a factor {SYMBOL:.2f} of "
+                f"the formula ({near.sum()} of {len(near)})",
                 bool(near.mean() >= MOST),
             ),
             ("strictly: all of them", bool(near.all())),
@@ -328,11 +328,11 @@ def s7(late: pd.DataFrame) -> list[Claim]:
                 bool(without.median() < 0.5),
             ),
             (
-                f"strictly: at every one of them (at {int((without < 0.5).sum())} of {len(without)})",
+                f"strictly: at every one (at {int((without < 0.5).sum())} of {len(without)})",
                 bool((without < 0.5).all()),
             ),
             (
-                "the roll of the late ones grows at less than half the rate of the others, everywhere",
+                "the roll of the late ones grows at less than half the others' rate, everywhere",
                 bool((slower < 0.5).all()),
             ),
             (
