@@ -7,12 +7,14 @@ import json
 import math
 import os
 import re
+import shutil
 import signal
 from dataclasses import replace
 from html.parser import HTMLParser
 from itertools import pairwise
 from pathlib import Path
 
+import matplotlib
 import numpy as np
 import pandas as pd
 import pyarrow as pa
@@ -24,7 +26,7 @@ from matplotlib.image import imread
 from rattlesweep import cli
 from rattlesweep.integrate.batch import available_threads
 from rattlesweep.study import html
-from rattlesweep.study.paper import claims_runs, claims_sweeps, onset, run, times
+from rattlesweep.study.paper import claims_runs, claims_sweeps, onset, run, sources, times
 from rattlesweep.study.paper.claim import Claim
 from rattlesweep.study.paper.figures import FIGURES, all_claims, choose
 from rattlesweep.study.paper.report import claims_table, closing_table
@@ -364,6 +366,90 @@ def test_what_is_damaged_or_of_other_settings_is_made_again(made, config, tmp_pa
     other = paper.model_copy(update={"fig7": paper.fig7.model_copy(update={"late": 3.0})})
     changed = [n for n in SWEEPS if run.figure_key(paper, n) != run.figure_key(other, n)]
     assert changed == ["fig7"]
+
+
+def test_sentences_and_pictures_do_not_cost_data_but_formulas_do(monkeypatch, tmp_path):
+    """The key of a figure follows the code below it, edited here in a copy of the package."""
+    package = tmp_path / "rattlesweep"
+    shutil.copytree(sources.PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.setattr(sources, "PACKAGE", package)
+
+    def keys(name="fig5"):
+        sources._bare.cache_clear()
+        return tuple(sources.code_key.__wrapped__(name, pictures=p) for p in (False, True))
+
+    def edit(file, old, new):
+        text = (package / file).read_text()
+        assert old in text
+        (package / file).write_text(text.replace(old, new, 1))
+
+    data, picture = keys()
+    edit("study/paper/claims_sweeps.py", "strictly: all of them", "every one of them")
+    edit("study/paper/figures.py", "Mean over", "The mean over")
+    edit("physics/theory.py", '"""', '"""Edited. ')
+    edit("study/paper/times.py", "    ", "    # Edited.\n    ")
+    assert keys() == (data, picture)
+    edit("study/paper/style.py", "labelsize=9", "labelsize=8")
+    assert keys()[0] == data
+    assert keys()[1] != picture
+    edit("physics/theory.py", "    return ", "    return 1 * ")
+    assert keys()[0] != data
+    sweeps = keys("sweeps")
+    edit("integrate/events.py", "    return ", "    return 1 * ")
+    assert keys("sweeps") != sweeps
+    sources._bare.cache_clear()
+
+
+def test_sweeps_of_other_code_are_run_again(config, tmp_path):
+    paper = load_paper(config)
+    few = paper.unsteady.model_copy(
+        update={"bodies": paper.unsteady.bodies.model_copy(update={"samples": 2})}
+    )
+    paper = paper.model_copy(update={"unsteady": few})
+    block = tmp_path / "sweeps" / "unsteady" / "runs" / "block-000000.parquet"
+    codes, times = {}, []
+    # New, the same code, another one, and runs of a version that did not record it.
+    for code in (None, None, "other", "gone"):
+        if code == "gone":
+            codes.clear()
+        elif code is not None:
+            codes["unsteady"] = code
+        Place(paper, tmp_path, 2, codes).sweep("unsteady", lambda fraction, text: None)
+        times.append(block.stat().st_mtime_ns)
+    assert times[0] == times[1] < times[2] == times[3]
+    assert codes == {}
+
+
+def test_a_case_without_a_good_run_is_a_point_without_numbers(config, tmp_path):
+    paper = load_paper(config)
+    hopeless = {
+        name: (own := getattr(paper, name)).model_copy(
+            update={"integrator": own.integrator.model_copy(update={"max_steps": 1})}
+        )
+        for name in ("unsteady", "steady")
+    }
+    done = make_paper(paper.model_copy(update=hopeless), tmp_path, SWEEPS, threads=2)
+    assert read(tmp_path, "fig7_onset")["reversed"].sum() == 0
+    assert len(read(tmp_path, "fig7_late")) == 9
+    assert done.failed == 12 * (3 * 8 + 3 * 6)
+    assert done.claims == []
+    # What failed in sweeps that a figure does not read is none of its business.
+    other = make_paper(load_paper(config), tmp_path, ["fig2"], threads=2)
+    assert other.failed == 0
+
+
+def test_pictures_do_not_depend_on_the_users_settings(made):
+    directory, _, _ = made
+    tables = {"times": pq.read_table(directory / "fig5_times.parquet")}
+    record = {"figures": {"fig5": {}}}
+    pictures = []
+    for size in (10, 23):
+        with matplotlib.rc_context(
+            {"font.size": size, "axes.facecolor": "red"} if size > 10 else {}
+        ):
+            run._draw(directory.parent, record, "fig5", tables)
+        pictures.append((directory.parent / "fig5.png").read_bytes())
+    assert pictures[0] == pictures[1]
 
 
 def test_a_stop_keeps_whole_figures_and_whole_blocks(config, tmp_path):

@@ -158,6 +158,23 @@ def test_a_stop_or_an_error_ends_what_runs_side_by_side():
     with pytest.raises(ArithmeticError, match="no step"):
         side_by_side([fail, lambda: 1], 1, lambda share: None)
 
+    # Nor does the other thread go on when one has failed.
+    failed, begun = threading.Event(), []
+
+    def fail_first():
+        failed.set()
+        raise ArithmeticError("no step")
+
+    def later():
+        begun.append(1)
+        failed.wait(10)
+        time.sleep(0.05)
+
+    with pytest.raises(ArithmeticError):
+        side_by_side([later, fail_first] + [later] * 200, 2, lambda share: None)
+    time.sleep(0.2)
+    assert len(begun) < 10
+
 
 # ---------------------------------------------------------------------------------- Fig. 4
 

@@ -133,6 +133,24 @@ def test_an_error_in_a_thread_is_raised(monkeypatch):
         density.count_bodies(10, 3, RANGES, LINEAR, threads=2)
 
 
+def test_an_error_in_one_thread_stops_the_others(monkeypatch):
+    failed, calls = threading.Event(), []
+
+    def broken(first, last, *_):
+        if last > first == 0:
+            failed.set()
+            raise ZeroDivisionError
+        if last > first:
+            failed.wait(10)
+            calls.append(first)
+            time.sleep(0.05)
+
+    monkeypatch.setattr(density, "kernel", lambda: broken)
+    with pytest.raises(ZeroDivisionError):
+        density.count_bodies(500 * density.PIECE, 3, RANGES, LINEAR, threads=2)
+    assert len(calls) < 10
+
+
 def test_compiled_loop_is_of_todays_random_numbers(monkeypatch, tmp_path):
     """Its file knows nothing of the sampler's sources: its name does."""
     before = density.kernel.__wrapped__().py_func.__name__

@@ -242,11 +242,15 @@ def _store(directory: Path, record: dict[str, Any], name: str, key: str, tables:
 
 
 def _draw(directory: Path, record: dict[str, Any], name: str, tables: Tables) -> None:
-    figure = FIGURES[name].draw(tables)
-    for kind in ("svg", "png"):
-        replace_file(directory / f"{name}.{kind}", encode_figure(figure, kind))
-        # Where things stand is known now; working it out again takes half of the time.
-        figure.set_layout_engine("none")
+    from matplotlib import style
+
+    # Matplotlib's own defaults: a user's matplotlibrc must not change the pictures.
+    with style.context("default"):
+        figure = FIGURES[name].draw(tables)
+        for kind in ("svg", "png"):
+            replace_file(directory / f"{name}.{kind}", encode_figure(figure, kind))
+            # The layout is known now; computing it again would take half of the time.
+            figure.set_layout_engine("none")
     record["figures"][name]["drawn"] = code_key(name, pictures=True)
     _write_record(directory, record)
 
