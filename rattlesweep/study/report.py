@@ -1,4 +1,4 @@
-"""`report`: a sweep on one page that needs nothing but itself."""
+"""`report`: a sweep on one self-contained page."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ STYLE = Html(
     "figure img { max-width: none; width: 46rem; } }</style>"
 )
 WORDS = {
-    "fractions": "Shares of the types. Bars are Wilson intervals of 95 %; triangles: of the bodies "
-    "above them, theory says that the steady spin is linearly stable.",
-    "times": "Reversal times of type R: mean, standard deviation and the mean's own error, with "
-    "the mean of Garcia and Hubbard's time as theory.",
+    "fractions": "Shares of the types. Bars are 95 % Wilson intervals. The share above a triangle "
+    "is that of the bodies whose steady spin is linearly stable according to theory.",
+    "times": "Reversal times of type R: mean, standard deviation and standard error of the mean; "
+    "theory is the mean of Garcia and Hubbard's time.",
     "ratio": "Reversal times of type R in units of Garcia and Hubbard's, run by run.",
     "map": "Types, and reversal times in units of Garcia and Hubbard's.",
     "distribution": "All runs together: reversal times about the theory, and types.",
@@ -232,7 +232,7 @@ def _failures(facts: Facts, status: Status) -> Html:
         parts.append(html.paragraph(f"None: all {facts.runs:,} runs have status ok."))
     if status.damaged:
         blocks = ", ".join(map(str, status.damaged[:20]))
-        parts.append(html.paragraph(f"Blocks that do not read: {blocks}."))
+        parts.append(html.paragraph(f"Unreadable blocks: {blocks}."))
     return html.join(parts)
 
 
@@ -250,7 +250,7 @@ def _cost(manifest: dict[str, Any], facts: Facts, status: Status) -> Html:
              ("time integrated", f"{facts.time:.4g} √(a/g)"),
              ("size of the runs", f"{facts.bytes / 1e6:,.1f} MB, "
               f"{facts.bytes / max(facts.runs, 1):.0f} bytes a run")]  # fmt: skip
-    # Times of sessions that were killed are not known; rates would be too good.
+    # The times of sessions that were killed are unknown; rates would come out too high.
     whole = status.state == "complete" and kernel > 0
     if whole:
         rows += [("steps per second", f"{facts.steps / kernel:.3g} of integration"),
@@ -291,21 +291,21 @@ def _notes(layout: Layout, facts: Facts, status: Status) -> Html:
     notes = [
         "Shares are of the runs with status ok. Type R reverses by the horizon; SS: the relevant "
         "oscillation decays; SW: the spin leaves its plateau; unclassified: neither.",
-        "Bondi: the share of bodies whose steady spin theory calls linearly stable, "
+        "Bondi: the share of bodies whose steady spin is linearly stable according to theory, "
         "|n_c1| < |n_i|.",
     ]
     if status.state != "complete":
-        notes.append(f"The sweep is not whole ({_state(status)}); what is here may change.")
+        notes.append(f"The sweep is not complete ({_state(status)}); the figures here may still change.")
     if facts.near_tangencies:
         notes.append(
-            f"{facts.near_tangencies:,} extrema of the spin are so near zero that the tolerance "
-            "cannot tell whether the spin reversed there."
+            f"{facts.near_tangencies:,} extrema of the spin are so close to zero that, at this "
+            "tolerance, it is undecided whether the spin crossed zero there."
         )
     doubtful = facts.types["unclassified"]
     if doubtful:
         notes.append(
-            f"{doubtful:,} runs are unclassified: their oscillation grows, and the horizon "
-            f"{_horizon(layout)} ends them before it shows."
+            f"{doubtful:,} runs are unclassified: their oscillation grows, but the horizon "
+            f"{_horizon(layout)} is reached before the spin changes visibly."
         )
     return html.join(html.paragraph(note) for note in notes)
 
