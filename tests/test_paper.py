@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import math
+import os
 import re
+import shutil
 import signal
 from dataclasses import replace
 from html.parser import HTMLParser
 from itertools import pairwise
 from pathlib import Path
 
+import matplotlib
 import numpy as np
 import pandas as pd
 import pyarrow as pa
@@ -22,7 +26,7 @@ from matplotlib.image import imread
 from rattlesweep import cli
 from rattlesweep.integrate.batch import available_threads
 from rattlesweep.study import html
-from rattlesweep.study.paper import claims_sweeps, onset, run, times
+from rattlesweep.study.paper import claims_runs, claims_sweeps, onset, run, sources, times
 from rattlesweep.study.paper.claim import Claim
 from rattlesweep.study.paper.figures import FIGURES, all_claims, choose
 from rattlesweep.study.paper.report import claims_table, closing_table
@@ -190,7 +194,7 @@ def test_points_of_figs_5_and_7_are_means_of_the_stored_runs(made):
         np.testing.assert_array_equal(points["reversed"], back.size())
         np.testing.assert_allclose(points["t_r_mean"], back.mean(), rtol=1e-13)
         np.testing.assert_allclose(points["t_r_std"], back.std(), rtol=1e-10)
-        # The paper's own form of its formula (Eqs. trgh-p, trgh-m), with the mean n_0.
+        # The paper's own form of its formula (Eqs. (56), (58)), with the mean n_0.
         n_0, n = cases["n_0"].mean().to_numpy(), points["n_i"].abs().to_numpy()
         line = np.log((n_0 + n) / (n_0 - n)) / (n_0 * points[name].to_numpy())
         np.testing.assert_allclose(points["t_rgh_line"], line, rtol=1e-9)
@@ -364,6 +368,90 @@ def test_what_is_damaged_or_of_other_settings_is_made_again(made, config, tmp_pa
     assert changed == ["fig7"]
 
 
+def test_sentences_and_pictures_do_not_cost_data_but_formulas_do(monkeypatch, tmp_path):
+    """The key of a figure follows the code below it, edited here in a copy of the package."""
+    package = tmp_path / "rattlesweep"
+    shutil.copytree(sources.PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.setattr(sources, "PACKAGE", package)
+
+    def keys(name="fig5"):
+        sources._bare.cache_clear()
+        return tuple(sources.code_key.__wrapped__(name, pictures=p) for p in (False, True))
+
+    def edit(file, old, new):
+        text = (package / file).read_text()
+        assert old in text
+        (package / file).write_text(text.replace(old, new, 1))
+
+    data, picture = keys()
+    edit("study/paper/claims_sweeps.py", "strictly: all of them", "every one of them")
+    edit("study/paper/figures.py", "Mean over", "The mean over")
+    edit("physics/theory.py", '"""', '"""Edited. ')
+    edit("study/paper/times.py", "    ", "    # Edited.\n    ")
+    assert keys() == (data, picture)
+    edit("study/paper/style.py", "labelsize=9", "labelsize=8")
+    assert keys()[0] == data
+    assert keys()[1] != picture
+    edit("physics/theory.py", "    return ", "    return 1 * ")
+    assert keys()[0] != data
+    sweeps = keys("sweeps")
+    edit("integrate/events.py", "    return ", "    return 1 * ")
+    assert keys("sweeps") != sweeps
+    sources._bare.cache_clear()
+
+
+def test_sweeps_of_other_code_are_run_again(config, tmp_path):
+    paper = load_paper(config)
+    few = paper.unsteady.model_copy(
+        update={"bodies": paper.unsteady.bodies.model_copy(update={"samples": 2})}
+    )
+    paper = paper.model_copy(update={"unsteady": few})
+    block = tmp_path / "sweeps" / "unsteady" / "runs" / "block-000000.parquet"
+    codes, times = {}, []
+    # New, the same code, another one, and runs of a version that did not record it.
+    for code in (None, None, "other", "gone"):
+        if code == "gone":
+            codes.clear()
+        elif code is not None:
+            codes["unsteady"] = code
+        Place(paper, tmp_path, 2, codes).sweep("unsteady", lambda fraction, text: None)
+        times.append(block.stat().st_mtime_ns)
+    assert times[0] == times[1] < times[2] == times[3]
+    assert codes == {}
+
+
+def test_a_case_without_a_good_run_is_a_point_without_numbers(config, tmp_path):
+    paper = load_paper(config)
+    hopeless = {
+        name: (own := getattr(paper, name)).model_copy(
+            update={"integrator": own.integrator.model_copy(update={"max_steps": 1})}
+        )
+        for name in ("unsteady", "steady")
+    }
+    done = make_paper(paper.model_copy(update=hopeless), tmp_path, SWEEPS, threads=2)
+    assert read(tmp_path, "fig7_onset")["reversed"].sum() == 0
+    assert len(read(tmp_path, "fig7_late")) == 9
+    assert done.failed == 12 * (3 * 8 + 3 * 6)
+    assert done.claims == []
+    # What failed in sweeps that a figure does not read is none of its business.
+    other = make_paper(load_paper(config), tmp_path, ["fig2"], threads=2)
+    assert other.failed == 0
+
+
+def test_pictures_do_not_depend_on_the_users_settings(made):
+    directory, _, _ = made
+    tables = {"times": pq.read_table(directory / "fig5_times.parquet")}
+    record = {"figures": {"fig5": {}}}
+    pictures = []
+    for size in (10, 23):
+        with matplotlib.rc_context(
+            {"font.size": size, "axes.facecolor": "red"} if size > 10 else {}
+        ):
+            run._draw(directory.parent, record, "fig5", tables)
+        pictures.append((directory.parent / "fig5.png").read_bytes())
+    assert pictures[0] == pictures[1]
+
+
 def test_a_stop_keeps_whole_figures_and_whole_blocks(config, tmp_path):
     paper = load_paper(config)
 
@@ -454,12 +542,25 @@ def points(coefficient="K_p", sign=1, ratio=1.0, scatter=0.01):
 def test_verdicts_follow_the_measurement():
     assert claims_sweeps.u1(points()).verdict == "agree"
     off = claims_sweeps.u1(points(ratio=2.0))
-    assert off.verdict == "partly"
-    assert "no" in off.evidence
+    # The slopes and the scatter are as they should be; of the headline nothing is left.
+    assert (off.verdict, off.score) == ("disagree", "2 of 4")
     assert off.value == pytest.approx(2.0)
-    steep = points(ratio=2.0, scatter=0.9)
-    steep["t_r_mean"] *= steep["K_p"]
-    assert claims_sweeps.u1(steep).verdict == "disagree"
+    assert claims_sweeps.u1(points(scatter=0.9)).verdict == "partly"
+
+
+def test_a_verdict_is_made_of_checks_the_first_of_which_is_the_headline():
+    def claim(*checks):
+        named = [(f"check {k}", holds) for k, holds in enumerate(checks)]
+        return Claim(id="T1", where="", words="", measured="measured", checks=named, notes="End.")
+
+    assert [claim(*c).verdict for c in ((True, True), (True, False), (False, True))] == [
+        "agree", "partly", "disagree",
+    ]  # fmt: skip
+    one = claim(True, False, True)
+    assert one.evidence == ("Checks, headline first: check 0: yes; check 1: no; check 2: yes. End.")
+    assert re.split("  +", closing_table([one])) == ["T1", "partly", "2 of 3", "measured"]
+    row = claims_table([one]).to_pylist()[0]
+    assert (row["held"], row["checks"], row["headline"]) == (2, 3, "check 0")
 
 
 def test_one_body_on_the_wrong_side_of_the_threshold_changes_s3(made):
@@ -482,6 +583,90 @@ def test_the_frequency_of_a_swing_is_found():
     slow = 0.5 * np.tanh((150 - t) / 30)
     found = claims_sweeps.swing_frequency(t, slow + 0.05 * np.sin(2.9 * t))
     assert found == pytest.approx(2.9, abs=0.02)
+
+
+# -------------------------------------------------------------------------- the paper's words
+
+EXCERPTS = Path(__file__).parent / "paper_excerpts.tex"
+# Labels of the numbered equations in their order; a dash is one without a label.
+LABELS = """
+em-1 em-2 no-slip def-z - - - def-xy - diff-u diff-omega - - def-abg - lin-u lin-omg1 -
+lin-omg2 - lin-omg3 lin-omg4 def-omgpr def-omega_pr omega_pr - - omega_p0 omega_r0 ave-torque
+def-kpr ave-ene kp-1 kp-2 kr-1 kr-2 k-rat k-diff Kp Kr - - omg_pr-approx-omgpr0 sign-typ-k - -
+diff-ne-1 diff-ne-2 diff-ne-3 - casimir - diff-n - gh-solution-p trgh-p gh-solution-m trgh-m
+ratomg - - - - - - - - sim-ic-1 sim-ic-2 sim-ic-3 - def-n0 def-nc1 case-instab1 toki-prs
+"""
+NUMBERED = LABELS.split()
+WORDS = {"lesssim": "<~", "gtrsim": ">~", "approx": "~", "ll": "<<", "gg": ">>", "le": "<=",
+         "circ": "deg"}  # fmt: skip
+
+
+def uncommented(tex):
+    return re.sub(r"(?<!\\)%.*", "", tex)
+
+
+def plain(text, *, tex=False):
+    """Text without spaces, its mathematics spelt as in the claims."""
+    if tex:
+        text = re.sub(r"\\(cite|label)\{[^}]*\}", "", uncommented(text)).replace("~", " ")
+        text = re.sub(r"\\tilde\s*\{?(\\omega|t)\}?", r"\1~", text)
+        text = re.sub(r"\\(textit|text|bm|[, ])", "", text)
+        text = re.sub(r"\\([a-zA-Z]+)", lambda m: WORDS.get(m[1], m[1]), text)
+        text = re.sub(r"[{}$`]|''", "", text)
+        text = re.sub(r"\|(\w+)\|", r"abs(\1)", text).replace("abs(omega_xy0)", "omega_xy0")
+    return re.sub(r'[\s"]', "", text)
+
+
+def texts():
+    """All texts of the room of the paper, as far as they are written out in its sources."""
+    for path in sorted(Path(run.__file__).parent.glob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                yield node.value
+    calm = {"t_r": 112.0, "t_rgh": 108.0, "zeros": 1}
+    yield claims_runs.g1({**calm, "n_i": 0.1}, 112, "G1", "earlier").words
+    yield claims_runs.g1({**calm, "n_i": -0.1}, 810, "G2", "later").words
+
+
+def numbers_of(tex):
+    """Labels of numbered equations: amsmath numbers each row of align that does not say notag."""
+    found = []
+    for kind, body in re.findall(
+        r"\\begin\{(equation|align|multline)\}(.*?)\\end\{\1\}", uncommented(tex), re.DOTALL
+    ):
+        flat = re.sub(r"\\begin\{pmatrix\}.*?\\end\{pmatrix\}", "", body, flags=re.DOTALL)
+        for row in flat.split(r"\\") if kind == "align" else [body]:
+            if r"\notag" not in row:
+                label = re.search(r"\\label\{\w+:([^}]*)\}", row)
+                found.append(label[1] if label else "-")
+    return found
+
+
+def test_what_stands_between_quotation_marks_is_the_papers():
+    source = plain(EXCERPTS.read_text(), tex=True)
+    quotes = {q for text in texts() for q in re.findall(r"“([^”{]*)”", text)}
+    assert len(quotes) > 50
+    assert [quote for quote in sorted(quotes) if plain(quote) not in source] == []
+    # A word that is not the paper's is noticed.
+    assert plain("one could see K_p >> K_r") not in source
+
+
+def test_equations_have_their_printed_numbers():
+    cited = {pair for text in texts() for pair in re.findall(r"\((\d+)\) \[([\w-]+)\]", text)}
+    assert len(cited) > 8
+    assert [pair for pair in cited if NUMBERED[int(pair[0]) - 1] != pair[1]] == []
+    # No label goes without its number.
+    labels = "|".join(sorted(set(NUMBERED) - {"-", "Kp", "Kr"}, key=len, reverse=True))
+    bare = re.compile(rf"Eqs?\. (?:[\w-]+, )*(?:{labels})\b")
+    assert [text for text in texts() if bare.search(text)] == []
+
+
+@pytest.mark.skipif("RATTLESWEEP_PAPER" not in os.environ, reason="needs the paper's source")
+def test_excerpts_and_numbers_are_those_of_the_source():
+    source = Path(os.environ["RATTLESWEEP_PAPER"]).read_text()
+    for excerpt in EXCERPTS.read_text().split("\n\n"):
+        assert plain(excerpt, tex=True) in plain(source, tex=True)
+    assert numbers_of(source) == NUMBERED
 
 
 # ------------------------------------------------------------------------------- report
@@ -566,7 +751,7 @@ def test_symbols_are_set_and_names_of_files_are_not():
 
 
 def test_numbers_that_are_none_are_null_in_the_table():
-    claim = Claim(id="U1", where="", words="", measured="", verdict="partly", evidence="",
+    claim = Claim(id="U1", where="", words="", measured="", checks=[("a", True), ("b", False)],
                   value=math.nan, low=-math.inf)  # fmt: skip
     row = claims_table([claim]).to_pylist()[0]
     assert (row["value"], row["low"], row["high"]) == (None, None, None)

@@ -25,7 +25,7 @@ from rattlesweep.study.paper import (
     fig3,
     sd,
 )
-from rattlesweep.study.paper.claim import judge, wilson
+from rattlesweep.study.paper.claim import wilson
 from rattlesweep.sweep import sampler
 from rattlesweep.sweep.config_bodies import SdRanges
 
@@ -131,6 +131,24 @@ def test_an_error_in_a_thread_is_raised(monkeypatch):
     monkeypatch.setattr(density, "kernel", lambda: broken)
     with pytest.raises(ZeroDivisionError):
         density.count_bodies(10, 3, RANGES, LINEAR, threads=2)
+
+
+def test_an_error_in_one_thread_stops_the_others(monkeypatch):
+    failed, calls = threading.Event(), []
+
+    def broken(first, last, *_):
+        if last > first == 0:
+            failed.set()
+            raise ZeroDivisionError
+        if last > first:
+            failed.wait(10)
+            calls.append(first)
+            time.sleep(0.05)
+
+    monkeypatch.setattr(density, "kernel", lambda: broken)
+    with pytest.raises(ZeroDivisionError):
+        density.count_bodies(500 * density.PIECE, 3, RANGES, LINEAR, threads=2)
+    assert len(calls) < 10
 
 
 def test_compiled_loop_is_of_todays_random_numbers(monkeypatch, tmp_path):
@@ -256,7 +274,7 @@ def test_claims_and_what_they_need(fig2_tables, fig3_tables):
     for row in rows.values():
         assert row.words
         assert row.measured
-        assert "Criterion" in row.evidence
+        assert row.evidence.startswith("Checks, headline first: " + row.checks[0][0])
         assert (row.low or 0) <= row.value
         assert row.high is None or row.value <= row.high
 
@@ -280,7 +298,7 @@ def test_definition_of_the_coefficients_against_fifty_digits():
         assert got["K_r"][i] == pytest.approx(float(wanted["K_r"]), abs=1e-9 * got["K_p"][i])
         with mp.workdps(50):
             ratio = (wanted["omega_p"] / wanted["omega_r"]) ** 2
-            # Eq. k-rat in 50 digits.
+            # Eq. (37) [k-rat] in 50 digits.
             assert abs(wanted["K_p"] / wanted["K_r"] / ratio - 1) < mp.mpf(10) ** -40
 
 
@@ -442,10 +460,6 @@ def test_wrong_theory_is_found_out(monkeypatch):
             claims_theory, "by_definition", lambda b: {**exact(b), "K_r": 1.001 * exact(b)["K_r"]}
         )
         assert claims_theory.identities(50).verdict == "disagree"
-
-
-def test_judge():
-    assert [judge(True), judge(False, True), judge(False)] == ["agree", "partly", "disagree"]
 
 
 @pytest.mark.parametrize(("hits", "runs"), [(0, 10), (10, 10), (3, 1000), (109, 10**8)])

@@ -20,6 +20,8 @@ import rattlesweep as rs
 from rattlesweep.study.plot_style import TYPE_STYLE
 from rattlesweep.study.report import MOST_CASES, make_report
 from rattlesweep.study.report_config import config_yaml
+from rattlesweep.study.report_facts import read_once
+from rattlesweep.sweep import store as store_module
 from rattlesweep.sweep import yamlfile
 from rattlesweep.sweep.config import parse_config, physics_hash, resolved
 from rattlesweep.sweep.contents import content_hash
@@ -169,6 +171,47 @@ def test_a_sweep_that_is_not_whole(sweeps: Path, tmp_path: Path) -> None:
     assert "stopped: 350 of 450 runs are done" in text
     assert "time expected 12.0 s (10.0 s to 15.0 s)" in text
     assert "runs per second" not in text
+
+
+def test_the_directory_is_read_once(sweeps: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    read: list[str] = []
+    file = store_module.pq.ParquetFile
+
+    def counting(source: Any, *args: Any, **options: Any) -> Any:
+        read.append(str(source))
+        return file(source, *args, **options)
+
+    whole = Path.read_bytes
+
+    def read_bytes(path: Path) -> bytes:
+        read.append(str(path))
+        return whole(path)
+
+    monkeypatch.setattr(store_module.pq, "ParquetFile", counting)
+    monkeypatch.setattr(Path, "read_bytes", read_bytes)
+    make_report(sweeps / "steady")
+    blocks = [name for name in read if name.endswith(".parquet")]
+    assert sorted(blocks) == sorted(map(str, (sweeps / "steady" / "runs").glob("*.parquet")))
+
+
+def test_jobs_of_one_pass_neither_see_nor_stop_each_other(sweeps: Path) -> None:
+    store = Store(sweeps / "map")
+
+    def fails(own: Store) -> int:
+        next(own.iter_batches(["case"]))
+        raise ValueError("enough")
+
+    def names(own: Store) -> list[str]:
+        return next(iter(own.iter_batches(["n_i", "t_r"]))).schema.names
+
+    def rows(own: Store) -> int:
+        return sum(batch.num_rows for batch in own.iter_batches(["case"]))
+
+    jobs: list[Any] = [fails, rows, lambda own: 7, names, rows]
+    found = read_once(store, jobs)
+    assert isinstance(found[0], ValueError)
+    assert found[1:] == [450, 7, ["n_i", "t_r"], 450]
+    assert read_once(store, []) == []
 
 
 def test_many_cases_stay_small(tmp_path: Path) -> None:

@@ -25,16 +25,11 @@ from rattlesweep.cli.common import (
 @click.option(
     "--output", metavar="DIR", help="Output directory; by default out/paper, or out/paper-quick."
 )
-@click.option("--quick", is_flag=True, help="Fewer samples: takes seconds, with wider intervals.")
+@click.option("--quick", is_flag=True, help="Fewer samples: faster, with wide intervals.")
 @click.option("--only", metavar="NAMES", help="Figures to make, such as fig6,fig7, or theory.")
-@click.option(
-    "--config",
-    metavar="FILE",
-    type=click.Path(),
-    help="Settings that differ from the shipped ones.",
-)
-@click.option("--print-config", is_flag=True, help="Print the shipped settings and stop.")
-@click.option("--threads", type=click.IntRange(1), help="Number of threads of the kernels.")
+@click.option("--config", metavar="FILE", type=click.Path(), help="Sections of settings to replace.")
+@click.option("--print-config", is_flag=True, help="Print the default settings and exit.")
+@click.option("--threads", type=click.IntRange(1), help="Threads of the kernels.")
 @click.option("-q", "--quiet", is_flag=True, help="No progress and no closing table.")
 @resumable
 def paper(
@@ -48,10 +43,10 @@ def paper(
 ) -> int:
     """Reproduce the figures of Kondo and Nakanishi (2017) and check their claims.
 
-    Writes each figure's data (Parquet) and image (SVG, PNG), claims.parquet and report.html, a
-    self-contained page. The same command resumes after a stop: completed figures and blocks of
-    runs are kept, and at most half a minute of counting for fig3 is lost. Prints the verdicts on
-    standard output.
+    Writes each figure's data (Parquet) and picture (SVG, PNG), claims.parquet and report.html, a
+    self-contained page. After a stop the same command resumes: finished figures and blocks of runs
+    are kept, and only the counts of fig3 (half a minute at most) are lost. Prints the verdicts, with
+    the number of checks behind each that hold, on standard output.
     """
     from rattlesweep.study.paper.settings import load_paper, shipped
 

@@ -1,23 +1,30 @@
-"""`report`: a sweep on one page that needs nothing but itself."""
+"""`report`: a sweep on one self-contained page."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rattlesweep.study import html
 from rattlesweep.study.html import Html
-from rattlesweep.study.plot import choose_picture, default_kind, fitting
+from rattlesweep.study.plot import Picture, choose_picture, default_kind, fitting
 from rattlesweep.study.plot_layout import Layout, read_layout
 from rattlesweep.study.plot_style import encode, styled
 from rattlesweep.study.report_config import config_yaml
-from rattlesweep.study.report_facts import Facts, gather
+from rattlesweep.study.report_facts import Facts, gather, read_once
 from rattlesweep.sweep.contents import content_hash
 from rattlesweep.sweep.durations import clock
 from rattlesweep.sweep.errors import ConfigError
 from rattlesweep.sweep.plan import Case
 from rattlesweep.sweep.status import Status, status_of
+from rattlesweep.sweep.store import Store
 from rattlesweep.sweep.summary import summarise
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 DPI = 120
 # Cases shown at once, and at all: each takes some 400 bytes.
@@ -32,10 +39,10 @@ STYLE = Html(
     "figure img { max-width: none; width: 46rem; } }</style>"
 )
 WORDS = {
-    "fractions": "Shares of the types. Bars are Wilson intervals of 95 %; triangles: of the bodies "
-    "above them, theory says that the steady spin is linearly stable.",
-    "times": "Reversal times of type R: mean, standard deviation and the mean's own error, with "
-    "the mean of Garcia and Hubbard's time as theory.",
+    "fractions": "Shares of the types. Bars are 95 % Wilson intervals. The share above a triangle "
+    "is that of the bodies whose steady spin is linearly stable according to theory.",
+    "times": "Reversal times of type R: mean, standard deviation and standard error of the mean; "
+    "theory is the mean of Garcia and Hubbard's time.",
     "ratio": "Reversal times of type R in units of Garcia and Hubbard's, run by run.",
     "map": "Types, and reversal times in units of Garcia and Hubbard's.",
     "distribution": "All runs together: reversal times about the theory, and types.",
@@ -66,7 +73,18 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
     """
     layout = read_layout(directory)
     status = status_of(directory)
-    facts = gather(layout.store)
+    kinds = _kinds(layout)
+    hashed = status.runs_done <= MOST_HASHED
+    jobs: list[Callable[[Store], Any]] = [
+        gather,
+        lambda store: summarise(store, _known_cases(layout)),
+        *(partial(_count, layout, kind) for kind in kinds),
+        *([content_hash] if hashed else []),
+    ]
+    found = read_once(layout.store, jobs)
+    facts, summary = _good(found[0]), _good(found[1])
+    pictures = dict(zip(kinds, found[2:], strict=False))
+    digest = _good(found[-1]) if hashed else None
     head = [
         STYLE,
         html.paragraph(
@@ -76,12 +94,12 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
         html.paragraph("Units are M = a = g = 1.", kind="soft small"),
     ]  # fmt: skip
     sections = [
-        ("pictures", "Pictures", _pictures(layout)),
-        ("cases", "Cases", _cases(layout)),
+        ("pictures", "Pictures", _pictures(pictures)),
+        ("cases", "Cases", _cases(layout, summary)),
         ("failures", "Failures", _failures(facts, status)),
         ("cost", "Cost", _cost(layout.manifest, facts, status)),
         ("config", "Config", html.code(config_yaml(_known(layout.manifest["config"])))),
-        ("provenance", "Provenance", _provenance(layout, facts)),
+        ("provenance", "Provenance", _provenance(layout, digest)),
         ("notes", "Notes", _notes(layout, facts, status)),
     ]
     return html.page(title or str(layout.manifest["name"]), head, sections)
@@ -118,16 +136,32 @@ def _share(part: int, whole: int) -> str:
 # ------------------------------------------------------------------------- pictures
 
 
-def _pictures(layout: Layout) -> Html:
+def _kinds(layout: Layout) -> list[str]:
+    """The pictures that suit a sweep."""
     kinds = [default_kind(layout)]
     left = {name: len(axis.values) for name, axis in layout.axes.items()}
     extra = ("times", "ratio") if kinds[0] != "map" and layout.varying else ()
-    kinds += [k for k in (*extra, "distribution") if k in fitting(layout, left) and k not in kinds]
+    extra = (*extra, "distribution")
+    return kinds + [k for k in extra if k in fitting(layout, left) and k not in kinds]
+
+
+def _count(layout: Layout, kind: str, store: Store) -> Picture:
+    return choose_picture(replace(layout, store=store), kind)
+
+
+def _good(result: Any) -> Any:
+    """What a job returned; what it raised is raised here."""
+    if isinstance(result, BaseException):
+        raise result
+    return result
+
+
+def _pictures(pictures: Mapping[str, Picture | BaseException]) -> Html:
     shown: list[Html] = []
-    for kind in kinds:
+    for kind, result in pictures.items():
         with styled():
             try:
-                picture = choose_picture(layout, kind)
+                picture: Picture = _good(result)
                 figure = picture.figure()
             except ConfigError as error:
                 # More panels than a page can show; the others still say what there is.
@@ -142,14 +176,17 @@ def _pictures(layout: Layout) -> Html:
 # ---------------------------------------------------------------------------- cases
 
 
-def _cases(layout: Layout) -> Html:
-    named = {name for name in ("K_p", "K_r") if name in layout.axes}
-    cases = [
-        Case(c["case"], 0, next(iter(named), None), c.get(next(iter(named), "")), c.get("n_i"),
-             c.get("omega_xy0"))
+def _known_cases(layout: Layout) -> list[Case]:
+    name = next((name for name in ("K_p", "K_r") if name in layout.axes), None)
+    return [
+        Case(c["case"], 0, name, c.get(name or ""), c.get("n_i"), c.get("omega_xy0"))
         for c in layout.manifest["cases"]
-    ]  # fmt: skip
-    rows = summarise(layout.store, cases).to_pylist()
+    ]
+
+
+def _cases(layout: Layout, summary: pa.Table) -> Html:
+    named = {name for name in ("K_p", "K_r") if name in layout.axes}
+    rows = summary.to_pylist()
     head = ["case", *sorted(named), "n_i", "ω_xy0", "runs", "R", "SS", "SW", "unclassified",
             "Bondi", "mean t_r", "± std", "mean t_rGH", "mean t_r/t_rGH", "± error",
             "failed"]  # fmt: skip
@@ -196,7 +233,7 @@ def _failures(facts: Facts, status: Status) -> Html:
         parts.append(html.paragraph(f"None: all {facts.runs:,} runs have status ok."))
     if status.damaged:
         blocks = ", ".join(map(str, status.damaged[:20]))
-        parts.append(html.paragraph(f"Blocks that do not read: {blocks}."))
+        parts.append(html.paragraph(f"Unreadable blocks: {blocks}."))
     return html.join(parts)
 
 
@@ -214,7 +251,7 @@ def _cost(manifest: dict[str, Any], facts: Facts, status: Status) -> Html:
              ("time integrated", f"{facts.time:.4g} √(a/g)"),
              ("size of the runs", f"{facts.bytes / 1e6:,.1f} MB, "
               f"{facts.bytes / max(facts.runs, 1):.0f} bytes a run")]  # fmt: skip
-    # Times of sessions that were killed are not known; rates would be too good.
+    # The times of sessions that were killed are unknown; rates would come out too high.
     whole = status.state == "complete" and kernel > 0
     if whole:
         rows += [("steps per second", f"{facts.steps / kernel:.3g} of integration"),
@@ -229,7 +266,7 @@ def _seconds(value: float) -> str:
 # ---------------------------------------------------------------- provenance and notes
 
 
-def _provenance(layout: Layout, facts: Facts) -> Html:
+def _provenance(layout: Layout, digest: str | None) -> Html:
     manifest = layout.manifest
     machine = manifest.get("machine", {})
     rows = [
@@ -240,8 +277,8 @@ def _provenance(layout: Layout, facts: Facts) -> Html:
         ("versions", ", ".join(f"{n} {v}" for n, v in manifest.get("versions", {}).items())),
         ("hash of the config", manifest.get("config_hash", "–")),
     ]
-    if facts.runs <= MOST_HASHED:
-        rows.append(("hash of all rows", content_hash(layout.store.directory)))
+    if digest is not None:
+        rows.append(("hash of all rows", digest))
     parts = [html.table(["what", "value"], [[html.key(name), str(text)] for name, text in rows])]
     sessions = manifest.get("sessions", [])
     names = ("started", "state", "shard", "host", "threads", "blocks", "seconds")
@@ -255,22 +292,24 @@ def _notes(layout: Layout, facts: Facts, status: Status) -> Html:
     notes = [
         "Shares are of the runs with status ok. Type R reverses by the horizon; SS: the relevant "
         "oscillation decays; SW: the spin leaves its plateau; unclassified: neither.",
-        "Bondi: the share of bodies whose steady spin theory calls linearly stable, "
+        "Bondi: the share of bodies whose steady spin is linearly stable according to theory, "
         "|n_c1| < |n_i|; in the unsteady direction none is.",
         "t_r/t_rGH is taken run by run and averaged over type R; the error is that of the mean.",
     ]
     if status.state != "complete":
-        notes.append(f"The sweep is not complete ({_state(status)}); what is here may change.")
+        notes.append(
+            f"The sweep is not complete ({_state(status)}); the figures here may still change."
+        )
     if facts.near_tangencies:
         notes.append(
-            f"{facts.near_tangencies:,} extrema of the spin are so near zero that the tolerance "
-            "cannot tell whether the spin reversed there."
+            f"{facts.near_tangencies:,} extrema of the spin are so close to zero that, at this "
+            "tolerance, it is undecided whether the spin crossed zero there."
         )
     doubtful = facts.types["unclassified"]
     if doubtful:
         notes.append(
-            f"{doubtful:,} runs are unclassified: their oscillation grows, and the horizon "
-            f"{_horizon(layout)} ends them before it shows."
+            f"{doubtful:,} runs are unclassified: their oscillation grows, but the horizon "
+            f"{_horizon(layout)} is reached before the spin changes visibly."
         )
     return html.join(html.paragraph(note) for note in notes)
 

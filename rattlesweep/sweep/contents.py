@@ -14,7 +14,7 @@ from rattlesweep.sweep.store import Store
 from rattlesweep.sweep.tables import ContentHash, same_schema
 
 
-def content_hash(directory: Path | str) -> str:
+def content_hash(directory: Path | str | Store) -> str:
     """SHA-256 of all rows in order of (case, sample), however they are cut into blocks.
 
     Column by column in the order of the schema, raw bits: two sweeps have equal hashes when
@@ -26,7 +26,7 @@ def content_hash(directory: Path | str) -> str:
         A block is unreadable or damaged, blocks differ in their columns, or rows are out of
         order or there twice.
     """
-    store = Store(directory)
+    store = directory if isinstance(directory, Store) else Store(directory)
     digest: ContentHash | None = None
     schema: pa.Schema | None = None
     last = (-1, -1)

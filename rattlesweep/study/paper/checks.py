@@ -1,12 +1,10 @@
-"""What the claims about sweeps are judged by."""
+"""What the checks of the claims about sweeps are made of."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 import numpy as np
-
-from rattlesweep.study.paper.claim import Verdict, judge
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -18,13 +16,6 @@ SYMBOL = 10**0.1
 
 EDGE = 1e-9
 """Spins and oscillations are compared with this margin, as they come from a file."""
-
-
-def verdict(checks: Sequence[tuple[str, bool]]) -> tuple[Verdict, str]:
-    """Agree if every check holds, partly if one does; with the checks in words."""
-    held = [good for _, good in checks]
-    said = "; ".join(f"{words}: {'yes' if good else 'no'}" for words, good in checks)
-    return judge(all(held), any(held)), f"Checks: {said}."
 
 
 def rises(frame: pd.DataFrame, value: str, by: str, within: Sequence[str]) -> tuple[int, int]:

@@ -1,15 +1,17 @@
-"""A row of the claims table, and what verdicts are made of."""
+"""A row of the claims table: what the paper says, what was measured, which checks hold."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-# What rounding may leave of an identity between doubles.
+# Rounding error allowed in an identity between doubles.
 EXACT = 1e-9
 
 Verdict = Literal["agree", "partly", "disagree"]
+Checks = Sequence[tuple[str, bool]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,35 +23,53 @@ class Claim:
     id : str
         ``T1``, ``U2``, ...
     where : str
-        Place in the paper.
+        Place in the paper; equations by their printed number and their label in the source, as in
+        ``Eq. (38) [k-diff]``.
     words : str
-        The paper's own words, in brief.
+        What the paper says.  What stands between quotation marks is quoted word for word.
     measured : str
         What was found, with its figures.
+    checks : sequence of (str, bool)
+        What was asked of the measurement, and whether it holds.  The first is the headline: the
+        statement without which nothing is left of the claim.
+    notes : str
+        How the claim was checked, and what explains the outcome.
     value, low, high : float, optional
         The figure that decides, and its confidence interval or its range, where there is one.
-    verdict : {"agree", "partly", "disagree"}
-        Follows from the measurement by the criterion that ``evidence`` states.
-    evidence : str
-        How it was checked, and by which criterion it was judged.
     """
 
     id: str
     where: str
     words: str
     measured: str
-    verdict: Verdict
-    evidence: str
+    checks: Checks
+    notes: str = ""
     value: float | None = None
     low: float | None = None
     high: float | None = None
 
+    @property
+    def held(self) -> int:
+        """Number of checks that hold."""
+        return sum(holds for _, holds in self.checks)
 
-def judge(whole: bool, part: bool = False) -> Verdict:
-    """``agree`` if all of a claim holds, ``partly`` if a part of it does, else ``disagree``."""
-    if whole:
-        return "agree"
-    return "partly" if part else "disagree"
+    @property
+    def verdict(self) -> Verdict:
+        """``agree`` if all checks hold, ``disagree`` if the headline fails, else ``partly``."""
+        if self.held == len(self.checks):
+            return "agree"
+        return "partly" if self.checks[0][1] else "disagree"
+
+    @property
+    def score(self) -> str:
+        """Such as ``3 of 4``."""
+        return f"{self.held} of {len(self.checks)}"
+
+    @property
+    def evidence(self) -> str:
+        """The checks in words, the headline first, and the notes."""
+        said = "; ".join(f"{words}: {'yes' if holds else 'no'}" for words, holds in self.checks)
+        return f"Checks, headline first: {said}. {self.notes}".strip()
 
 
 def wilson(hits: int, runs: int, z: float = 1.959964) -> tuple[float, float]:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rattlesweep.study.paper.checks import EDGE, verdict
+from rattlesweep.study.paper.checks import EDGE
 from rattlesweep.study.paper.claim import Claim, wilson
 from rattlesweep.study.paper.examples import LEAST_GROWTH, LONGER, SLOW
 
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     Tables = Mapping[str, pa.Table]
-    Checks = list[tuple[str, bool]]
 
 
 def claims(figures: Mapping[str, Tables]) -> list[Claim]:
@@ -55,24 +54,24 @@ def g1(run: dict[str, Any], said: int, name: str, when: str) -> Claim:
     sign, part = ("u", "a") if run["n_i"] > 0 else ("s", "b")
     # Three digits, or two where the last is a zero.
     half = 0.5 if said % 10 else 5.0
-    side = t_rgh < t_r if when == "earlier" else t_rgh > t_r
-    word, checks = verdict(
-        [
-            (f"t_r{sign} rounds to the paper's digits, {said - half:g} to {said + half:g}",
-             abs(t_r - said) <= half),
-            (f"their solution crosses zero {when}", side),
-        ]
-    )  # fmt: skip
+    word = "earlier" if t_rgh < t_r else "later"
+    direction = "positive to negative" if run["n_i"] > 0 else "negative to positive"
     return Claim(
         id=name,
         where=f"Fig. 4({part})",
-        words=f"GH, n_i = {run['n_i']:g}, omega_xy0 = 0.01: the spin changes its sign at t_r{sign} "
-        f"~ {said}; Garcia and Hubbard's solution, in good agreement, changes its sign {when}",
-        measured=f"t_r{sign} = {t_r:.4f} (zeros of the spin: {run['zeros']}); their solution "
-        f"crosses at {t_rgh:.2f}, {abs(t_rgh / t_r - 1):.1%} {when}",
+        words=f"GH, n_i = {run['n_i']:g}, omega_xy0 = 0.01: “the spin n changes its sign from "
+        f"{direction} at t_r{sign} ~ {said} t~”; Garcia and Hubbard's solutions “are in good "
+        f"agreement with the numerical simulations”; here theirs crosses zero {when}",
+        measured=f"t_r{sign} = {t_r:.4f} (zeros of the spin: {run['zeros']}); Garcia and Hubbard's "
+        f"solution crosses zero at {t_rgh:.2f}, {abs(t_rgh / t_r - 1):.1%} {word}",
         value=t_r,
-        verdict=word,
-        evidence=checks,
+        checks=[
+            (
+                f"t_r{sign} rounds to the paper's digits, {said - half:g} to {said + half:g}",
+                abs(t_r - said) <= half,
+            ),
+            (f"Garcia and Hubbard's solution crosses zero {when}", word == when),
+        ],
     )
 
 
@@ -104,7 +103,7 @@ def shape(own: pd.DataFrame, t_r: float) -> dict[str, float]:
 
 def g3(runs: Mapping[str, dict[str, Any]], extrema: pd.DataFrame) -> Claim:
     """Amplitudes about the reversals."""
-    checks: Checks = []
+    checks: list[tuple[str, bool]] = []
     words = []
     tops = {}
     for name, main, other in (
@@ -123,10 +122,10 @@ def g3(runs: Mapping[str, dict[str, Any]], extrema: pd.DataFrame) -> Claim:
         at = "a" if name == "unsteady" else "b"
         deep = dip["low"] / min(dip["left"], dip["right"])
         checks += [
-            (f"({at}) the envelope of {main} is largest within two periods of the reversal",
+            (f"({at}) the envelope of {main} peaks within two periods of the reversal",
              abs(late) <= 2),
-            (f"({at}) that of {other} has a minimum within two periods of it, at most 3/4 of the "
-             "maxima on both sides", abs(off) <= 2 and deep <= 0.75),
+            (f"({at}) that of {other} has a minimum within two periods of it, at most 3/4 of "
+             "either neighbouring maximum", abs(off) <= 2 and deep <= 0.75),
         ]  # fmt: skip
         words.append(
             f"({at}) {main} largest {big['top']:.4f} at {big['top_t']:.1f} ({late:+.1f} periods); "
@@ -134,30 +133,32 @@ def g3(runs: Mapping[str, dict[str, Any]], extrema: pd.DataFrame) -> Claim:
             f"{dip['left']:.4f} at {dip['left_t']:.1f} and {dip['right']:.4f} at "
             f"{dip['right_t']:.1f}"
         )
-    checks.append(("omega_y in (b) gets larger than omega_x in (a)",
+    checks.append(("omega_y in (b) becomes larger than omega_x in (a)",
                    tops["steady"] > tops["unsteady"]))  # fmt: skip
     ratios = [run[f"frequency_{c}"] / run["omega_relevant"] for run in runs.values() for c in "xy"]
     free = [run["frequency_free"] / run["omega_relevant"] for run in runs.values()]
     checks.append(
-        ("within ten periods of the reversals both swing at the relevant frequency, within 10 %",
+        ("both oscillate within 10 % of the relevant frequency, ten periods about the reversal",
          max(abs(r - 1) for r in ratios) <= 0.1)
     )  # fmt: skip
-    word, said = verdict(checks)
     return Claim(
         id="G3",
         where="Fig. 4",
-        words="the amplitude of omega_x reaches its maximum around t_ru, that of omega_y shows a "
-        "local minimum there; in (b) the roles swap; the maximum value of omega_y in (b) is larger "
-        "than that of omega_x in (a); both oscillate at omega_p, or omega_r",
+        words="(a) “the amplitude of omega_x becomes large and reaches its maximum around t_ru”, "
+        "that of omega_y “shows the local minimum at t_ru”, both “oscillate at the pitch frequency "
+        "omega_p”; (b) “the amplitude of omega_y reaches its maximum around t_rs”, and both "
+        "“oscillate at the roll frequency omega_r”; “the maximum value of omega_y” in (b) “is "
+        "larger than that of omega_x” in (a)",
         measured="; ".join(words)
-        + "; frequencies over the relevant one: "
+        + "; frequencies in units of the relevant one: "
         + ", ".join(f"{r:.3f}" for r in ratios),
         value=tops["steady"] / tops["unsteady"],
-        verdict=word,
-        evidence=said + " Envelope: the larger of two neighbouring extrema, which are half a "
-        "period apart. A period is that of the relevant mode without spin. The frequencies differ "
-        "from those of small oscillations because these are large: launched alone at that size the "
-        f"modes swing at {free[0]:.3f} (pitch) and {free[1]:.3f} (roll) times their frequencies.",
+        checks=checks,
+        notes="Envelope: the larger of two neighbouring extrema, which are half a period apart. "
+        "A period is that of the relevant mode without spin. The frequencies differ from those of "
+        "small oscillations because the amplitudes are large: released alone with that amplitude, "
+        f"the modes oscillate at {free[0]:.3f} (pitch) and {free[1]:.3f} (roll) times their "
+        "small-amplitude frequencies.",
     )
 
 
@@ -178,38 +179,35 @@ def s5(runs: pd.DataFrame) -> list[Claim]:
     small = fast[fast["K_r"] < middle]
     large = fast[fast["K_r"] >= middle]
     few, many = int(large["chaotic"].sum()), int(small["chaotic"].sum())
-    word, said = verdict(
-        [
-            ("abs(n_i) <= 0.4: at most one in a hundred is chaotic (upper end of the interval)",
-             high < 0.01),
-            ("strictly, none is", hits == 0),
-            ("n_i = -0.5: some at the smaller half of the K_r are", many > 0),
-            ("and a larger share than at the larger half",
-             many * len(large) > few * len(small)),
-        ]
-    )  # fmt: skip
     least = fast[fast["K_r"] == fast["K_r"].min()]
     claim = Claim(
         id="S5",
         where="Fig. 6(b)",
-        words="abs(n_i) <~ 0.4: the spin of Type SW samples oscillates almost periodically; "
-        "n_i = -0.5 and K_r << 0.1: some samples show chaotic oscillations",
+        words="“When abs(n_i) <~ 0.4 omega~, the spin of Type SW sample oscillates almost "
+        "periodically”; “when n_i = -0.5 omega~ and K_r << 0.1, we find some samples that show "
+        '"chaotic" oscillations”',
         measured=(
             f"chaotic at abs(n_i) <= 0.4: {hits} of {len(slow)} runs of type SW, "
             f"{hits / len(slow):.2%} [{low:.2%}, {high:.2%}]; at n_i = -0.5: {many} of "
-            f"{len(small)} at K_r < {middle:.2g}, {few} of {len(large)} above; at "
+            f"{len(small)} at K_r < {middle:.2g} and {few} of {len(large)} above; at "
             f"K_r = {least['K_r'].iloc[0]:g} "
             f"{_share(int(least['chaotic'].sum()), len(least))}"
         ),
         value=hits / len(slow),
         low=low,
         high=high,
-        verdict=word,
-        evidence=said + " By the Lyapunov exponent: chaotic means that a small difference grows "
-        f"more than e^{LEAST_GROWTH:g}-fold in the second half of the run."
+        checks=[
+            ("abs(n_i) <= 0.4: fewer than one in a hundred are chaotic", hits < 0.01 * len(slow)),
+            ("the same for the upper end of the interval", high < 0.01),
+            ("strictly: none is", hits == 0),
+            ("n_i = -0.5: some are at the smaller half of the K_r", many > 0),
+            ("and a larger share than at the larger half", many * len(large) > few * len(small)),
+        ],
+        notes="Chaotic means, by the Lyapunov exponent, that a small difference grows by more than "
+        f"a factor of e^{LEAST_GROWTH:g} in the second half of the run."
         + (
-            f" Of the {len(kept)} slow ones, followed to {LONGER} horizons, {for_good} are still "
-            "chaotic in the second half of that; in the others differences no longer grow so."
+            f" The {len(kept)} chaotic ones at abs(n_i) <= 0.4 were followed to {LONGER} horizons: "
+            f"{for_good} are still chaotic in the second half of that time."
             if len(kept)
             else ""
         ),

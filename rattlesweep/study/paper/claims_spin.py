@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rattlesweep.physics import full, reduced, steady, theory
-from rattlesweep.study.paper.claim import EXACT, Claim, judge
+from rattlesweep.study.paper.claim import EXACT, Claim
 from rattlesweep.study.paper.sd import sd_bodies, wide_bodies
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ def growth_slopes(body: tuple[Floats, ...]) -> tuple[Floats, Floats]:
 
 
 def prs(state: Floats, ratio: Floats) -> Floats:
-    """Moffatt and Tokieda's vector field (Eq. toki-prs) on ``(P, R, S)``, shape (3, ...)."""
+    """Moffatt and Tokieda's vector field (Eq. (75) [toki-prs]) on ``(P, R, S)``, shape (3, ...)."""
     p, r, s = state
     return np.stack([ratio * p * s, -r * s, r**2 - ratio * p**2])
 
@@ -84,26 +84,32 @@ def slow_spin(samples: int) -> Claim:
         carries.append(float(np.median(exact / (-n * found.K_r / 2))))
     return Claim(
         id="T7",
-        where="Discussion, Eqs. case-instab1, toki-prs",
-        words="growth rates delta_x = (n/2) K_p, delta_y = -(n/2) K_r at a small constant spin; "
-        "the "
-        "three-variable dynamics is equivalent with Moffatt and Tokieda's equations",
+        where="Discussion, Eqs. (74) [case-instab1] and (75) [toki-prs]",
+        words="growth rates delta_x = (n/2) K_p of the pitch and delta_y = -(n/2) K_r of the roll "
+        "“at a small constant spin and small skewness”; Moffatt and Tokieda's equation “is "
+        "equivalent with” the three-variable dynamics, “again the difference comes from choice of "
+        "the variables”",
         measured=(
-            "largest distance of the slopes at n = 0, in K_p: "
+            "largest deviation of the slopes at n = 0, in units of K_p: "
             + ", ".join(f"{name} {value:.1g}" for name, value in off.items())
             + f"; of the vector fields, relative: {field:.1g}"
         ),
         value=max(*off.values(), field),
-        verdict=judge(max(off.values()) < EXACT and field < EXACT),
-        evidence=(
+        checks=[
+            *(
+                (f"slope of the growth rate, {name}, to {EXACT:g}", value < EXACT)
+                for name, value in off.items()
+            ),
+            (f"Moffatt and Tokieda's vector field to {EXACT:g}", field < EXACT),
+        ],
+        notes=(
             "Slopes of the eigenvalues of the linearised full dynamics by first-order "
-            "perturbation, "
-            f"{samples:,} bodies of SD and as many far beyond; they hold for any skew angle, not "
-            "only "
-            "small ones. Moffatt and Tokieda's system follows with n = S, E_p = (I/2)P^2, "
-            "E_r = (I/2)R^2, t = (2/K_r) tau, lambda = omega_p^2/omega_r^2. Criterion: "
-            f"{EXACT:g}. In SD the exact growth of the roll is {carries[0]:.2f} of the small-spin "
-            f"rate at n = -0.1 and {carries[1]:.2f} at n = -0.3 (medians)."
+            f"perturbation theory, for {samples:,} bodies of SD and as many far beyond; they hold "
+            "at any skew angle, not only at small ones. Moffatt and Tokieda's system follows with "
+            "n = S, E_p = (I/2)P^2, E_r = (I/2)R^2, t = (2/K_r) tau, lambda = "
+            f"omega_p^2/omega_r^2. In SD the exact growth rate of the roll is {carries[0]:.2f} "
+            f"times the small-spin one at n = -0.1 and {carries[1]:.2f} times at n = -0.3 "
+            "(medians)."
         ),
     )
 
@@ -117,7 +123,7 @@ ANGLES = (0.01, 1.0, 6.0, 20.0, 45.0, 70.0, 89.0)
 def contradictions(
     body: tuple[Floats, ...], spins: tuple[tuple[float, bool], ...]
 ) -> tuple[int, int]:
-    """How often the eigenvalues contradict Bondi's threshold, and of how many tries.
+    """How often the eigenvalues contradict Bondi's threshold, and out of how many trials.
 
     Parameters
     ----------
@@ -154,31 +160,34 @@ def bondi(samples: int) -> Claim:
         max(map(abs, full.rhs.py_func(0.0, 0.0, 0.0, 0.0, spin, *constants)))
         for spin, constants in zip(spins, both.T.tolist(), strict=True)
     )
-    ours = bad == 0 and wide_near == 0 and moved == 0
     return Claim(
         id="S9",
-        where="Eq. def-nc1",
-        words="there always exists a steady solution omega = (0, 0, const.), u = (0, 0, -1), "
-        "linearly "
-        "stable for n < n_c1 < 0; otherwise always unstable; n_c1 does not depend on xi",
+        where="Eq. (73) [def-nc1]",
+        words="“There always exists a steady solution”, and for the steady direction “this "
+        "solution is linearly stable for n < n_c1 < 0”; without a threshold “the steady solution "
+        "is always unstable”; “Note that n_c1 does not depend on xi”",
         measured=(
-            f"eigenvalues that contradict: SD {bad} of {tried:,}; any inertia {wide_near} of "
-            f"{wide_tried:,} up to n_c1 (1 + 1e-5), {wide_far:,} of {far_tried:,} at 1.5 and 4 "
-            "n_c1; "
-            f"rate of change of the steady spin: {moved:g}"
+            f"eigenvalues in contradiction: SD {bad} of {tried:,}; any inertia {wide_near} of "
+            f"{wide_tried:,} up to n_c1 (1 + 1e-5), {wide_far:,} of {far_tried:,} at 1.5 n_c1 and "
+            f"4 n_c1; rate of change of the steady spin: {moved:g}"
         ),
         value=wide_far / far_tried,
-        verdict=judge(ours and wide_far == 0, ours),
-        evidence=(
-            f"Eigenvalues of the linearised full dynamics at skew angles "
-            f"{', '.join(f'{a:g}' for a in ANGLES)} degrees, {samples:,} bodies of SD and as many "
-            "with any inertia: unstable up to n_c1 (1 - 1e-5), stable at n_c1 (1 + 1e-5), hence "
-            "one "
-            "threshold for all xi; where there is none, never stable; the full equations give a "
-            "rate of exactly zero for the vertical spin. In SD it stays stable beyond. Bodies with "
-            "I_zz < I_xx + I_yy, which SD has not, can become unstable again at a larger spin, "
-            "where the squared frequency of one mode passes zero; there the words hold only near "
-            "n_c1. Criterion: no contradiction; partly, if only beyond n_c1 and outside SD."
+        checks=[
+            (
+                "the vertical spin is an exact solution, in SD stable beyond the threshold and at "
+                "no smaller spin, at any skew angle",
+                bad == 0 and moved == 0,
+            ),
+            ("any inertia: stability sets in at the threshold", wide_near == 0),
+            ("any inertia: and stays for all larger spins", wide_far == 0),
+        ],
+        notes=(
+            f"Eigenvalues of the linearised full dynamics at skew angles of "
+            f"{', '.join(f'{a:g}' for a in ANGLES)} degrees, for {samples:,} bodies of SD and as "
+            "many with any inertia: unstable up to n_c1 (1 - 1e-5), stable at n_c1 (1 + 1e-5), "
+            "hence one threshold for all xi. Bodies with I_zz < I_xx + I_yy, of which SD has none, "
+            "can become unstable again at a larger spin, where the squared frequency of one mode "
+            "passes through zero."
         ),
     )
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rattlesweep.study.paper.checks import EDGE, covers, verdict
+from rattlesweep.study.paper.checks import EDGE, covers
 from rattlesweep.study.paper.claim import Claim, wilson
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ def steady_claims(tables: Mapping[str, pa.Table]) -> list[Claim]:
 
 
 def rk4_words(rows: pd.DataFrame) -> str:
-    """What became of the runs that RK4 integrated as well."""
+    """How the runs fared that RK4 integrated as well."""
     if rows.empty:
         return ""
     changed = int((rows["type"] != rows["type_rk4"]).sum())
@@ -47,8 +47,8 @@ def rk4_words(rows: pd.DataFrame) -> str:
     named = ", ".join(f"{count} {word}" for word, count in causes.most_common())
     return (
         f" With the paper's integrator {len(rows) - changed} of {len(rows)} runs have the same "
-        f"type ({changed} changed, {low:.2%} to {high:.2%}); t_r differs by more than 1e-6 in "
-        f"{len(odd)} runs" + (f" ({named})" if named else "") + ", each in fig6_rk4.parquet."
+        f"type ({changed} changed, {low:.2%} to {high:.2%}); type or t_r (by more than 1e-6) "
+        f"differs in {len(odd)} runs" + (f" ({named})" if named else "") + "; see fig6_rk4.parquet."
     )
 
 
@@ -85,17 +85,6 @@ def s1(frame: pd.DataFrame, rk4: str) -> Claim:
     split = halves(beyond, "SS")
     more = split["small"] >= split["large"]
     small_sizes = beyond[beyond["omega_xy0"] <= 0.01 + EDGE].groupby(["n_i", "omega_xy0"])["SS"]
-    word, said = verdict(
-        [
-            ("99 % of the slowest runs are R", slowest["R"].sum() >= 0.99 * slowest["runs"].sum()),
-            ("no SS at abs(n_i) <= 0.2", below["SS"].sum() == 0),
-            ("SS at every abs(n_i) >= 0.3, omega_xy0 <= 0.01", bool((small_sizes.sum() > 0).all())),
-            ("share of SS, pooled over K_r, grows with abs(n_i)", grows),
-            ("and does not grow with omega_xy0", smaller),
-            (f"more SS at the smaller half of the K_r ({more.sum()} of {len(more)} panels)",
-             bool(more.all())),
-        ]
-    )  # fmt: skip
     top = frame.sort_values("fraction_SS").iloc[-1]
     words = ", ".join(
         f"{n:g}: {most:.1%}" for n, most in zip(by_spin.index, values.max(axis=1), strict=True)
@@ -103,21 +92,34 @@ def s1(frame: pd.DataFrame, rk4: str) -> Claim:
     return Claim(
         id="S1",
         where="Fig. 6(a)",
-        words="when abs(n_i) is small enough, the spin simply reverses; SS appears for abs(n_i) >~ "
-        "0.3 and its fraction increases as abs(n_i) increases; it is larger for smaller K_r and "
-        "smaller omega_xy0",
+        words="“When the initial spin abs(n_i) is small enough, the spin simply reverses”; “Type "
+        "SS appears for abs(n_i) >~ 0.3 omega~ and its fraction increases as abs(n_i) increases. "
+        "The fraction is larger for smaller K_r and smaller” omega_xy0",
         measured=(
             f"type R at n_i = {slowest['n_i'].iloc[0]:g}: "
             f"{interval(int(slowest['R'].sum()), int(slowest['runs'].sum()))}; largest pooled "
-            f"share of SS by n_i: {words}; most of all {top['fraction_SS']:.1%} "
+            f"share of SS by n_i: {words}; largest at a single point {top['fraction_SS']:.1%} "
             f"[{top['low_SS']:.1%}, {top['high_SS']:.1%}] at K_r = {top['K_r']:g}, "
             f"n_i = {top['n_i']:g}"
         ),
         value=float(top["fraction_SS"]),
         low=float(top["low_SS"]),
         high=float(top["high_SS"]),
-        verdict=word,
-        evidence=said + rk4,
+        checks=[
+            (
+                "99 % of the slowest runs are of type R",
+                bool(slowest["R"].sum() >= 0.99 * slowest["runs"].sum()),
+            ),
+            ("no SS at abs(n_i) <= 0.2", below["SS"].sum() == 0),
+            ("SS at every abs(n_i) >= 0.3, omega_xy0 <= 0.01", bool((small_sizes.sum() > 0).all())),
+            ("share of SS, pooled over K_r, grows with abs(n_i)", grows),
+            ("and does not grow with omega_xy0", smaller),
+            (
+                f"more SS at the smaller half of the K_r ({more.sum()} of {len(more)} panels)",
+                bool(more.all()),
+            ),
+        ],
+        notes=rk4,
     )
 
 
@@ -131,17 +133,6 @@ def s2(frame: pd.DataFrame) -> Claim:
     held = (split_slow["small"] > split_slow["large"], split_fast["small"] > split_fast["large"])
     around = pooled(fast, "SW")
     both = around + pooled(fast, "unclassified")
-    word, said = verdict(
-        [
-            ("SW at abs(n_i) = 0.1 already", int(slowest["SW"].sum()) > 0),
-            (f"abs(n_i) <= 0.3: more SW at the smaller half of the K_r ({held[0].sum()} of "
-             f"{len(held[0])} panels)", bool(held[0].all())),
-            (f"abs(n_i) >= 0.4: the same ({held[1].sum()} of {len(held[1])} panels)",
-             bool(held[1].all())),
-            ("abs(n_i) >= 0.4: share pooled over K_r between 0.15 and 0.25 in every panel row",
-             bool(around.between(0.15, 0.25).all())),
-        ]
-    )  # fmt: skip
     hits, runs = int(fast["SW"].sum()), int(fast["runs"].sum())
     low, high = wilson(hits, runs)
     words = ", ".join(
@@ -151,10 +142,10 @@ def s2(frame: pd.DataFrame) -> Claim:
     return Claim(
         id="S2",
         where="Fig. 6(a)",
-        words="SW appears for abs(n_i) >~ 0.1; its fraction is also larger for smaller K_r, but "
-        "stays around 0.2 for abs(n_i) >~ 0.4",
+        words="“Type SW appears for abs(n_i) >~ 0.1 omega~ and its fraction is also larger for "
+        "smaller K_r, but stays around 0.2 for abs(n_i) >~ 0.4 omega~”",
         measured=(
-            f"share of SW pooled over K_r, by n_i: {words}; at abs(n_i) >= 0.4 in all "
+            f"share of SW pooled over K_r, by n_i: {words}; at all abs(n_i) >= 0.4 "
             f"{interval(hits, runs)}, single points {fast['fraction_SW'].min():.1%} to "
             f"{fast['fraction_SW'].max():.1%}; together with unclassified {both.min():.1%} to "
             f"{both.max():.1%}"
@@ -162,12 +153,27 @@ def s2(frame: pd.DataFrame) -> Claim:
         value=hits / runs,
         low=low,
         high=high,
-        verdict=word,
-        evidence=said
-        + " Beyond 0.3 SS takes the bodies of small K_r, and what is left for SW is largest in "
-        "between. Its level hangs on what counts as a visible wobble (5 % of the spin here): with "
-        f"the unclassified runs the mean of the pooled shares would be {both.mean():.1%} instead "
-        f"of {around.mean():.1%}.",
+        checks=[
+            ("SW already at abs(n_i) = 0.1", int(slowest["SW"].sum()) > 0),
+            (
+                f"abs(n_i) <= 0.3: more SW at the smaller half of the K_r ({held[0].sum()} of "
+                f"{len(held[0])} panels)",
+                bool(held[0].all()),
+            ),
+            (
+                f"abs(n_i) >= 0.4: the same ({held[1].sum()} of {len(held[1])} panels)",
+                bool(held[1].all()),
+            ),
+            (
+                "abs(n_i) >= 0.4: share pooled over K_r between 0.15 and 0.25 at every n_i and "
+                "omega_xy0",
+                bool(around.between(0.15, 0.25).all()),
+            ),
+        ],
+        notes="Beyond 0.3 the bodies of small K_r become SS, so that SW is most frequent at "
+        "intermediate K_r. Its share depends on what counts as a visible wobble (here 5 % of the "
+        f"spin): with the unclassified runs the mean of the pooled shares would be "
+        f"{both.mean():.1%} instead of {around.mean():.1%}.",
     )
 
 
@@ -178,17 +184,11 @@ def s3(frame: pd.DataFrame) -> Claim:
         small = frame[frame["omega_xy0"] <= frame["omega_xy0"].min()]
     wrong, runs = int(small["ss_only"].sum() + small["bondi_only"].sum()), int(small["runs"].sum())
     low, high = wilson(wrong, runs)
-    word, said = verdict(
-        [
-            ("no SS without abs(n_c1) < abs(n_i)", int(small["ss_only"].sum()) == 0),
-            ("no other type with abs(n_c1) < abs(n_i)", int(small["bondi_only"].sum()) == 0),
-        ]
-    )  # fmt: skip
     return Claim(
         id="S3",
-        where="Fig. 6(a), Eq. nc1",
-        words="for omega_xy0 = 0.001, all samples whose abs(n_c1) is smaller than abs(n_i) "
-        "actually show Type SS behaviors and vice versa",
+        where="Fig. 6(a), Eq. (73) [def-nc1]",
+        words="omega_xy0 = 0.001: “all samples whose abs(n_c1) is smaller than abs(n_i) actually "
+        "show Type SS behaviors and vice versa”",
         measured=(
             f"{wrong} of {runs} runs at omega_xy0 = {small['omega_xy0'].iloc[0]:g} on the wrong "
             f"side [{low:.2g}, {high:.2g}]; {int(small['SS'].sum())} are SS"
@@ -196,8 +196,12 @@ def s3(frame: pd.DataFrame) -> Claim:
         value=wrong / runs,
         low=low,
         high=high,
-        verdict=word,
-        evidence=said + " Run by run: the type comes from the motion, the threshold from Eq. nc1.",
+        checks=[
+            ("SS and abs(n_c1) < abs(n_i) coincide in 99 % of the runs", wrong <= 0.01 * runs),
+            ("no SS without abs(n_c1) < abs(n_i)", int(small["ss_only"].sum()) == 0),
+            ("no other type with abs(n_c1) < abs(n_i)", int(small["bondi_only"].sum()) == 0),
+        ],
+        notes="Run by run: the type comes from the motion, the threshold from Eq. (73) [def-nc1].",
     )
 
 
@@ -212,14 +216,6 @@ def s4(frame: pd.DataFrame, readings: pd.DataFrame, basin: pd.DataFrame) -> Clai
     fewer = (pooled(large, "SS").droplevel(1) < pooled(small, "SS").droplevel(1))[
         lambda s: s.index <= -0.4 + EDGE
     ]
-    word, said = verdict(
-        [
-            ("some bodies past the threshold are not SS", int(large["bondi_only"].sum()) > 0),
-            (f"n_i = -0.3: between {SEVERAL[0]} and {SEVERAL[1]} SS in 8000",
-             runs > 0 and SEVERAL[0] <= hits * 8000 / runs <= SEVERAL[1]),
-            ("abs(n_i) >= 0.4: fewer SS than at the smallest oscillation", bool(fewer.all())),
-        ]
-    )  # fmt: skip
     own = readings[(np.abs(readings["n_i"] + 0.3) < EDGE) & (readings["omega_xy0"] == size)]
     others = "; ".join(
         f"{row.definition}: {row.count_}"
@@ -229,38 +225,45 @@ def s4(frame: pd.DataFrame, readings: pd.DataFrame, basin: pd.DataFrame) -> Clai
     return Claim(
         id="S4",
         where="Fig. 6(a)",
-        words="for omega_xy0 = 0.1 there are some samples whose abs(n_c1) is smaller than abs(n_i) "
-        "yet do not show Type SS behavior; for n_i = -0.3 there are only several Type SS samples "
-        "out of 8000; for abs(n_i) >~ 0.4 the fractions are smaller than those for 0.001",
+        words="omega_xy0 = 0.1: “there are some samples whose abs(n_c1) is smaller than abs(n_i) "
+        "yet do not show Type SS behavior; for n_i = -0.3 omega~, there are only several Type SS "
+        "samples out of 8000 samples”; for abs(n_i) >~ 0.4 the fractions “are smaller than those "
+        "for” omega_xy0 = 0.001",
         measured=(
             f"{int(large['bondi_only'].sum())} of {int(large['bondi'].sum())} bodies past the "
             f"threshold are not SS at omega_xy0 = {size:g}; n_i = -0.3: {hits} SS of {runs} "
-            f"(95 %: at most {high * runs:.0f}). Other readings of SS there: {others}"
+            f"(95 %: at most {high * runs:.0f}). With other definitions of SS: {others}"
         ),
         value=hits / runs if runs else None,
         low=low,
         high=high,
-        verdict=word,
-        evidence=said + _why_none(hits, own, basin),
+        checks=[
+            ("some bodies past the threshold are not SS", int(large["bondi_only"].sum()) > 0),
+            (
+                f"n_i = -0.3: between {SEVERAL[0]} and {SEVERAL[1]} SS in 8000",
+                runs > 0 and SEVERAL[0] <= hits * 8000 / runs <= SEVERAL[1],
+            ),
+            ("abs(n_i) >= 0.4: fewer SS than at the smallest oscillation", bool(fewer.all())),
+        ],
+        notes=_why_none(hits, own, basin),
     )
 
 
 def _why_none(hits: int, readings: pd.DataFrame, basin: pd.DataFrame) -> str:
-    """What the launches with smaller oscillations, and other readings, say of S4."""
+    """What smaller initial oscillations, and other definitions of SS, tell about S4."""
     if basin.empty:
         return ""
     bears = ", ".join(f"{r.SS} at {r.omega_xy0:g}" for r in basin.itertuples())
     text = (
-        f" The {basin['runs'].iloc[0]} bodies past the threshold, launched at n_i = "
-        f"{basin['n_i'].iloc[0]:g} with other oscillations: SS {bears}."
+        f"Of the {basin['runs'].iloc[0]} bodies past the threshold at n_i = "
+        f"{basin['n_i'].iloc[0]:g}, SS by initial omega_xy0: {bears}."
     )
     if hits == 0 and basin["SS"].iloc[-1] == 0:
-        text += " So the last SS is gone before this oscillation is reached."
+        text += " The last SS disappears before this oscillation is reached."
     still = readings[readings["definition"].str.contains(STILL, regex=False)]["count"].sum()
     if hits < SEVERAL[0] <= still <= SEVERAL[1]:
         text += (
-            f" What remains are {still} runs whose oscillation grows at first and then keeps its "
-            "size, with a spin that falls by less than 2 % and stays: steady to the eye, and "
-            "several in number."
+            f" In {still} more, the oscillation grows at first and then keeps its size, while the "
+            "spin falls by less than 2 %: steady to the eye, and perhaps the paper's several."
         )
     return text

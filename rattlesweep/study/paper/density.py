@@ -205,6 +205,7 @@ def count_bodies(
                 done[own] += last - first
         except BaseException as error:
             errors.append(error)
+            stop[0] = 1
 
     team = [
         threading.Thread(target=work, args=(own,), daemon=True, name=THREAD)

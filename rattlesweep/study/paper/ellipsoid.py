@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rattlesweep.physics import theory
-from rattlesweep.study.paper.claim import EXACT, Claim, judge
+from rattlesweep.study.paper.claim import EXACT, Claim
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -88,23 +88,26 @@ def ellipsoids(samples: int) -> Claim:
     return Claim(
         id="T6",
         where="Typical rattleback parameters",
-        words="the pitch frequency is always higher for a uniform ellipsoid (b^2 > c^2 > a^2) "
-        "and for a semi-ellipsoid (b^2 > c^2 > (5/8) a^2)",
+        words="“the pitch frequency is always higher for an ellipsoid with a uniform mass "
+        "density” with b^2 > c^2 > a^2, and “for a semi-ellipsoid for b^2 > c^2 > (5/8)a^2”",
         measured=(
-            f"{count:,} shapes: least omega_p0^2/omega_r0^2 - 1 = {least:.2g}; largest distance of "
-            f"omega_p0^2 - omega_r0^2 from its closed form: {formula:.1g} of omega_p0^2"
+            f"{count:,} shapes: smallest omega_p0^2/omega_r0^2 - 1 = {least:.2g}; largest "
+            f"deviation of omega_p0^2 - omega_r0^2 from its closed form: {formula:.1g} omega_p0^2"
         ),
         value=least,
-        verdict=judge(least > 0 and formula < EXACT),
-        evidence=(
-            "Both squared frequencies are one function f of b^2/a^2 and of c^2/a^2: "
-            "f(s) = 5(s - 1)/(s + 6), or (25/16)(8s - 5)/(4s + 9) for the half (length a' from the "
-            "bottom to the centre of mass). f' = 35/(s + 6)^2 and (25/16) 92/(4s + 9)^2 are "
-            "positive "
-            "everywhere and f vanishes at s = 1 and s = 5/8, which are the conditions. Criterion: "
-            "positive, and equal to 35 (b^2 - c^2)/((b^2 + 6)(c^2 + 6)), or to (25/16) 92 (b^2 - "
-            "c^2)/"
-            f"((4 b^2 + 9)(4 c^2 + 9)), to {EXACT:g}, for shapes from 1e-6 to 1e4 beyond the "
-            "conditions, with inertia by integration over slices."
+        checks=[
+            ("pitch faster than roll for every shape", least > 0),
+            (
+                f"difference of the squared frequencies as in closed form, to {EXACT:g}",
+                formula < EXACT,
+            ),
+        ],
+        notes=(
+            "Both squared frequencies are given by one function f, of b^2/a^2 and of c^2/a^2: "
+            "f(s) = 5(s - 1)/(s + 6), or (25/16)(8s - 5)/(4s + 9) for the half (in units of the "
+            "height of its centre of mass). f increases everywhere and vanishes at s = 1 and "
+            "s = 5/8, which are the conditions. Closed forms: 35 (b^2 - c^2)/((b^2 + 6)(c^2 + 6)) "
+            "and (25/16) 92 (b^2 - c^2)/((4 b^2 + 9)(4 c^2 + 9)). Shapes lie between 1e-6 and "
+            "1e4 beyond the conditions; inertia by integration over slices."
         ),
     )

@@ -47,10 +47,10 @@ CUMULATIVE = pa.schema(
     c.field
     for c in (
         _number("probability", "share of the bodies at or below the values of this row"),
-        _number("omega_p", "pitch frequency (Eq. def-omega_pr)", RATE),
-        _number("omega_r", "roll frequency (Eq. def-omega_pr)", RATE),
-        _number("omega_p0", "pitch frequency at zero skew angle (Eq. def:omega_p0)", RATE),
-        _number("omega_r0", "roll frequency at zero skew angle (Eq. def:omega_r0)", RATE),
+        _number("omega_p", "pitch frequency (Eq. (24) [def-omega_pr])", RATE),
+        _number("omega_r", "roll frequency (Eq. (24) [def-omega_pr])", RATE),
+        _number("omega_p0", "pitch frequency at zero skew angle (Eq. (28) [omega_p0])", RATE),
+        _number("omega_r0", "roll frequency at zero skew angle (Eq. (29) [omega_r0])", RATE),
         _number("ratio", "omega_p / omega_r"),
     )
 )

@@ -162,7 +162,7 @@ def _full(theta: float, found: Trajectory, course: Course) -> tuple[list[dict[st
 
 
 def averaged_casimir(found: Trajectory, K_p: float, K_r: float, period: float) -> Floats:
-    """C_I (Eq. casimir) of the energies averaged over a period of the roll."""
+    """C_I (Eq. (51) [casimir]) of the energies averaged over a period of the roll."""
     from scipy.ndimage import uniform_filter1d
 
     t = found.table["t"].to_numpy()

@@ -70,7 +70,7 @@ class Figure:
 FIGURES: dict[str, Figure] = {
     "fig2": Figure(
         "Fig. 2: frequencies",
-        "Cumulative distributions of the pitch and the roll frequencies of random shell-dumbbell "
+        "Cumulative distributions of the pitch and roll frequencies of random shell-dumbbell "
         "bodies, exact and to zeroth order in the skew angle. Inset: their ratio, with the paper's "
         "lower bound.",
         ("fig2",),
@@ -81,7 +81,7 @@ FIGURES: dict[str, Figure] = {
     "fig3": Figure(
         "Fig. 3: asymmetric torque coefficients",
         "(a) Cumulative distributions of K_p and K_r. (b) Relative frequency of pairs (K_p, K_r), "
-        "nine decades of it.",
+        "over nine decades.",
         ("fig3",),
         lambda place, report: fig3.compute(place.paper.fig3, report, place.threads),
         fig3.draw,
@@ -90,7 +90,7 @@ FIGURES: dict[str, Figure] = {
     "fig4": Figure(
         "Fig. 4: the body GH in both directions",
         "Spin and angular velocities in (a) the unsteady and (b) the steady direction. Dashed: "
-        "Garcia and Hubbard's solution; dotted: the first reversal. The four lower panels have one "
+        "Garcia and Hubbard's solution; dotted: the first reversal. The four lower panels share a "
         "scale.",
         ("fig4",),
         fig4.compute,
@@ -99,8 +99,8 @@ FIGURES: dict[str, Figure] = {
     ),
     "fig5": Figure(
         "Fig. 5: time of reversal in the unsteady direction",
-        "Mean over all runs of a point; bars are one standard deviation of the runs, lines Garcia "
-        "and Hubbard's formula with the mean n_0. (b) A run of GH.",
+        "(a) Mean over the runs of each point; bars are one standard deviation of the runs, lines "
+        "Garcia and Hubbard's formula at the mean n_0. (b) A run of GH.",
         ("unsteady", "fig5"),
         fig5.compute,
         fig5.draw,
@@ -109,9 +109,9 @@ FIGURES: dict[str, Figure] = {
     ),
     "fig6": Figure(
         "Fig. 6: types in the steady direction",
-        "Fractions of the types; bars are 95 % confidence intervals (Wilson). Filled triangles: "
-        "share of the bodies whose Bondi threshold is below the spin. (b) Runs of the sweep, each "
-        "chosen by a rule (fig6_examples.parquet), if it has such a run.",
+        "(a) Fractions of the types; bars are 95 % confidence intervals (Wilson). Filled "
+        "triangles: fraction of the bodies whose Bondi threshold lies below the spin. (b) Examples "
+        "from the sweep, chosen by the rules in fig6_examples.parquet, as far as there are any.",
         ("steady", "fig6"),
         fig6.compute,
         fig6.draw,
@@ -121,7 +121,7 @@ FIGURES: dict[str, Figure] = {
     "fig7": Figure(
         "Fig. 7: time of reversal in the steady direction",
         "Mean over the runs of type R; bars are one standard deviation, lines Garcia and Hubbard's "
-        "formula with the mean n_0.",
+        "formula at the mean n_0.",
         ("steady", "fig7"),
         fig7.compute,
         fig7.draw,
@@ -131,17 +131,18 @@ FIGURES: dict[str, Figure] = {
     "fig8": Figure(
         "Fig. 8: three long runs",
         "Spin of GH with other curvatures theta, through many reversals. Dashed: the reduced model "
-        "(Eqs. diff-ne), begun with the same energy of the pitch and a little of the roll.",
+        "(Eqs. (47) [diff-ne-1] to (49) [diff-ne-3]), started with the same energy of the pitch "
+        "and a little energy of the roll.",
         ("fig8",),
         fig8.compute,
         fig8.draw,
         lambda paper: 1.0 + paper.fig8.t_end * len(paper.fig8.theta) * 5e-5,
     ),
     "fig8_lyapunov": Figure(
-        "Beside Fig. 8: chaotic or not",
-        "Running estimate of the largest Lyapunov exponent of the runs of Fig. 8, followed "
-        "farther. A level is chaos; a fall along the dotted line is a growth no faster than time. "
-        "Dashed: the same at a coarser tolerance.",
+        "Supplement to Fig. 8: Lyapunov exponents",
+        "Running estimate of the largest Lyapunov exponent of the runs of Fig. 8, continued to "
+        "longer times. A plateau means chaos; a decay along the dotted line means that differences "
+        "grow no faster than linearly. Dashed: the same at a coarser tolerance.",
         ("fig8", "fig8_lyapunov"),
         fig8_lyapunov.compute,
         fig8_lyapunov.draw,

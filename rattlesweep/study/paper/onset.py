@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rattlesweep.study.paper.sweeps import Place, Report, Sweep
+    from rattlesweep.sweep.plan import Case
 
     Floats = NDArray[np.float64]
 
@@ -79,11 +80,11 @@ def compute(place: Place, sweep: Sweep, report: Report) -> dict[str, pa.Table]:
         back = runs["type"] == "R"
         ratio = runs["t_r"] / runs["t_rgh"]
         late = back & (ratio > settings.late)
-        points.append(_point(case.target, runs, ratio, back, late))
+        points.append(_point(case, runs, ratio, back, late))
         chosen = runs[(runs["type"] == "SW") | late]
         wanted.append(chosen.assign(case=case.index))
     runs = pd.concat(wanted, ignore_index=True)
-    # Every so manieth, so that all cases keep their share.
+    # Evenly thinned, so that all cases keep their share.
     stride = -(-len(runs) // settings.closer) if len(runs) else 1
     runs = runs.iloc[::stride].reset_index(drop=True)
     if len(runs):
@@ -102,14 +103,14 @@ def compute(place: Place, sweep: Sweep, report: Report) -> dict[str, pa.Table]:
 
 
 def _point(
-    target: float | None, runs: pd.DataFrame, ratio: pd.Series, back: pd.Series, late: pd.Series
+    case: Case, runs: pd.DataFrame, ratio: pd.Series, back: pd.Series, late: pd.Series
 ) -> dict[str, float | None]:
-    first = runs.iloc[0]
+    assert case.n_i is not None
     constants = full.constants(
         *(runs[name].to_numpy() for name in ("alpha", "beta", "gamma", "theta", "phi", "xi"))
     )
-    slow = abs(first["n_i"]) < FAST
-    # Exact at any spin, over its limit for small spins (Eq. case-instab1).
+    slow = abs(case.n_i) < FAST
+    # Exact at any spin, over its limit for small spins (Eq. (74) [case-instab1]).
     rate = (
         np.full(len(runs), np.nan)
         if slow
@@ -118,9 +119,9 @@ def _point(
     )
     prompt = (back & ~late).to_numpy()
     return {
-        "K_r": target,
-        "n_i": float(first["n_i"]),
-        "omega_xy0": float(first["omega_xy0"]),
+        "K_r": case.target,
+        "n_i": case.n_i,
+        "omega_xy0": case.omega_xy0,
         "reversed": int(back.sum()),
         "late": int(late.sum()),
         "ratio_std": _std(ratio[back]),

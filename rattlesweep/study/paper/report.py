@@ -34,36 +34,44 @@ if TYPE_CHECKING:
     from rattlesweep.study.paper.claim import Claim
     from rattlesweep.study.paper.run import Outcome
 
-TITLE = "Rattleback dynamics and its reversal time of rotation, once more"
+TITLE = "Rattleback dynamics and its reversal time of rotation: recomputed"
 VERDICTS = ("agree", "partly", "disagree")
 _DESCRIPTIONS = {
     "id": "T: theory, G: the body GH, U: unsteady direction, S: steady, L: long runs",
     "where": "place in the paper",
-    "words": "the paper's words, in brief",
+    "words": "what the paper says; word for word between quotation marks",
     "measured": "what was found",
     "value": "the figure that decides, where there is one",
     "low": "lower end of its 95 % confidence interval, or of its range",
     "high": "upper end of the same",
-    "verdict": "agree, partly or disagree, by the criterion in evidence",
-    "evidence": "how it was checked and judged",
+    "verdict": "agree: all checks hold; disagree: the headline fails; partly: another one does",
+    "held": "number of checks that hold",
+    "checks": "number of checks",
+    "headline": "the check without which nothing is left of the claim",
+    "evidence": "all checks, and how they were made",
 }
+_TYPES = {"value": pa.float64(), "low": pa.float64(), "high": pa.float64(),
+          "held": pa.int64(), "checks": pa.int64()}  # fmt: skip
 
 
 def claims_table(claims: Sequence[Claim]) -> pa.Table:
     """The claims as they are stored in ``claims.parquet``."""
-    numbers = ("value", "low", "high")
     schema = pa.schema(
         [
             pa.field(
                 name,
-                pa.float64() if name in numbers else pa.string(),
-                nullable=name in numbers,
+                kind := _TYPES.get(name, pa.string()),
+                nullable=pa.types.is_floating(kind),
                 metadata={"unit": "", "description": words},
             )
             for name, words in _DESCRIPTIONS.items()
         ]
     )
-    rows = [{name: _plain(getattr(claim, name)) for name in _DESCRIPTIONS} for claim in claims]
+    rows = [
+        {name: _plain(getattr(claim, name, None)) for name in _DESCRIPTIONS}
+        | {"checks": len(claim.checks), "headline": claim.checks[0][0]}
+        for claim in claims
+    ]
     return pa.Table.from_pylist(rows, schema=schema)
 
 
@@ -78,12 +86,12 @@ def tally(claims: Sequence[Claim]) -> str:
 
 
 def closing_table(claims: Sequence[Claim]) -> str:
-    """The claims as text for a terminal: id, verdict, the measured figure."""
+    """The claims as text for a terminal: id, verdict, checks that hold, the measured figure."""
     lines = []
     for claim in claims:
         measured = claim.measured
-        short = measured if len(measured) <= 78 else measured[:75].rsplit(" ", 1)[0] + " ..."
-        lines.append(f"{claim.id:<3}  {claim.verdict:<8}  {short}")
+        short = measured if len(measured) <= 68 else measured[:65].rsplit(" ", 1)[0] + " ..."
+        lines.append(f"{claim.id:<3}  {claim.verdict:<8}  {claim.score:<7}  {short}")
     return "\n".join(lines)
 
 
@@ -136,9 +144,12 @@ def _head(outcome: Outcome) -> list[Html]:
 def _claims(claims: Sequence[Claim]) -> Html:
     rows = [
         (
-            Html(f'<td class="key">{markup(claim.id)}<br>{mark(claim.verdict).text}</td>'),
             Html(
-                f"“{symbols(claim.words).text}”<br>"
+                f'<td class="key">{markup(claim.id)}<br>{mark(claim.verdict).text}<br>'
+                f'<span class="soft small">{claim.score} checks</span></td>'
+            ),
+            Html(
+                f"{symbols(claim.words).text}<br>"
                 f'<span class="soft small">{markup(claim.where)}</span>'
             ),
             Html(
@@ -151,8 +162,11 @@ def _claims(claims: Sequence[Claim]) -> Html:
     return join(
         [
             paragraph(
-                "Each verdict follows from the measurement by the criterion in small print; "
-                "agree: all of it holds, partly: some of it does. Intervals are 95 %."
+                "Each verdict follows from the checks in small print, the first of which is the "
+                "headline of the claim. Agree: all checks hold; disagree: the headline fails; "
+                "partly: the headline holds, but not every check. What stands between quotation "
+                "marks is the paper's own wording; equations have their printed numbers and, in "
+                "brackets, their labels in its source. Intervals are 95 %."
             ),
             table(("", "The paper says", "Measured"), rows, stack=True),
         ]
@@ -173,17 +187,18 @@ def _picture(outcome: Outcome, name: str) -> Html:
 
 
 def _rk4(outcome: Outcome) -> Html:
-    """Which runs of Fig. 6 are not the same with RK4, each by its name."""
+    """The runs of Fig. 6 whose outcome differs with RK4, one by one."""
     rows = pq.read_table(outcome.directory / "fig6_rk4.parquet").to_pylist()
     changed = sum(row["type"] != row["type_rk4"] for row in rows)
     odd = [row for row in rows if row["exception"]]
     names = ("K_r", "n_i", "omega_xy0", "sample", "t_r", "with RK4", "at tol 1e-12", "cause")
     text = paragraph(
-        f"{len(rows)} runs of Fig. 6 once more with fourth-order Runge-Kutta and the paper's step: "
-        f"{changed} have another type; in {len(odd)} the type or the time of reversal (by more "
-        "than 1e-6) differs. The third time, at a tolerance of 1e-12, tells the cause: it is as "
-        "with RK4 (the sweep's tolerance), as in the sweep (RK4's step), or neither (chaotic: "
-        "rounding decides)."
+        f"{len(rows)} runs of Fig. 6 were repeated with fourth-order Runge-Kutta and the paper's "
+        f"time step: {changed} change type; in {len(odd)} the type or the time of reversal differs "
+        "(the latter by more than 1e-6). Those were integrated a third time, at a tolerance of "
+        "1e-12: where this agrees with RK4, the sweep's tolerance is the cause; where it agrees "
+        "with the sweep, RK4's step is; where it agrees with neither, the run is chaotic and "
+        "rounding decides."
     )
     if not odd:
         return text
@@ -209,7 +224,7 @@ def _facts(outcome: Outcome) -> Html:
     here = record["machine"]
     kept = set(outcome.kept)
     rows = [
-        (key(name), number(f"{seconds:.1f} s"), "from an earlier session" if name in kept else "")
+        (key(name), number(f"{seconds:.1f} s"), "kept from an earlier call" if name in kept else "")
         for name, seconds in outcome.seconds.items()
     ]
     total = sum(outcome.seconds.values())
@@ -225,7 +240,7 @@ def _facts(outcome: Outcome) -> Html:
                 if outcome.failed
                 else "Every run of the sweeps has the status ok."
             ),
-            table(("part", "seconds", ""), [*rows, (key("in all"), number(f"{total:.1f} s"), "")]),
+            table(("part", "time", ""), [*rows, (key("total"), number(f"{total:.1f} s"), "")]),
         ]
     )
 

@@ -1,8 +1,8 @@
-"""Figure after figure, each kept as soon as it is whole.
+"""Figure after figure, each kept as soon as it is complete.
 
-The data of a figure are Parquet files that prove whole; ``paper.json`` says of which settings and
-of which code they are.  What is there and of the same is not computed again, so a command that was
-stopped goes on where it was.
+The data of a figure are Parquet files with checksums; ``paper.json`` records the settings and the
+code that they depend on.  Data of the same settings and code are not computed again, so that a
+command that was stopped resumes; a picture is drawn again if only its drawing has changed.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ import platform
 import re
 import time
 from dataclasses import dataclass, field
-from importlib import resources
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rattlesweep.study.paper.figures import FIGURES, THEORY, all_claims, sweep_cost
+from rattlesweep.study.paper.sources import code_key
 from rattlesweep.study.paper.sweeps import Place
 from rattlesweep.study.tradeoff_figure import encode as encode_figure
 from rattlesweep.sweep.errors import OutputError
@@ -146,7 +146,10 @@ def make_paper(
     probe_directory(directory)
     _remove_stale(directory)
     record = _read_record(directory)
-    place = Place(paper, directory, threads)
+    place = Place(
+        paper, directory, threads, record.setdefault("sweeps", {}),
+        lambda: _write_record(directory, record),
+    )  # fmt: skip
     chosen = [name for name in names if name in FIGURES]
     costs = _costs(paper, chosen)
     meter = _Meter({**costs, "report": 2.0}, report)
@@ -189,7 +192,9 @@ def make_paper(
         "threads": threads,
         "finished": now(),
     }
-    outcome = Outcome(directory, claims, seconds, kept, _failed(directory), record)
+    sweeps = {FIGURES[name].sweep for name in chosen} - {None}
+    failed = sum(_failed(directory / "sweeps" / str(sweep)) for sweep in sweeps)
+    outcome = Outcome(directory, claims, seconds, kept, failed, record)
     meter.step("report")(0.5, "report")
     write_report(outcome, chosen)
     seconds["report"] = time.perf_counter() - start - seconds["claims"]
@@ -215,13 +220,10 @@ def _finish_once(meter: _Meter, costs: dict[str, float], sweep: str, *, kept: bo
 
 
 def figure_key(paper: Paper, name: str) -> str:
-    """Hash of all that the data of a figure depend on: its settings, this version, this code."""
+    """Hash of all that the data of a figure depend on: its settings and the code it reaches."""
     settings = {s: getattr(paper, s).model_dump(mode="json") for s in FIGURES[name].sections}
     digest = hashlib.sha256(json.dumps(settings, sort_keys=True).encode())
-    digest.update(package_version().encode())
-    for file in sorted(resources.files(__package__).iterdir(), key=lambda f: f.name):
-        if file.name.endswith(".py"):
-            digest.update(file.name.encode() + file.read_bytes())
+    digest.update(code_key(name).encode())
     return digest.hexdigest()
 
 
@@ -234,31 +236,42 @@ def _store(directory: Path, record: dict[str, Any], name: str, key: str, tables:
     """Write data and pictures; the record comes last, and names only what is there."""
     for table, data in tables.items():
         replace_file(table_path(directory, name, table), encode(data))
-    figure = FIGURES[name].draw(tables)
-    for kind in ("svg", "png"):
-        replace_file(directory / f"{name}.{kind}", encode_figure(figure, kind))
-        # Where things stand is known now; working it out again takes half of the time.
-        figure.set_layout_engine("none")
-    record.setdefault("figures", {})[name] = {"key": key, "tables": list(tables)}
+    entry = {"key": key, "tables": list(tables)}
+    record.setdefault("figures", {})[name] = entry
+    _draw(directory, record, name, tables)
+
+
+def _draw(directory: Path, record: dict[str, Any], name: str, tables: Tables) -> None:
+    from matplotlib import style
+
+    # Matplotlib's own defaults: a user's matplotlibrc must not change the pictures.
+    with style.context("default"):
+        figure = FIGURES[name].draw(tables)
+        for kind in ("svg", "png"):
+            replace_file(directory / f"{name}.{kind}", encode_figure(figure, kind))
+            # The layout is known now; computing it again would take half of the time.
+            figure.set_layout_engine("none")
+    record["figures"][name]["drawn"] = code_key(name, pictures=True)
     _write_record(directory, record)
 
 
 def _stored(
-    directory: Path, record: Mapping[str, Any], name: str, key: str
+    directory: Path, record: dict[str, Any], name: str, key: str
 ) -> dict[str, pa.Table] | None:
-    """Tables of a figure that is whole on disk, of the same settings and drawn."""
+    """Tables of a figure that are complete on disk and of this key; draws it if need be."""
     entry = record.get("figures", {}).get(name, {})
     if entry.get("key") != key:
         return None
-    if not all((directory / f"{name}.{kind}").exists() for kind in ("svg", "png")):
-        return None
-    found = {}
+    found: dict[str, pa.Table] = {}
     for table in entry["tables"]:
         try:
             data = table_path(directory, name, table).read_bytes()
             found[table] = open_sealed(data).read().replace_schema_metadata(None)
         except (OSError, DamagedError):
             return None
+    drawn = all((directory / f"{name}.{kind}").exists() for kind in ("svg", "png"))
+    if not drawn or entry.get("drawn") != code_key(name, pictures=True):
+        _draw(directory, record, name, found)
     return found
 
 
@@ -287,11 +300,9 @@ def _write_record(directory: Path, record: Mapping[str, Any]) -> None:
     replace_file(directory / RECORD, text.encode() + b"\n")
 
 
-def _failed(directory: Path) -> int:
-    """Runs of the sweeps whose status is not ok."""
-    total = 0
-    for name in ("unsteady", "steady"):
-        path = directory / "sweeps" / name / "manifest.json"
-        if path.exists():
-            total += sum(json.loads(path.read_bytes()).get("failed", {}).values())
-    return total
+def _failed(sweep: Path) -> int:
+    """Runs of a sweep whose status is not ok."""
+    path = sweep / "manifest.json"
+    if not path.exists():
+        return 0
+    return sum(json.loads(path.read_bytes()).get("failed", {}).values())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,6 +11,7 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
+from rattlesweep.study.paper.sources import code_key
 from rattlesweep.sweep.config import Config, parse_config, resolved
 from rattlesweep.sweep.engine import run_sweep
 from rattlesweep.sweep.errors import ConfigError
@@ -96,13 +98,19 @@ def carry_out(
 
 
 def carry_out_derived(
-    config: Config, directory: Path, threads: int, report: Report, table: pa.Table
+    config: Config,
+    directory: Path,
+    threads: int,
+    report: Report,
+    table: pa.Table,
+    *,
+    fresh: bool = False,
 ) -> Sweep:
     """Run a sweep of bodies that another one found; an old one of others gives way.
 
     Parameters
     ----------
-    config, directory, threads, report
+    config, directory, threads, report, fresh
         As for :func:`carry_out`.
     table : pyarrow.Table
         Bodies and launches, which take the place of the config's.
@@ -112,11 +120,11 @@ def carry_out_derived(
     source = {"source": "table", "path": str(bodies)}
     rest = {key: value for key, value in resolved(config).items() if key != "spin"}
     config = parse_config(rest | {"bodies": source})
-    fresh = not bodies.exists() or bodies.read_bytes() != data
-    if fresh:
+    if not bodies.exists() or bodies.read_bytes() != data:
+        fresh = True
         probe_directory(directory)
         replace_file(bodies, data)
-    else:
+    elif not fresh:
         try:
             examine(make_plan(config), directory, None)
         except ConfigError:
@@ -154,20 +162,41 @@ class Place:
     paper: Paper
     directory: Path
     threads: int
+    # The code that the runs of each sweep are of, as the record has it, and what saves that.
+    codes: dict[str, str] = field(default_factory=dict)
+    save: Callable[[], None] = lambda: None
     _done: dict[str, Sweep] = field(default_factory=dict)
 
     def sweep(self, name: str, report: Report) -> Sweep:
         """The sweep ``unsteady`` or ``steady``, run at the first call."""
         if name not in self._done:
             config: Config = getattr(self.paper, name)
-            folder = self.directory / "sweeps" / name
-            self._done[name] = carry_out(config, folder, self.threads, report)
+            with self._of_this_code(name) as (folder, fresh):
+                self._done[name] = carry_out(config, folder, self.threads, report, fresh=fresh)
         return self._done[name]
 
     def derived(self, name: str, config: Config, report: Report, table: pa.Table) -> Sweep:
         """A sweep of bodies that another one found; see :func:`carry_out_derived`."""
-        folder = self.directory / "sweeps" / name
-        return carry_out_derived(config, folder, self.threads, report, table)
+        with self._of_this_code(name) as (folder, fresh):
+            return carry_out_derived(config, folder, self.threads, report, table, fresh=fresh)
+
+    @contextmanager
+    def _of_this_code(self, name: str) -> Iterator[tuple[Path, bool]]:
+        """Directory of a sweep, and whether the runs there are of other code.
+
+        Runs from before the code was recorded are kept.
+        """
+        folder, key = self.directory / "sweeps" / name, code_key("sweeps")
+        begun = (folder / "manifest.json").exists()
+        fresh = begun and self.codes.get(name, key) != key
+        if not begun or fresh:
+            # Until the new ones are complete, those of other code may still be among them.
+            self.codes[name] = "" if fresh else key
+            self.save()
+        yield folder, fresh
+        if fresh:
+            self.codes[name] = key
+            self.save()
 
 
 def part(report: Report, low: float, high: float) -> Report:

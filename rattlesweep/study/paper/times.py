@@ -95,7 +95,7 @@ def _row(runs: pd.DataFrame, coefficient: float, n_i: float) -> dict[str, float]
 
 
 def gh_line(coefficient: float, n_i: float, n_0: float) -> float:
-    """Reversal time of Garcia and Hubbard (Eqs. trgh-p, trgh-m) from ``n_0``, as the paper has it.
+    """Garcia and Hubbard's reversal time from ``n_0`` (Eqs. (56) [trgh-p] and (58) [trgh-m]).
 
     Twice artanh(n_i/n_0): the logarithm's argument loses no more digits than the mean of n_0 has.
     """

@@ -24,8 +24,8 @@ def side_by_side(
         Each lets other threads run while it lasts.
     threads : int
     report : callable
-        Called in this thread with the share that is done; what it raises is raised here, and no
-        further task is begun.
+        Called in this thread with the share that is done.  What it or a task raises is raised
+        here, and no further task is begun.
     """
     left = iter(range(len(tasks)))
     results: dict[int, T] = {}
@@ -43,6 +43,7 @@ def side_by_side(
                 results[place] = tasks[place]()
             except BaseException as error:
                 errors.append(error)
+                stop.set()
                 return
 
     # Daemons: one that is inside a long call does not keep the process from ending.
