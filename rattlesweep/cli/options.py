@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import unicodedata
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -62,7 +63,10 @@ integrator_options = _all(
 
 rows_options = _all(
     click.option(
-        "--points", type=int, help="So many rows, even from 0 to the horizon. [default: 2001]"
+        "--points",
+        type=int,
+        help="Rows at even times from 0 to the horizon. [default: 2001, or 20 a period of the "
+        "pitch if that is more]",
     ),
     click.option("--dt", type=float, help="A row every DT."),
     click.option("--steps", is_flag=True, help="A row at every accepted step."),
@@ -71,7 +75,7 @@ rows_options = _all(
         default="t,n",
         show_default=True,
         metavar="A,B,...",
-        help="Columns; 'list' prints what there is.",
+        help="Columns, and panels of the figure if given; 'list' prints what there is.",
     ),
 )
 
@@ -84,6 +88,35 @@ which_options = _all(
         help="Runs by their columns: = != < <= > >=, in (...), is null, and, or, not.",
     ),
 )
+
+title_option = click.option("--title", metavar="TEXT", help="Of the page or the picture.")
+
+
+def check_title(title: str | None, *, formulas: bool = False) -> None:
+    """Refuse a title that cannot be shown; ``formulas`` where Matplotlib reads it.
+
+    Raises
+    ------
+    ConfigError
+        It holds control characters or bytes that are no text, or a formula that cannot be read.
+    """
+    from rattlesweep.sweep.errors import ConfigError
+
+    if title is None:
+        return
+    bad = next((c for c in title if unicodedata.category(c) in ("Cc", "Cs")), None)
+    if bad is not None:
+        what = "a control character" if unicodedata.category(bad) == "Cc" else "no text"
+        raise ConfigError(f"--title: {ascii(bad)[1:-1]} in it is {what}; leave it out")
+    if formulas:
+        from rattlesweep.study.plot_style import formula_error
+
+        if (error := formula_error(title)) is not None:
+            raise ConfigError(
+                f"--title {title}: what stands between dollar signs cannot be read as a formula "
+                f"({error}); write \\$ for a dollar sign"
+            )
+
 
 quiet_option = click.option("-q", "--quiet", is_flag=True, help="No progress and no closing line.")
 

@@ -20,7 +20,7 @@ from rattlesweep.sweep.errors import ConfigError
 TYPE_STYLE = {
     "R": ("#0072B2", "o", "", "R: reverses"),
     "SW": ("#E69F00", "s", "////", "SW: wobbles"),
-    "unclassified": ("#BBBBBB", "x", "....", "unclassified"),
+    "unclassified": ("#858585", "x", "....", "unclassified"),
     "SS": ("#009E73", "^", "\\\\\\\\", "SS: spins on"),
 }
 FAILED, MISSING = "#000000", "#FFFFFF"
@@ -62,6 +62,8 @@ RC: dict[str, Any] = {
     "svg.hashsalt": "rattlesweep",
     "pdf.fonttype": 42,
 }
+# Shares of a figure that a legend may take, and type that can just be read.
+WIDEST, HIGHEST, SMALLEST = 0.98, 0.45, 5.0
 FORMATS = ("svg", "png", "pdf")
 
 
@@ -128,11 +130,32 @@ def head(figure: Figure, lines: list[str]) -> None:
     if not lines:
         return
     if not figure.legends:
-        figure.suptitle("\n".join(lines), fontsize="medium")
+        _fit(figure, figure.suptitle("\n".join(lines), fontsize="medium"))
         return
     legend = figure.legends[0]
     old = legend.get_title().get_text()
     legend.set_title("\n".join(filter(None, (*lines, old if old != "None" else ""))))
+    _fit(figure, legend.get_title())
+
+
+def _fit(figure: Figure, text: Any) -> None:
+    """Make the type of a text smaller until it is no wider than its figure."""
+    share = text.get_window_extent(figure.canvas.get_renderer()).width / figure.bbox.width
+    if share > WIDEST:
+        text.set_fontsize(text.get_fontsize() * WIDEST / share)
+
+
+def formula_error(text: str) -> str | None:
+    """Why Matplotlib cannot read the formulas in a text, in a few words; None if it can."""
+    from matplotlib.cbook import is_math_text
+    from matplotlib.mathtext import MathTextParser
+
+    if is_math_text(text):
+        try:
+            MathTextParser("path").parse(text)
+        except (ValueError, RuntimeError) as error:
+            return str(error).strip().splitlines()[-1].strip()
+    return None
 
 
 def label(name: str) -> str:
@@ -152,10 +175,24 @@ def value_text(name: str, value: float) -> str:
 
 
 def legend_above(figure: Any, handles: list[Any], each: float, title: str | None = None) -> None:
-    """A legend above all panels, in as many columns of a width in inches as fit."""
+    """A legend above all panels, in as many columns of a width in inches as fit.
+
+    Smaller type makes it fit where one column is too wide, or all of it too high.
+    """
     columns = max(2, min(len(handles), int(figure.get_figwidth() / each)))
-    figure.legend(handles=handles, loc="outside upper center", ncols=columns, title=title,
-                  columnspacing=1.4)  # fmt: skip
+    size = float(mpl.rcParams["font.size"])
+    while True:
+        legend = figure.legend(handles=handles, loc="outside upper center", ncols=columns,
+                               title=title, columnspacing=1.4, fontsize=size)  # fmt: skip
+        box = legend.get_window_extent(figure.canvas.get_renderer())
+        wide, high = box.width / figure.bbox.width, box.height / figure.bbox.height
+        if (wide <= WIDEST and high <= HIGHEST) or size <= SMALLEST:
+            return
+        legend.remove()
+        if wide > WIDEST and columns > 1:
+            columns -= 1
+        else:
+            size *= 0.9
 
 
 def scale_axis(axes: Any, which: str, axis: Axis, log: bool | None) -> None:

@@ -20,7 +20,9 @@ from typing import TYPE_CHECKING, Any
 
 from rattlesweep.study.paper.figures import FIGURES, THEORY, all_claims, sweep_cost
 from rattlesweep.study.paper.sweeps import Place
-from rattlesweep.study.tradeoff_figure import encode as encode_figure
+from rattlesweep.study.plot_style import encode as encode_figure
+from rattlesweep.study.plot_style import styled
+from rattlesweep.study.tradeoff_figure import DPI
 from rattlesweep.sweep.errors import OutputError
 from rattlesweep.sweep.files import probe_directory, reason, replace_file
 from rattlesweep.sweep.provenance import PACKAGES, machine, now, package_version
@@ -234,11 +236,12 @@ def _store(directory: Path, record: dict[str, Any], name: str, key: str, tables:
     """Write data and pictures; the record comes last, and names only what is there."""
     for table, data in tables.items():
         replace_file(table_path(directory, name, table), encode(data))
-    figure = FIGURES[name].draw(tables)
-    for kind in ("svg", "png"):
-        replace_file(directory / f"{name}.{kind}", encode_figure(figure, kind))
-        # Where things stand is known now; working it out again takes half of the time.
-        figure.set_layout_engine("none")
+    with styled():
+        figure = FIGURES[name].draw(tables)
+        for kind in ("svg", "png"):
+            replace_file(directory / f"{name}.{kind}", encode_figure(figure, kind, DPI))
+            # Where things stand is known now; working it out again takes half of the time.
+            figure.set_layout_engine("none")
     record.setdefault("figures", {})[name] = {"key": key, "tables": list(tables)}
     _write_record(directory, record)
 
