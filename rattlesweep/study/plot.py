@@ -205,20 +205,19 @@ def choose_picture(
             f"--kind {kind}: does not fit this sweep, {_why(layout, left)}; {', '.join(fits)} fit"
         )
     kind = kind or default_kind(layout, left)
-    if kind == "scatter":
-        points = gather(layout, x or "t_rgh", chosen)
-        names, counted = (points.name,), empty()
-    else:
-        points, names = None, _order(layout, left, kind, x)
-        counted = tally(layout, names, chosen)
-    if kind == "map":
-        check_map(*counted.axes[:2])
     fixed = {
         name: float(axis.values[chosen[name][0] if name in chosen else 0])
         for name, axis in layout.axes.items()
         if left[name] == 1
     }
-    return Picture(kind, names, layout, counted, fixed, points)
+    if kind == "scatter":
+        points = gather(layout, x or "t_rgh", chosen)
+        return Picture(kind, (points.name,), layout, empty(), fixed, points)
+    names = _order(layout, left, kind, x)
+    counted = tally(layout, names, chosen)
+    if kind == "map":
+        check_map(*counted.axes[:2])
+    return Picture(kind, names, layout, counted, fixed)
 
 
 def fitting(layout: Layout, left: dict[str, int]) -> list[str]:

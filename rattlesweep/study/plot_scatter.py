@@ -104,9 +104,8 @@ def gather(layout: Layout, name: str, chosen: Mapping[str, Integers]) -> Points:
     colour = _colour(layout, name, chosen)
     parts: list[NDArray[np.float64]] = []
     stride, total, kept = 1, 0, 0
-    for batch in layout.store.iter_batches(
-        dict.fromkeys(("case", "sample", "t_r", "status", name))
-    ):
+    read = list(dict.fromkeys(("case", "sample", "t_r", "status", name)))
+    for batch in layout.store.iter_batches(read):
         x, t_r = (
             np.asarray(pc.cast(batch.column(n), pa.float64()).to_numpy(zero_copy_only=False))
             for n in (name, "t_r")
@@ -163,7 +162,7 @@ def draw_scatter(figure: Any, points: Points, log: bool | None) -> None:
     places = np.unique(points.place)
     for place, (colour, marker) in zip(places, SERIES, strict=False):
         own = points.place == place
-        look = {"color": colour, "marker": marker, "linestyle": "", "mew": 0}
+        look: dict[str, Any] = {"color": colour, "marker": marker, "linestyle": "", "mew": 0}
         axes.plot(points.x[own], points.t_r[own], ms=2.6, alpha=0.6, rasterized=True, **look)
         if points.colour is not None:
             words = value_text(points.colour.name, float(points.colour.values[place]))

@@ -20,7 +20,7 @@ from rattlesweep.sweep.errors import ConfigError
 TYPE_STYLE = {
     "R": ("#0072B2", "o", "", "R: reverses"),
     "SW": ("#E69F00", "s", "////", "SW: wobbles"),
-    "unclassified": ("#858585", "x", "....", "unclassified"),
+    "unclassified": ("#666666", "x", "....", "unclassified"),
     "SS": ("#009E73", "^", "\\\\\\\\", "SS: spins on"),
 }
 FAILED, MISSING = "#000000", "#FFFFFF"
@@ -140,7 +140,7 @@ def head(figure: Figure, lines: list[str]) -> None:
 
 def _fit(figure: Figure, text: Any) -> None:
     """Make the type of a text smaller until it is no wider than its figure."""
-    share = text.get_window_extent(figure.canvas.get_renderer()).width / figure.bbox.width
+    share = text.get_window_extent().width / figure.bbox.width
     if share > WIDEST:
         text.set_fontsize(text.get_fontsize() * WIDEST / share)
 
@@ -184,7 +184,7 @@ def legend_above(figure: Any, handles: list[Any], each: float, title: str | None
     while True:
         legend = figure.legend(handles=handles, loc="outside upper center", ncols=columns,
                                title=title, columnspacing=1.4, fontsize=size)  # fmt: skip
-        box = legend.get_window_extent(figure.canvas.get_renderer())
+        box = legend.get_window_extent()
         wide, high = box.width / figure.bbox.width, box.height / figure.bbox.height
         if (wide <= WIDEST and high <= HIGHEST) or size <= SMALLEST:
             return

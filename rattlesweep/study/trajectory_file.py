@@ -129,7 +129,8 @@ def write_ends(course: Course, write: Callable[[bytes], Any]) -> bool:
 
 def _lines(table: pa.Table) -> bytes:
     sink = pa.BufferOutputStream()
-    pcsv.write_csv(table, sink, pcsv.WriteOptions(include_header=False))
+    # In one piece: pyarrow (26) writes what was in memory for an empty chunk before others.
+    pcsv.write_csv(table.combine_chunks(), sink, pcsv.WriteOptions(include_header=False))
     lines: bytes = sink.getvalue().to_pybytes()
     return lines
 
