@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import logging
+import textwrap
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -45,6 +46,11 @@ SYMBOLS = {
     "xi_deg": (r"$\xi$", "degrees"),
     "minus_xi_deg": (r"$-\xi$", "degrees"),
     "f_sd": ("$f_{sd}$", ""),
+    "t_rgh": ("$t_{rGH}$", TIME),
+    "n_0": ("$n_0$", RATE),
+    "n_c1": ("$n_{c1}$", RATE),
+    "omega_p": (r"$\omega_p$", RATE),
+    "omega_r": (r"$\omega_r$", RATE),
 }
 
 RC: dict[str, Any] = {
@@ -63,7 +69,9 @@ RC: dict[str, Any] = {
     "pdf.fonttype": 42,
 }
 # Shares of a figure that a legend may take, and type that can just be read.
-WIDEST, HIGHEST, SMALLEST = 0.98, 0.45, 5.0
+WIDEST, HIGHEST, SMALLEST = 0.98, 0.35, 5.0
+# Inches of an abscissa on which no more than a few numbers have room.
+NARROW = 1.1
 FORMATS = ("svg", "png", "pdf")
 
 
@@ -130,19 +138,22 @@ def head(figure: Figure, lines: list[str]) -> None:
     if not lines:
         return
     if not figure.legends:
-        _fit(figure, figure.suptitle("\n".join(lines), fontsize="medium"))
-        return
-    legend = figure.legends[0]
-    old = legend.get_title().get_text()
-    legend.set_title("\n".join(filter(None, (*lines, old if old != "None" else ""))))
-    _fit(figure, legend.get_title())
-
-
-def _fit(figure: Figure, text: Any) -> None:
-    """Make the type of a text smaller until it is no wider than its figure."""
-    share = text.get_window_extent().width / figure.bbox.width
-    if share > WIDEST:
-        text.set_fontsize(text.get_fontsize() * WIDEST / share)
+        title = figure.suptitle("", fontsize="medium")
+    else:
+        title = figure.legends[0].get_title()
+        old = title.get_text()
+        figure.legends[0].set_title(" ")
+        lines = [*lines, *([old] if old != "None" else [])]
+    # Broken where it is wider than the figure; formulas cannot be, and are made smaller.
+    most = max(len(line) for line in lines)
+    for width in range(most, 9, -1):
+        title.set_text("\n".join(
+            line if "$" in line else textwrap.fill(line, width) for line in lines
+        ))  # fmt: skip
+        wide = title.get_window_extent().width / figure.bbox.width
+        if wide <= 0.95:
+            return
+    title.set_fontsize(0.95 / wide * title.get_fontsize())
 
 
 def formula_error(text: str) -> str | None:
@@ -179,8 +190,8 @@ def legend_above(figure: Any, handles: list[Any], each: float, title: str | None
 
     Smaller type makes it fit where one column is too wide, or all of it too high.
     """
-    columns = max(2, min(len(handles), int(figure.get_figwidth() / each)))
-    size = float(mpl.rcParams["font.size"])
+    base = size = float(mpl.rcParams["font.size"])
+    columns = most = max(2, min(len(handles), int(figure.get_figwidth() / each)))
     while True:
         legend = figure.legend(handles=handles, loc="outside upper center", ncols=columns,
                                title=title, columnspacing=1.4, fontsize=size)  # fmt: skip
@@ -193,6 +204,7 @@ def legend_above(figure: Any, handles: list[Any], each: float, title: str | None
             columns -= 1
         else:
             size *= 0.9
+            columns = min(len(handles), int(most * base / size))
 
 
 def scale_axis(axes: Any, which: str, axis: Axis, log: bool | None) -> None:
@@ -216,6 +228,8 @@ def plain_ticks(axes: Any, which: str, ends: tuple[float, float]) -> None:
     for least, coarser in ((4, (1.0, 2.0, 5.0)), (8, (1.0, 3.0)), (300, (1.0,))):
         if span > least:
             subs = coarser
+    if which == "x" and axes.get_position().width * axes.get_figure().get_figwidth() < NARROW:
+        subs = (1.0,) if span > 8 else (1.0, 3.0)
     axis = getattr(axes, f"{which}axis")
     axis.set_major_locator(LogLocator(subs=subs, numticks=20))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

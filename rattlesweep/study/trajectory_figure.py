@@ -174,6 +174,7 @@ def draw(columns: dict[str, Floats], course: Course, caption: str = "") -> Any:
             unit = UNITS.get(CHANNELS[name].unit, f"${CHANNELS[name].unit}$")
             axis.set_ylabel(name + (f"  [{unit}]" if unit else ""))
     marks = course.reversals or course.zeros
+    said: set[str] = set()
     for axis in axes:
         axis.grid(visible=True, color="#e4e4e4", linewidth=0.6)
         axis.set_axisbelow(True)
@@ -184,7 +185,9 @@ def draw(columns: dict[str, Floats], course: Course, caption: str = "") -> Any:
         for k, time in enumerate(marks if len(marks) <= MARKS else marks[:1]):
             label = _marks(course) if k == 0 and axis is axes[0] else None
             axis.axvline(time, color=GREY, linewidth=0.9, linestyle=":", zorder=1, label=label)
-        if axis in axes[:2] and axis.get_legend_handles_labels()[0]:
+        words = axis.get_legend_handles_labels()[1]
+        if not said.issuperset(words):
+            said |= set(words)
             axis.legend(loc="upper right", ncols=2, fontsize=8, frameon=True, framealpha=0.9,
                         edgecolor="none")  # fmt: skip
     axes[-1].set_xlim(0, t[-1])
