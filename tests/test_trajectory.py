@@ -430,8 +430,8 @@ def test_scalar_and_array_formulas_are_the_same():
     from rattlesweep.study import channels
 
     state, constants = np.array([0.1, -0.2, 0.3, 0.4, -0.5]), full.constants(**oracle.GH)
-    assert channels._spin(*state) == pytest.approx(full.spin(*state), rel=1e-15)
+    assert channels.spin_of(*state) == pytest.approx(full.spin(*state), rel=1e-15)
     assert channels._energy(*state, *constants) == pytest.approx(full.energy(*state, *constants))
-    assert channels._force(*state, *constants) == pytest.approx(
+    assert channels.force_of(*state, *constants) == pytest.approx(
         full.contact_force(*state, *constants)
     )

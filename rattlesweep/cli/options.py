@@ -118,7 +118,9 @@ def check_title(title: str | None, *, formulas: bool = False) -> None:
             )
 
 
-quiet_option = click.option("-q", "--quiet", is_flag=True, help="No progress and no closing line.")
+quiet_option = click.option(
+    "-q", "--quiet", is_flag=True, help="No progress, closing line or warning."
+)
 
 
 def integrator_of(given: dict[str, Any]) -> dict[str, Any]:

@@ -100,8 +100,8 @@ def close(course: Course, quiet: bool) -> int:
     """Say what became of a run; the exit code."""
     if not quiet:
         say(_closing(course))
-    if course.seen.warning:
-        say(f"warning: {course.seen.warning}")
+        if course.seen.warning:
+            say(f"warning: {course.seen.warning}")
     if course.status.label != "ok":
         say(f"the run is not ok: {course.status.label}, {course.status.meaning}")
         return SOME_FAILED

@@ -36,7 +36,7 @@ CHUNK = 8192
 # a period of the pitch.
 POINTS, PER_PERIOD = 2001, 20
 # The spin has reversed once it has gone from beyond this share of the launch's spin to beyond it on
-# the other side.  Where the spin has plateaus, any share from 0.1 to 0.6 counts the same (GH at
+# the other side.  Where the spin has plateaus, any share from 0.05 to 0.5 counts the same (GH at
 # n_i = 0.1 and -0.1, with theta = 0.64, 0.75 and 0.9); a spin that wanders has no sure count.
 TURN = 0.25
 # Of the reduced model beside: its errors are then far below its own distance from the full one.
