@@ -197,8 +197,9 @@ def trajectory(
     channels : sequence of str
         Columns of the table; ``rattlesweep.study.channels.CHANNELS`` lists them.
     points, dt, steps, times
-        One way to choose the rows: so many evenly from 0 to ``t_end`` (2001 by default), one every
-        ``dt``, one per accepted step, or any increasing times.
+        One way to choose the rows: so many evenly from 0 to ``t_end`` (by default 2001, or 20 a
+        period of the pitch if that is more), one every ``dt``, one per accepted step, or any
+        increasing times.
     method, tol, dt_step
         As for :func:`simulate`; not to be confused with ``dt``.
     e_p0, e_r0 : float, optional
@@ -208,8 +209,9 @@ def trajectory(
     Returns
     -------
     Trajectory
-        ``table`` (pandas), ``reversals`` (all zeros of the spin), ``status``.  The accepted steps,
-        and so the first reversal, are those of :func:`simulate`, whatever rows are asked for.
+        ``table`` (pandas), ``reversals``, ``zeros`` (of the spin, all of them), ``status``,
+        ``warning``.  The accepted steps, and so the first zero, are those of :func:`simulate`,
+        whatever rows are asked for.
 
     Raises
     ------

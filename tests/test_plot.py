@@ -20,9 +20,10 @@ from test_run import invoke, tree
 from theory_mp import n_c1_squared
 
 import rattlesweep as rs
+from rattlesweep.study import plot_scatter
 from rattlesweep.study.plot import choose_picture
 from rattlesweep.study.plot_layout import Axis, Layout, read_layout
-from rattlesweep.study.plot_map import BONDI_LABEL
+from rattlesweep.study.plot_map import BONDI_LABEL, NO_REVERSAL
 from rattlesweep.study.plot_style import FAILED, MISSING, TYPE_STYLE, encode, styled
 from rattlesweep.study.plot_table import EDGES, Moments, tally, wilson
 from rattlesweep.sweep.config import ConfigError, parse_config
@@ -358,7 +359,7 @@ def test_types_are_told_apart_by_the_colour_blind(kind: str) -> None:
         f = np.where(xyz > 0.008856, np.cbrt(xyz), 7.787 * xyz + 16 / 116)
         return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
 
-    colours = [style[0] for style in TYPE_STYLE.values()] + [FAILED, MISSING]
+    colours = [style[0] for style in TYPE_STYLE.values()] + [FAILED, MISSING, NO_REVERSAL]
     for k, one in enumerate(colours):
         for other in colours[:k]:
             # 2.3 is the least that anyone sees.
@@ -413,9 +414,16 @@ WRONG = {
     "no directory": (["nowhere"], 2, "nowhere: there is no such directory"),
     "no sweep": (["."], 2, "is not an output directory: it has no manifest.json"),
     "unknown kind": (["steady", "--kind", "pie"], 2, '"pie" is not one of fractions, times'),
+    "title": (["steady", "--title", r"$\notacommand$"], 2, "cannot be read as a formula"),
+    "odd dollars": (["steady", "--title", "a $x_$ b"], 2, "cannot be read as a formula"),
+    "control": (["steady", "--title", "a\x1b[31m"], 2, r"\x1b in it is a control character"),
+    "limits": (["steady", "--xlim", "3"], 2, "give the lower and the upper end"),
+    "limits turned": (["steady", "--ylim", "3,1"], 2, "give the lower and the upper end"),
+    "limit of a logarithm": (["steady", "--kind", "times", "--ylim", "0,9"], 2, "add --linear"),
+    "scatter of words": (["steady", "--kind", "scatter", "--x", "type"], 2, "is not one of case"),
     "unfit kind": (["one", "--kind", "map"], 2, "--kind map: does not fit this sweep"),
-    "shares of one": (["map", "--kind", "fractions"], 2, "times, ratio, map, distribution fit"),
-    "unknown axis": (["steady", "--x", "K_p"], 2, '"K_p" is not one of K_r, n_i, omega_xy0'),
+    "shares of one": (["map", "--kind", "fractions"], 2, "ratio, map, distribution, scatter fit"),
+    "unknown axis": (["steady", "--x", "K_s"], 2, '"K_s" is not one of K_r, n_i, omega_xy0'),
     "no selection": (["steady", "--select", "n_i"], 2, "is not NAME=VALUES"),
     "no such value": (["steady", "--select", "n_i=-0.2"], 2, "no value -0.2; there are -0.5, -0.1"),
     "no such range": (["map", "--select", "theta=0.1:0.2"], 2, "no value lies there"),
@@ -457,6 +465,70 @@ def test_what_is_wrong_is_one_sentence(here: Path, case: str) -> None:
     assert done.stderr.count("\n") == 1
     assert done.stderr.startswith("error: ")
     assert tree(here) == before
+
+
+@pytest.mark.parametrize("kind", ["times", "fractions"])
+def test_a_small_picture_keeps_its_legend(sweeps: Path, kind: str) -> None:
+    with styled():
+        picture = choose_picture(read_layout(sweeps / "steady"), kind, select=["omega_xy0=0.01"])
+        figure = picture.figure(size=(3.4, 2.6), title="A title that is longer than the picture "
+                                "is wide, as titles in papers tend to be")  # fmt: skip
+        figure.canvas.draw()
+    (legend,) = figure.legends
+    box = legend.get_window_extent()
+    assert figure.bbox.x0 <= box.x0
+    assert box.x1 <= figure.bbox.x1
+    assert box.y1 <= figure.bbox.y1
+    assert min(axes.get_window_extent().height for axes in figure.axes) > 0.25 * figure.bbox.height
+
+
+def test_points_that_are_moved_are_said_to_be(sweeps: Path) -> None:
+    def words(*select: str) -> str:
+        (legend,) = drawn(read_layout(sweeps / "steady"), "times", select=select).legends
+        return " ".join(text.get_text() for text in legend.get_texts())
+
+    assert "points moved sideways" in words("omega_xy0=0.01")
+    assert "sideways" not in words("omega_xy0=0.01", "n_i=-0.1")
+
+
+def test_limits_are_those_of_every_panel(sweeps: Path, tmp_path: Path) -> None:
+    with styled():
+        for kind in ("times", "ratio", "map"):
+            picture = choose_picture(read_layout(sweeps / "steady"), kind, x="K_r")
+            figure = picture.figure(xlim=(0.01, 0.06), log=False)
+            panels = [axes for axes in figure.axes if axes.get_label() != "<colorbar>"]
+            assert len(panels) > 1
+            assert {axes.get_xlim() for axes in panels} == {(0.01, 0.06)}
+    done = invoke("plot", str(sweeps / "steady"), "--xlim", "0.01,0.06", "--ylim=0.2,0.8",
+                  "--output", str(tmp_path / "p.svg"))  # fmt: skip
+    assert done.exit_code == 0, done.stderr
+
+
+def test_a_scatter_shows_each_reversal_once(sweeps: Path, tmp_path: Path) -> None:
+    target = tmp_path / "p.png", tmp_path / "d.parquet"
+    done = invoke("plot", str(sweeps / "steady"), "--x", "K_p", "--select", "n_i=-0.5",
+                  "--output", str(target[0]), "--data", str(target[1]))  # fmt: skip
+    assert done.exit_code == 0, done.stderr
+    assert done.stdout == f"{target[0]}\n{target[1]}\n"
+    runs = rs.load(sweeps / "steady").runs
+    wanted = runs[(runs["n_i"] == -0.5) & runs["t_r"].notna()][["K_p", "t_r", "omega_xy0"]]
+    assert done.stderr == f"scatter: {len(wanted)} of {len(wanted)} runs that reverse\n"
+    pd.testing.assert_frame_equal(pd.read_parquet(target[1]), wanted.reset_index(drop=True))
+    figure = drawn(read_layout(sweeps / "steady"), "scatter")
+    shown = np.concatenate([line.get_ydata() for line in figure.axes[0].lines[:-1]])
+    assert sorted(shown) == sorted(runs["t_r"].dropna())
+
+
+def test_a_large_scatter_is_thinned_evenly(sweeps: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(plot_scatter, "MOST_POINTS", 20)
+    layout = read_layout(sweeps / "steady")
+    points = plot_scatter.gather(layout, "K_r", {})
+    runs = rs.load(sweeps / "steady").runs
+    t_r = runs["t_r"].dropna().to_numpy()
+    assert points.total == len(t_r) > 40
+    stride = -(-len(t_r) // 20)
+    stride = 1 << (stride - 1).bit_length()
+    assert points.t_r.tolist() == t_r[::stride].tolist()
 
 
 # --------------------------------------------------------------- spins as an axis

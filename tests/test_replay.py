@@ -51,12 +51,12 @@ def test_every_run_is_the_stored_one_bit_for_bit(sweep: Path):
         check_course(one, course, "full")
         assert course.status.label == stored.status
         if np.isnan(stored.t_r):
-            assert course.reversals == []
+            assert course.zeros == []
             assert bits(course.t) == bits(stored.t_end)
             assert bits(last["n"][-1]) == bits(stored.n_end)
             assert course.n_steps == stored.n_steps
         else:
-            assert bits(course.reversals[0]) == bits(stored.t_r)
+            assert bits(course.zeros[0]) == bits(stored.t_r)
             assert course.t > stored.t_end
 
 
@@ -67,8 +67,8 @@ def test_a_run_can_be_followed_beyond_the_horizon_or_less_far(sweep: Path):
     near = source.course(one, t_end=0.5 * one.t_end, points=2)
     assert (len(list(far)), len(list(near))) == (1, 1)
     assert one.t_r is not None
-    assert bits(far.reversals[0]) == bits(one.t_r)
-    assert near.reversals == []
+    assert bits(far.zeros[0]) == bits(one.t_r)
+    assert near.zeros == []
     check_course(one, far, "full")
     check_course(one, near, "full")
     with pytest.raises(OutputError, match="reverses at"):

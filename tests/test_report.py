@@ -17,6 +17,7 @@ from matplotlib.colors import to_rgb
 from test_run import invoke, tree
 
 import rattlesweep as rs
+from rattlesweep.study import html
 from rattlesweep.study.plot_style import TYPE_STYLE
 from rattlesweep.study.report import MOST_CASES, make_report
 from rattlesweep.study.report_config import config_yaml
@@ -275,7 +276,7 @@ def test_a_browser_shows_it(sweeps: Path, tmp_path: Path) -> None:
     target = tmp_path / "page.html"
     done = invoke("report", sweeps / "map", "--output", target)
     assert done.exit_code == 0, done.stderr
-    assert done.stderr.startswith(str(target))
+    assert done.stdout == f"{target}\n"
     control = tmp_path / "control.html"
     control.write_bytes(target.read_bytes().replace(b"</body>", b"<script>1</script></body>"))
     # What the page forbids is reported, so that silence says something.
@@ -294,3 +295,41 @@ def test_a_browser_shows_it(sweeps: Path, tmp_path: Path) -> None:
     for name in present:
         near = np.abs(pixels - to_rgb(TYPE_STYLE[name][0])).max(axis=-1) < 0.02
         assert near.sum() > 100, name
+
+
+def test_the_navigation_can_wrap() -> None:
+    rule = re.search(r"^nav {(.*)}$", html.STYLE, re.MULTILINE)
+    assert rule is not None
+    assert "flex-wrap: wrap" in rule[1]
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here to open the page with")
+@pytest.mark.parametrize("name", ["steady", "map"])
+def test_a_narrow_page_does_not_scroll_sideways(sweeps: Path, tmp_path: Path, name: str) -> None:
+    """In a frame of 390 px, as a window of a headless browser is never narrower than 500."""
+    target = tmp_path / "page.html"
+    target.write_bytes(make_report(sweeps / name))
+    frame = tmp_path / "frame.html"
+    frame.write_text(
+        f'<iframe id="f" width="390" height="800" src="{target.name}"></iframe><script>onload = '
+        "() => { const d = document.getElementById('f').contentDocument; document.title = "
+        "d.documentElement.clientWidth + ' ' + d.documentElement.scrollWidth; }</script>"
+    )
+    seen = browse(frame, tmp_path / "profile", "--allow-file-access-from-files", "--dump-dom")
+    found = re.search(r"<title>(\d+) (\d+)</title>", seen.stdout)
+    assert found is not None, seen.stdout[:500]
+    assert int(found[2]) <= int(found[1])
+    assert 300 < int(found[1]) <= 390
+
+
+@pytest.mark.parametrize("title", ["a\x07b", "two\nlines", "\udcff"])
+def test_titles_that_cannot_be_shown(sweeps: Path, tmp_path: Path, title: str) -> None:
+    for command, target in (
+        (["report", sweeps / "steady"], tmp_path / "p.html"),
+        (["plot", sweeps / "steady"], tmp_path / "p.svg"),
+        (["show", "--preset", "GH"], tmp_path / "p.html"),
+    ):
+        done = invoke(*command, "--title", title, "--output", target)
+        assert done.exit_code == 2
+        assert re.fullmatch(r"error: --title: \S+ in it is .*; leave it out\n", done.stderr)
+    assert not list(tmp_path.iterdir())

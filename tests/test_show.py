@@ -38,7 +38,8 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("page") / "gh.html"
     result = invoke("show", "--preset", "GH", "--t-end", T_END, "--output", path)
     assert result.exit_code == 0
-    assert re.search(r"gh\.html: \d+ rows, 0\.\d MB\n1 reversal at 112\.09387", result.stderr)
+    assert result.stdout == f"{path}\n"
+    assert re.match(r"\d+ rows, 0\.\d MB\n1 reversal at 112\.09387", result.stderr)
     return path
 
 

@@ -11,6 +11,7 @@ from itertools import pairwise
 from pathlib import Path
 from xml.etree import ElementTree
 
+import matplotlib as mpl
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
@@ -20,7 +21,7 @@ from matplotlib.image import imread
 from rattlesweep import cli
 from rattlesweep.physics import launch, theory
 from rattlesweep.physics.body import PARAMETERS, Rattleback
-from rattlesweep.study import tradeoff, tradeoff_figure, tradeoff_table
+from rattlesweep.study import plot_style, tradeoff_figure, tradeoff_output, tradeoff_table
 from rattlesweep.study.reference import independent_reversal, make_reference
 from rattlesweep.study.tradeoff import measure
 from rattlesweep.study.tradeoff_settings import DEFAULT, QUICK, Setting, settings
@@ -248,16 +249,18 @@ def test_figure_takes_settings_without_errors(study):
                     energy_drift_median=0.0) for row in study.rows]  # fmt: skip
     other = replace(study.rows[5], method="another")
     for some in (lost, [*study.rows, other], study.rows[:1]):
-        data = tradeoff_figure.encode(tradeoff_figure.draw(some), "png")
+        data = plot_style.encode(tradeoff_figure.draw(some), "png", tradeoff_figure.DPI)
         assert imread(io.BytesIO(data)).ndim == 3
 
 
-def test_equal_figures_have_equal_bytes(study):
+def test_equal_figures_have_equal_bytes(study, tmp_path):
+    tradeoff_output.save(study, tmp_path / "one")
+    # Whatever the user's matplotlibrc says.
+    with mpl.rc_context({"font.size": 20, "savefig.bbox": "tight", "axes.facecolor": "red"}):
+        tradeoff_output.save(study, tmp_path / "two")
     for kind in ("svg", "png"):
-        one, two = (
-            tradeoff_figure.encode(tradeoff_figure.draw(study.rows, "x"), kind) for _ in range(2)
-        )
-        assert one == two
+        one, two = (tmp_path / name / f"tradeoff.{kind}" for name in ("one", "two"))
+        assert one.read_bytes() == two.read_bytes()
 
 
 def test_runs_too_long_for_a_setting_are_no_error(tmp_path):

@@ -58,7 +58,7 @@ def test_first_reversal_is_that_of_the_sweep_bit_for_bit(method, n_i, omega):
     out = integrate(batch, method, FULL, dt=0.01, tol=1e-8)
     follower, t, _ = follow(batch, method, dt=0.01, tol=1e-8)
     assert follower.status == Status.OK
-    assert out.t_r[0] == follower.reversals[0]
+    assert out.t_r[0] == follower.zeros[0]
     assert t[-1] == 900.0
     assert np.all(np.diff(t) > 0)
 
@@ -72,7 +72,7 @@ def test_the_last_step_is_that_of_the_sweep_bit_for_bit(method, t_end):
     follower, _, y = follow(batch, method, dt=0.01)
     assert follower.n_steps == out.n_steps[0]
     assert y[-1].tobytes() == out.y_end[0].tobytes()
-    assert follower.reversals == []
+    assert follower.zeros == []
 
 
 @pytest.mark.parametrize(
@@ -84,8 +84,8 @@ def test_reduced_runs_are_the_sweeps_too(method):
     batch = kernels.reduced_batch(oracle.GH, [0.1], 6e-4, 3e-5, 3000.0)
     out = integrate(batch, method, REDUCED, dt=0.5)
     follower, _, y = follow(batch, method, REDUCED, dt=0.5)
-    assert out.t_r[0] == follower.reversals[0]
-    assert len(follower.reversals) == 3
+    assert out.t_r[0] == follower.zeros[0]
+    assert len(follower.zeros) == 3
     assert follower.energy_0 == pytest.approx(REDUCED.energy(*y[-1], *batch.constants[0]))
 
 
@@ -93,7 +93,7 @@ def test_simulate_and_trajectory_agree_bit_for_bit():
     for n_i in (0.1, -0.2, 0.45):
         run = rs.simulate(GH, n_i=n_i, omega_xy0=0.01)
         course = rs.trajectory(GH, n_i=n_i, omega_xy0=0.01, points=5)
-        assert course.reversals[0] == run.t_r
+        assert course.zeros[0] == run.t_r
         assert course.t_end > run.t_r
 
 
@@ -106,7 +106,7 @@ def test_rows_do_not_change_the_steps():
         found = follower.at(times)
         while not follower.ended:
             follower.steps()
-        assert follower.reversals == plain.reversals
+        assert follower.zeros == plain.zeros
         assert follower.n_steps == plain.n_steps
         assert len(found.t) == len(times)
     # The last grid was the steps themselves; h is known but for the rounding of t.
@@ -144,22 +144,22 @@ def test_states_and_all_reversals_agree_with_scipy():
         channels=["t", "n", "u_x", "u_y", "u_z", "omega_x", "omega_y", "omega_z"],
     )  # fmt: skip
     assert run.table.iloc[:, 2:].to_numpy() == pytest.approx(other.y.T, abs=1e-8)
-    assert len(run.reversals) == 7
-    assert run.reversals == pytest.approx(other.t_events[0], abs=1e-8)
+    assert len(run.zeros) == 7
+    assert run.zeros == pytest.approx(other.t_events[0], abs=1e-8)
 
 
 def test_no_reversal_is_missed_on_a_fine_grid():
     course = rs.trajectory(GH, n_i=0.5, omega_xy0=0.01, t_end=600.0, points=60_001)
     n, t = course.table["n"].to_numpy(), course.table["t"].to_numpy()
     crossings = np.flatnonzero(n[:-1] * n[1:] < 0)
-    assert len(course.reversals) > 60
-    assert np.all(np.diff(course.reversals) > 0)
+    assert len(course.zeros) > 60
+    assert np.all(np.diff(course.zeros) > 0)
     # A pair of zeros between two rows is found by the search alone.
-    inside = np.searchsorted(course.reversals, t)
+    inside = np.searchsorted(course.zeros, t)
     counted = np.diff(inside)
     assert np.all(counted[crossings] % 2 == 1)
     assert np.all(np.delete(counted, crossings) % 2 == 0)
-    spin = rs.trajectory(GH, n_i=0.5, omega_xy0=0.01, t_end=600.0, times=course.reversals)
+    spin = rs.trajectory(GH, n_i=0.5, omega_xy0=0.01, t_end=600.0, times=course.zeros)
     assert np.abs(spin.table["n"]).max() < 1e-13
 
 
@@ -167,14 +167,14 @@ def test_pairs_of_zeros_inside_one_step_are_found():
     """Steps of eight dt, each time in other places, against zeros 0.2 and 0.8 apart."""
     batch = kernels.full_batch(oracle.GH, [0.2], 0.3, t_end=25.0)
     fine, _, _ = follow(batch, tol=1e-12)
-    gaps = np.diff(fine.reversals)
+    gaps = np.diff(fine.zeros)
     assert len(gaps) == 4
     assert gaps.min() < 0.25
     pairs = 0
     for dt in np.linspace(0.02, 0.1, 41):
         rough, t, _ = follow(batch, RK4, dt=dt)
-        assert rough.reversals == pytest.approx(fine.reversals, abs=0.02), dt
-        pairs += (np.diff(np.searchsorted(rough.reversals, t)) == 2).sum()
+        assert rough.zeros == pytest.approx(fine.zeros, abs=0.02), dt
+        pairs += (np.diff(np.searchsorted(rough.zeros, t)) == 2).sum()
     assert pairs > 10
 
 
@@ -315,14 +315,14 @@ def test_reduced_model_conserves_what_it_should_and_agrees_with_scipy():
         events=lambda t, y: y[0], max_step=2.0,
     )  # fmt: skip
     assert run.table[["n", "E_p", "E_r"]].to_numpy() == pytest.approx(other.y.T, abs=1e-7)
-    assert run.reversals == pytest.approx(other.t_events[0], abs=1e-4)
+    assert run.zeros == pytest.approx(other.t_events[0], abs=1e-4)
 
 
 def test_closed_solution():
     run = rs.trajectory(GH, n_i=0.1, omega_xy0=0.01, model="gh", channels=["t", "n", "n_gh"])
-    assert run.reversals == [rs.reversal_time_gh(GH, 0.1, 0.01)]
+    assert run.zeros == [rs.reversal_time_gh(GH, 0.1, 0.01)]
     assert run.table["n"].equals(run.table["n_gh"])
-    zero = rs.trajectory(GH, n_i=0.1, omega_xy0=0.01, model="gh", times=run.reversals)
+    zero = rs.trajectory(GH, n_i=0.1, omega_xy0=0.01, model="gh", times=run.zeros)
     assert zero.table["n"].item() == pytest.approx(0, abs=1e-16)
     assert theory.spin_gh(0.0, rs.modes(GH).K_p, 0.1, 0.01) == pytest.approx(0.1)
 
@@ -434,8 +434,8 @@ def test_scalar_and_array_formulas_are_the_same():
     from rattlesweep.study import channels
 
     state, constants = np.array([0.1, -0.2, 0.3, 0.4, -0.5]), full.constants(**oracle.GH)
-    assert channels._spin(*state) == pytest.approx(full.spin(*state), rel=1e-15)
+    assert channels.spin_of(*state) == pytest.approx(full.spin(*state), rel=1e-15)
     assert channels._energy(*state, *constants) == pytest.approx(full.energy(*state, *constants))
-    assert channels._force(*state, *constants) == pytest.approx(
+    assert channels.force_of(*state, *constants) == pytest.approx(
         full.contact_force(*state, *constants)
     )

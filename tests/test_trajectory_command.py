@@ -5,9 +5,12 @@ from __future__ import annotations
 import errno
 import io
 import json
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
 import pandas as pd
 import pyarrow.csv as pcsv
@@ -18,7 +21,7 @@ from test_run import handlers, invoke
 import rattlesweep as rs
 from rattlesweep.study import trajectory_figure, trajectory_file
 from rattlesweep.study.channels import CHANNELS
-from rattlesweep.study.trajectory import Course
+from rattlesweep.study.trajectory import Course, Seen
 from rattlesweep.sweep.errors import OutputError
 from rattlesweep.sweep.files import streamed_file
 
@@ -165,7 +168,7 @@ def test_wrong_commands_say_so_in_one_line(tmp_path: Path, monkeypatch, args, wo
 def test_a_run_that_fails_keeps_its_rows_and_says_so(tmp_path: Path):
     target = tmp_path / "run.csv"
     result = command("--method", "rk4", "--dt-step", 1.0, "--n-i", -0.1, "--t-end", 600,
-                     "--output", target)  # fmt: skip
+                     "--points", 2001, "--output", target)  # fmt: skip
     assert result.exit_code == 3
     assert "the run is not ok: energy, " in result.stderr
     assert len(target.read_text().splitlines()) == 2002
@@ -195,3 +198,129 @@ def test_a_disk_that_is_full_is_said_in_one_sentence(tmp_path: Path):
     with pytest.raises(OutputError, match=r"cannot write .*run\.csv: No space left"):
         fill()
     assert not list(tmp_path.iterdir())
+
+
+def test_zeros_of_one_swing_are_one_reversal():
+    """The spin crosses zero three times about 812 on its way from -0.1 to 0.1."""
+    launch = ("--preset", "GH", "--n-i", -0.1, "--t-end", 1500, "--points", 2)
+    words = "1 reversal at 809.8574179 (3 zero crossings at 809.8574179, 812.1474381, 814.036451);"
+    assert words in invoke("trajectory", *launch).stderr
+    run = rs.trajectory(GH, n_i=-0.1, omega_xy0=0.01, t_end=6000, channels=["t", "n"])
+    assert len(run.zeros) == 14
+    assert run.reversals[0] == run.zeros[0]
+    # Between its reversals the spin rests on one side.
+    t, n = run.table["t"].to_numpy(), run.table["n"].to_numpy()
+    middles = (run.reversals[1:] + run.reversals[:-1]) / 2
+    sides = np.sign(np.interp(np.array([0, *middles]), t, n))
+    assert sides.tolist() == [-1, 1, -1, 1, -1, 1]
+    # No reversal yet where the run ends on the way.
+    short = rs.trajectory(GH, n_i=-0.1, omega_xy0=0.01, t_end=813)
+    assert (len(short.reversals), len(short.zeros)) == (0, 2)
+
+
+def test_reversals_are_counted_by_the_quarter():
+    seen = Seen(plateau=1.0)
+    t = np.arange(9.0)
+    spins = np.array([1, 0.3, -0.2, 0.2, -0.3, -1, -0.2, 0.2, -1])
+    zeros = [1.4, 2.5, 3.4, 6.5, 7.1]
+    for part in (slice(0, 3), slice(3, 4), slice(4, 9)):
+        seen.spin(t[part], spins[part], zeros)
+    assert seen.reversals == [1.4]
+
+
+def test_contact_that_no_real_body_keeps_is_said():
+    lost = invoke("trajectory", "--preset", "GH", "--n-i", 1, "--omega-xy0", 3, "--t-end", 50,
+                  "--steps", "--channels", "t,F_normal")  # fmt: skip
+    assert lost.exit_code == 0
+    table = read_csv(lost.stdout)
+    first = table["t"][np.argmax(table["F_normal"] < 0)]
+    words = f"warning: contact would be lost at t = {first:.4g}, where the normal force becomes "
+    assert words + f"negative (least: {table['F_normal'].min():.2g} M g)" in lost.stderr
+    assert len(lost.stderr.splitlines()) == 2
+    slips = rs.trajectory(GH, n_i=0.5, omega_xy0=1, t_end=100, steps=True,
+                          channels=["t", "F_normal", "F_tangential"])  # fmt: skip
+    ratio = slips.table["F_tangential"] / slips.table["F_normal"]
+    assert f"from t = {slips.table['t'][np.argmax(ratio > 1)]:.4g} " in slips.warning
+    assert f"(largest: {ratio.max():.3g})" in slips.warning
+    assert "warning" not in command().stderr
+
+
+def test_the_look_at_the_contact_is_that_of_a_sweep(tmp_path: Path):
+    sweep = rs.sweep(
+        {"bodies": {"source": "preset", "name": "GH"}, "record": ["contact"],
+         "spin": {"n_i": -0.9, "omega_xy0": 0.05}, "horizon": {"t": 100}},
+        output=tmp_path / "sweep", threads=1,
+    ).runs.iloc[0]  # fmt: skip
+    assert sweep["t_end"] == 100
+    course = Course(GH, n_i=-0.9, omega_xy0=0.05, t_end=100)
+    list(course)
+    assert course.seen.normal_min == pytest.approx(sweep["contact_normal_min"], rel=1e-12)
+    assert course.seen.friction_max == pytest.approx(sweep["contact_ratio_max"], rel=1e-12)
+
+
+def test_a_long_table_is_printed_by_its_ends():
+    result = command("--points", 20_000_000_000)
+    assert result.exit_code == 0
+    lines = result.stdout.splitlines()
+    assert len(lines) == 42
+    assert lines[21] == "..."
+    run = rs.trajectory(GH, n_i=0.1, omega_xy0=0.01, t_end=130, points=2)
+    assert lines[-1].split(",")[0] == "130"
+    assert float(lines[-1].split(",")[1]) == run.table["n"].to_numpy()[-1]
+    assert "only the first and the last 20 rows are printed; for all of them give --output" in (
+        result.stderr
+    )
+    # Accepted steps are not known before they are taken.
+    steps = command("--n-i", -0.1, "--method", "rk4", "--dt-step", 0.001, "--steps")
+    whole = rs.trajectory(GH, n_i=-0.1, omega_xy0=0.01, t_end=130, steps=True, method="rk4",
+                          dt_step=0.001).table  # fmt: skip
+    assert len(whole) > 10_000
+    first, last = steps.stdout.split("...\n")
+    table = read_csv(first + last)
+    ends = pd.concat([whole[:20], whole[-20:]])
+    assert np.array_equal(table.to_numpy(), ends.to_numpy())
+
+
+def test_a_long_table_goes_whole_into_a_file(tmp_path: Path):
+    arguments = ["trajectory", "--preset", "GH", "--t-end", "130", "--points", "10001"]
+    program = "from rattlesweep.cli import main; main()"
+    with (tmp_path / "run.csv").open("wb") as file:
+        subprocess.run([sys.executable, "-c", program, *arguments], stdout=file, check=True)
+    assert len((tmp_path / "run.csv").read_text().splitlines()) == 10_002
+
+
+def test_default_rows_show_every_period_of_the_pitch():
+    assert len(rs.trajectory(GH, n_i=0.1, omega_xy0=0.01, t_end=130).table) == 2001
+    table = rs.trajectory(GH, n_i=-0.1, omega_xy0=0.01, t_end=3000).table
+    period = 2 * np.pi / rs.modes(GH).omega_p
+    assert np.diff(table["t"]).max() <= period / 20
+
+
+def test_a_figure_shows_the_channels_that_are_asked_for(tmp_path: Path):
+    def labels(*names: str) -> list[str]:
+        course = trajectory_figure.course_for(
+            GH, {"n_i": 0.1, "omega_xy0": 0.01, "t_end": 130.0, "model": "full"},
+            shown=names or None,
+        )  # fmt: skip
+        chunks = list(course)
+        columns = {k: np.concatenate([c[k] for c in chunks]) for k in chunks[0]}
+        return [axis.get_ylabel() for axis in trajectory_figure.draw(columns, course).axes]
+
+    assert len(labels()) == 3
+    assert [text.split()[0] for text in labels("t", "F_normal", "E_p", "E_r")] == [
+        "F_normal", "energy",
+    ]  # fmt: skip
+    chosen, default = tmp_path / "a.svg", tmp_path / "b.svg"
+    command("--figure", chosen, "--channels", "t,F_normal")
+    command("--figure", default)
+    assert "F_normal" in chosen.read_text()
+    assert "F_normal" not in default.read_text()
+
+
+def test_figures_do_not_obey_the_users_matplotlibrc(tmp_path: Path):
+    loud = {"font.size": 20, "savefig.facecolor": "yellow", "savefig.bbox": "tight",
+            "axes.facecolor": "red", "lines.linewidth": 9, "svg.fonttype": "none"}  # fmt: skip
+    command("--figure", tmp_path / "plain.svg")
+    with mpl.rc_context(loud):
+        command("--figure", tmp_path / "loud.svg")
+    assert (tmp_path / "plain.svg").read_bytes() == (tmp_path / "loud.svg").read_bytes()

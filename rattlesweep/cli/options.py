@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import unicodedata
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -72,7 +73,8 @@ rows_options = _all(
     click.option(
         "--points",
         type=int,
-        help="Number of rows, evenly spaced from 0 to the horizon. [default: 2001]",
+        help="Number of rows, evenly spaced from 0 to the horizon. [default: 2001, or 20 per pitch "
+        "period if that is more]",
     ),
     click.option("--dt", type=float, help="Spacing of the rows in time."),
     click.option("--steps", is_flag=True, help="One row per accepted step."),
@@ -81,7 +83,7 @@ rows_options = _all(
         default="t,n",
         show_default=True,
         metavar="A,B,...",
-        help="Columns; 'list' prints all of them.",
+        help="Columns, and panels of the figure if given; 'list' prints all of them.",
     ),
 )
 
@@ -95,7 +97,38 @@ which_options = _all(
     ),
 )
 
-quiet_option = click.option("-q", "--quiet", is_flag=True, help="No progress and no closing line.")
+title_option = click.option("--title", metavar="TEXT", help="Of the page or the picture.")
+
+
+def check_title(title: str | None, *, formulas: bool = False) -> None:
+    """Refuse a title that cannot be shown; ``formulas`` where Matplotlib reads it.
+
+    Raises
+    ------
+    ConfigError
+        It holds control characters or bytes that are no text, or a formula that cannot be read.
+    """
+    from rattlesweep.sweep.errors import ConfigError
+
+    if title is None:
+        return
+    bad = next((c for c in title if unicodedata.category(c) in ("Cc", "Cs")), None)
+    if bad is not None:
+        what = "a control character" if unicodedata.category(bad) == "Cc" else "no text"
+        raise ConfigError(f"--title: {ascii(bad)[1:-1]} in it is {what}; leave it out")
+    if formulas:
+        from rattlesweep.study.plot_style import formula_error
+
+        if (error := formula_error(title)) is not None:
+            raise ConfigError(
+                f"--title {title}: what stands between dollar signs cannot be read as a formula "
+                f"({error}); write \\$ for a dollar sign"
+            )
+
+
+quiet_option = click.option(
+    "-q", "--quiet", is_flag=True, help="No progress, closing line or warning."
+)
 
 
 def integrator_of(given: dict[str, Any]) -> dict[str, Any]:

@@ -6,22 +6,29 @@ from pathlib import Path
 
 import click
 
+from rattlesweep.cli import options
 from rattlesweep.cli.common import DONE, guarded, say
 
 
 @click.command(
     epilog="\b\nExamples:\n  rattlesweep plot out/quickstart\n"
     "  rattlesweep plot out/steady --kind ratio --select n_i=-0.1,-0.3 --output ratio.pdf\n"
+    "  rattlesweep plot out/steady --kind scatter --x K_r --ylim 10,1e4\n"
     "  rattlesweep plot out/map-theta-spin --select theta=0.84:0.99 --select n_i=-0.45:0"
 )
 @click.argument("directory", type=click.Path())
 @click.option(
     "--kind",
     metavar="KIND",
-    help="fractions, times (t_r), ratio (t_r/t_rGH), map or distribution; by default the one that "
-    "suits the sweep.",
+    help="fractions, times (t_r), ratio (t_r/t_rGH), map, distribution or scatter; by default the "
+    "one that suits the sweep.",
 )
-@click.option("--x", metavar="NAME", help="Quantity along the abscissa, such as K_r or theta.")
+@click.option(
+    "--x",
+    metavar="NAME",
+    help="Quantity along the abscissa: something that the config varies, such as n_i, or any "
+    "column of the runs, such as K_p or n_0, for a scatter of t_r.",
+)
 @click.option(
     "--select",
     metavar="NAME=VALUES",
@@ -31,12 +38,14 @@ from rattlesweep.cli.common import DONE, guarded, say
 @click.option(
     "--log/--linear", default=None, help="Logarithmic or linear axes; by default by range."
 )
+@click.option("--xlim", metavar="LOW,HIGH", help="Limits of the abscissa.")
+@click.option("--ylim", metavar="LOW,HIGH", help="Limits of the ordinate.")
 @click.option("--size", metavar="W,H", help="Width and height in inches.")
 @click.option(
     "--dpi", type=click.FloatRange(20, 1200), default=150.0, help="Dots per inch of a PNG."
 )
 @click.option("--style", metavar="FILE", help="A Matplotlib style file (.mplstyle).")
-@click.option("--title", metavar="TEXT", help="Title of the figure.")
+@options.title_option
 @click.option(
     "--output",
     metavar="FILE",
@@ -51,6 +60,8 @@ def plot(
     x: str | None,
     select: tuple[str, ...],
     log: bool | None,
+    xlim: str | None,
+    ylim: str | None,
     size: str | None,
     dpi: float,
     style: str | None,
@@ -60,7 +71,7 @@ def plot(
 ) -> int:
     """Plot a sweep: fractions of types, reversal times against theory, or a map of a grid.
 
-    Works at any time, even while the sweep is running.
+    Works at any time, even while the sweep is running. Prints the paths of what it writes.
     """
     from rattlesweep.study import plot_files
     from rattlesweep.study.plot import choose_picture, default_outputs
@@ -69,13 +80,17 @@ def plot(
 
     paths, table = plot_files.named_outputs(output), plot_files.named_data(data)
     inches = plot_files.parse_size(size)
+    limits = [plot_files.parse_limits(*each) for each in (("--xlim", xlim), ("--ylim", ylim))]
+    options.check_title(title, formulas=True)
     with styled(None if style is None else Path(style)):
         picture = choose_picture(read_layout(Path(directory)), kind, x=x, select=select)
         paths = paths or default_outputs(Path(directory), picture.kind)
-        figure = picture.figure(title=title, log=log, size=inches)
+        figure = picture.figure(title=title, log=log, size=inches, xlim=limits[0], ylim=limits[1])
         plot_files.write_figure(figure, paths, dpi)
     if table is not None:
         plot_files.write_data(picture.data(), table)
         paths.append(table)
-    say(f"{picture.kind}: {', '.join(str(path) for path in paths)}")
+    for path in paths:
+        click.echo(path)
+    say(f"{picture.kind}: {picture.said()}")
     return DONE

@@ -9,10 +9,19 @@ import click
 
 from rattlesweep.cli import options
 from rattlesweep.cli.common import DONE, guarded, say
-from rattlesweep.cli.series import Share, check_targets, close, deliver, names_of, print_channels
+from rattlesweep.cli.series import (
+    Share,
+    check_targets,
+    close,
+    deliver,
+    names_of,
+    print_channels,
+    shown_of,
+)
 
 if TYPE_CHECKING:
     from rattlesweep.study.replay import StoredRun
+    from rattlesweep.study.trajectory import Course
 
 
 @click.command(
@@ -53,7 +62,6 @@ def replay(
     Each run is first integrated as in the sweep, and its row is checked against the stored one, bit
     for bit; so is the first reversal of the series. Exits with 1 if any differs.
     """
-    from rattlesweep.study import trajectory_figure as figures
     from rattlesweep.study.replay import Replay, check_course, find, said, targets
 
     if channels == "list":
@@ -69,14 +77,19 @@ def replay(
     def one(run: StoredRun, out: Path | None, drawing: Path | None) -> int:
         source.prove(run)
         model = source.config.model
-        names, shown = names_of(channels), figures.channels_of(model)
+        names = names_of(channels)
+
+        def drawn() -> Course:
+            from rattlesweep.study import trajectory_figure as figures
+
+            shown = figures.channels_of(model, shown=shown_of(channels))
+            return figures.at_its_times(source.course(run, t_end=t_end, channels=shown, watch=bar))
+
         with Share(quiet, files=out is not None or drawing is not None) as bar:
             course = deliver(
                 lambda: source.course(run, t_end=t_end, channels=names, points=points, dt=dt,
                                       steps=steps, watch=bar),
-                lambda: figures.at_its_times(
-                    source.course(run, t_end=t_end, channels=shown, watch=bar)
-                ),
+                drawn,
                 out,
                 drawing,
             )  # fmt: skip

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from rattlesweep.cli import options
 from rattlesweep.cli.common import DONE, guarded, say
 
 
@@ -15,10 +16,10 @@ from rattlesweep.cli.common import DONE, guarded, say
 )
 @click.argument("directory", type=click.Path())
 @click.option("--output", metavar="FILE", help="File to write; by default DIRECTORY/report.html.")
-@click.option("--title", metavar="TEXT", help="Title of the page; by default the sweep's name.")
+@options.title_option
 @guarded
 def report(directory: str, output: str | None, title: str | None) -> int:
-    """Write one self-contained HTML page about a sweep.
+    """Write one self-contained HTML page about a sweep and print its path.
 
     It holds the config, cases, figures, failures, cost and provenance. Works at any time, even
     while the sweep is running.
@@ -29,8 +30,10 @@ def report(directory: str, output: str | None, title: str | None) -> int:
 
     if output is not None and not output.lower().endswith((".html", ".htm")):
         raise ConfigError(f"--output {output}: the name must end in .html")
+    options.check_title(title)
     path = Path(directory) / "report.html" if output is None else Path(output)
     page = make_report(Path(directory), title)
     replace_file(path, page)
-    say(f"{path}, {len(page) / 1e6:.2f} MB")
+    click.echo(path)
+    say(f"{len(page) / 1e6:.2f} MB")
     return DONE

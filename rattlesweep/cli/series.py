@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import stat
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -29,14 +31,22 @@ def names_of(channels: str) -> list[str]:
     return [name.strip() for name in channels.split(",") if name.strip()]
 
 
+def shown_of(channels: str) -> list[str] | None:
+    """Channels that a figure is to show; None where the command line does not say."""
+    source = click.get_current_context().get_parameter_source("channels")
+    return None if source is click.core.ParameterSource.DEFAULT else names_of(channels)
+
+
 def check_targets(output: Path | None, figure: Path | None) -> None:
     """See before the work begins that the files can be written."""
-    from rattlesweep.study import trajectory_figure as figures
     from rattlesweep.study import trajectory_file as files
 
     if output is not None:
         files.check_target(output, "--output", files.ENDINGS)
     if figure is not None:
+        # Matplotlib is loaded for figures alone.
+        from rattlesweep.study import trajectory_figure as figures
+
         files.check_target(figure, "--figure", figures.ENDINGS)
 
 
@@ -48,13 +58,14 @@ def deliver(
 ) -> Course:
     """Integrate and write what is asked for, or print CSV if nothing is; the last course.
 
+    Of a long table only the head and the tail are printed, unless standard output is a file.
+
     Parameters
     ----------
     table, drawing : callable
         Begin a course with the rows asked for, and one with those of the figure.
     output, figure : Path or None
     """
-    from rattlesweep.study import trajectory_figure as figures
     from rattlesweep.study import trajectory_file as files
 
     if output is not None or figure is None:
@@ -63,30 +74,53 @@ def deliver(
             files.save(course, output)
         else:
             out = sys.stdout.buffer
-            files.write_csv(course, out.write)
+            whole = _is_file(sys.stdout)
+            cut = (files.write_csv if whole else files.write_ends)(course, out.write)
             out.flush()
+            if cut:
+                say(f"only the first and the last {files.ENDS} rows are printed; for all of them "
+                    "give --output FILE, a .csv or .parquet")  # fmt: skip
     if figure is not None:
+        from rattlesweep.study import trajectory_figure as figures
+
         course = drawing()
         figures.save(course, figure)
     return course
 
 
+def _is_file(stream: Any) -> bool:
+    """Whether a stream goes into a regular file."""
+    try:
+        return stat.S_ISREG(os.fstat(stream.fileno()).st_mode)
+    except (OSError, ValueError):  # no descriptor: a stream in memory
+        return False
+
+
 def close(course: Course, quiet: bool) -> int:
     """Say what became of a run; the exit code."""
     if not quiet:
-        say(_closing(course.reversals, course.t, course.n_steps))
+        say(_closing(course))
+        if course.seen.warning:
+            say(f"warning: {course.seen.warning}")
     if course.status.label != "ok":
         say(f"the run is not ok: {course.status.label}, {course.status.meaning}")
         return SOME_FAILED
     return DONE
 
 
-def _closing(reversals: list[float], t: float, steps: int) -> str:
-    shown = ", ".join(f"{time:.10g}" for time in reversals[:8])
-    more = f" and {len(reversals) - 8} more" if len(reversals) > 8 else ""
-    word = "reversal" if len(reversals) == 1 else "reversals"
-    at = f" at {shown}{more}" if reversals else ""
-    return f"{len(reversals) or 'no'} {word}{at}; {steps} steps to t = {t:g}"
+def _closing(course: Course) -> str:
+    text = _times(course.reversals, "reversal")
+    if course.zeros != course.reversals:
+        text += f" ({_times(course.zeros, 'zero crossing')})"
+    return f"{text}; {course.n_steps} steps to t = {course.t:g}"
+
+
+def _times(times: list[float], word: str) -> str:
+    """Such as ``2 reversals at 112.1, 387.5``."""
+    shown = ", ".join(f"{time:.10g}" for time in times[:8])
+    more = f" and {len(times) - 8} more" if len(times) > 8 else ""
+    at = f" at {shown}{more}" if times else ""
+    return f"{len(times) or 'no'} {word}{'' if len(times) == 1 else 's'}{at}"
 
 
 class Share:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 )
 @click.option("--points", type=int, help="Number of rows. [default: 20 per pitch period]")
 @options.integrator_options
-@click.option("--title", help="Title of the page.")
+@options.title_option
 @click.option("--output", metavar="FILE", required=True, help="An .html file.")
 @options.quiet_option
 @click.pass_context
@@ -58,6 +58,7 @@ def show(
     from rattlesweep.study.trajectory_file import check_target
 
     path = Path(output)
+    options.check_title(title)
     check_target(path, "--output", (".html",))
     run = None
     with Share(quiet, files=True) as bar:
@@ -71,10 +72,11 @@ def show(
     if run is not None:
         check_course(run, course, "full")
     pages.save(scene, path, title or name, pages.describe(course))
+    click.echo(path)
     if not quiet:
         if run is not None:
             say(said(run))
-        say(f"{path}: {len(scene.t)} rows, {path.stat().st_size / 1e6:.1f} MB")
+        say(f"{len(scene.t)} rows, {path.stat().st_size / 1e6:.1f} MB")
     return close(course, quiet)
 
 

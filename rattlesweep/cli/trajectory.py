@@ -9,7 +9,15 @@ import click
 
 from rattlesweep.cli import options
 from rattlesweep.cli.common import DONE, guarded
-from rattlesweep.cli.series import Share, check_targets, close, deliver, names_of, print_channels
+from rattlesweep.cli.series import (
+    Share,
+    check_targets,
+    close,
+    deliver,
+    names_of,
+    print_channels,
+    shown_of,
+)
 
 
 @click.command(
@@ -50,9 +58,10 @@ def trajectory(
 ) -> int:
     """Integrate one launch, past its reversals, and write it as a time series.
 
-    Prints CSV unless a file or a figure is requested; reversal times go to standard error.
+    Prints CSV unless a file or a figure is requested, of a long series only its head and tail; the
+    reversal times go to standard error. A reversal is counted once the spin has gone from beyond a
+    quarter of its initial value to beyond a quarter of it on the other side.
     """
-    from rattlesweep.study import trajectory_figure as figures
     from rattlesweep.study.trajectory import Course
     from rattlesweep.sweep.derived import make_body
 
@@ -67,11 +76,17 @@ def trajectory(
     }
     targets = [None if name is None else Path(name) for name in (output, figure)]
     check_targets(*targets)
+
+    def drawing() -> Course:
+        from rattlesweep.study import trajectory_figure as figures
+
+        return figures.course_for(body, launch, watch=bar, shown=shown_of(channels))
+
     with Share(quiet, files=any(targets)) as bar:
         course = deliver(
             lambda: Course(body, channels=names_of(channels), points=points, dt=dt, steps=steps,
                            watch=bar, **launch),
-            lambda: figures.course_for(body, launch, watch=bar),
+            drawing,
             *targets,
         )  # fmt: skip
     return close(course, quiet)

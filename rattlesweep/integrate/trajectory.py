@@ -1,4 +1,4 @@
-"""One run as a time series: its accepted steps, states at any times, all its reversals."""
+"""One run as a time series: its accepted steps, states at any times, all zeros of its spin."""
 
 from __future__ import annotations
 
@@ -71,6 +71,9 @@ class Follower:
     attitude : bool
         Whether to integrate heading and contact point too (full model only).  They are quadratures
         over the accepted steps and change none of them.
+    look : callable, optional
+        Called with the times and the states, one row each, of the accepted steps as they come, and
+        at first with the launch; every eighth of a method without error control.
     watch : callable, optional
         Called with the time reached every few thousand steps; what it raises ends the work.
 
@@ -78,7 +81,7 @@ class Follower:
     ----------
     t : float
         Time reached by the accepted steps.
-    reversals : list of float
+    zeros : list of float
         Times of the zeros of the spin so far.
     status : Status
         What became of the run so far.
@@ -96,18 +99,19 @@ class Follower:
         dt: float = 0.002,
         max_steps: int = 100_000_000,
         attitude: bool = False,
+        look: Callable[[Floats, Floats], None] | None = None,
         watch: Callable[[float], None] | None = None,
     ) -> None:
         if len(batch) != 1:
             raise ValueError(f"{len(batch)} runs; a trajectory is of one")
         stride = 1 if tableau.adaptive else SUBSTEPS
         self.t, self.t_end = 0.0, float(batch.t_end[0])
-        self.reversals: list[float] = []
+        self.zeros: list[float] = []
         self.status = Status.OK
         self.ended = not self.t_end > 0
         self.n_steps = 0
         self._tableau, self._model, self._stride, self._dt = tableau, model, stride, dt
-        self._batch, self._watch = batch, watch
+        self._batch, self._look, self._watch = batch, look, watch
         plan = np.zeros((1, C.N_PLAN))
         plan[0, C.HORIZON] = self.t_end
         plan[0, C.SWING] = batch.swing[0]
@@ -134,6 +138,8 @@ class Follower:
         first = [*y0[0], *model.rhs(*y0[0], *self._constants[0])]
         self._table[0, follow.STATE :] = first
         self._rows = 1
+        if look is not None:
+            look(np.zeros(1), y0)
         self.energy_0 = float(model.energy(*y0[0], *self._constants[0]))
         self._march = march_kernel(tableau.name, model.name)
         self._aside = _Aside(tableau, model.name, self._constants[0], model.n_state)
@@ -202,7 +208,7 @@ class Follower:
         self._march(*self._state, table[1:], self._zeros, counts)
         self._rows = 1 + int(counts[follow.N_STEPS])
         self.n_steps += int(counts[follow.N_STEPS]) * self._stride
-        self.reversals += self._zeros[: counts[follow.N_ZEROS]].tolist()
+        self.zeros += self._zeros[: counts[follow.N_ZEROS]].tolist()
         self.t = float(table[self._rows - 1, follow.T])
         self.ended = bool(counts[follow.ENDED])
         self.status = STATUSES[counts[follow.STATUS]]
@@ -210,6 +216,9 @@ class Follower:
             self._turn()
         if self.ended and self.status == Status.OK:
             self._judge()
+        if self._look is not None:
+            found = self._samples(slice(1, self._rows))
+            self._look(found.t, found.y)
         if self._watch is not None:
             self._watch(self.t)
 

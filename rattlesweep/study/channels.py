@@ -36,9 +36,9 @@ def _arrays(function: Any, **others: Any) -> Callable[..., Any]:
     return vector
 
 
-_spin = _arrays(full.spin)
+spin_of = _arrays(full.spin)
 _energy = _arrays(full.energy)
-_force = _arrays(full.contact_force, rhs=_arrays(full.rhs))
+force_of = _arrays(full.contact_force, rhs=_arrays(full.rhs))
 
 
 class View:
@@ -93,7 +93,7 @@ class View:
         """Spin."""
         if self.model == "gh":
             return self.gh
-        spin: Floats = self.y[0] if self.model == "reduced" else _spin(*self.y)
+        spin: Floats = self.y[0] if self.model == "reduced" else spin_of(*self.y)
         return spin
 
     @cached_property
@@ -156,7 +156,7 @@ class View:
     @cached_property
     def force(self) -> tuple[Floats, Floats]:
         """Normal and tangential contact force."""
-        normal, tangential = _force(*self.y, *self.constants)
+        normal, tangential = force_of(*self.y, *self.constants)
         return normal, tangential
 
     @cached_property

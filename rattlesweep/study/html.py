@@ -20,12 +20,11 @@ body { margin: 0 auto; padding: 2.5rem 1.25rem 4rem; max-width: 62rem; color: va
   background: var(--paper); font: 16px/1.55 Charter, "Bitstream Charter", Georgia, serif; }
 h1, h2, h3, th, nav, .mark, .small { font-family: system-ui, -apple-system, "Segoe UI", Roboto,
   "Helvetica Neue", sans-serif; }
-h1 { font-size: 1.9rem; line-height: 1.2; margin: 0 0 .4rem; }
+h1 { font-size: 1.9rem; line-height: 1.2; margin: 0 0 .4rem; overflow-wrap: anywhere; }
 h2 { font-size: 1.3rem; margin: 2.6rem 0 .8rem; padding-top: .9rem;
   border-top: 1px solid var(--line); }
 p { margin: .6rem 0; max-width: 46rem; }
-nav { margin: 1rem 0; font-size: .92rem; }
-nav a { margin-right: 1rem; }
+nav { margin: 1rem 0; font-size: .92rem; display: flex; flex-wrap: wrap; gap: .2rem 1rem; }
 a { color: inherit; }
 .soft { color: var(--soft); }
 .small { font-size: .84rem; }

@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rattlesweep.study.plot_distribution import draw_distribution
-from rattlesweep.study.plot_fractions import draw_fractions
+from rattlesweep.study.plot_fractions import FEWEST_FOR_AREAS, draw_fractions
 from rattlesweep.study.plot_layout import Layout, selection
 from rattlesweep.study.plot_map import check_map, draw_map
-from rattlesweep.study.plot_style import head, new_figure, value_text
-from rattlesweep.study.plot_table import EDGES, Tally, tally
+from rattlesweep.study.plot_scatter import Points, columns_of, draw_scatter, gather
+from rattlesweep.study.plot_style import head, new_figure, plain_ticks, value_text
+from rattlesweep.study.plot_table import EDGES, Tally, empty, tally
 from rattlesweep.study.plot_times import draw_ratio, draw_times
 from rattlesweep.sweep.config_errors import not_one_of
 from rattlesweep.sweep.errors import ConfigError
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 
     Integers = NDArray[np.int64]
 
-KINDS = ("fractions", "times", "ratio", "map", "distribution")
+KINDS = ("fractions", "times", "ratio", "map", "distribution", "scatter")
 # From this many values on along both sides, a grid is a map.
 MAP_SIDE = 8
 
@@ -45,6 +46,8 @@ class Picture:
     counted : Tally
     fixed : dict
         Value of each axis of which only one is left.
+    points : Points, optional
+        Of a scatter, which counts nothing else.
     """
 
     kind: str
@@ -52,11 +55,14 @@ class Picture:
     layout: Layout
     counted: Tally
     fixed: dict[str, float]
+    points: Points | None = None
 
     def data(self) -> pa.Table:
         """The numbers that are drawn."""
         import pyarrow as pa
 
+        if self.points is not None:
+            return self.points.table()
         if self.kind != "distribution":
             table = self.counted.table()
             for name, value in self.fixed.items():
@@ -73,6 +79,8 @@ class Picture:
         title: str | None = None,
         log: bool | None = None,
         size: tuple[float, float] | None = None,
+        xlim: tuple[float, float] | None = None,
+        ylim: tuple[float, float] | None = None,
     ) -> Figure:
         """Draw it.
 
@@ -83,9 +91,18 @@ class Picture:
             Whether axes are logarithmic; None: as suits the values.
         size
             Width and height in inches; None: as suits the panels.
+        xlim, ylim
+            Ends of the axes; None: as suits the values.
+
+        Raises
+        ------
+        ConfigError
+            An axis cannot be so.
         """
         figure = new_figure(*(size or self._size()))
-        if self.kind == "fractions":
+        if self.points is not None:
+            draw_scatter(figure, self.points, log)
+        elif self.kind == "fractions":
             draw_fractions(figure, self.counted, log)
         elif self.kind == "times":
             draw_times(figure, self.counted, log)
@@ -95,6 +112,9 @@ class Picture:
             draw_map(figure, self.layout, self.counted, log)
         else:
             draw_distribution(figure, self.counted, log)
+        for which, limits in (("x", xlim), ("y", ylim)):
+            if limits is not None:
+                self._limit(figure, which, limits)
         # What a selection has pinned is nowhere else in the picture.
         pinned = ", ".join(
             value_text(name, value)
@@ -103,6 +123,28 @@ class Picture:
         )
         head(figure, [line for line in (title, pinned) if line])
         return figure
+
+    def said(self) -> str:
+        """How much is drawn, in a few words."""
+        if self.points is not None:
+            return f"{len(self.points.x):,} of {self.points.total:,} runs that reverse"
+        return f"{int(self.counted.runs.sum()):,} runs"
+
+    def _limit(self, figure: Figure, which: str, limits: tuple[float, float]) -> None:
+        """Let every panel end there."""
+        option = f"--{which}lim {limits[0]:g},{limits[1]:g}"
+        if which == "x" and self.kind == "fractions" and self.counted.shape[0] < FEWEST_FOR_AREAS:
+            raise ConfigError(f"{option}: so few values stand side by side; choose with --select")
+        panels = [axes for axes in figure.axes if axes.get_label() != "<colorbar>"]
+        for axes in panels[:1] if self.kind == "distribution" else panels:
+            if getattr(axes, f"get_{which}scale")() == "log":
+                if limits[0] <= 0:
+                    raise ConfigError(
+                        f"{option}: a logarithmic axis has no such end; add --linear, or give a "
+                        "positive one"
+                    )
+                plain_ticks(axes, which, limits)
+            getattr(axes, f"set_{which}lim")(limits)
 
     def _size(self) -> tuple[float, float]:
         shape = (*self.counted.shape, 1, 1, 1)
@@ -116,6 +158,8 @@ class Picture:
         if self.kind == "map":
             rows = float(np.prod(shape[2:]))
             return 9.0, float(np.clip(1.2 + 3.4 * rows, 4.6, 14))
+        if self.kind == "scatter":
+            return 6.4, 4.6
         return 8.0, 3.6
 
 
@@ -135,7 +179,8 @@ def choose_picture(
         One of `KINDS`; None: a map for a grid with two long axes, shares of types where bodies are
         many, else reversal times.
     x
-        Axis that becomes the abscissa; None: the one with most values, coefficients before spins.
+        Axis that becomes the abscissa, or a column of the runs, which asks for a scatter; None: the
+        axis with most values, coefficients before spins, and of a scatter ``t_rgh``.
     select
         ``NAME=VALUES`` texts.
 
@@ -147,7 +192,9 @@ def choose_picture(
         The runs cannot be read.
     """
     chosen = selection(layout, select)
-    if x is not None:
+    if kind is None and x is not None and x not in layout.axes and x in columns_of(layout):
+        kind = "scatter"
+    if x is not None and kind != "scatter":
         layout.named(x, f"--x {x}")
     left = {name: len(chosen.get(name, axis.values)) for name, axis in layout.axes.items()}
     fits = fitting(layout, left)
@@ -158,15 +205,18 @@ def choose_picture(
             f"--kind {kind}: does not fit this sweep, {_why(layout, left)}; {', '.join(fits)} fit"
         )
     kind = kind or default_kind(layout, left)
-    names = _order(layout, left, kind, x)
-    counted = tally(layout, names, chosen)
-    if kind == "map":
-        check_map(*counted.axes[:2])
     fixed = {
         name: float(axis.values[chosen[name][0] if name in chosen else 0])
         for name, axis in layout.axes.items()
         if left[name] == 1
     }
+    if kind == "scatter":
+        points = gather(layout, x or "t_rgh", chosen)
+        return Picture(kind, (points.name,), layout, empty(), fixed, points)
+    names = _order(layout, left, kind, x)
+    counted = tally(layout, names, chosen)
+    if kind == "map":
+        check_map(*counted.axes[:2])
     return Picture(kind, names, layout, counted, fixed)
 
 
@@ -179,7 +229,7 @@ def fitting(layout: Layout, left: dict[str, int]) -> list[str]:
         fits += ["times", "ratio"]
     if sum(count > 1 for count in left.values()) >= 2:
         fits.append("map")
-    return [*fits, "distribution"]
+    return [*fits, "distribution", "scatter"]
 
 
 def _why(layout: Layout, left: dict[str, int]) -> str:

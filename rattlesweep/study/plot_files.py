@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -67,6 +68,25 @@ def parse_size(text: str | None) -> tuple[float, float] | None:
             f"--size {text}: give width and height in inches, each from 1 to 60, as in 7,4.5"
         )
     return width, height
+
+
+def parse_limits(option: str, text: str | None) -> tuple[float, float] | None:
+    """Ends of an axis from ``LOW,HIGH``.
+
+    Raises
+    ------
+    ConfigError
+        It is not two finite numbers, the first of them smaller.
+    """
+    if text is None:
+        return None
+    try:
+        low, high = (float(word) for word in text.split(","))
+    except ValueError:
+        low = high = 0.0
+    if not -math.inf < low < high < math.inf:
+        raise ConfigError(f"{option} {text}: give the lower and the upper end, as in 0.01,0.1")
+    return low, high
 
 
 def write_figure(figure: Figure, paths: Sequence[Path], dpi: float) -> None:

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-NO_REVERSAL = "#D9D9D9"
+# Neither the grey of a type nor the white of what is missing.
+NO_REVERSAL = "#D0D0D0"
 # A dark line with a light rim is seen on every colour.
 LINE: dict[str, Any] = {"color": "#000000", "linewidth": 1.3, "zorder": 6}
 RIM: dict[str, Any] = {"color": "#FFFFFF", "linewidth": 2.8, "zorder": 5.5}

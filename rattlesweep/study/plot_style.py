@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import logging
+import textwrap
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,7 +21,7 @@ from rattlesweep.sweep.errors import ConfigError
 TYPE_STYLE = {
     "R": ("#0072B2", "o", "", "R: reverses"),
     "SW": ("#E69F00", "s", "////", "SW: wobbles"),
-    "unclassified": ("#BBBBBB", "x", "....", "unclassified"),
+    "unclassified": ("#666666", "x", "....", "unclassified"),
     "SS": ("#009E73", "^", "\\\\\\\\", "SS: spins on"),
 }
 FAILED, MISSING = "#000000", "#FFFFFF"
@@ -45,6 +46,11 @@ SYMBOLS = {
     "xi_deg": (r"$\xi$", "degrees"),
     "minus_xi_deg": (r"$-\xi$", "degrees"),
     "f_sd": ("$f_{sd}$", ""),
+    "t_rgh": ("$t_{rGH}$", TIME),
+    "n_0": ("$n_0$", RATE),
+    "n_c1": ("$n_{c1}$", RATE),
+    "omega_p": (r"$\omega_p$", RATE),
+    "omega_r": (r"$\omega_r$", RATE),
 }
 
 RC: dict[str, Any] = {
@@ -62,6 +68,10 @@ RC: dict[str, Any] = {
     "svg.hashsalt": "rattlesweep",
     "pdf.fonttype": 42,
 }
+# Shares of a figure that a legend may take, and type that can just be read.
+WIDEST, HIGHEST, SMALLEST = 0.98, 0.35, 5.0
+# Inches of an abscissa on which no more than a few numbers have room.
+NARROW = 1.1
 FORMATS = ("svg", "png", "pdf")
 
 
@@ -128,11 +138,35 @@ def head(figure: Figure, lines: list[str]) -> None:
     if not lines:
         return
     if not figure.legends:
-        figure.suptitle("\n".join(lines), fontsize="medium")
-        return
-    legend = figure.legends[0]
-    old = legend.get_title().get_text()
-    legend.set_title("\n".join(filter(None, (*lines, old if old != "None" else ""))))
+        title = figure.suptitle("", fontsize="medium")
+    else:
+        title = figure.legends[0].get_title()
+        old = title.get_text()
+        figure.legends[0].set_title(" ")
+        lines = [*lines, *([old] if old != "None" else [])]
+    # Broken where it is wider than the figure; formulas cannot be, and are made smaller.
+    most = max(len(line) for line in lines)
+    for width in range(most, 9, -1):
+        title.set_text("\n".join(
+            line if "$" in line else textwrap.fill(line, width) for line in lines
+        ))  # fmt: skip
+        wide = title.get_window_extent().width / figure.bbox.width
+        if wide <= 0.95:
+            return
+    title.set_fontsize(0.95 / wide * title.get_fontsize())
+
+
+def formula_error(text: str) -> str | None:
+    """Why Matplotlib cannot read the formulas in a text, in a few words; None if it can."""
+    from matplotlib.cbook import is_math_text
+    from matplotlib.mathtext import MathTextParser
+
+    if is_math_text(text):
+        try:
+            MathTextParser("path").parse(text)
+        except (ValueError, RuntimeError) as error:
+            return str(error).strip().splitlines()[-1].strip()
+    return None
 
 
 def label(name: str) -> str:
@@ -152,10 +186,25 @@ def value_text(name: str, value: float) -> str:
 
 
 def legend_above(figure: Any, handles: list[Any], each: float, title: str | None = None) -> None:
-    """A legend above all panels, in as many columns of a width in inches as fit."""
-    columns = max(2, min(len(handles), int(figure.get_figwidth() / each)))
-    figure.legend(handles=handles, loc="outside upper center", ncols=columns, title=title,
-                  columnspacing=1.4)  # fmt: skip
+    """A legend above all panels, in as many columns of a width in inches as fit.
+
+    Smaller type makes it fit where one column is too wide, or all of it too high.
+    """
+    base = size = float(mpl.rcParams["font.size"])
+    columns = most = max(2, min(len(handles), int(figure.get_figwidth() / each)))
+    while True:
+        legend = figure.legend(handles=handles, loc="outside upper center", ncols=columns,
+                               title=title, columnspacing=1.4, fontsize=size)  # fmt: skip
+        box = legend.get_window_extent()
+        wide, high = box.width / figure.bbox.width, box.height / figure.bbox.height
+        if (wide <= WIDEST and high <= HIGHEST) or size <= SMALLEST:
+            return
+        legend.remove()
+        if wide > WIDEST and columns > 1:
+            columns -= 1
+        else:
+            size *= 0.9
+            columns = min(len(handles), int(most * base / size))
 
 
 def scale_axis(axes: Any, which: str, axis: Axis, log: bool | None) -> None:
@@ -179,6 +228,8 @@ def plain_ticks(axes: Any, which: str, ends: tuple[float, float]) -> None:
     for least, coarser in ((4, (1.0, 2.0, 5.0)), (8, (1.0, 3.0)), (300, (1.0,))):
         if span > least:
             subs = coarser
+    if which == "x" and axes.get_position().width * axes.get_figure().get_figwidth() < NARROW:
+        subs = (1.0,) if span > 8 else (1.0, 3.0)
     axis = getattr(axes, f"{which}axis")
     axis.set_major_locator(LogLocator(subs=subs, numticks=20))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

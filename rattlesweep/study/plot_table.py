@@ -148,6 +148,16 @@ class Tally:
         )
 
 
+def empty(axes: tuple[Axis, ...] = ()) -> Tally:
+    """A tally of no runs."""
+    cells = math.prod(len(axis.values) for axis in axes)
+    runs, ok, steady, bondi = (np.zeros(cells) for _ in range(4))
+    return Tally(
+        axes, runs, ok, {name: np.zeros(cells) for name in TYPES}, steady, bondi,
+        Moments.empty(cells), Moments.empty(cells), Moments.empty(cells), np.zeros(len(EDGES) - 1),
+    )  # fmt: skip
+
+
 def tally(
     layout: Layout, names: Sequence[str], chosen: Mapping[str, Integers] | None = None
 ) -> Tally:
@@ -181,11 +191,7 @@ def tally(
     cells = math.prod(shape)
     if cells > MOST_CELLS:
         raise ConfigError(f"{cells} cells are too many for a picture; choose some with --select")
-    runs, ok, steady, bondi = (np.zeros(cells) for _ in range(4))
-    made = Tally(
-        axes, runs, ok, {name: np.zeros(cells) for name in TYPES}, steady, bondi,
-        Moments.empty(cells), Moments.empty(cells), Moments.empty(cells), np.zeros(len(EDGES) - 1),
-    )  # fmt: skip
+    made = empty(axes)
     for batch in layout.store.iter_batches(COLUMNS):
         _count(made, batch, layout, names, place)
     if not made.runs.any():

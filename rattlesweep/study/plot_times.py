@@ -163,6 +163,8 @@ def _finish(figure: Any, panels: list[Panel], counted: Tally, ordinate: str, the
         if len(x.values) > MOST_MARKERS:
             text = "band: standard deviation"
         handles.append(Line2D([], [], color=GREY, linewidth=0.9, label=text))
+    if len(places) > 1 and 2 <= len(x.values) <= MOST_MARKERS:
+        handles.append(Line2D([], [], linestyle="", label="points moved sideways\nto stay apart"))
     kept = shares(counted.t_r.count, counted.ok)
     if len(x.values) <= MOST_MARKERS and (kept < 0.5).any():
         handles.append(Line2D([], [], color=GREY, marker="o", mfc="white", ms=4.5, linestyle="",

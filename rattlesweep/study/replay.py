@@ -205,7 +205,7 @@ def check_course(run: StoredRun, course: Course, model: str) -> None:
     """
     if model not in MODELS or run.status != "ok":
         return
-    first = course.reversals[0] if course.reversals else None
+    first = course.zeros[0] if course.zeros else None
     reached = run.t_end <= course.t
     if run.t_r is None:
         wrong = first is not None and first <= run.t_end

@@ -100,14 +100,14 @@ def rows_for(course: Course, points: int | None) -> int:
         if not 2 <= points <= MOST_ROWS:
             raise ConfigError(f"--points {points}: 2 to {MOST_ROWS} go into a page")
         return points
-    periods = course.t_end * float(course.launches.modes.omega_p[0]) / (2 * math.pi)
-    if periods * LEAST > MOST_ROWS - 1:
-        longest = course.t_end * (MOST_ROWS - 1) / (periods * LEAST)
+    least = course.rows_of_periods(LEAST)
+    if least > MOST_ROWS:
+        longest = course.t_end * (MOST_ROWS - 1) / least
         raise ConfigError(
             f"t_end {course.t_end:g} is too long for one page; --t-end {math.floor(longest)} or "
             "less goes into it"
         )
-    return min(MOST_ROWS, max(FEWEST_ROWS, math.ceil(periods * PER_PERIOD) + 1))
+    return min(MOST_ROWS, max(FEWEST_ROWS, course.rows_of_periods(PER_PERIOD)))
 
 
 def make_scene(course: Course, points: int | None = None) -> Scene:
@@ -146,7 +146,7 @@ def make_scene(course: Course, points: int | None = None) -> Scene:
     grid = np.linspace(0, t[-1], THEORY_POINTS)
     spin = theory.spin_gh(grid, float(relevant), n_i, float(speed))
     rise = max(1.0, MARGIN * float(np.max(_rise(columns["u_x"], columns["u_y"], b))))
-    first = course.reversals[0] if course.reversals else t[-1]
+    first = course.zeros[0] if course.zeros else t[-1]
     about = {
         "body": b,
         "step": step,
@@ -192,8 +192,6 @@ def _facts(
     method = ", ".join(f"{value:g}" if isinstance(value, float) else str(value)
                        for value in course.integrator.values())  # fmt: skip
     t_rgh = float(runs.t_rgh[0])
-    found = [f"{time:.8g}" for time in course.reversals[:6]]
-    more = f" and {len(course.reversals) - 6} more" if len(course.reversals) > 6 else ""
     lines = [
         ("α, β, γ", f"{b['alpha']:.5g}, {b['beta']:.5g}, {b['gamma']:.5g}"),
         ("θ, φ", f"{b['theta']:.5g}, {b['phi']:.5g}"),
@@ -203,12 +201,21 @@ def _facts(
         ("K_p, K_r", f"{float(m.K_p[0]):.4g}, {float(m.K_r[0]):.4g}"),
         ("ω_p, ω_r", f"{float(m.omega_p[0]):.4g}, {float(m.omega_r[0]):.4g}"),
         ("t_rGH", f"{t_rgh:.6g}" if math.isfinite(t_rgh) else "none"),
-        ("reversals", ", ".join(found) + more if found else f"none by {course.t:g}"),
+        ("reversals", _listed(course.reversals, course.t)),
         ("integrated by", method),
         ("status", course.status.label),
     ]
+    if course.zeros != course.reversals:
+        lines.insert(-2, ("zero crossings", _listed(course.zeros, course.t)))
+    if course.seen.warning:
+        lines.append(("beware", course.seen.warning))
     # Exponents keep the hyphen that programs read.
     return [(name, re.sub(r"(?<!e)-", "−", text)) for name, text in lines]
+
+
+def _listed(times: list[float], end: float) -> str:
+    more = f" and {len(times) - 6} more" if len(times) > 6 else ""
+    return ", ".join(f"{time:.8g}" for time in times[:6]) + more or f"none by {end:g}"
 
 
 def encode(values: Floats) -> str:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rattlesweep.study.plot_style import new_figure
 from rattlesweep.study.tradeoff_table import Row, number
 
 if TYPE_CHECKING:
@@ -47,12 +48,7 @@ def draw(rows: Sequence[Row], caption: str = "") -> Any:
     caption : str
         A line below: which runs, which machine.
     """
-    # Without pyplot: no window, no state that outlives the figure.
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(WIDTH, HEIGHT), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(WIDTH, HEIGHT)
     grid = figure.add_gridspec(2, 3, height_ratios=(2.4, 1))
     main = figure.add_subplot(grid[0, :])
     tail, drift, flips = (figure.add_subplot(grid[1, k], sharey=main) for k in range(3))
@@ -154,13 +150,3 @@ def _singles(main: Any, tail: Any, flips: Any, rows: Sequence[Row]) -> None:
             if math.isfinite(value):
                 axes.plot([value], [row.us_per_unit], color=GREY, marker=shape, markersize=6,
                           linestyle="none")  # fmt: skip
-
-
-def encode(figure: Any, kind: str) -> bytes:
-    """Bytes of a figure as ``svg`` or ``png``; equal figures give equal bytes."""
-    import matplotlib
-
-    from rattlesweep.study import plot_style
-
-    with matplotlib.rc_context({"svg.hashsalt": "rattlesweep", "svg.fonttype": "path"}):
-        return plot_style.encode(figure, kind, DPI)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import platform
 from typing import TYPE_CHECKING, Any
 
-from rattlesweep.study import tradeoff_figure
+from rattlesweep.study import plot_style, tradeoff_figure
 from rattlesweep.study.tradeoff_table import advice, advice_text, columns_of, schema, text
 from rattlesweep.sweep.files import probe_directory, replace_file
 from rattlesweep.sweep.provenance import machine, package_version
@@ -33,12 +33,11 @@ def save(study: Study, directory: Path) -> list[Path]:
         If a file cannot be written.
     """
     probe_directory(directory)
-    figure = tradeoff_figure.draw(study.rows, caption(study))
-    contents = {
-        "parquet": encode(build_table(columns_of(study.rows), schema())),
-        "svg": tradeoff_figure.encode(figure, "svg"),
-        "png": tradeoff_figure.encode(figure, "png"),
-    }
+    contents = {"parquet": encode(build_table(columns_of(study.rows), schema()))}
+    with plot_style.styled():
+        figure = tradeoff_figure.draw(study.rows, caption(study))
+        for kind in ("svg", "png"):
+            contents[kind] = plot_style.encode(figure, kind, tradeoff_figure.DPI)
     paths = []
     for kind, data in contents.items():
         paths.append(directory / f"{NAME}.{kind}")

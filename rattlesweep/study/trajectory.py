@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -13,7 +14,7 @@ from rattlesweep.integrate.model import MODELS, REDUCED
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import DOP853, METHODS
 from rattlesweep.integrate.trajectory import Follower, Samples
-from rattlesweep.study.channels import Channel, View, choose
+from rattlesweep.study.channels import Channel, View, choose, force_of, spin_of
 from rattlesweep.sweep.errors import ConfigError
 from rattlesweep.sweep.launches import reduced_batch
 from rattlesweep.sweep.single import single_run
@@ -31,8 +32,13 @@ if TYPE_CHECKING:
 
 # Rows that are in memory at once.
 CHUNK = 8192
-# Rows of a table that is asked for without a word on its times.
-POINTS = 2001
+# Rows of a table that is asked for without a word on its times: so many at least, and so many in
+# a period of the pitch.
+POINTS, PER_PERIOD = 2001, 20
+# The spin has reversed once it has gone from beyond this share of the launch's spin to beyond it on
+# the other side.  Where the spin has plateaus, any share from 0.05 to 0.5 counts the same (GH at
+# n_i = 0.1 and -0.1, with theta = 0.64, 0.75 and 0.9); a spin that wanders has no sure count.
+TURN = 0.25
 # Of the reduced model beside: its errors are then far below its own distance from the full one.
 BESIDE_TOL = 1e-10
 
@@ -70,9 +76,14 @@ def even_points(t_end: float, points: int) -> EvenTimes:
 
 
 def make_times(
-    t_end: float, points: int | None, dt: float | None, steps: bool, times: Any
+    t_end: float,
+    points: int | None,
+    dt: float | None,
+    steps: bool,
+    times: Any,
+    default: int = POINTS,
 ) -> Times | None:
-    """Times of the rows; None for those of the accepted steps.
+    """Times of the rows, ``default`` of them; None for those of the accepted steps.
 
     Raises
     ------
@@ -100,10 +111,73 @@ def make_times(
         while dt * (count - 1) > t_end:
             count -= 1
         return EvenTimes(count, dt)
-    points = POINTS if points is None else points
+    points = default if points is None else points
     if points < 2:
         raise ConfigError(f"points {points}: at least 2 are wanted, the launch and the end")
     return even_points(t_end, points)
+
+
+@dataclass
+class Seen:
+    """What a run does at its launch and its accepted steps, whatever rows are asked for.
+
+    Attributes
+    ----------
+    plateau : float
+        Modulus of the launch's spin.
+    reversals : list of float
+        Of each reversal (:data:`TURN`) its first zero.
+    normal_min, friction_max : float
+        Least normal force in ``M g``, and the largest ratio of the tangential to the normal force.
+    lifts, slips : float
+        When the first is first negative and the second first above 1; NaN if never.
+    """
+
+    plateau: float
+    reversals: list[float] = field(default_factory=list)
+    normal_min: float = math.inf
+    friction_max: float = 0.0
+    lifts: float = math.nan
+    slips: float = math.nan
+    # The last time beyond TURN of the plateau, and the sign of the spin then.
+    _last: tuple[float, float] = (0.0, 0.0)
+
+    def spin(self, t: Floats, n: Floats, zeros: Sequence[float]) -> None:
+        """Look at spins; ``zeros`` are all those of the spin up to the last of them."""
+        far = np.abs(n) > TURN * self.plateau
+        t = np.concatenate([[self._last[0]], t[far]])
+        side = np.concatenate([[self._last[1]], np.sign(n[far])])
+        for k in np.flatnonzero(side[1:] * side[:-1] < 0):
+            first = bisect_right(zeros, t[k])
+            self.reversals += zeros[first : first + 1]
+        self._last = float(t[-1]), float(side[-1])
+
+    def forces(self, t: Floats, normal: Floats, tangential: Floats) -> None:
+        """Look at contact forces."""
+        down = normal > 0
+        ratio = np.divide(tangential, normal, out=np.zeros(len(t)), where=down)
+        if not self.lifts <= t[0] and (normal < 0).any():
+            self.lifts = float(t[np.argmax(normal < 0)])
+        if not self.slips <= t[0] and (ratio > 1).any():
+            self.slips = float(t[np.argmax(ratio > 1)])
+        self.normal_min = min(self.normal_min, float(normal.min()))
+        self.friction_max = max(self.friction_max, float(ratio.max()))
+
+    @property
+    def warning(self) -> str:
+        """What the model does that no real body would, in one sentence; empty if nothing."""
+        if math.isfinite(self.lifts):
+            return (
+                f"contact would be lost at t = {self.lifts:.4g}, where the normal force becomes "
+                f"negative (least: {self.normal_min:.2g} M g); the model keeps the body on the "
+                "plane all the same"
+            )
+        if math.isfinite(self.slips):
+            return (
+                "rolling without slip needs a coefficient of friction above 1 from "
+                f"t = {self.slips:.4g} (largest: {self.friction_max:.3g})"
+            )
+        return ""
 
 
 class Course:
@@ -118,7 +192,8 @@ class Course:
         Names of :data:`rattlesweep.study.channels.CHANNELS`; these become the columns.
     points, dt, steps, times
         One way to choose the rows: so many, evenly from 0 to ``t_end``; every ``dt``; one per
-        accepted step; or any increasing times.  By default 2001 points.
+        accepted step; or any increasing times.  By default 2001 points, or 20 a period of the
+        pitch if that is more.
     integrator : mapping, optional
         Keys of the config's ``integrator``.
     e_p0, e_r0 : float, optional
@@ -135,8 +210,11 @@ class Course:
         Method with its ``tol`` or ``dt``.
     times : Times or None
         Of the rows; None for the accepted steps.
-    reversals : list of float
-        Zeros of the spin so far, in ``sqrt(a/g)``.
+    zeros, reversals : list of float
+        All zeros of the spin so far, in ``sqrt(a/g)``, and of each reversal (:data:`TURN`) the
+        first.
+    seen : Seen
+        What else the run has done so far.
     status : Status
     t, t_end : float
         Time reached, and the horizon.
@@ -219,7 +297,9 @@ class Course:
                               "give t_end")  # fmt: skip
         if steps and batch is None:
             raise ConfigError("steps: the model gh takes none; give points or dt")
-        self.times = make_times(self.t_end, points, dt, steps, times)
+        default = max(POINTS, self.rows_of_periods(PER_PERIOD))
+        self.times = make_times(self.t_end, points, dt, steps, times, default)
+        self.seen = Seen(abs(float(launches.n_i[0])))
         needs = {channel.needs for channel in self.channels}
         if model == "full" and (e_p0 is not None or e_r0 is not None) and "reduced" not in needs:
             raise ConfigError("e_p0 and e_r0 are of the reduced model; no channel asks for it")
@@ -228,6 +308,7 @@ class Course:
         if batch is not None:
             if model == "reduced":
                 batch = _begin(batch, e_p0, e_r0)
+            self._constants = batch.constants[0]
             self._follower = Follower(
                 batch,
                 METHODS[chosen.method],
@@ -236,9 +317,9 @@ class Course:
                 dt=chosen.dt or 0.002,
                 max_steps=chosen.max_steps,
                 attitude="attitude" in needs,
+                look=self._look,
                 watch=self._report,
             )
-            self._constants = batch.constants[0]
             self.energy_0 = self._follower.energy_0
         if "reduced" in needs:
             beside = _begin(reduced_batch(launches), e_p0, e_r0)
@@ -260,12 +341,25 @@ class Course:
         return 0 if self._follower is None else self._follower.n_steps
 
     @property
-    def reversals(self) -> list[float]:
+    def zeros(self) -> list[float]:
         """Times of the zeros of the spin so far."""
         if self._follower is not None:
-            return self._follower.reversals
+            return self._follower.zeros
         t_rgh = float(self.launches.t_rgh[0])
         return [t_rgh] if t_rgh <= self.t_end else []
+
+    @property
+    def reversals(self) -> list[float]:
+        """Times of the first zeros of the reversals so far."""
+        # Garcia and Hubbard's spin has one zero and goes through it for good.
+        return self.zeros if self._follower is None else self.seen.reversals
+
+    def rows_of_periods(self, each: int) -> int:
+        """Rows from 0 to the horizon that give each period of the pitch so many, at least 2."""
+        if self.model != "full":
+            return 2
+        periods = self.t_end * float(self.launches.modes.omega_p[0]) / (2 * math.pi)
+        return max(2, math.ceil(periods * each) + 1)
 
     def __iter__(self) -> Iterator[dict[str, Floats]]:
         """Columns by name, at most :data:`CHUNK` rows at a time."""
@@ -296,6 +390,20 @@ class Course:
         while follower is not None and not follower.ended:
             follower.steps()
 
+    def _look(self, t: Floats, y: Floats) -> None:
+        """See the accepted steps as they come."""
+        if not len(t):
+            return
+        zeros = [] if self._follower is None else self._follower.zeros
+        if self.model == "reduced":
+            self.seen.spin(t, y[:, 0], zeros)
+            return
+        columns = np.ascontiguousarray(y.T)
+        # A run that goes wrong overflows.
+        with np.errstate(all="ignore"):
+            self.seen.spin(t, spin_of(*columns), zeros)
+            self.seen.forces(t, *force_of(*columns, *self._constants))
+
     def _report(self, t: float) -> None:
         if self._watch is not None:
             self._watch(min(1.0, t / self.t_end))
@@ -322,7 +430,11 @@ class Trajectory:
     table : pandas.DataFrame
         One column per channel; NaN where a channel has no finite value.
     reversals : ndarray
-        Times of all zeros of the spin up to ``t_end``, in ``sqrt(a/g)``.
+        Times of the reversals up to ``t_end``, in ``sqrt(a/g)``: the spin has gone from beyond a
+        quarter of the launch's spin to beyond a quarter on the other side, and the time is that of
+        its first zero on the way.
+    zeros : ndarray
+        Times of all zeros of the spin; the first is the ``t_r`` of a sweep.
     t_end : float
         Time reached.
     status : str
@@ -331,14 +443,18 @@ class Trajectory:
         Accepted steps.
     units : dict
         Unit of each column.
+    warning : str
+        Where contact would be lost, or rolling needs a coefficient of friction above 1; else empty.
     """
 
     table: pd.DataFrame
     reversals: Floats
+    zeros: Floats
     t_end: float
     status: str
     n_steps: int
     units: dict[str, str]
+    warning: str = ""
 
 
 def collect(course: Course) -> Trajectory:
@@ -352,8 +468,10 @@ def collect(course: Course) -> Trajectory:
     return Trajectory(
         table=table,
         reversals=np.array(course.reversals),
+        zeros=np.array(course.zeros),
         t_end=course.t,
         status=course.status.label,
         n_steps=course.n_steps,
         units={c.name: c.unit for c in course.channels},
+        warning=course.seen.warning,
     )

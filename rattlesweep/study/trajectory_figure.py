@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rattlesweep.study.channels import CHANNELS
+from rattlesweep.study.plot_style import RATE, TIME, encode, new_figure, styled
 from rattlesweep.study.trajectory import Course, even_points
 from rattlesweep.sweep.files import replace_file
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -24,6 +26,7 @@ ENDINGS = (".svg", ".png", ".pdf")
 WIDTH, DPI = 7.2, 160
 # Okabe and Ito's colours, told apart by the colour-blind; theory is told apart by its dashes too.
 BLUE, ORANGE, BLACK, GREY = "#0072B2", "#D55E00", "#222222", "#666666"
+UNITS = {"1": "", "sqrt(a/g)": TIME, "sqrt(g/a)": RATE, "rad": "rad"}
 # Points of a period of the faster mode, and how many there are at most.
 PER_PERIOD, LEAST, MOST = 24, 2001, 400_001
 # More than so many points become the least and the largest of each of so many bins.
@@ -32,22 +35,36 @@ LINE, BINS = 8000, 1600
 MARKS = 12
 
 
-def channels_of(model: str, *, beside: bool = False) -> list[str]:
-    """What the figure of a model needs; ``beside`` for the reduced model beside the full one."""
-    own = {"full": ["omega_x", "omega_y"], "reduced": ["E_p", "E_r"], "gh": []}[model]
-    return ["t", "n", *(["n_gh"] if model != "gh" else []), *own, *(["n_reduced"] * beside)]
+def channels_of(
+    model: str, *, beside: bool = False, shown: Sequence[str] | None = None
+) -> list[str]:
+    """What a figure needs.
+
+    Parameters
+    ----------
+    model : str
+    beside : bool
+        Whether the reduced model is drawn beside the full one.
+    shown : sequence of str, optional
+        Channels that are to be drawn; by default what suits the model.
+    """
+    default = {"full": ["n", "omega_x", "omega_y"], "reduced": ["n", "E_p", "E_r"], "gh": ["n"]}
+    names = ["t", *(default[model] if shown is None else shown)]
+    if "n" in names:
+        names += ["n_gh"] * (model != "gh") + ["n_reduced"] * beside
+    return list(dict.fromkeys(names))
 
 
 def points_for(course: Course) -> int:
     """Points that show every period of the pitch, as far as they are not too many."""
-    if course.model != "full":
-        return LEAST
-    periods = course.t_end * float(course.launches.modes.omega_p[0]) / (2 * math.pi)
-    return int(min(MOST, max(LEAST, math.ceil(periods * PER_PERIOD) + 1)))
+    return min(MOST, max(LEAST, course.rows_of_periods(PER_PERIOD)))
 
 
 def course_for(
-    body: Rattleback, launch: dict[str, Any], watch: Callable[[float], None] | None = None
+    body: Rattleback,
+    launch: dict[str, Any],
+    watch: Callable[[float], None] | None = None,
+    shown: Sequence[str] | None = None,
 ) -> Course:
     """The run at the times that its figure needs.
 
@@ -59,10 +76,12 @@ def course_for(
         reduced model ask for it beside the full one.
     watch : callable, optional
         As for :class:`Course`.
+    shown : sequence of str, optional
+        As for :func:`channels_of`.
     """
     model = launch["model"]
     given = launch.get("e_p0") is not None or launch.get("e_r0") is not None
-    names = channels_of(model, beside=model == "full" and given)
+    names = channels_of(model, beside=model == "full" and given, shown=shown)
     # The horizon is known once the launch is.
     return at_its_times(Course(body, channels=names, watch=watch, **launch))
 
@@ -83,8 +102,9 @@ def save(course: Course, path: Path, caption: str = "") -> None:
     """
     chunks = list(course)
     columns = {c.name: np.concatenate([x[c.name] for x in chunks]) for c in course.channels}
-    figure = draw(columns, course, caption or describe(course))
-    replace_file(path, encode(figure, path.suffix.lower()[1:]))
+    with styled():
+        figure = draw(columns, course, caption or describe(course))
+        replace_file(path, encode(figure, path.suffix.lower()[1:], DPI))
 
 
 def describe(course: Course) -> str:
@@ -124,51 +144,66 @@ def draw(columns: dict[str, Floats], course: Course, caption: str = "") -> Any:
     caption : str
         A line above: which run.
     """
-    # Without pyplot: no window, no state that outlives the figure.
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     t = columns["t"]
-    below: list[str] = [name for name in ("omega_x", "omega_y") if name in columns]
-    energies = "E_p" in columns
-    count = 1 + len(below) + energies
-    figure = Figure(figsize=(WIDTH, 1.1 + 1.85 * count), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0]
-    _draw_spin(axes[0], columns, course)
+    panels = _panels(columns)
+    figure = new_figure(WIDTH, 1.1 + 1.85 * len(panels))
+    axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     slower = float(course.launches.modes.omega_r[0])
     width = round(2 * math.pi / slower / (t[-1] / (len(t) - 1)))
-    for axis, name in zip(axes[1:], below, strict=False):
-        _line(axis, t, columns[name], BLUE, "")
-        height = envelope(columns[name], width)
-        for sign, label in ((1, "envelope"), (-1, None)):
-            axis.plot(t, sign * height, color=ORANGE, linewidth=1.1, label=label)
-        axis.set_ylabel(f"$\\omega_{name[-1]}$  [$\\sqrt{{g/a}}$]")
-        most = float(height.max()) or 1.0
-        axis.set_ylim(-1.1 * most, 1.45 * most)
-    if energies:
-        for mode, colour, dash in (("E_p", BLUE, "-"), ("E_r", ORANGE, "--")):
-            axes[1].plot(t, columns[mode], color=colour, linestyle=dash, linewidth=1.3,
-                         label=f"${mode}$")  # fmt: skip
-        axes[1].set_ylim(top=1.3 * float(max(columns["E_p"].max(), columns["E_r"].max())))
-        axes[1].set_ylabel("energy  [$M g a$]")
+    for axis, panel in zip(axes, panels, strict=True):
+        if panel == ("n",):
+            _draw_spin(axis, columns, course)
+        elif panel == ("E_p", "E_r"):
+            for mode, colour, dash in (("E_p", BLUE, "-"), ("E_r", ORANGE, "--")):
+                axis.plot(t, columns[mode], color=colour, linestyle=dash, linewidth=1.3,
+                          label=f"${mode}$")  # fmt: skip
+            axis.set_ylim(top=1.3 * float(max(columns["E_p"].max(), columns["E_r"].max())))
+            axis.set_ylabel("energy  [$M g a$]")
+        elif panel[0] in ("omega_x", "omega_y"):
+            (name,) = panel
+            _line(axis, t, columns[name], BLUE, "")
+            height = envelope(columns[name], width)
+            for sign, label in ((1, "envelope"), (-1, None)):
+                axis.plot(t, sign * height, color=ORANGE, linewidth=1.1, label=label)
+            axis.set_ylabel(f"$\\omega_{name[-1]}$  [{RATE}]")
+            most = float(height.max()) or 1.0
+            axis.set_ylim(-1.1 * most, 1.45 * most)
+        else:
+            (name,) = panel
+            _line(axis, t, columns[name], BLUE, "")
+            unit = UNITS.get(CHANNELS[name].unit, f"${CHANNELS[name].unit}$")
+            axis.set_ylabel(name + (f"  [{unit}]" if unit else ""))
+    marks = course.reversals or course.zeros
+    said: set[str] = set()
     for axis in axes:
         axis.grid(visible=True, color="#e4e4e4", linewidth=0.6)
         axis.set_axisbelow(True)
         axis.spines[["top", "right"]].set_visible(False)
-        axis.axhline(0, color=GREY, linewidth=0.7, zorder=1)
-        marks = course.reversals if len(course.reversals) <= MARKS else course.reversals[:1]
-        for k, time in enumerate(marks):
-            label = _reversals(course.reversals) if k == 0 and axis is axes[0] else None
+        low, high = axis.get_ylim()
+        if low <= 0 <= high:
+            axis.axhline(0, color=GREY, linewidth=0.7, zorder=1)
+        for k, time in enumerate(marks if len(marks) <= MARKS else marks[:1]):
+            label = _marks(course) if k == 0 and axis is axes[0] else None
             axis.axvline(time, color=GREY, linewidth=0.9, linestyle=":", zorder=1, label=label)
-        if axis is axes[0] or axis is axes[min(1, count - 1)]:
-            axis.legend(loc="upper right", ncols=2, fontsize=8, framealpha=0.9, edgecolor="none")
+        words = axis.get_legend_handles_labels()[1]
+        if not said.issuperset(words):
+            said |= set(words)
+            axis.legend(loc="upper right", ncols=2, fontsize=8, frameon=True, framealpha=0.9,
+                        edgecolor="none")  # fmt: skip
     axes[-1].set_xlim(0, t[-1])
-    axes[-1].set_xlabel("time  [$\\sqrt{a/g}$]")
+    axes[-1].set_xlabel(f"time  [{TIME}]")
     figure.align_ylabels(axes)
     if caption:
         figure.suptitle(caption, fontsize=9)
     return figure
+
+
+def _panels(columns: dict[str, Floats]) -> list[tuple[str, ...]]:
+    """Channels of each panel: a curve of theory lies over the spin, energies over each other."""
+    over = {"t", "n_gh", "n_reduced"} if "n" in columns else {"t"}
+    both = {"E_p", "E_r"} <= columns.keys()
+    names = [name for name in columns if name not in over and not (both and name == "E_r")]
+    return [("E_p", "E_r") if both and name == "E_p" else (name,) for name in names]
 
 
 def _draw_spin(axis: Any, columns: dict[str, Floats], course: Course) -> None:
@@ -181,16 +216,20 @@ def _draw_spin(axis: Any, columns: dict[str, Floats], course: Course) -> None:
     if "n_reduced" in columns:
         axis.plot(t, columns["n_reduced"], color=ORANGE, linestyle="-.", linewidth=1.1,
                   label="reduced model")  # fmt: skip
-    axis.set_ylabel("spin $n$  [$\\sqrt{g/a}$]")
-    most = max(float(np.max(np.abs(columns[name]))) for name in columns if name[0] == "n")
+    axis.set_ylabel(f"spin $n$  [{RATE}]")
+    spins = ("n", "n_gh", "n_reduced")
+    most = max(float(np.max(np.abs(columns[name]))) for name in spins if name in columns)
     # Room for the legend above the curves.
     axis.set_ylim(-1.15 * most, 1.75 * most)
 
 
-def _reversals(times: list[float]) -> str:
+def _marks(course: Course) -> str:
+    times, word = course.reversals, "reversal"
+    if not times:
+        times, word = course.zeros, "zero crossing"
     if len(times) == 1:
-        return f"reversal at {times[0]:.6g}"
-    return f"{len(times)} reversals, the first at {times[0]:.6g}"
+        return f"{word} at {times[0]:.6g}"
+    return f"{len(times)} {word}s, the first at {times[0]:.6g}"
 
 
 def _line(axis: Any, t: Floats, values: Floats, colour: str, label: str) -> None:
@@ -205,13 +244,3 @@ def _line(axis: Any, t: Floats, values: Floats, colour: str, label: str) -> None
     high[:-1] = np.maximum(high[:-1], low[1:])
     axis.fill_between(t[edges], low, high, color=colour, linewidth=0.6)
     axis.plot([], [], color=colour, linewidth=1.0, label=label or None)
-
-
-def encode(figure: Any, kind: str) -> bytes:
-    """Bytes of a figure as ``svg``, ``png`` or ``pdf``; equal figures give equal bytes."""
-    import matplotlib
-
-    from rattlesweep.study import plot_style
-
-    with matplotlib.rc_context({"svg.hashsalt": "rattlesweep", "svg.fonttype": "path"}):
-        return plot_style.encode(figure, kind, DPI)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any, BinaryIO
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pcsv
 import pyarrow.parquet as pq
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
     from rattlesweep.study.trajectory import Course
 
 ENDINGS = (".parquet", ".csv")
+# A table of more rows is not printed whole, but only so many rows from either end.
+MOST_PRINTED, ENDS = 10_000, 20
 # Rows of a row group: chunks are collected up to here.
 GROUP = 1 << 16
 
@@ -59,7 +62,7 @@ def schema(course: Course) -> pa.Schema:
 
 
 def write_parquet(course: Course, file: BinaryIO) -> None:
-    """Integrate and write row groups; at the end, where pyarrow can, the reversals."""
+    """Integrate and write row groups; at the end, where pyarrow can, the reversals and zeros."""
     columns = schema(course)
     with pq.ParquetWriter(file, columns, compression="zstd", version="2.6") as writer:
         parts: list[pa.Table] = []
@@ -75,19 +78,61 @@ def write_parquet(course: Course, file: BinaryIO) -> None:
         if hasattr(writer, "add_key_value_metadata"):  # younger than pyarrow 16
             writer.add_key_value_metadata(
                 {"rattlesweep.reversals": json.dumps(course.reversals),
+                 "rattlesweep.zeros": json.dumps(course.zeros),
                  "rattlesweep.status": course.status.label}
             )  # fmt: skip
 
 
-def write_csv(course: Course, write: Callable[[bytes], Any]) -> None:
-    """Integrate and write lines: names first, digits that give the same number back."""
+def write_csv(course: Course, write: Callable[[bytes], Any]) -> bool:
+    """Integrate and write lines: names first, digits that give the same number back.
+
+    Returns
+    -------
+    bool
+        Whether rows are left out: no.
+    """
     columns = schema(course)
     write((",".join(columns.names) + "\n").encode())
-    options = pcsv.WriteOptions(include_header=False)
     for chunk in course:
-        sink = pa.BufferOutputStream()
-        pcsv.write_csv(build_table(chunk, columns), sink, options)
-        write(sink.getvalue().to_pybytes())
+        write(_lines(build_table(chunk, columns)))
+    return False
+
+
+def write_ends(course: Course, write: Callable[[bytes], Any]) -> bool:
+    """As :func:`write_csv`, but of a long table the first and the last rows alone.
+
+    A line of dots stands between them, which no reader takes for a row.
+
+    Returns
+    -------
+    bool
+        Whether rows are left out.
+    """
+    columns = schema(course)
+    times = course.times
+    cut = times is not None and len(times) > MOST_PRINTED
+    if times is not None and cut:
+        # Rows that are not shown need not be worked out.
+        course.times = np.concatenate([times[:ENDS], times[len(times) - ENDS : len(times)]])
+    head, rows = columns.empty_table(), columns.empty_table()
+    for chunk in course:
+        rows = pa.concat_tables([rows, build_table(chunk, columns)])
+        cut |= len(rows) > MOST_PRINTED
+        if cut and not len(head):
+            head, rows = rows[:ENDS], rows[ENDS:]
+        if cut:
+            rows = rows[max(0, len(rows) - ENDS) :]
+    write((",".join(columns.names) + "\n").encode() + _lines(head))
+    write(b"...\n" * cut + _lines(rows))
+    return cut
+
+
+def _lines(table: pa.Table) -> bytes:
+    sink = pa.BufferOutputStream()
+    # In one piece: pyarrow (26) writes what was in memory for an empty chunk before others.
+    pcsv.write_csv(table.combine_chunks(), sink, pcsv.WriteOptions(include_header=False))
+    lines: bytes = sink.getvalue().to_pybytes()
+    return lines
 
 
 def save(course: Course, path: Path) -> None:

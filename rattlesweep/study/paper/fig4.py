@@ -106,10 +106,10 @@ def compute(place: Place, report: Report) -> dict[str, pa.Table]:
         modes = course.launches.modes
         relevant = float((modes.omega_p if n_i > 0 else modes.omega_r)[0])
         period = 2 * np.pi / relevant
-        t_r = float(found.reversals[0]) if len(found.reversals) else None
+        t_r = float(found.zeros[0]) if len(found.zeros) else None
         row = {
             "run": name, "n_i": n_i, "omega_xy0": s.omega_xy0, "t_r": t_r,
-            "zeros": len(found.reversals), "t_rgh": float(course.launches.t_rgh[0]),
+            "zeros": len(found.zeros), "t_rgh": float(course.launches.t_rgh[0]),
             "period": period, "omega_relevant": relevant,
         }  # fmt: skip
         for component in COMPONENTS:

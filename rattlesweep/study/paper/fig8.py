@@ -121,7 +121,7 @@ def compute(place: Place, report: Report) -> dict[str, pa.Table]:
         tables["reversals"] += [
             {"theta": body.theta, "model": "reduced", "t": t, "t_last": t, "zeros": 1,
              "casimir": float(np.interp(t, own["t"], own["C_I"]))}
-            for t in simple.reversals
+            for t in simple.zeros
         ]  # fmt: skip
         for model, drift, values in (
             ("full", found.table["energy_drift"], casimir),
@@ -150,7 +150,7 @@ def _full(theta: float, found: Trajectory, course: Course) -> tuple[list[dict[st
     period = 2 * math.pi / float(modes.omega_r[0])
     t = found.table["t"].to_numpy()
     casimir = averaged_casimir(found, float(modes.K_p[0]), float(modes.K_r[0]), period)
-    groups = reversals(found.reversals, ONE_REVERSAL * period)
+    groups = reversals(found.zeros, ONE_REVERSAL * period)
     rows = [
         {"theta": theta, "model": "full", "t": float(zeros[0]), "t_last": float(zeros[-1]),
          "zeros": len(zeros), "casimir": float(np.interp(zeros[0], t, casimir))}

@@ -20,7 +20,9 @@ from typing import TYPE_CHECKING, Any
 from rattlesweep.study.paper.figures import FIGURES, THEORY, all_claims, sweep_cost
 from rattlesweep.study.paper.sources import code_key
 from rattlesweep.study.paper.sweeps import Place
-from rattlesweep.study.tradeoff_figure import encode as encode_figure
+from rattlesweep.study.plot_style import encode as encode_figure
+from rattlesweep.study.plot_style import styled
+from rattlesweep.study.tradeoff_figure import DPI
 from rattlesweep.sweep.errors import OutputError
 from rattlesweep.sweep.files import probe_directory, reason, replace_file
 from rattlesweep.sweep.provenance import PACKAGES, machine, now, package_version
@@ -242,13 +244,10 @@ def _store(directory: Path, record: dict[str, Any], name: str, key: str, tables:
 
 
 def _draw(directory: Path, record: dict[str, Any], name: str, tables: Tables) -> None:
-    from matplotlib import style
-
-    # Matplotlib's own defaults: a user's matplotlibrc must not change the pictures.
-    with style.context("default"):
+    with styled():
         figure = FIGURES[name].draw(tables)
         for kind in ("svg", "png"):
-            replace_file(directory / f"{name}.{kind}", encode_figure(figure, kind))
+            replace_file(directory / f"{name}.{kind}", encode_figure(figure, kind, DPI))
             # The layout is known now; computing it again would take half of the time.
             figure.set_layout_engine("none")
     record["figures"][name]["drawn"] = code_key(name, pictures=True)
