@@ -63,8 +63,8 @@ def guarded(command: Callable[..., Any], *, resumes: bool = False) -> Callable[.
             signal.signal(signal.SIGINT, signal.SIG_DFL)
             term = isinstance(error, Terminated)
             what = "terminated" if term else "interrupted"
-            kept = "; what is whole is kept, and the same command goes on from there"
-            say(what + (kept if resumes else ""))
+            kept = "; ".join(getattr(error, "__notes__", ())) or "what is whole is kept"
+            say(f"{what}; {kept}, and the same command goes on from there" if resumes else what)
             leave(TERMINATED if term else INTERRUPTED)
         except BrokenPipeError:
             # The reader of standard output has gone; there is nobody to tell.

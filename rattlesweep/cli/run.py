@@ -75,7 +75,7 @@ def run(
     from rattlesweep.sweep.engine import run_sweep
     from rattlesweep.sweep.errors import ConfigError
     from rattlesweep.sweep.forecast import describe, forecast
-    from rattlesweep.sweep.session import examine
+    from rattlesweep.sweep.opened import examine
     from rattlesweep.sweep.shards import Shard
 
     share = None if shard is None else Shard.parse(shard)
@@ -139,7 +139,7 @@ def _close(report: Report, quiet: bool, verbose: bool) -> int:
     if not quiet:
         if report.summary is not None:
             click.echo(closing_table(report.summary))
-        rate = (report.runs - report.resumed_runs) / max(report.seconds, 1e-9)
+        rate = report.done / max(report.seconds - report.load_seconds, 1e-9)
         again = f", {report.retried} done again" if report.retried else ""
         say(
             f"{report.runs} runs in {report.directory}, {report.resumed_runs} of them from before"
@@ -151,7 +151,7 @@ def _close(report: Report, quiet: bool, verbose: bool) -> int:
             f"{report.kernel_seconds:.2f} s, in all {report.seconds:.2f} s"
         )
     if report.stopped is not None:
-        say(f"stopped: {report.stopped}; the same command goes on from there")
+        say(f"stopped: {report.stopped}; {report.kept}, and the same command goes on from there")
         return EARLY
     if report.missing and not quiet:
         say(f"{report.missing} blocks of other shards are not in {report.directory} (yet)")

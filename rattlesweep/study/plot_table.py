@@ -184,7 +184,7 @@ def tally(
         axes, runs, ok, {name: np.zeros(cells) for name in TYPES}, theory, bondi,
         Moments.empty(cells), Moments.empty(cells), Moments.empty(cells), np.zeros(len(EDGES) - 1),
     )  # fmt: skip
-    for batch in layout.store.iter_batches(COLUMNS):
+    for batch in layout.store.iter_batches(COLUMNS, complete=True):
         _count(made, batch, layout, names, place)
     if not made.runs.any():
         raise OutputError(f"{layout.store.directory} holds no run of those selected")

@@ -172,22 +172,25 @@ def forecast(
     )
 
 
-def expectation(plan: Plan, threads: int) -> dict[str, Any]:
+def expectation(plan: Plan, threads: int, max_time: float | None = None) -> dict[str, Any] | None:
     """What a run keeps beside what it then takes: a forecast, if the sweep is long enough for one.
 
-    A pilot of two seconds is no loss to a sweep of two minutes; a shorter one gets an estimate from
-    the rates of the machine that this was written on, which takes 0.1 s.
+    A pilot of two seconds is no loss to a sweep of two minutes. What a shorter one would take by
+    nominal rates says nothing of this machine and is not kept.
+
+    Parameters
+    ----------
+    max_time : float, optional
+        Seconds after which the sweep is to be stopped.
 
     Returns
     -------
-    dict
-        ``seconds``, and ``pilot_runs``, 0 where there was no pilot; with one, all of
-        :class:`Forecast`.
+    dict or None
+        All of :class:`Forecast`.
     """
-    seconds = nominal_seconds(plan, threads)
-    if seconds > WORTH:
-        return forecast(plan, threads).as_data()
-    return {"seconds": float(f"{seconds:.2g}"), "pilot_runs": 0}
+    if min(nominal_seconds(plan, threads), max_time or np.inf) <= WORTH:
+        return None
+    return forecast(plan, threads).as_data()
 
 
 def nominal_seconds(plan: Plan, threads: int) -> float:
