@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rattlesweep.cli.common import DONE, OVERRIDES, check_threads, guarded, say
+from rattlesweep.cli.common import DONE, OVERRIDES, guarded, say
 
 if TYPE_CHECKING:
     from rattlesweep.sweep.forecast import Forecast
@@ -23,7 +23,11 @@ if TYPE_CHECKING:
 @click.argument("config", type=click.Path())
 @click.option("--output", metavar="DIR", help="Where it would be written; only looked at.")
 @OVERRIDES
-@click.option("--threads", type=click.IntRange(1), help="Threads of the kernel.")
+@click.option(
+    "--threads",
+    type=click.IntRange(1),
+    help="Threads of the kernel; also more than there are here.",
+)
 @click.option(
     "--shards", type=click.IntRange(1), help="Also say what the longest of N shares takes."
 )
@@ -53,7 +57,6 @@ def plan(
 
     seconds = seconds_of(budget, "--budget")
     loaded = load_config(config, overrides)
-    check_threads(threads)
     made, doubts = checked_plan(loaded, Path(config).resolve().parent)
     for doubt in doubts:
         say(f"warning: {doubt}")

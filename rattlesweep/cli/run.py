@@ -15,6 +15,7 @@ from rattlesweep.cli.common import (
     Meter,
     check_threads,
     load_sweep,
+    print_summary,
     resumable,
     say,
 )
@@ -132,13 +133,11 @@ def _engine(
 
 def _close(report: Report, quiet: bool, verbose: bool) -> int:
     """Say what became of a sweep; the exit code."""
-    from rattlesweep.sweep.summary import closing_table
-
     for remark in report.remarks:
         say(f"note: {remark}")
     if not quiet:
         if report.summary is not None:
-            click.echo(closing_table(report.summary))
+            print_summary(report.summary, report.directory)
         rate = report.done / max(report.seconds - report.load_seconds, 1e-9)
         again = f", {report.retried} done again" if report.retried else ""
         say(
@@ -155,6 +154,8 @@ def _close(report: Report, quiet: bool, verbose: bool) -> int:
         return EARLY
     if report.missing and not quiet:
         say(f"{report.missing} blocks of other shards are not in {report.directory} (yet)")
+    if report.summary is not None and not quiet:
+        say(f"see them: rattlesweep plot {report.directory}, rattlesweep report {report.directory}")
     if report.failed:
         words = ", ".join(f"{count} {word}" for word, count in sorted(report.failed.items()))
         say(f"{sum(report.failed.values())} runs are not ok: {words}")

@@ -124,7 +124,7 @@ class Job:
         """What to say when the time was up."""
         if self.report.done:
             return "the time is up"
-        return "the time was up before one run had ended; give more"
+        return "the time was up before one run had ended, give more"
 
 
 def run_sweep(

@@ -107,9 +107,9 @@ def summarise(store: Store, cases: Sequence[CaseLike]) -> pa.Table:
     """Summarise the stored runs, one row a case in the order of `cases`.
 
     The runs of complete blocks count: what a stopped session has left of another block are the runs
-    that were first to end, which are not like the rest. Runs are streamed, and only one case's reversal times are held, 16 bytes a run. The result
-    does not depend, in any bit, on how the runs are cut into blocks. A case of which nothing is
-    stored yet has 0 runs and nulls.
+    that were first to end, which are not like the rest. Runs are streamed, and only one case's
+    reversal times are held, 16 bytes a run. The result does not depend, in any bit, on how the runs
+    are cut into blocks. A case of which nothing is stored yet has 0 runs and nulls.
 
     Parameters
     ----------
