@@ -94,7 +94,7 @@ def test_the_example_of_the_contract_means_what_it_says(tmp_path: Path) -> None:
     assert config.integrator.dt is None
     assert config.horizon.t_rgh == 5
     assert config.horizon.t is None
-    assert config.block_size == 10_000
+    assert config.block_size == 4_000
 
 
 def test_defaults_are_table_one_and_the_papers_own_step() -> None:
@@ -122,7 +122,7 @@ def test_defaults_are_table_one_and_the_papers_own_step() -> None:
             "sw_departure": config.classify.sw_departure,
         },
         "record": [],
-        "block_size": 10_000,
+        "block_size": 4_000,
         "output": "out/sweep",
     }
     rk4 = parse_config({**resolved(config), "integrator": {"method": "rk4"}})

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import fcntl
+import re
 import shutil
 import signal
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import pyarrow.parquet as pq
 import pytest
 from hardship import (
     Reference,
@@ -22,6 +26,18 @@ from hardship import (
     wait_until,
 )
 from syscalls import CHANGES
+
+from rattlesweep.integrate.batch import available_threads
+from rattlesweep.sweep import local, task
+from rattlesweep.sweep.config import parse_config
+from rattlesweep.sweep.contents import content_hash
+from rattlesweep.sweep.engine import Progress, Report, run_sweep
+from rattlesweep.sweep.errors import OutputError
+from rattlesweep.sweep.merge import merge
+from rattlesweep.sweep.plan import Plan, make_plan
+from rattlesweep.sweep.retype import retype
+from rattlesweep.sweep.status import status_of
+from rattlesweep.sweep.verify import verify
 
 
 @pytest.fixture(scope="module")
@@ -43,8 +59,10 @@ def test_the_time_is_up(sweep, tmp_path):
         if done.code:
             assert done.code == 75
             assert done.out == ""
-            last = done.err.splitlines()[-1]
-            assert last == "stopped: the time is up; the same command resumes from there"
+            assert done.err.splitlines()[-1] == (
+                f"stopped: the time is up; {6 * kept[-1]} runs are kept, 0 in flight were lost, "
+                "and the same command resumes from there"
+            )
             assert manifest(output)["state"] == "stopped"
             assert kept[-1] > kept[-2]
             assert not [name for name in everything_in(output) if "/." in f"/{name}"]
@@ -52,7 +70,7 @@ def test_the_time_is_up(sweep, tmp_path):
     check_finished(output, reference)
 
 
-def test_a_time_too_short_for_one_block_says_so(sweep, tmp_path):
+def test_a_time_too_short_for_one_run_says_so(sweep, tmp_path):
     config, reference = sweep
     output = tmp_path / "out"
     began = time.monotonic()
@@ -60,8 +78,8 @@ def test_a_time_too_short_for_one_block_says_so(sweep, tmp_path):
     assert time.monotonic() - began < 30  # it does not wait for the block
     assert done.code == 75
     assert done.err.splitlines()[-1] == (
-        "stopped: the time was up before one block was done; give more, or choose a smaller "
-        "block_size in a new output; the same command resumes from there"
+        "stopped: the time was up before one run had ended, give more; 0 runs are kept, 0 in "
+        "flight were lost, and the same command resumes from there"
     )
     assert blocks_of(output) == {}
     done = nursery().run("run", config, "--output", output, "--max-time", "1h")
@@ -102,9 +120,13 @@ def test_stopped_at_every_call(number, code, word, stride, sweep, tmp_path):
         done = nursery().run(*args, calls=harm)
         where = f"call {at}: {calls[at]}: {done}"
         assert done.code == code, where
-        expected = f"{word}; completed work is kept, and the same command resumes from there\n"
-        assert done.err == expected, where
-        check_whole(output, reference)
+        kept = re.fullmatch(
+            rf"{word}; (completed work is|(\d+) runs are) kept(, 0 in flight were lost)?, "
+            "and the same command resumes from there\n",
+            done.err,
+        )
+        assert kept, f"{where} {done.err}"
+        assert int(kept[2] or 0) <= 6 * check_whole(output, reference), where
         assert nursery().run(*args).code == 0
         check_finished(output, reference)
 
@@ -129,3 +151,122 @@ def test_a_second_ctrl_c_is_obeyed_at_once(sweep, tmp_path):
     check_whole(output, reference)
     assert nursery().run("run", config, "--output", output, "-q").code == 0
     check_finished(output, reference)
+
+
+# -- inside a block ----------------------------------------------------------------------------
+
+RUNS = 1200
+
+
+def plan_of(**changes: Any) -> Plan:
+    """A sweep of one block."""
+    config = {
+        "name": "one",
+        "bodies": {"source": "sd", "samples": RUNS // 2},
+        "spin": {"n_i": [-0.1, 0.2], "omega_xy0": 0.01},
+        "block_size": RUNS,
+    }
+    return make_plan(parse_config(config | changes))
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Reference:
+    """That sweep, never stopped."""
+    output = tmp_path_factory.mktemp("plain")
+    run_sweep(plan_of(), output)
+    return Reference.of(output)
+
+
+@pytest.fixture
+def often(monkeypatch):
+    """Looks at the kernel so often that it can be stopped where a test wants it."""
+    monkeypatch.setattr(task, "POLL", 0.001)
+
+
+def stop_after(more: int) -> Callable[[Progress], None]:
+    """Ctrl-C when so many runs have ended."""
+    first: list[int] = []
+
+    def report(progress: Progress) -> None:
+        first.append(progress.runs)
+        if progress.runs >= first[0] + more:
+            raise KeyboardInterrupt
+
+    return report
+
+
+def rows_in(output: Path) -> int:
+    return sum(pq.ParquetFile(path).metadata.num_rows for path in output.glob("runs/*"))
+
+
+def test_the_runs_of_a_stopped_block_are_kept(plain, often, tmp_path):
+    output, kept = tmp_path / "out", [0]
+    for more in (1, 200, 400):
+        with pytest.raises(KeyboardInterrupt) as stopped:
+            run_sweep(plan_of(), output, report=stop_after(more))
+        kept.append(rows_in(output))
+        assert kept[-2] + more <= kept[-1] < RUNS
+        assert list(blocks_of(output)) == ["block-000000.parquet"]
+        (said,) = stopped.value.__notes__
+        lost = re.fullmatch(rf"{kept[-1]:,} runs are kept, (\d+) in flight were lost", said)
+        assert lost
+        assert 0 < int(lost[1]) <= 32 * available_threads()
+        # Every reader knows it for what it is.
+        found = status_of(output)
+        assert (found.runs_begun, found.runs_done, found.blocks_done) == (kept[-1], 0, 0)
+        assert (found.state, found.damaged) == ("stopped", [])
+        verdict = verify(output)
+        assert (verdict.problems, verdict.begun, verdict.missing) == ([], kept[-1], [0])
+        assert (verdict.blocks, verdict.runs) == (0, 0)
+        assert manifest(output)["receipts"] == {}
+        merged = merge([output], tmp_path / f"merged-{more}")
+        assert (merged.runs, merged.missing) == (0, [(0, RUNS)])
+    # Other types, which are put back when the block is completed.
+    _, summary = retype(output, ["classify.sw_departure=1e-6"])
+    assert summary.column("runs").to_pylist() == [0, 0]
+    assert manifest(output)["receipts"] == {}
+    done = run_sweep(plan_of(), output)
+    assert (done.resumed_runs, done.done, done.runs) == (kept[-1], RUNS - kept[-1], RUNS)
+    check_finished(output, plain)
+    assert content_hash(output) == plain.hash
+
+
+def stop_and_go(plan: Plan, output: Path, **how: Any) -> list[Report]:
+    """The same command with hardly any time, until it is through."""
+    reports = []
+    while not reports or reports[-1].stopped:
+        reports.append(run_sweep(plan, output, max_time=1e-9, **how))
+        assert reports[-1].done > 0, reports[-1].stopped
+        assert len(reports) <= RUNS
+    return reports
+
+
+def test_any_time_however_short_makes_progress(plain, often, tmp_path):
+    reports = stop_and_go(plan_of(), tmp_path)
+    assert len(reports) > 2
+    assert sum(report.done for report in reports) == RUNS
+    assert reports[0].stopped == "the time is up"
+    check_finished(tmp_path, plain)
+
+
+def test_retrying_hears_the_time(plain, often, tmp_path):
+    limited = {"integrator": {"max_steps": 400}}
+    failed = run_sweep(plan_of(**limited), tmp_path).failed["step_limit"]
+    assert failed > 200
+    reports = stop_and_go(plan_of(), tmp_path, retry_failed=True)
+    assert len(reports) > 1
+    assert [report.runs for report in reports] == [RUNS] * len(reports)
+    assert sum(report.retried for report in reports) == failed
+    check_finished(tmp_path, plain)
+
+
+def test_blocks_that_vanish_are_no_success(tmp_path):
+    def vanishing(job: Any) -> None:
+        local.work_off(job)
+        job.session.store.block_path(1).unlink()
+
+    with pytest.raises(OutputError, match=r"block-000001.parquet was in place and has vanished"):
+        run_sweep(plan_of(block_size=400), tmp_path, engine=vanishing)
+    assert manifest(tmp_path)["state"] == "stopped"
+    assert run_sweep(plan_of(block_size=400), tmp_path).summary is not None
+    assert verify(tmp_path).problems == []

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from rattlesweep.cli.common import DONE, OVERRIDES, guarded, say
+from rattlesweep.cli.common import DONE, OVERRIDES, guarded, print_summary, say
 
 
 @click.command(
@@ -21,9 +21,8 @@ def classify(directory: str, overrides: tuple[str, ...]) -> int:
     Prints one row per case on standard output.
     """
     from rattlesweep.sweep.retype import retype
-    from rattlesweep.sweep.summary import closing_table
 
     changed, summary = retype(Path(directory), overrides)
-    click.echo(closing_table(summary))
+    print_summary(summary, Path(directory))
     say(f"{changed} runs have changed their type")
     return DONE

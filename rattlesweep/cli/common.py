@@ -14,12 +14,18 @@ from typing import TYPE_CHECKING, Any
 import click
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
+    import pyarrow as pa
+
     from rattlesweep.sweep.config import Config
     from rattlesweep.sweep.engine import Progress
 
 DONE, FAILED, WRONG, SOME_FAILED, EARLY, INTERRUPTED, TERMINATED = 0, 1, 2, 3, 75, 130, 143
 # Seconds between lines of progress where there is no terminal.
 LINE_EVERY = 60.0
+# Rows of a table on the terminal.
+MOST_ROWS = 20
 
 
 class Terminated(BaseException):
@@ -63,8 +69,8 @@ def guarded(command: Callable[..., Any], *, resumes: bool = False) -> Callable[.
             signal.signal(signal.SIGINT, signal.SIG_DFL)
             term = isinstance(error, Terminated)
             what = "terminated" if term else "interrupted"
-            kept = "; completed work is kept, and the same command resumes from there"
-            say(what + (kept if resumes else ""))
+            kept = "; ".join(getattr(error, "__notes__", ())) or "completed work is kept"
+            say(f"{what}; {kept}, and the same command resumes from there" if resumes else what)
             leave(TERMINATED if term else INTERRUPTED)
         except BrokenPipeError:
             # The reader of standard output has gone; there is nobody to tell.
@@ -94,6 +100,15 @@ def guarded(command: Callable[..., Any], *, resumes: bool = False) -> Callable[.
 def resumable(command: Callable[..., Any]) -> Callable[..., Any]:
     """As `guarded`, for commands that resume where they were stopped."""
     return guarded(command, resumes=True)
+
+
+def print_summary(summary: pa.Table, directory: Path) -> None:
+    """Print the table of a summary: all of its cases, or the first of many."""
+    from rattlesweep.sweep.summary import closing_table
+
+    click.echo(closing_table(summary.slice(0, MOST_ROWS)))
+    if (more := len(summary) - MOST_ROWS) > 0:
+        say(f"{more} more cases are in {directory / 'summary.parquet'}")
 
 
 OVERRIDES = click.option(

@@ -6,7 +6,16 @@ from pathlib import Path
 
 import click
 
-from rattlesweep.cli.common import DONE, EARLY, SOME_FAILED, Meter, check_output, resumable, say
+from rattlesweep.cli.common import (
+    DONE,
+    EARLY,
+    SOME_FAILED,
+    Meter,
+    check_output,
+    print_summary,
+    resumable,
+    say,
+)
 
 
 @click.command(
@@ -24,13 +33,12 @@ def merge(directories: tuple[str, ...], output: str, quiet: bool) -> int:
     computes the rest.
     """
     from rattlesweep.sweep.merge import merge as join
-    from rattlesweep.sweep.summary import closing_table
 
     check_output(output)
     with Meter() as meter:
         merged = join([Path(d) for d in directories], Path(output), report=meter.counting("files"))
     if merged.summary is not None and not quiet:
-        click.echo(closing_table(merged.summary))
+        print_summary(merged.summary, merged.directory)
     say(f"{merged.runs} runs in {merged.files} files in {output}")
     if merged.missing:
         spans = ", ".join(f"{first} to {stop - 1}" for first, stop in merged.missing[:5])

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rattlesweep.cli.common import DONE, OVERRIDES, check_threads, guarded, say
+from rattlesweep.cli.common import DONE, OVERRIDES, guarded, say
 
 if TYPE_CHECKING:
     from rattlesweep.sweep.forecast import Forecast
@@ -25,7 +25,11 @@ if TYPE_CHECKING:
     "--output", metavar="DIR", help="Where the sweep would be written; nothing is written now."
 )
 @OVERRIDES
-@click.option("--threads", type=click.IntRange(1), help="Number of threads of the kernel.")
+@click.option(
+    "--threads",
+    type=click.IntRange(1),
+    help="Number of threads of the kernel; may be more than there are here.",
+)
 @click.option("--shards", type=click.IntRange(1), help="Also forecast the longest of N shares.")
 @click.option(
     "--budget",
@@ -57,7 +61,6 @@ def plan(
 
     seconds = seconds_of(budget, "--budget")
     loaded = load_config(config, overrides)
-    check_threads(threads)
     made, doubts = checked_plan(loaded, Path(config).resolve().parent)
     for doubt in doubts:
         say(f"warning: {doubt}")

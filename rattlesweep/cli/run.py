@@ -15,6 +15,7 @@ from rattlesweep.cli.common import (
     Meter,
     check_threads,
     load_sweep,
+    print_summary,
     resumable,
     say,
 )
@@ -77,7 +78,7 @@ def run(
     from rattlesweep.sweep.engine import run_sweep
     from rattlesweep.sweep.errors import ConfigError
     from rattlesweep.sweep.forecast import describe, forecast
-    from rattlesweep.sweep.session import examine
+    from rattlesweep.sweep.opened import examine
     from rattlesweep.sweep.shards import Shard
 
     share = None if shard is None else Shard.parse(shard)
@@ -134,14 +135,12 @@ def _engine(
 
 def _close(report: Report, quiet: bool, verbose: bool) -> int:
     """Say what became of a sweep; the exit code."""
-    from rattlesweep.sweep.summary import closing_table
-
     for remark in report.remarks:
         say(f"note: {remark}")
     if not quiet:
         if report.summary is not None:
-            click.echo(closing_table(report.summary))
-        rate = (report.runs - report.resumed_runs) / max(report.seconds, 1e-9)
+            print_summary(report.summary, report.directory)
+        rate = report.done / max(report.seconds - report.load_seconds, 1e-9)
         again = f", {report.retried} done again" if report.retried else ""
         say(
             f"{report.runs} runs in {report.directory}, {report.resumed_runs} of them from before"
@@ -153,10 +152,12 @@ def _close(report: Report, quiet: bool, verbose: bool) -> int:
             f"{report.kernel_seconds:.2f} s, in all {report.seconds:.2f} s"
         )
     if report.stopped is not None:
-        say(f"stopped: {report.stopped}; the same command resumes from there")
+        say(f"stopped: {report.stopped}; {report.kept}, and the same command resumes from there")
         return EARLY
     if report.missing and not quiet:
         say(f"{report.missing} blocks of other shards are not in {report.directory} (yet)")
+    if report.summary is not None and not quiet:
+        say(f"see them: rattlesweep plot {report.directory}, rattlesweep report {report.directory}")
     if report.failed:
         words = ", ".join(f"{count} {word}" for word, count in sorted(report.failed.items()))
         say(f"{sum(report.failed.values())} runs are not ok: {words}")

@@ -57,9 +57,9 @@ def slurm(
     from rattlesweep.integrate.batch import available_threads
     from rattlesweep.sweep.errors import ConfigError
     from rattlesweep.sweep.forecast import forecast
+    from rattlesweep.sweep.opened import examine
     from rattlesweep.sweep.plan import make_plan
     from rattlesweep.sweep.provenance import package_version
-    from rattlesweep.sweep.session import examine
     from rattlesweep.sweep.slurm import MOST_SHARDS, ArrayJob, job_script, limit_of, memory_of
 
     seconds = limit_of(limit)

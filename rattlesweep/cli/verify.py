@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from rattlesweep.cli.common import DONE, FAILED, Meter, guarded, say
+from rattlesweep.cli.common import DONE, FAILED, Meter, check_threads, guarded, say
 
 
 @click.command(epilog="\b\nExample:\n  rattlesweep verify out/quickstart --recompute 100")
@@ -39,6 +39,7 @@ def verify(
     """
     from rattlesweep.sweep.verify import verify as check
 
+    check_threads(threads)
     with Meter() as meter:
         verdict = check(
             Path(directory),
@@ -56,6 +57,8 @@ def verify(
         say(f"note: {remark}")
     again = f", {verdict.recomputed} integrated again" if recompute else ""
     left = f", {len(verdict.missing)} blocks not in place" if verdict.missing else ""
+    if verdict.begun:
+        left += f", {verdict.begun} runs of them begun"
     wrong = f"{len(verdict.problems)} problems" if verdict.problems else "no problem"
     say(f"{verdict.blocks} complete blocks, {verdict.runs} runs{again}{left}: {wrong}")
     return FAILED if verdict.problems else DONE

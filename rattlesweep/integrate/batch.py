@@ -127,6 +127,7 @@ class Control:
     _shared: NDArray[np.int64] = field(default_factory=lambda: np.zeros(2, dtype=np.int64))
     _progress: Floats = field(default_factory=lambda: np.zeros((1, 8)))
     _most: float = 0.0
+    _runs: int = 0
 
     def stop(self) -> None:
         """Ask the kernel to end; it does so within a few hundred steps."""
@@ -149,6 +150,12 @@ class Control:
     def runs_done(self) -> int:
         """Runs that have ended."""
         return int(self._progress[:, 2].sum())
+
+    @property
+    def runs_begun(self) -> int:
+        """Runs that a lane has taken up; once the kernel is stopped, those not done are lost."""
+        # Every lane that finds the queue empty counts on.
+        return min(int(self._shared[0]), self._runs)
 
 
 def available_threads() -> int:
@@ -207,7 +214,7 @@ def integrate(
     cost = expected_cost(batch)
     # Longest first, so that no thread begins a long run when the others are done.
     order = np.argsort(-cost, kind="stable")
-    control.total = float(cost.sum())
+    control.total, control._runs = float(cost.sum()), runs
     control._progress = np.zeros((threads, 8))
     # A fixed-step method is looked at every few steps.
     stride = 1 if tableau.adaptive else SUBSTEPS

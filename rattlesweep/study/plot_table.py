@@ -192,7 +192,7 @@ def tally(
     if cells > MOST_CELLS:
         raise ConfigError(f"{cells} cells are too many for a picture; choose some with --select")
     made = empty(axes)
-    for batch in layout.store.iter_batches(COLUMNS):
+    for batch in layout.store.iter_batches(COLUMNS, complete=True):
         _count(made, batch, layout, names, place)
     if not made.runs.any():
         raise OutputError(f"{layout.store.directory} holds no run of those selected")

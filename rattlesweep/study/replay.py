@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from rattlesweep.integrate.model import MODELS
 from rattlesweep.study.condition import parse_condition
@@ -101,14 +102,17 @@ class Replay:
                 raise ConfigError(
                     f"--{name} {value}: {self._store.directory} has the {name}s 0 to {count - 1}"
                 )
-        index, row = divmod(case * plan.samples + sample, plan.block_size)
+        index = (case * plan.samples + sample) // plan.block_size
         path = self._store.block_path(index)
         if not path.exists():
             raise OutputError(f"case {case}, sample {sample} is not stored yet: {path} is missing")
-        table = self._store.read_block(index, FIELDS).slice(row, 1)
-        found = [StoredRun(**values) for values in table.to_pylist()]
-        if not found or (found[0].case, found[0].sample) != (case, sample):
-            raise OutputError(f"{path} does not hold case {case}, sample {sample} at its place")
+        table = self._store.read_block(index, FIELDS)
+        chosen = pc.and_(
+            pc.equal(table.column("case"), case), pc.equal(table.column("sample"), sample)
+        )
+        found = [StoredRun(**values) for values in table.filter(chosen).to_pylist()]
+        if not found:
+            raise OutputError(f"case {case}, sample {sample} is not stored yet: {path} lacks it")
         return found[0]
 
     def where(self, text: str, first: int) -> list[StoredRun]:

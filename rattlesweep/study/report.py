@@ -241,7 +241,8 @@ def _cost(manifest: dict[str, Any], facts: Facts, status: Status) -> Html:
     kernel = float(manifest.get("kernel_seconds", 0.0))
     rows: list[tuple[str, str]] = [("time", f"{_seconds(status.seconds)} in all sessions")]
     expected = manifest.get("expected")
-    if isinstance(expected, dict) and "seconds" in expected:
+    # Earlier versions kept a guess where there was no pilot.
+    if isinstance(expected, dict) and "seconds" in expected and expected.get("pilot_runs"):
         text = _seconds(expected["seconds"])
         if "low" in expected and "high" in expected:
             text += f" ({_seconds(expected['low'])} to {_seconds(expected['high'])})"
@@ -255,7 +256,7 @@ def _cost(manifest: dict[str, Any], facts: Facts, status: Status) -> Html:
     whole = status.state == "complete" and kernel > 0
     if whole:
         rows += [("steps per second", f"{facts.steps / kernel:.3g} of integration"),
-                 ("runs per second", f"{facts.runs / max(status.seconds, 1e-9):,.0f}")]  # fmt: skip
+                 ("runs per second", f"{facts.runs / kernel:,.0f} of integration")]  # fmt: skip
     return html.table(["what", "value"], [[html.key(name), text] for name, text in rows])
 
 

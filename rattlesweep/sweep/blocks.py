@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from dataclasses import fields, is_dataclass
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 
@@ -24,11 +25,34 @@ if TYPE_CHECKING:
     from rattlesweep.sweep.config import Config
     from rattlesweep.sweep.plan import Block, Plan
 
+T = TypeVar("T")
 STATUS_WORDS = [status.label for status in Status]
 
 
 class Interrupted(Exception):
-    """A stop was asked for while the block was under way; nothing of it is kept."""
+    """A stop was asked for while runs were under way.
+
+    Attributes
+    ----------
+    columns : mapping or None
+        Of the runs that had ended, as :func:`finish_block` has them; None if none had.
+    lost : int
+        Runs that had begun but not ended.
+    """
+
+    def __init__(self, columns: Mapping[str, Any] | None = None, lost: int = 0) -> None:
+        super().__init__()
+        self.columns, self.lost = columns, lost
+
+
+def take(values: T, rows: NDArray[Any]) -> T:
+    """Some rows of a dataclass of arrays over runs; what was not recorded stays so."""
+    if isinstance(values, np.ndarray):
+        return cast("T", values[rows] if len(values) else values)
+    if is_dataclass(values) and not isinstance(values, type):
+        parts = {part.name: take(getattr(values, part.name), rows) for part in fields(values)}
+        return cast("T", type(values)(**parts))
+    return values
 
 
 def prepare_block(plan: Plan, block: Block) -> tuple[Launches, Batch | None]:
@@ -62,17 +86,27 @@ def finish_block(
     Raises
     ------
     Interrupted
-        If ``control`` asked the kernel to stop.
+        If ``control`` asked the kernel to stop; holds the columns of the runs that had ended.
     """
-    columns = _inputs(launches)
     if batch is None:
-        columns |= _closed_form(launches)
-        outcome = None
-    else:
-        outcome = run_batch(config, batch, threads=threads, control=control)
-        if outcome.stopped:
-            raise Interrupted
-        columns |= _measured(outcome, config.record)
+        return _columns(config, launches, None, None)
+    control = control or Control()
+    outcome = run_batch(config, batch, threads=threads, control=control)
+    if not outcome.stopped:
+        return _columns(config, launches, batch, outcome)
+    ended = outcome.status != Status.STOPPED
+    lost = control.runs_begun - int((ended & (outcome.status != Status.NO_HORIZON)).sum())
+    if not ended.any():
+        raise Interrupted(lost=lost)
+    some = take(launches, ended), take(batch, ended), take(outcome, ended)
+    raise Interrupted(_columns(config, *some), lost)
+
+
+def _columns(
+    config: Config, launches: Launches, batch: Batch | None, outcome: Outcome | None
+) -> Mapping[str, Any]:
+    columns = _inputs(launches)
+    columns |= _closed_form(launches) if outcome is None else _measured(outcome, config.record)
     status = columns.pop("status_codes")
     ok = status == Status.OK
     codes = classify(ok, columns["t_r"], columns["amp_growth"], columns["n_departure"],
@@ -98,7 +132,7 @@ def run_batch(
     good = np.isfinite(batch.t_end) & (batch.t_end > 0)
     settings = config.integrator
     outcome = integrate(
-        batch if good.all() else _select(batch, good),
+        batch if good.all() else take(batch, good),
         METHODS[settings.method],
         MODELS[config.model],
         tol=settings.tol or 1e-9,
@@ -109,10 +143,6 @@ def run_batch(
         control=control,
     )
     return outcome if good.all() else _spread(outcome, good)
-
-
-def _select(batch: Batch, good: Any) -> Batch:
-    return Batch(**{name: getattr(batch, name)[good] for name in batch.__dataclass_fields__})
 
 
 def _spread(outcome: Outcome, good: Any) -> Outcome:

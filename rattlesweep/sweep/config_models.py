@@ -310,7 +310,7 @@ class Config(Base):
         json_schema_extra={"uniqueItems": True},
     )
     block_size: int = Field(
-        default=10_000, ge=1, le=200_000, description="Runs per block, that is, per output file."
+        default=4_000, ge=1, le=200_000, description="Runs per block, that is, per output file."
     )
     output: str | None = Field(
         default=None,

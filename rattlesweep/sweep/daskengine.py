@@ -20,15 +20,15 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from rattlesweep.integrate.batch import available_threads
-from rattlesweep.sweep import daskworker
+from rattlesweep.sweep import daskworker as worker
 from rattlesweep.sweep.blocks import Interrupted
-from rattlesweep.sweep.daskworker import Done, do_block, place_order, remove_orders
+from rattlesweep.sweep.daskworker import Done, Left, in_place
 from rattlesweep.sweep.errors import ConfigError, OutputError
-from rattlesweep.sweep.local import load_kernel, why_stopped
+from rattlesweep.sweep.local import GATHER, load_kernel
 from rattlesweep.sweep.progress import Costs
 from rattlesweep.sweep.provenance import machine
 from rattlesweep.sweep.receipts import Receipt
-from rattlesweep.sweep.tables import DamagedError
+from rattlesweep.sweep.work import prepare_work, write_work
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -94,7 +94,7 @@ def make_engine(
         if scheduler is not None:
             _reach(scheduler)
         # Workers on this machine, or on others that share its cache, then find the kernel compiled.
-        load_kernel(job)
+        job.report.load_seconds = load_kernel(job.session.plan.config)
         with ExitStack() as stack:
             stack.enter_context(_quiet())
             if scheduler is None:
@@ -103,8 +103,8 @@ def make_engine(
                 client = stack.enter_context(_existing(scheduler))
             directory = job.session.store.directory
             if job.session.shard is None:
-                remove_orders(directory.resolve())
-            order = place_order(
+                worker.remove_orders(directory.resolve())
+            order = worker.place_order(
                 job.session.opened, job.session.base, threads or (None if scheduler else 1)
             )
             # Taken away first: workers hear it and drop their blocks.
@@ -127,46 +127,68 @@ class _Driver:
         self._killed: Counter[int] = Counter()
         self._workers = 0
         self._counted = self._seen = time.monotonic()
-        self._done = 0
         self._cpus = {machine()["cpu"]}
 
     def work_off(self) -> None:
         """Have all pending blocks done, or as many as there is time for."""
+        try:
+            self._work_off()
+        except BaseException as error:
+            # A request, not an error: what has ended is kept.
+            if not isinstance(error, Exception):
+                self._call_off()
+            raise
+        if self._pending or self._flying:
+            self._call_off()
+            self._job.report.stopped = self._job.why_stopped()
+        self._job.tick()
+
+    def _work_off(self) -> None:
         job = self._job
         costs = Costs(job.session.plan)
         # The dearest first, so that no worker begins one when the others are done.
         blocks = sorted(job.session.pending, key=lambda block: (-costs.of(block), block.index))
         self._pending.extend(blocks)
         self._count(first=True)
+        job.begin()
         job.meter.begin()
         while self._pending or self._flying:
             self._connected()
             self._count()
             self._hand_out()
-            if job.too_late() or not (self._flying or self._may_begin()):
+            if job.too_late(job.report.done > 0):
                 break
             time.sleep(POLL)
             for index in [i for i, (_, f) in self._flying.items() if f.status != "pending"]:
                 self._look_at(*self._flying[index])
             job.tick()
-        if self._pending or self._flying:
-            job.report.stopped = why_stopped(self._done)
-        job.tick()
+
+    def _call_off(self) -> None:
+        """Keep what the workers have of the blocks under way."""
+        if not self._flying:
+            return
+        worker.call_off(self._order)
+        end = time.monotonic() + GATHER
+        while self._flying and time.monotonic() < end and self._client.status == "running":
+            for index in [i for i, (_, f) in self._flying.items() if f.done()]:
+                block, future = self._flying.pop(index)
+                # A worker that could not do it has nothing.
+                with suppress(Exception):
+                    self._keep(block, future.result(timeout=ANSWER))
+            time.sleep(POLL)
 
     # ------------------------------------------------------------- handing out
 
-    def _may_begin(self) -> bool:
-        """Whether a block that is begun now would be finished in time."""
-        mean = self._job.report.kernel_seconds / self._done if self._done else 0.0
-        return not self._job.too_late(AHEAD * mean)
-
     def _hand_out(self) -> None:
-        while self._pending and len(self._flying) < AHEAD * self._workers and self._may_begin():
+        session = self._job.session
+        while self._pending and len(self._flying) < AHEAD * self._workers:
             block = self._pending.popleft()
+            session.replaces(block.index)
             future = self._client.submit(
-                do_block,
+                worker.do_block,
                 str(self._order),
                 block.index,
+                block.index in session.begun,
                 key=f"rattlesweep-{self._order.stem[-16:]}-{block.index}-{self._tries[block.index]}",
                 pure=False,
             )
@@ -251,16 +273,11 @@ class _Driver:
 
     def _look_on_disk(self, block: Block) -> None:
         """The receipt does not come, its worker being lost or silent; the block may be there."""
-        session = self._job.session
-        try:
-            found = session.store.inspect_block(block.index)
-        except DamagedError:
+        found = in_place(self._job.session.opened, block)
+        if found is None or block.index in self._job.session.retry:
             self._again(block)
-            return
-        if found.note == session.opened.note(block):
-            self._keep(block, Done(found.receipt.dump(), None, machine()["cpu"]))
         else:
-            self._again(block)
+            self._keep(block, Done(found.dump(), block.rows, None, machine()["cpu"]))
 
     def _again(self, block: Block, error: KilledWorker | None = None) -> None:
         self._tries[block.index] += 1
@@ -277,13 +294,18 @@ class _Driver:
 
     def _keep(self, block: Block, done: Done) -> None:
         job = self._job
-        receipt = Receipt.load(done.receipt)
+        opened = job.session.opened
+        if isinstance(done, Left):
+            job.report.lost += done.lost
+            if done.columns is None or in_place(opened, block):
+                return
+            work = prepare_work(opened, block, block.index in job.session.begun)
+            receipt: Receipt | None = write_work(opened, work, done.columns)
+        else:
+            receipt = Receipt.load(done.receipt)
+            job.meter.finish(block)
         assert receipt is not None
-        job.session.wrote(block.index, receipt, done.seconds)
-        job.report.blocks += 1
-        job.report.kernel_seconds += done.seconds or 0.0
-        job.meter.finish(block)
-        self._done += 1
+        job.wrote(block.index, receipt, done.rows, done.seconds)
         if done.cpu not in self._cpus:
             self._cpus.add(done.cpu)
             job.report.remarks.append(
@@ -312,7 +334,7 @@ def _embedded(workers: int | None, threads: int) -> Iterator[Client]:
             "distributed.scheduler.worker-ttl": SILENCE,
             "distributed.scheduler.http.routes": [],
             "distributed.worker.http.routes": [],
-            "distributed.worker.preload": [daskworker.__name__],
+            "distributed.worker.preload": [worker.__name__],
             "distributed.worker.profile.enabled": False,
         }
         stack.enter_context(dask.config.set(settings))
@@ -332,7 +354,7 @@ def _embedded(workers: int | None, threads: int) -> Iterator[Client]:
                 )
             )
             client = stack.enter_context(Client(cluster, set_as_default=False))
-        daskworker.leave_path()
+        worker.leave_path()
         yield client
 
 

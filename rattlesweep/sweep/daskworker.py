@@ -2,8 +2,10 @@
 
 The driver puts a work order into the output directory: the config and what the numbers depend on.
 A worker that can read it sees the right directory, and learns everything else from it, so a task
-is no more than a path and a number, and its answer a receipt. The order is taken away when the
-driver stops, and workers that are at a block then drop it.
+is no more than a path and a number, and its answer a receipt. When the driver is asked to stop, it
+says so in the order, and workers that are at a block answer with the runs that have ended: only the
+driver may write them, for it holds the directory, and a worker may be late. The order is taken away
+when the driver ends, and workers that are still at a block then drop it.
 """
 
 from __future__ import annotations
@@ -23,18 +25,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rattlesweep.integrate.cache import PACKAGE
-from rattlesweep.sweep.blocks import Interrupted, finish_block, prepare_block
+from rattlesweep.sweep.blocks import Interrupted, finish_block
 from rattlesweep.sweep.config import override_config, resolved
 from rattlesweep.sweep.errors import OutputError
 from rattlesweep.sweep.files import reason, replace_file
-from rattlesweep.sweep.local import write_block
+from rattlesweep.sweep.local import GATHER, load_kernel
+from rattlesweep.sweep.opened import Opened
 from rattlesweep.sweep.plan import make_plan
 from rattlesweep.sweep.provenance import identity, machine, versions
 from rattlesweep.sweep.receipts import Receipt
-from rattlesweep.sweep.session import Opened
 from rattlesweep.sweep.store import Store
 from rattlesweep.sweep.tables import DamagedError
 from rattlesweep.sweep.task import POLL, Task
+from rattlesweep.sweep.work import prepare_work, write_work
 
 if TYPE_CHECKING:
     from rattlesweep.sweep.plan import Block, Plan
@@ -55,15 +58,40 @@ class Done:
 
     Attributes
     ----------
+    receipt : dict or None
+        None if the block was stopped.
+    rows : int
+        Runs integrated.
     seconds : float or None
         Time of the integration; None if the block was in place.
     cpu : str
         Of the worker's machine.
     """
 
-    receipt: dict[str, Any]
+    receipt: dict[str, Any] | None
+    rows: int
     seconds: float | None
     cpu: str
+
+
+@dataclass(frozen=True)
+class Left(Done):
+    """What a stop has left of a block.
+
+    Attributes
+    ----------
+    columns : mapping or None
+        Of the runs that had ended.
+    lost : int
+        Runs that had begun but not ended.
+    """
+
+    columns: Mapping[str, Any] | None = None
+    lost: int = 0
+
+
+class _Stopped(Exception):
+    """The driver was asked to stop, and waits for what there is."""
 
 
 @cache
@@ -93,12 +121,18 @@ def place_order(opened: Opened, base: Path | None, threads: int | None) -> Path:
         "base": None if base is None else str(base),
         "hash": opened.hash_,
         "threads": threads,
+        "retry_failed": opened.retry_failed,
         "essentials": essentials(),
         "host": socket.gethostname(),
     }
     path = opened.store.directory.resolve() / f".order-{secrets.token_hex(8)}.json"
     replace_file(path, json.dumps(order).encode())
     return path
+
+
+def call_off(order: Path) -> None:
+    """Tell the workers to answer with what they have."""
+    replace_file(order, b"stop")
 
 
 def remove_orders(directory: Path) -> None:
@@ -121,7 +155,7 @@ def dask_setup(worker: object) -> None:
     leave_path()
 
 
-def do_block(order: str, index: int) -> Done:
+def do_block(order: str, index: int, begun: bool = False) -> Done:
     """Do one block, unless it is in place; called by Dask on a worker.
 
     Parameters
@@ -130,36 +164,60 @@ def do_block(order: str, index: int) -> Done:
         Path of the order, in the output directory.
     index : int
         Number of the block.
+    begun : bool
+        Whether rows of it are there.
 
     Raises
     ------
     OutputError
         This worker cannot do what the driver asks for; says why.
     Interrupted
-        The driver has stopped.
+        The driver has ended.
     """
     with _opening:
         opened, threads = _open(order)
     block = opened.plan.block(index)
     cpu = machine()["cpu"]
-    found = _in_place(opened, block)
+    found = None if begun else in_place(opened, block)
     if found is not None:
-        return Done(found.dump(), None, cpu)
+        return Done(found.dump(), 0, None, cpu)
     watch = _Watch(Path(order))
     threads = threads or _my_threads()
-    ready = prepare_block(opened.plan, block)
-    while not _kernel.acquire(timeout=POLL):
-        watch()
+    work = prepare_work(opened, block, begun)
+    task: Task[Mapping[str, Any]] | None = None
     try:
-        task: Task[Mapping[str, Any]] = Task(
-            lambda control: finish_block(
-                opened.plan.config, *ready, threads=threads, control=control
+        while not _kernel.acquire(timeout=POLL):
+            watch()
+        try:
+            # Not while another thread uses a kernel, nor as a part of the integration's time.
+            load_kernel(opened.plan.config)
+            task = Task(
+                lambda control: finish_block(
+                    opened.plan.config, work.launches, work.batch, threads=threads, control=control
+                )
             )
-        )
-        columns = task.wait(lambda control: watch())
-    finally:
-        _kernel.release()
-    return Done(write_block(opened, block, columns).dump(), task.seconds, cpu)
+            columns = task.wait(lambda control: watch())
+        finally:
+            _kernel.release()
+    except _Stopped:
+        return _left(task, cpu)
+    return Done(write_work(opened, work, columns).dump(), work.rows, task.seconds, cpu)
+
+
+def _left(task: Task[Mapping[str, Any]] | None, cpu: str) -> Left:
+    """The runs of a stopped kernel that have ended."""
+    if task is None:
+        return Left(None, 0, None, cpu)
+    task.stop(GATHER)
+    try:
+        columns, lost = task.value(), 0
+    except Interrupted as stopped:
+        if stopped.columns is None:
+            return Left(None, 0, task.seconds, cpu, None, stopped.lost)
+        columns, lost = stopped.columns, stopped.lost
+    except TimeoutError:
+        return Left(None, 0, None, cpu, None, task.control.runs_begun)
+    return Left(None, len(columns["case"]), task.seconds, cpu, columns, lost)
 
 
 @cache
@@ -167,7 +225,10 @@ def _open(order: str) -> tuple[Opened, int | None]:
     """The plan of an order, if this worker can follow it."""
     path = Path(order)
     try:
-        asked = json.loads(path.read_bytes())
+        text = path.read_bytes()
+        if text == b"stop":
+            raise Interrupted
+        asked = json.loads(text)
     except FileNotFoundError:
         raise OutputError(
             f"{_me()} does not see {path.parent} as the driver does; workers need the output "
@@ -192,20 +253,22 @@ def _open(order: str) -> tuple[Opened, int | None]:
         raise OutputError(
             f"{_me()} sees another table of bodies than the driver on {asked['host']}"
         )
-    return Opened(Store(path.parent), plan, asked["hash"], None, []), asked["threads"]
+    retry = asked["retry_failed"]
+    return Opened(Store(path.parent), plan, asked["hash"], None, [], retry), asked["threads"]
 
 
-def _in_place(opened: Opened, block: Block) -> Receipt | None:
+def in_place(opened: Opened, block: Block) -> Receipt | None:
     """Receipt of a block that a worker finished before it was lost."""
     try:
         found = opened.store.inspect_block(block.index)
     except DamagedError:
         return None
-    return found.receipt if found.note == opened.note(block) else None
+    whole = found.complete and found.note == opened.note(block)
+    return found.receipt if whole else None
 
 
 class _Watch:
-    """Hears a stop: the order is gone, or the worker is being closed."""
+    """Hears a stop: the order says so or is gone, or the worker is being closed."""
 
     def __init__(self, order: Path) -> None:
         self._order = order
@@ -221,12 +284,14 @@ class _Watch:
         self._due = time.monotonic() + LOOK_EVERY
         try:
             # Opened, not only looked up: network file systems answer look-ups from memory.
-            with open(self._order, "rb"):
-                pass
+            with open(self._order, "rb") as file:
+                stop = file.read(4) == b"stop"
         except FileNotFoundError:
             raise Interrupted from None
         except OSError:
-            pass  # a moment of a network file system
+            return  # a moment of a network file system
+        if stop:
+            raise _Stopped
 
 
 def _my_threads() -> int:

@@ -16,7 +16,6 @@ from rattlesweep.sweep import local
 from rattlesweep.sweep.errors import OutputError
 from rattlesweep.sweep.forecast import expectation
 from rattlesweep.sweep.progress import Meter, Progress
-from rattlesweep.sweep.retry import retry_blocks
 from rattlesweep.sweep.retype import retype_blocks
 from rattlesweep.sweep.session import Session, open_session
 from rattlesweep.sweep.summary import summarise
@@ -25,7 +24,13 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from rattlesweep.sweep.plan import Plan
+    from rattlesweep.sweep.receipts import Receipt
     from rattlesweep.sweep.shards import Shard
+
+
+# Seconds for which a session in which no run has ended yet goes on after its time is up, so that
+# the same command again and again comes to an end, however short the time.
+GRACE = 5.0
 
 
 @dataclass
@@ -38,8 +43,10 @@ class Report:
     runs, resumed_runs, blocks : int
         Runs of the sweep or of the share that are in place, those of them found on disk, and
         the blocks written by this session.
-    retried : int
-        Failed runs that were done again.
+    done, retried : int
+        Runs that this session has integrated, and those of them that had failed before.
+    lost : int
+        Runs that were under way when it was stopped.
     stopped : str or None
         Why it ended before all was done; None if all is.
     remarks : list of str
@@ -56,7 +63,9 @@ class Report:
     runs: int = 0
     resumed_runs: int = 0
     blocks: int = 0
+    done: int = 0
     retried: int = 0
+    lost: int = 0
     seconds: float = 0.0
     kernel_seconds: float = 0.0
     load_seconds: float = 0.0
@@ -65,6 +74,11 @@ class Report:
     failed: Counter[str] = field(default_factory=Counter)
     summary: pa.Table | None = None
     missing: int = 0
+
+    @property
+    def kept(self) -> str:
+        """What is left after a stop, for the user."""
+        return f"{self.runs:,} runs are kept, {self.lost:,} in flight were lost"
 
 
 @dataclass
@@ -82,14 +96,35 @@ class Job:
     report: Report
     threads: int
     deadline: float | None
+    _begun: float = 0.0
+
+    def begin(self) -> None:
+        """Say that the engine is ready to integrate."""
+        self._begun = time.monotonic()
+
+    def wrote(self, index: int, receipt: Receipt, rows: int, seconds: float | None) -> None:
+        """Count a block into which so many new rows were written; not all, if it was stopped."""
+        self.report.blocks += self.session.wrote(index, receipt, seconds)
+        self.report.done += rows
+        self.report.kernel_seconds += seconds or 0.0
+        if index in self.session.retry:
+            self.report.retried += rows
 
     def tick(self, *where: Any) -> None:
         """Report progress, and note it down now and then."""
         self.session.note(self.meter.tick(*where))
 
-    def too_late(self, expected: float | None = None) -> bool:
-        """Whether work of this length would end after the deadline."""
-        return self.deadline is not None and time.monotonic() + (expected or 0.0) >= self.deadline
+    def too_late(self, some_done: bool = True) -> bool:
+        """Whether to stop; a session in which no run has ended yet is given a little longer."""
+        if self.deadline is None or time.monotonic() < self.deadline:
+            return False
+        return some_done or (self._begun > 0 and time.monotonic() >= self._begun + GRACE)
+
+    def why_stopped(self) -> str:
+        """What to say when the time was up."""
+        if self.report.done:
+            return "the time is up"
+        return "the time was up before one run had ended, give more"
 
 
 def run_sweep(
@@ -138,33 +173,36 @@ def run_sweep(
     ConfigError, OutputError
         As :func:`rattlesweep.sweep.session.open_session`, or if a file cannot be written.
     KeyboardInterrupt
-        On Ctrl-C; the kernel is stopped first and complete blocks are kept.
+        On Ctrl-C; the kernel is stopped first, and the runs that have ended are kept.
     """
     start = time.perf_counter()
     deadline = None if max_time is None else time.monotonic() + max_time
     threads = threads or available_threads()
     result = Report(directory)
-    with open_session(plan, directory, base, threads, shard=shard, fresh=fresh) as session:
-        session.scan(retry_failed=retry_failed)
+    with open_session(
+        plan, directory, base, threads, shard=shard, fresh=fresh, retry_failed=retry_failed
+    ) as session:
+        session.scan()
         session.check_shared()
         result.remarks += session.opened.remarks
         result.resumed_runs = session.kept
         meter = Meter(session.costs, session.blocks, report)
         pending = {block.index for block in session.pending}
         for block in session.blocks:
-            if block.index not in pending:
-                meter.skip(block)
+            meter.skip(block, session.begun.get(block.index, 0 if block.index in pending else None))
         session.begin()
         try:
             if session.pending and engine is local.work_off:
-                session.expect(expectation(session.plan, threads))
+                session.expect(lambda: expectation(session.plan, threads, max_time))
             job = Job(session, meter, result, threads, deadline)
             retype_blocks(session.store, session.retype, plan.config.classify, session)
-            retry_blocks(job)
             meter.tick()
             engine(job)
             _sum_up(session, result)
-        except BaseException:
+        except BaseException as error:
+            result.runs = session.runs
+            if not isinstance(error, Exception):
+                error.add_note(result.kept)
             # What stopped it is what the user is to hear of, not that this could not be noted.
             with contextlib.suppress(OutputError):
                 _end(session, result, start, "stopped")
@@ -177,8 +215,10 @@ def _end(session: Session, result: Report, start: float, state: str) -> None:
     result.seconds = time.perf_counter() - start
     session.end(
         state,
+        result.summary is not None,
         {
             "seconds": round(result.seconds, 3),
+            "load_seconds": round(result.load_seconds, 3),
             "kernel_seconds": round(result.kernel_seconds, 3),
             "blocks": result.blocks,
             "peak_memory": _peak_memory(),
@@ -187,11 +227,12 @@ def _end(session: Session, result: Report, start: float, state: str) -> None:
 
 
 def _sum_up(session: Session, result: Report) -> None:
-    result.runs = sum(receipt.rows for receipt in session.receipts.values())
+    result.runs = session.runs
     for receipt in session.receipts.values():
         result.failed.update(receipt.failed)
-    in_place = len(session.store.block_indices())
-    result.missing = session.plan.n_blocks - in_place
+    if result.stopped is not None:
+        return
+    result.missing = len(session.missing())
     if not result.missing:
         result.summary = summarise(session.store, session.plan.cases)
         session.store.write_summary(result.summary)

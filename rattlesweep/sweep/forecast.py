@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rattlesweep.integrate.batch import available_threads
+from rattlesweep.integrate.stages import LANES
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.sweep.footprint import Footprint, weigh
 from rattlesweep.sweep.pilot import Pilot, turns
@@ -66,6 +67,7 @@ class Forecast:
         Time of the longest share.
     pilot_runs, pilot_cut : int
         Runs that the pilot integrated, and those of them that it could not wait for.
+    pilot_threads : int
     pilot_seconds : float
     """
 
@@ -90,6 +92,7 @@ class Forecast:
     shard_seconds: float | None
     pilot_runs: int
     pilot_cut: int
+    pilot_threads: int
     pilot_seconds: float
 
     def as_data(self) -> dict[str, Any]:
@@ -107,15 +110,12 @@ def forecast(
     ----------
     plan : Plan
     threads : int, optional
-        Threads of the kernel, in the pilot as in the sweep.
+        Threads of the kernel in the sweep; more than there are here are of cores like these, of
+        which the pilot uses what there are.
     budget : float
         Seconds that the pilot may take, a kernel that must be compiled aside.
     shards : int, optional
         Shares of which the longest is to be forecast.
-
-    Returns
-    -------
-    Forecast
 
     Raises
     ------
@@ -127,14 +127,14 @@ def forecast(
     begin = time.perf_counter()
     threads = threads or available_threads()
     pool = make_pool(plan)
-    pilot = Pilot(plan.config, pool, threads)
+    pilot = Pilot(plan.config, pool, min(threads, available_threads()))
     pilot.load()
     compiled = pilot.compile_seconds or 0.0
     pilot.run(max(0.25 * budget, 0.85 * budget - (time.perf_counter() - begin - compiled)))
     weight = weigh(plan, pool, pilot)
     known = ~np.isnan(pilot.work)
     spent = time.perf_counter() - begin - compiled
-    times = _times(plan, pool, pilot, weight)
+    times = _times(plan, pool, pilot, weight, threads)
     share = _means(pilot, pool, pilot.share)
     horizon = pool.horizon.sum() * plan.samples / pool.per_case
     used = float((pool.horizon * share[:, None]).sum() / max(pool.horizon.sum(), 1e-300))
@@ -152,6 +152,7 @@ def forecast(
         blocks=plan.n_blocks,
         block_rows=min(plan.block_size, plan.runs),
         threads=threads,
+        pilot_threads=pilot.threads,
         units=float(horizon * used),
         units_most=float(horizon),
         seconds=times.expected,
@@ -172,22 +173,14 @@ def forecast(
     )
 
 
-def expectation(plan: Plan, threads: int) -> dict[str, Any]:
-    """What a run keeps beside what it then takes: a forecast, if the sweep is long enough for one.
+def expectation(plan: Plan, threads: int, max_time: float | None = None) -> dict[str, Any] | None:
+    """What a run keeps beside what it then takes: a forecast, if it is long enough for a pilot.
 
-    A pilot of two seconds is no loss to a sweep of two minutes; a shorter one gets an estimate from
-    the rates of the machine that this was written on, which takes 0.1 s.
-
-    Returns
-    -------
-    dict
-        ``seconds``, and ``pilot_runs``, 0 where there was no pilot; with one, all of
-        :class:`Forecast`.
+    What a shorter one would take by nominal rates says nothing of this machine and is not kept.
     """
-    seconds = nominal_seconds(plan, threads)
-    if seconds > WORTH:
-        return forecast(plan, threads).as_data()
-    return {"seconds": float(f"{seconds:.2g}"), "pilot_runs": 0}
+    if min(nominal_seconds(plan, threads), max_time or np.inf) <= WORTH:
+        return None
+    return forecast(plan, threads).as_data()
 
 
 def nominal_seconds(plan: Plan, threads: int) -> float:
@@ -213,9 +206,9 @@ class _Times:
     waiting: float
 
 
-def _times(plan: Plan, pool: Pool, pilot: Pilot, weight: Footprint) -> _Times:
+def _times(plan: Plan, pool: Pool, pilot: Pilot, weight: Footprint, threads: int) -> _Times:
     """Put the parts together as the engine does: the kernel beside the preparing and writing."""
-    cores, threads = available_threads(), pilot.threads
+    cores, lanes = max(available_threads(), threads), LANES * threads
     once = pilot.load_seconds + weight.start_seconds + OPEN_SECONDS
     rows = min(plan.block_size, plan.runs)
     prepare = plan.n_blocks * pool.fixed_seconds + plan.runs * pool.row_seconds
@@ -231,8 +224,8 @@ def _times(plan: Plan, pool: Pool, pilot: Pilot, weight: Footprint) -> _Times:
         busy = max(kernel + typing, beside, (threads * kernel + typing + beside) / cores)
         return once + alone + busy
 
-    waiting = _waiting(plan, pool, pilot)
-    kernel, low, high = (waiting * part for part in _kernel_seconds(plan, pool, pilot))
+    waiting = _waiting(plan, pool, pilot, lanes)
+    kernel, low, high = (waiting * part for part in _kernel_seconds(plan, pool, pilot, lanes))
     expected = whole(kernel)
     rest = BOUND * REST * (expected - kernel)
     down, up = expected - whole(low), whole(high) - expected
@@ -240,7 +233,7 @@ def _times(plan: Plan, pool: Pool, pilot: Pilot, weight: Footprint) -> _Times:
                   expected + float(np.hypot(up, rest)), kernel, once, waiting)  # fmt: skip
 
 
-def _kernel_seconds(plan: Plan, pool: Pool, pilot: Pilot) -> tuple[float, float, float]:
+def _kernel_seconds(plan: Plan, pool: Pool, pilot: Pilot, lanes: int) -> tuple[float, float, float]:
     """Expected seconds of integration with all lanes in use, and the interval of 95 %."""
     if not pilot.stages or not pool.cost.any():
         return 0.0, 0.0, 0.0
@@ -249,7 +242,7 @@ def _kernel_seconds(plan: Plan, pool: Pool, pilot: Pilot) -> tuple[float, float,
     total = plan.samples * float(pool.cost.mean(axis=1).sum()) * float(steps.mean())
     if pool.whole and pilot.all_known:
         total = float(np.nansum(pilot.work))
-    kernel = pilot.turn * total / pilot.lanes
+    kernel = pilot.turn * total / lanes
     # Of which samples the pool has: they are the same in all cases of a target.
     pooled = 0.0
     if not pool.whole and pool.per_case > 1:
@@ -265,7 +258,7 @@ def _kernel_seconds(plan: Plan, pool: Pool, pilot: Pilot) -> tuple[float, float,
             kernel * cut_high * float(np.exp(BOUND * error)))  # fmt: skip
 
 
-def _waiting(plan: Plan, pool: Pool, pilot: Pilot) -> float:
+def _waiting(plan: Plan, pool: Pool, pilot: Pilot, lanes: int) -> float:
     """Turns of a block over those of one without idle lanes, from playing some blocks through."""
     if not pilot.stages or not pool.cost.any():
         return 1.0
@@ -290,7 +283,7 @@ def _waiting(plan: Plan, pool: Pool, pilot: Pilot) -> float:
         if pool.whole:
             work = np.where(np.isnan(pilot.work[at]), work, pilot.work[at])
         work = work[pilot.cost[at] > 0]
-        played += turns(work, pilot.cost[at][pilot.cost[at] > 0], pilot.lanes) * pilot.lanes
+        played += turns(work, pilot.cost[at][pilot.cost[at] > 0], lanes) * lanes
         busy += float(work.sum())
     return played / busy if busy > 0 else 1.0
 
@@ -344,6 +337,8 @@ def describe(forecast: Forecast) -> str:
     finish = datetime.now() + timedelta(seconds=f.seconds)
     form = "%H:%M:%S" if f.seconds < 600 else "%H:%M" if f.seconds < 43200 else "%a %d %b %H:%M"
     threads = f"{f.threads} thread{'s' if f.threads > 1 else ''}"
+    if f.threads > f.pilot_threads:
+        threads += " of cores like those here"
     rows = [
         ("runs", f"{f.runs:,} in {f.cases:,} cases"),
         ("blocks", f"{f.blocks:,} of {f.block_rows:,} runs"),

@@ -11,30 +11,40 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from rattlesweep.integrate.kernels import kernel
-from rattlesweep.sweep.blocks import Interrupted, finish_block, prepare_block
-from rattlesweep.sweep.columns import runs_schema
+from rattlesweep.integrate.model import MODELS, WITH_TANGENT
+from rattlesweep.sweep.blocks import Interrupted, finish_block
 from rattlesweep.sweep.task import Task
+from rattlesweep.sweep.work import Work, prepare_work, write_work
 
 if TYPE_CHECKING:
+    from rattlesweep.sweep.config import Config
     from rattlesweep.sweep.engine import Job
     from rattlesweep.sweep.plan import Block
-    from rattlesweep.sweep.receipts import Receipt
-    from rattlesweep.sweep.session import Opened
 
     Columns = Mapping[str, Any]
+
+# Seconds for which a stop waits for the runs that have ended: to be typed, not integrated.
+GATHER = 10.0
 
 
 class _Late(Exception):
     """The deadline has come while a block was under way."""
 
 
-def load_kernel(job: Job) -> None:
-    """Load the kernel, compiled if need be; in the main thread, so that Ctrl-C is heard."""
+def load_kernel(config: Config) -> float:
+    """Load the kernel, compiled if need be; in the main thread, so that Ctrl-C is heard.
+
+    Returns
+    -------
+    float
+        Seconds.
+    """
     begin = time.perf_counter()
-    config = job.session.plan.config
     if config.model != "gh":
-        kernel(config.integrator.method, config.model)
-    job.report.load_seconds = time.perf_counter() - begin
+        model = MODELS[config.model]
+        carried = WITH_TANGENT[model.name] if "lyapunov" in config.record else model
+        kernel(config.integrator.method, carried.name)
+    return time.perf_counter() - begin
 
 
 def work_off(job: Job) -> None:
@@ -42,71 +52,77 @@ def work_off(job: Job) -> None:
     pending = job.session.pending
     if not pending:
         return
-    load_kernel(job)
-    plan = job.session.plan
-    ready = prepare_block(plan, pending[0])
-    written: tuple[Block, Columns, float] | None = None
-    done = 0
-    for place, block in enumerate(pending):
-        # A block is begun only if it can be finished; the first one tries.
-        if job.too_late(job.meter.seconds(block) if done else None):
-            break
-        launches, batch = ready
-        task: Task[Columns] = Task(
-            lambda control, launches=launches, batch=batch: finish_block(  # type: ignore[misc]
-                plan.config, launches, batch, threads=job.threads, control=control
-            )
-        )
-        try:
-            if written is not None:
-                _write(job, *written)
-                written = None
+    opened, begun = job.session.opened, job.session.begun
+    job.report.load_seconds = load_kernel(opened.plan.config)
+    job.begin()
+    ready = prepare_work(opened, pending[0], pending[0].index in begun)
+    task: Task[Columns] | None = None
+    done: tuple[Work, Columns, float] | None = None
+    try:
+        for place, block in enumerate(pending):
+            if job.too_late(place > 0):
+                raise _Late
+            work = ready
+            task = _start(job, work)
+            if done is not None:
+                _write(job, *done)
+                done = None
             if place + 1 < len(pending):
-                ready = prepare_block(plan, pending[place + 1])
-            written = block, task.wait(lambda control, block=block: _tick(job, block, control)), 0.0  # type: ignore[misc]
-        except _Late:
-            break
-        except Interrupted:
-            raise KeyboardInterrupt from None
-        except BaseException:
+                after = pending[place + 1]
+                ready = prepare_work(opened, after, after.index in begun)
+            columns = task.wait(lambda control, block=block: _tick(job, block, control))  # type: ignore[misc]
+            done, task = (work, columns, task.seconds), None
+            job.meter.finish(block)
+        if done is not None:
+            _write(job, *done)
+    except BaseException as error:
+        if task is not None:
             task.stop()
+        if isinstance(error, Exception) and not isinstance(error, _Late):
             raise
-        job.report.kernel_seconds += task.seconds
-        written = (*written[:2], task.seconds)
-        job.meter.finish(block)
-        done += 1
-    if written is not None:
-        _write(job, *written)
-    if done < len(pending):
-        job.report.stopped = why_stopped(done)
+        # A request, not an error: what has ended is kept.
+        if done is not None:
+            _write(job, *done)
+        if task is not None and (done is None or done[0] is not work):
+            _keep(job, work, task)
+        if not isinstance(error, _Late):
+            raise
+        job.report.stopped = job.why_stopped()
     job.tick()
+
+
+def _start(job: Job, work: Work) -> Task[Columns]:
+    config = job.session.plan.config
+    return Task(
+        lambda control: finish_block(
+            config, work.launches, work.batch, threads=job.threads, control=control
+        )
+    )
 
 
 def _tick(job: Job, block: Block, control: Any) -> None:
     job.tick(block, control)
-    if job.too_late():
+    if job.too_late(job.report.done > 0 or control.runs_done > 0):
         raise _Late
 
 
-def write_block(opened: Opened, block: Block, columns: Columns) -> Receipt:
-    """Write an integrated block; every engine does it so."""
-    schema = runs_schema(opened.plan.config.record, opened.plan.config.model)
-    return opened.store.write_block(block.index, columns, schema, opened.note(block))
+def _keep(job: Job, work: Work, task: Task[Columns]) -> None:
+    """Write the runs of a stopped kernel that have ended."""
+    task.stop(GATHER)
+    try:
+        _write(job, work, task.value(), task.seconds)
+    except Interrupted as stopped:
+        job.report.lost += stopped.lost
+        if stopped.columns is not None:
+            _write(job, work, stopped.columns, task.seconds)
+    except TimeoutError:
+        job.report.lost += task.control.runs_begun
 
 
-def _write(job: Job, block: Block, columns: Columns, seconds: float) -> None:
-    job.session.wrote(block.index, write_block(job.session.opened, block, columns), seconds)
-    job.report.blocks += 1
+def _write(job: Job, work: Work, columns: Columns, seconds: float) -> None:
+    job.session.replaces(work.block.index)
+    receipt = write_work(job.session.opened, work, columns)
+    job.wrote(work.block.index, receipt, len(columns["case"]), seconds)
 
 
-def why_stopped(done: int) -> str:
-    """What to say when the time was up after so many blocks."""
-    if done:
-        return "the time is up"
-    return (
-        "the time was up before one block was done; give more, or choose a smaller block_size in "
-        "a new output"
-    )
-
-
-__all__ = ["load_kernel", "why_stopped", "work_off", "write_block"]
+__all__ = ["load_kernel", "work_off"]

@@ -163,7 +163,7 @@ def _cover(
         pieces += [
             _Piece(store, index, *borders(manifest, index))
             for index in store.block_indices()
-            if index < manifest["blocks"]
+            if index < manifest["blocks"] and store.is_complete(index)
         ]
     pieces.sort(key=lambda piece: (piece.first, -piece.stop))
     missing, reached = [], 0
@@ -207,7 +207,7 @@ def _kept(target: Store, index: int, note: Note) -> Receipt | None:
         found = target.inspect_block(index)
     except DamagedError:
         return None
-    return found.receipt if found.note == note else None
+    return found.receipt if found.note == note and found.complete else None
 
 
 def _check_target(target: Store, manifest: dict[str, Any], size: int) -> None:

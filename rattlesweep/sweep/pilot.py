@@ -13,7 +13,7 @@ from __future__ import annotations
 import heapq
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,7 +23,7 @@ from rattlesweep.integrate.kernels import kernel
 from rattlesweep.integrate.stages import LANES
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
-from rattlesweep.sweep.blocks import finish_block, run_batch
+from rattlesweep.sweep.blocks import finish_block, run_batch, take
 from rattlesweep.sweep.pool import SEED
 from rattlesweep.sweep.task import Task
 
@@ -46,11 +46,6 @@ PILOT_DT = 0.04
 USUAL = 0.1
 # Stand-in for the time of a turn as long as none is known; cancels.
 SOME_TURN = 1e-6
-
-
-def take(batch: Batch, rows: Integers) -> Batch:
-    """Some rows of a batch."""
-    return Batch(**{f.name: getattr(batch, f.name)[rows] for f in fields(Batch)})
 
 
 def turns(work: Floats, cost: Floats, lanes: int) -> float:
@@ -339,4 +334,4 @@ class Pilot:
         return float(np.sqrt((2 * USUAL**2 + squares) / (1 + used.sum())))
 
 
-__all__ = ["Pilot", "systematic", "take", "turns"]
+__all__ = ["Pilot", "systematic", "turns"]

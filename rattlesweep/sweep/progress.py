@@ -96,6 +96,7 @@ class Meter:
     ) -> None:
         self._report = report
         self._costs = {block.index: costs.of(block) for block in blocks}
+        self._rows = {block.index: block.rows for block in blocks}
         self._total = sum(self._costs.values())
         self._runs_total = sum(block.rows for block in blocks)
         self._start = time.perf_counter()
@@ -108,22 +109,19 @@ class Meter:
         """Say that work begins now; otherwise the first sign of life says so."""
         self._begun = time.perf_counter() - self._start
 
-    def skip(self, block: Block) -> None:
-        """Count a block found on disk."""
-        self._skipped += self._costs[block.index]
-        self._runs += block.rows
+    def skip(self, block: Block, rows: int | None = None) -> None:
+        """Count a block found on disk, or so many of its rows."""
+        rows = block.rows if rows is None else rows
+        cost = self._costs[block.index] * rows / block.rows
+        self._costs[block.index] -= cost
+        self._rows[block.index] -= rows
+        self._skipped += cost
+        self._runs += rows
 
     def finish(self, block: Block) -> None:
         """Count a block that is done."""
         self._done += self._costs[block.index]
-        self._runs += block.rows
-
-    def seconds(self, block: Block) -> float | None:
-        """Expected time of a block; None as long as none is done."""
-        if self._begun is None or self._done <= 0:
-            return None
-        rate = (time.perf_counter() - self._start - self._begun) / self._done
-        return self._costs[block.index] * rate
+        self._runs += self._rows[block.index]
 
     def tick(self, block: Block | None = None, control: Control | None = None) -> Progress:
         """Report, with what the kernel says of the block under way."""

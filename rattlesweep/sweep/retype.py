@@ -34,7 +34,7 @@ class _Noting(Protocol):
     def forget(self, indices: list[int]) -> None:
         """Drop receipts, before."""
 
-    def wrote(self, index: int, receipt: Receipt) -> None:
+    def wrote(self, index: int, receipt: Receipt) -> object:
         """Keep a receipt, after."""
 
 
@@ -131,7 +131,7 @@ def retype(directory: Path, overrides: Sequence[str] = ()) -> tuple[int, pa.Tabl
         whole = {
             str(i): f.receipt.dump()
             for i, f in found.items()
-            if f.note is not None and f.note.sweep == manifest["config_hash"]
+            if f.note is not None and f.note.sweep == manifest["config_hash"] and f.complete
         }
         changed = retype_blocks(store, old, config.classify, receipts) if old else 0
         summary = summarise(store, stored_cases(manifest))
@@ -140,7 +140,9 @@ def retype(directory: Path, overrides: Sequence[str] = ()) -> tuple[int, pa.Tabl
         def change(manifest: dict[str, Any]) -> None:
             manifest["config"] = manifest["config"] | {"classify": thresholds}
             known = whole | manifest["receipts"] | receipts.fresh
-            manifest["receipts"] = dict(sorted(known.items(), key=lambda item: int(item[0])))
+            order = sorted(known.items(), key=lambda item: int(item[0]))
+            # What a stopped session has left of a block has no receipt.
+            manifest["receipts"] = {i: r for i, r in order if found[int(i)].complete}
 
         store.update_manifest(change)
     return changed, summary

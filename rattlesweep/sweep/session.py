@@ -5,19 +5,20 @@ from __future__ import annotations
 import os
 import socket
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rattlesweep.sweep.adopt import adopted_size, remove_copies
+from rattlesweep.sweep.adopt import remove_copies
 from rattlesweep.sweep.columns import runs_schema
-from rattlesweep.sweep.config import differences, physics_part, resolved
+from rattlesweep.sweep.config import resolved
 from rattlesweep.sweep.errors import ConfigError, OutputError
 from rattlesweep.sweep.locks import hold
+from rattlesweep.sweep.opened import Opened, examine
 from rattlesweep.sweep.progress import Costs
-from rattlesweep.sweep.provenance import identity, new_manifest, now, read_manifest
+from rattlesweep.sweep.provenance import new_manifest, now
 from rattlesweep.sweep.receipts import Note, Receipt, count_failed
 from rattlesweep.sweep.shards import Shard, deal
 from rattlesweep.sweep.store import DamagedManifest, Store
@@ -33,78 +34,6 @@ NOTE_EVERY = 10.0
 REMEMBERED = 1000
 
 
-@dataclass(frozen=True)
-class Opened:
-    """What a directory is to a plan.
-
-    Attributes
-    ----------
-    plan : Plan
-        In the blocks that the directory was begun with.
-    manifest : dict or None
-        None where the sweep begins, or its manifest is lost.
-    remarks : list of str
-        What the user should know: versions that have changed, a lost manifest.
-    """
-
-    store: Store
-    plan: Plan
-    hash_: str
-    manifest: dict[str, Any] | None
-    remarks: list[str]
-
-    def note(self, block: Block) -> Note:
-        """What a block of this plan says of itself."""
-        config = self.plan.config
-        thresholds = resolved(config)["classify"]
-        return Note(self.hash_, block.first, block.stop, thresholds, config.integrator.max_steps)
-
-
-def examine(plan: Plan, directory: Path, base: Path | None) -> Opened:
-    """Compare a directory with a plan; nothing is written.
-
-    Raises
-    ------
-    ConfigError
-        If the directory holds the runs of another config; says what differs.
-    OutputError
-        If it cannot be read.
-    """
-    store, hash_ = Store(directory), identity(plan, base)
-    blocks = store.block_indices()
-    remarks: list[str] = []
-    manifest: dict[str, Any] | None = None
-    try:
-        if store.has_manifest():
-            manifest = read_manifest(store)
-    except DamagedManifest as error:
-        remarks.append(f"{error}; it is rebuilt from the blocks")
-    if manifest is None:
-        if blocks:
-            plan = replace(plan, block_size=adopted_size(store, blocks, hash_, plan))
-        return Opened(store, plan, hash_, None, remarks)
-    if manifest.get("config_hash") != hash_:
-        ours = resolved(plan.config)
-        changes = differences(physics_part(manifest["config"]), physics_part(ours))
-        what = "; ".join(changes[:3]) or "the table of bodies has changed"
-        raise ConfigError(
-            f"{directory}: it holds the runs of another config ({what}); choose another output, or "
-            "start over with --fresh"
-        )
-    size = manifest["config"]["block_size"]
-    if size != plan.block_size:
-        remarks.append(f"{directory} was begun in blocks of {size} runs, and keeps that size")
-        plan = replace(plan, block_size=size)
-    current = new_manifest(plan, hash_, base)
-    for part in ("versions", "machine"):
-        if changed := differences(manifest.get(part, {}), current[part]):
-            remarks.append(
-                f"{directory} was begun with other {part} ({'; '.join(changed[:3])}): last bits "
-                "may differ"
-            )
-    return Opened(store, plan, hash_, manifest, remarks)
-
-
 @dataclass
 class Session:
     """A process's share of a sweep, while it holds it.
@@ -116,11 +45,14 @@ class Session:
     blocks : list of Block
         All of the share.
     pending : list of Block
-        Those that are not in place.
+        Those that are not in place, or are to be done again in part.
     receipts : dict
         Receipts of blocks found whole or written by this session.
+    begun : dict
+        By the numbers of pending blocks of which there are rows already: how many need not be
+        integrated.
     retype, retry : list of int
-        Numbers of complete blocks with types of other thresholds, and with failed runs.
+        Numbers of complete blocks with types of other thresholds, and with failed runs to do again.
     """
 
     opened: Opened
@@ -131,10 +63,12 @@ class Session:
     blocks: list[Block]
     pending: list[Block] = field(default_factory=list)
     receipts: dict[int, Receipt] = field(default_factory=dict)
+    begun: dict[int, int] = field(default_factory=dict)
     retype: list[int] = field(default_factory=list)
     retry: list[int] = field(default_factory=list)
     kept: int = 0
     _noted: set[int] = field(default_factory=set)
+    _forgotten: set[int] = field(default_factory=set)
     _entry: dict[str, Any] = field(default_factory=dict)
     _due: float = 0.0
 
@@ -148,9 +82,15 @@ class Session:
         """What is to be done."""
         return self.opened.plan
 
+    @property
+    def runs(self) -> int:
+        """Runs of the share that are in place."""
+        parts = [rows for index, rows in self.begun.items() if index not in self.receipts]
+        return sum(receipt.rows for receipt in self.receipts.values()) + sum(parts)
+
     # ------------------------------------------------------------ what is there
 
-    def scan(self, *, retry_failed: bool) -> None:
+    def scan(self) -> None:
         """Read every block of the share, and sort out what is left to do.
 
         Raises
@@ -173,28 +113,40 @@ class Session:
             if (
                 found.note is None
                 or not wanted.same_runs(found.note)
-                or found.receipt.rows != block.rows
+                or found.receipt.rows > block.rows
                 or not same_schema(found.schema, schema)
                 or (old is not None and old.sha256 != found.receipt.sha256)
             ):
                 self.pending.append(block)
                 continue
-            self._check_limit(found.note, wanted, found.receipt, retry_failed)
+            self._check_limit(found.note, wanted, found.receipt)
+            retry = bool(found.receipt.failed) and self.opened.retry_failed
+            if retry or not found.complete:
+                self.pending.append(block)
+                again = sum(found.receipt.failed.values()) if retry else 0
+                self.begun[block.index] = found.receipt.rows - again
+            if not found.complete:
+                self.kept += self.begun[block.index]
+                continue
             seconds = None if old is None else old.seconds
             self.receipts[block.index] = replace(found.receipt, seconds=seconds)
             self.kept += block.rows
             if found.note.classify != wanted.classify:
                 self.retype.append(block.index)
-            if found.receipt.failed and retry_failed:
+            if retry:
                 self.retry.append(block.index)
 
-    def _check_limit(self, old: Note, new: Note, receipt: Receipt, retry_failed: bool) -> None:
+    def _check_limit(self, old: Note, new: Note, receipt: Receipt) -> None:
         if old.max_steps > new.max_steps:
             raise ConfigError(
                 f"{self.store.directory}: its runs were done with integrator.max_steps "
                 f"{old.max_steps}, which may only grow; {new.max_steps} needs another output"
             )
-        if old.max_steps < new.max_steps and "step_limit" in receipt.failed and not retry_failed:
+        if (
+            old.max_steps < new.max_steps
+            and "step_limit" in receipt.failed
+            and not (self.opened.retry_failed)
+        ):
             raise ConfigError(
                 f"{self.store.directory}: some of its runs ended at integrator.max_steps "
                 f"{old.max_steps}; to do them again with {new.max_steps}, add --retry-failed"
@@ -231,6 +183,10 @@ class Session:
         def change(manifest: dict[str, Any]) -> None:
             manifest["state"] = "running"
             manifest["config"] = config
+            # Of files that were not found as they were written.
+            for block in self.pending:
+                if block.index not in self.receipts:
+                    manifest["receipts"].pop(str(block.index), None)
             others = [entry for entry in manifest["sessions"] if not self._is_mine(entry)]
             manifest["sessions"] = [*others[-REMEMBERED:], self._entry]
 
@@ -252,22 +208,62 @@ class Session:
         except DamagedManifest:
             self.store.write_manifest(self._blank())
 
-    def expect(self, forecast: dict[str, Any]) -> None:
-        """Keep what the sweep is expected to take, if nobody has before."""
+    def expect(self, forecast: Callable[[], dict[str, Any] | None]) -> None:
+        """Keep what the sweep is expected to take, if nobody has before and it can be told."""
+        if "expected" in (self.opened.manifest or {}) or (expected := forecast()) is None:
+            return
 
         def change(manifest: dict[str, Any]) -> None:
-            manifest.setdefault("expected", forecast)
+            manifest.setdefault("expected", expected)
 
-        if "expected" not in (self.opened.manifest or {}):
-            self.store.update_manifest(change, self._blank)
+        self.store.update_manifest(change, self._blank)
 
-    def wrote(self, index: int, receipt: Receipt, seconds: float | None = None) -> None:
-        """Keep the receipt of a block that has come to rest."""
-        if seconds is None and index in self.receipts:
-            seconds = self.receipts[index].seconds
+    def replaces(self, index: int) -> None:
+        """Forget the receipt of a block that is about to be written, if it has one."""
+        if index in self.receipts:
+            self.forget([index])
+
+    def wrote(self, index: int, receipt: Receipt, seconds: float | None = None) -> bool:
+        """Keep the receipt of a block that was written; one that is not whole has none.
+
+        Returns
+        -------
+        bool
+            Whether it is whole.
+        """
+        if receipt.rows < self.plan.block(index).rows:
+            self.begun[index] = receipt.rows
+            return False
+        if self.begun.pop(index, None) is not None or seconds is None:
+            # Not all of its runs were integrated just now.
+            seconds = self.receipts[index].seconds if index in self.receipts else None
         seconds = None if seconds is None else round(seconds, 4)
         self.receipts[index] = replace(receipt, seconds=seconds)
         self._noted.discard(index)
+        self._forgotten.discard(index)
+        return True
+
+    def missing(self) -> list[int]:
+        """Numbers of the blocks of the whole sweep that are not there, or not all of them.
+
+        Raises
+        ------
+        OutputError
+            A block is gone that this session has found or written.
+        """
+        plan, there = self.plan, set(self.store.block_indices())
+        if gone := [index for index in self.receipts if index not in there]:
+            raise OutputError(
+                f"{self.store.block_path(min(gone))} was in place and has vanished"
+                f"{f', and {len(gone) - 1} more blocks' if len(gone) > 1 else ''}: something else "
+                "removes files there; the same command does them again"
+            )
+        missing = [index for index in range(plan.n_blocks) if index not in there]
+        if not missing:
+            # Of other shards: what was stopped has left rows, but not a block.
+            others = [index for index in range(plan.n_blocks) if index not in self.receipts]
+            missing = [index for index in others if not self.store.is_complete(index)]
+        return missing
 
     def forget(self, indices: list[int]) -> None:
         """Take receipts out of the manifest before their blocks are replaced."""
@@ -279,6 +275,7 @@ class Session:
         if indices:
             self.store.update_manifest(change, self._blank)
             self._noted.difference_update(indices)
+            self._forgotten.update(indices)
 
     def note(self, progress: Progress) -> None:
         """Write receipts and progress down, if it is time to."""
@@ -287,9 +284,8 @@ class Session:
             self._write({"progress": {**asdict(progress), "at": now()}})
             self._due = time.monotonic() + max(NOTE_EVERY, 50 * (time.monotonic() - start))
 
-    def end(self, state: str, totals: dict[str, Any]) -> dict[str, Any]:
-        """Write down how the session ended; the manifest as it is then."""
-        whole = len(self.store.block_indices()) == self.plan.n_blocks
+    def end(self, state: str, whole: bool, totals: dict[str, Any]) -> dict[str, Any]:
+        """Write down how the session ended, and whether the whole sweep is done; the manifest."""
 
         def finish(manifest: dict[str, Any]) -> None:
             done = whole and state == "complete"
@@ -313,7 +309,8 @@ class Session:
         return all(entry.get(key) == self._entry[key] for key in ("started", "host", "pid"))
 
     def _write(self, news: dict[str, Any], more: Any = lambda manifest: None) -> dict[str, Any]:
-        fresh = {i: r for i, r in self.receipts.items() if i not in self._noted}
+        known = self._noted | self._forgotten
+        fresh = {i: r for i, r in self.receipts.items() if i not in known}
 
         def change(manifest: dict[str, Any]) -> None:
             manifest["receipts"] |= {str(i): r.dump() for i, r in fresh.items()}
@@ -340,6 +337,7 @@ def open_session(
     *,
     shard: Shard | None = None,
     fresh: bool = False,
+    retry_failed: bool = False,
 ) -> Iterator[Session]:
     """Take hold of a directory, or of a share of it.
 
@@ -362,7 +360,7 @@ def open_session(
             remove_runs(store)
         # Files of another shard may be young.
         store.remove_stale_temporaries(0.0 if shard is None else 3600.0)
-        opened = examine(plan, directory, base)
+        opened = replace(examine(plan, directory, base), retry_failed=retry_failed)
         opened.remarks.extend(remove_copies(store, opened.plan.n_blocks, opened.hash_))
         costs = Costs(opened.plan)
         yield Session(opened, base, shard, threads, costs, deal(opened.plan, shard, costs))
@@ -385,4 +383,4 @@ def remove_runs(store: Store) -> None:
         raise OutputError(f"cannot remove the runs in {store.directory}: {error}") from error
 
 
-__all__ = ["Opened", "Session", "examine", "open_session", "remove_runs"]
+__all__ = ["Session", "open_session", "remove_runs"]

@@ -28,6 +28,9 @@ class Status:
     holder : str or None
         Who is at work there.
     runs, runs_done, blocks, blocks_done : int
+        Done are those of complete blocks.
+    runs_begun : int
+        Runs of other blocks, which a stopped session has left and the next one completes.
     failed : dict
         Runs in place by status, other than ``ok``.
     damaged : list of int
@@ -48,6 +51,7 @@ class Status:
     runs_done: int
     blocks: int
     blocks_done: int
+    runs_begun: int
     failed: dict[str, int]
     damaged: list[int]
     seconds: float
@@ -70,22 +74,27 @@ def status_of(directory: Path) -> Status:
     manifest = read_manifest(store)
     runs = manifest["runs"]
     failed: Counter[str] = Counter()
-    damaged, done = [], 0
-    indices = store.block_indices()
-    for index in indices:
+    damaged: list[int] = []
+    blocks = done = begun = 0
+    for index in store.block_indices():
         receipt = Receipt.load(manifest["receipts"].get(str(index)))
         if receipt is None:
             # Not noted yet, so the file is asked.
             try:
-                receipt = store.inspect_block(index).receipt
+                found = store.inspect_block(index)
             except DamagedError:
                 damaged.append(index)
                 continue
+            receipt = found.receipt
+            if not found.complete:
+                begun += receipt.rows
+                continue
+        blocks += 1
         failed.update(receipt.failed)
         first, stop = borders(manifest, index)
         done += stop - first
     seconds = float(manifest.get("seconds", 0.0))
-    left, ends = _time_left(manifest, done, at_work is not None)
+    left, ends = _time_left(manifest, done + begun, at_work is not None)
     return Status(
         directory=str(directory),
         name=manifest["name"],
@@ -94,7 +103,8 @@ def status_of(directory: Path) -> Status:
         runs=runs,
         runs_done=done,
         blocks=manifest["blocks"],
-        blocks_done=len(indices) - len(damaged),
+        blocks_done=blocks,
+        runs_begun=begun,
         failed=dict(sorted(failed.items())),
         damaged=damaged,
         seconds=seconds,
@@ -143,6 +153,8 @@ def describe(status: Status) -> str:
         ("runs", f"{status.runs_done} of {status.runs} done ({share:.1f} %)"),
         ("blocks", f"{status.blocks_done} of {status.blocks}"),
     ]
+    if status.runs_begun:
+        lines.append(("begun", f"{status.runs_begun} runs of blocks that are not complete"))
     if status.damaged:
         lines.append(("damaged", f"blocks {', '.join(map(str, status.damaged[:10]))}"))
     words = ", ".join(f"{count} {word}" for word, count in status.failed.items())

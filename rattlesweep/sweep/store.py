@@ -41,11 +41,16 @@ class DamagedManifest(OutputError):
 
 @dataclass(frozen=True)
 class Found:
-    """A block that is in place and whole."""
+    """A block that is in place and undamaged."""
 
     schema: pa.Schema
     note: Note | None
     receipt: Receipt
+
+    @property
+    def complete(self) -> bool:
+        """Whether it has all its rows; what a stopped session leaves of a block has fewer."""
+        return self.note is None or self.receipt.rows >= self.note.stop - self.note.first
 
 
 class Store:
@@ -160,6 +165,14 @@ class Store:
         """
         return inspect_file(self.block_path(index))
 
+    def is_complete(self, index: int) -> bool:
+        """Whether block `index` has all its rows, by its own account; nothing is proved."""
+        try:
+            with pq.ParquetFile(self.block_path(index)) as file:
+                return _complete(file)
+        except (pa.ArrowException, OSError):
+            return False
+
     def read_block(self, index: int, columns: Sequence[str] | None = None) -> pa.Table:
         """Read a block, having proved that it is whole.
 
@@ -182,8 +195,12 @@ class Store:
         for index in self.block_indices():
             yield index, self.read_block(index, columns)
 
-    def iter_batches(self, columns: Sequence[str] | None = None) -> Iterator[pa.RecordBatch]:
+    def iter_batches(
+        self, columns: Sequence[str] | None = None, *, complete: bool = False
+    ) -> Iterator[pa.RecordBatch]:
         """Yield all rows in order, in pieces of bounded size, reading only these columns.
+
+        With `complete`, blocks of which a stopped session has left only a part are left out.
 
         Page checksums are verified; the seal of the whole file, which takes a read of all of
         it, is not.
@@ -197,6 +214,8 @@ class Store:
             path = self.block_path(index)
             try:
                 with pq.ParquetFile(path, page_checksum_verification=True) as file:
+                    if complete and not _complete(file):
+                        continue
                     absent = set(columns or ()).difference(file.schema_arrow.names)
                     if absent:
                         raise OutputError(f"{path} has no column {', '.join(sorted(absent))}")
@@ -349,6 +368,11 @@ def inspect_file(path: Path) -> Found:
     schema = file.schema_arrow
     note = Note.load((schema.metadata or {}).get(NOTE))
     return Found(schema, note, _receipt(data, status))
+
+
+def _complete(file: pq.ParquetFile) -> bool:
+    note = Note.load((file.schema_arrow.metadata or {}).get(NOTE))
+    return note is None or file.metadata.num_rows >= note.stop - note.first
 
 
 def _receipt(data: bytes, status: pa.ChunkedArray | None) -> Receipt:

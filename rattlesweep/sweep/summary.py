@@ -118,9 +118,10 @@ class _Tally:
 def summarise(store: Store, cases: Sequence[CaseLike]) -> pa.Table:
     """Summarise the stored runs, one row a case in the order of `cases`.
 
-    Runs are streamed, and only one case's reversal times are held, 24 bytes a run. The result
-    does not depend, in any bit, on how the runs are cut into blocks. A case of which nothing is
-    stored yet has 0 runs and nulls.
+    The runs of complete blocks count: what a stopped session has left of another block are the runs
+    that were first to end, which are not like the rest. Runs are streamed, and only one case's
+    reversal times are held, 24 bytes a run. The result does not depend, in any bit, on how the runs
+    are cut into blocks. A case of which nothing is stored yet has 0 runs and nulls.
 
     Parameters
     ----------
@@ -162,7 +163,7 @@ def summarise(store: Store, cases: Sequence[CaseLike]) -> pa.Table:
 def _tallies(store: Store) -> Iterator[tuple[int, _Tally]]:
     """Yield (case, tally) as each case comes to its end."""
     current, tally = -1, _Tally()
-    for batch in store.iter_batches(_NEEDED):
+    for batch in store.iter_batches(_NEEDED, complete=True):
         numbers = batch.column("case").to_numpy(zero_copy_only=False)
         starts = [0, *(np.flatnonzero(np.diff(numbers)) + 1).tolist(), len(numbers)]
         for start, stop in pairwise(starts):

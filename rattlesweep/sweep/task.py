@@ -43,10 +43,24 @@ class Task(threading.Thread, Generic[T]):
             self._error = error
         self.seconds = time.perf_counter() - start
 
-    def stop(self) -> None:
+    def stop(self, patience: float = PATIENCE) -> None:
         """Ask for an end, and wait for it a little."""
         self.control.stop()
-        self.join(PATIENCE)
+        self.join(patience)
+
+    def value(self) -> T:
+        """What the call came to, or raised.
+
+        Raises
+        ------
+        TimeoutError
+            If it has not ended.
+        """
+        if self.is_alive():
+            raise TimeoutError
+        if self._error is not None:
+            raise self._error
+        return self._value[0]
 
     def wait(self, tick: Callable[[Control], None] = lambda control: None) -> T:
         """Wait for the value; `tick` is called a few times a second and may raise to stop it."""
@@ -57,6 +71,4 @@ class Task(threading.Thread, Generic[T]):
         except BaseException:
             self.stop()
             raise
-        if self._error is not None:
-            raise self._error
-        return self._value[0]
+        return self.value()

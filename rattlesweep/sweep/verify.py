@@ -21,7 +21,7 @@ from rattlesweep.sweep.provenance import identity, read_manifest
 from rattlesweep.sweep.receipts import Note, Receipt, borders, count_failed
 from rattlesweep.sweep.recompute import differing_rows
 from rattlesweep.sweep.retype import stored_cases, typed
-from rattlesweep.sweep.store import Store
+from rattlesweep.sweep.store import Found, Store
 from rattlesweep.sweep.summary import summarise
 from rattlesweep.sweep.tables import DamagedError, same_schema
 from rattlesweep.sweep.types import TYPES
@@ -42,6 +42,8 @@ class Verdict:
         Blocks and runs in place that are whole.
     missing : list of int
         Blocks not in place; a problem only if the sweep is said to be complete.
+    begun : int
+        Runs in place of missing blocks, which a stopped session has left.
     recomputed : int
         Runs integrated again.
     remarks : list of str
@@ -52,6 +54,7 @@ class Verdict:
     blocks: int = 0
     runs: int = 0
     missing: list[int] = field(default_factory=list)
+    begun: int = 0
     recomputed: int = 0
     remarks: list[str] = field(default_factory=list)
 
@@ -140,23 +143,39 @@ def _check_blocks(
             verdict.missing.append(index)
             continue
         try:
-            faults = list(_faults(store, index, manifest, config, schema))
+            rows, faults = _faults(store, index, manifest, config, schema)
         except DamagedError as error:
-            faults = [f"is damaged: {error}"]
+            rows, faults = 0, [f"is damaged: {error}"]
         verdict.problems += [f"{store.block_path(index)} {fault}" for fault in faults]
-        if not faults:
-            whole.append(index)
-            verdict.blocks += 1
-            first, stop = borders(manifest, index)
-            verdict.runs += stop - first
+        if faults:
+            continue
+        first, stop = borders(manifest, index)
+        if rows < stop - first:
+            verdict.missing.append(index)
+            verdict.begun += rows
+            continue
+        whole.append(index)
+        verdict.blocks += 1
+        verdict.runs += rows
     return whole
 
 
 def _faults(
     store: Store, index: int, manifest: dict[str, Any], config: Config, schema: pa.Schema
-) -> Iterator[str]:
-    """What is wrong with a block, worst first."""
+) -> tuple[int, list[str]]:
+    """Rows of a block, and what is wrong with it, worst first."""
     found = store.inspect_block(index)
+    return found.receipt.rows, list(_faults_of(store, index, found, manifest, config, schema))
+
+
+def _faults_of(
+    store: Store,
+    index: int,
+    found: Found,
+    manifest: dict[str, Any],
+    config: Config,
+    schema: pa.Schema,
+) -> Iterator[str]:
     wanted = Note.of(manifest, index)
     if not wanted.same_runs(found.note):
         yield "is a block of another sweep, or of another place in this one"
@@ -167,14 +186,16 @@ def _faults(
     receipt = Receipt.load(manifest["receipts"].get(str(index)))
     if receipt is not None and receipt.sha256 != found.receipt.sha256:
         yield "is not the file that the manifest has the checksum of"
-    if receipt is None and manifest["state"] == "complete":
+    if receipt is None and found.complete and manifest["state"] == "complete":
         yield "has no checksum in the manifest"
     table = store.read_block(index)
-    case, sample = np.divmod(np.arange(wanted.first, wanted.stop), manifest["samples"])
-    if not (
-        np.array_equal(table.column("case").to_numpy(), case)
-        and np.array_equal(table.column("sample").to_numpy(), sample)
-    ):
+    samples = manifest["samples"]
+    sample = table.column("sample").to_numpy()
+    numbers = table.column("case").to_numpy().astype(np.int64) * samples + sample
+    all_runs = np.arange(wanted.first, wanted.stop)
+    # A stopped session leaves some of them, in their order.
+    some = all_runs[np.isin(all_runs, numbers)]
+    if not np.array_equal(numbers, some) or not ((sample >= 0) & (sample < samples)).all():
         yield "has runs missing, double or out of order"
     yield from _bad_values(table)
     if found.note is not None and found.note.classify != wanted.classify:

@@ -16,8 +16,8 @@ from rattlesweep.sweep.config import Config, parse_config, resolved
 from rattlesweep.sweep.engine import run_sweep
 from rattlesweep.sweep.errors import ConfigError
 from rattlesweep.sweep.files import probe_directory, replace_file
+from rattlesweep.sweep.opened import examine
 from rattlesweep.sweep.plan import Case, Plan, make_plan
-from rattlesweep.sweep.session import examine
 from rattlesweep.sweep.store import Store
 from rattlesweep.sweep.tables import encode
 
