@@ -18,6 +18,7 @@ from math import ceil
 from numba import njit
 
 from rattlesweep.integrate import rows as R
+from rattlesweep.integrate.cells import INNER
 from rattlesweep.integrate.stages import LANES as L
 
 # Modes of a lane.
@@ -35,7 +36,7 @@ _CLEAR, _DIP, _ZERO = 0, 1, 2
 _KNOWN = 3
 
 
-@njit(nogil=True)
+@njit(**INNER)
 def _judge(h0, n0, r0, h1, n1, r1, sign):  # type: ignore[no-untyped-def]
     """Whether a piece with the spin positive (after ``sign``) at its start can hold a zero."""
     if sign * n1 <= 0.0:
@@ -52,14 +53,14 @@ def _judge(h0, n0, r0, h1, n1, r1, sign):  # type: ignore[no-untyped-def]
     return _CLEAR if meet > 0.0 else _DIP
 
 
-@njit(nogil=True)
+@njit(**INNER)
 def _set(w, l, row, h, n, r):  # type: ignore[no-untyped-def]
     w[row * L + l] = h
     w[(row + 1) * L + l] = n
     w[(row + 2) * L + l] = r
 
 
-@njit(nogil=True)
+@njit(**INNER)
 def search(l, h, n, r, w):  # type: ignore[no-untyped-def]
     """One move of the search, after each step tried on lane ``l``.
 
@@ -132,7 +133,7 @@ def search(l, h, n, r, w):  # type: ignore[no-untyped-def]
     return _scan(l, w, h)
 
 
-@njit(nogil=True)
+@njit(**INNER)
 def _scan(l, w, tried):  # type: ignore[no-untyped-def]
     """Decide on the pieces from LO on whose ends are known; END is the end of the first."""
     while True:
@@ -153,7 +154,7 @@ def _scan(l, w, tried):  # type: ignore[no-untyped-def]
             return move
 
 
-@njit(nogil=True)
+@njit(**INNER)
 def _next_piece(l, w, tried):  # type: ignore[no-untyped-def]
     """Go on behind END: try the next piece's end, or take the step, or _KNOWN if END now is it."""
     _set(w, l, R.LO_H, w[R.END_H * L + l], w[R.END_N * L + l], w[R.END_R * L + l])
@@ -178,7 +179,7 @@ def _next_piece(l, w, tried):  # type: ignore[no-untyped-def]
     return HOLD
 
 
-@njit(nogil=True)
+@njit(**INNER)
 def _towards_minimum(l, w, tries):  # type: ignore[no-untyped-def]
     """Next point in LO..HI, where the rate changes sign: a secant, every third time the middle."""
     lo, hi = w[R.LO_H * L + l], w[R.HI_H * L + l]
@@ -188,7 +189,7 @@ def _towards_minimum(l, w, tries):  # type: ignore[no-untyped-def]
     return lo + min(0.98, max(0.02, share)) * (hi - lo)
 
 
-@njit(nogil=True)
+@njit(**INNER)
 def _start_root(l, w):  # type: ignore[no-untyped-def]
     """Begin to polish the zero between LO and HI."""
     w[R.MODE * L + l] = ROOT
@@ -199,7 +200,7 @@ def _start_root(l, w):  # type: ignore[no-untyped-def]
     return HOLD
 
 
-@njit(nogil=True)
+@njit(**INNER)
 def _polish(l, h, n, r, w):  # type: ignore[no-untyped-def]
     """Newton's method in the bracket LO..HI until it moves by rounding only."""
     if w[R.SIGN * L + l] * n > 0.0:

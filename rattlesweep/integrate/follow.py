@@ -16,6 +16,7 @@ from math import isfinite
 from numba import njit
 
 from rattlesweep.integrate import rows as R
+from rattlesweep.integrate.cells import INNER
 from rattlesweep.integrate.events import (
     _KNOWN,
     HOLD,
@@ -49,7 +50,7 @@ def lane_rhs(w, l):
     raise NotImplementedError
 
 
-@njit(nogil=True)
+@njit(**INNER)
 def resume(l, h, w, beyond):
     """Search on in the same step behind the zero at ``h``.
 

@@ -24,6 +24,7 @@ from numba import config, njit
 from rattlesweep.integrate import carry, lanes, runs
 from rattlesweep.integrate import columns as C
 from rattlesweep.integrate.cache import PACKAGE, cached, directory, specialise
+from rattlesweep.integrate.cells import INNER
 from rattlesweep.integrate.model import MODELS
 from rattlesweep.integrate.stages import LANES, Layout, compile_attempt, compile_lane_functions
 from rattlesweep.integrate.tableau import METHODS
@@ -91,9 +92,7 @@ def build(tableau: Tableau, model: Model) -> Callable[..., None]:
         for template in templates:
             name = template.__name__
             # No fastmath here: the time is a compensated sum.
-            bindings[name] = njit(nogil=True, error_model="numpy")(
-                specialise(template, name + mark + suffix, **bindings)
-            )
+            bindings[name] = njit(**INNER)(specialise(template, name + mark + suffix, **bindings))
 
     bind(TEMPLATES)
     if model.tangent:

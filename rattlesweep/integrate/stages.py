@@ -21,11 +21,12 @@ from typing import TYPE_CHECKING, Any
 from numba import njit
 
 from rattlesweep.integrate.atomics import barrier
+from rattlesweep.integrate.cells import INNER, Sum, cells, gather, scatter
 from rattlesweep.integrate.rows import ACCEPT, STATE_ROWS
 from rattlesweep.physics.full import FASTMATH
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from rattlesweep.integrate.model import Model
     from rattlesweep.integrate.tableau import Row, Tableau
@@ -95,8 +96,11 @@ class Layout:
         return self.stages + tableau.stages * model.n_state * (2 if model.tangent else 1)
 
 
-def source(tableau: Tableau, model: Model, lanes: int = LANES) -> str:
-    """Source text of ``attempt(w, scale)``.
+class Attempt:
+    """Writes ``attempt(w, scale)``: one step tried on every lane.
+
+    ``w`` is the flat workspace, ``scale`` is ``1 / tol**2``.  Each method of this class writes the
+    loop over lanes of one part of the step.
 
     Parameters
     ----------
@@ -105,169 +109,204 @@ def source(tableau: Tableau, model: Model, lanes: int = LANES) -> str:
     lanes : int
         Row length of the workspace.
 
-    Returns
-    -------
-    str
-        Defines ``attempt(w, scale)``: ``w`` is the flat workspace, ``scale`` is ``1 / tol**2``.
+    Attributes
+    ----------
+    source : str
+        The function's text.
+    names : dict
+        What it sees as globals.
     """
-    at = Layout.of(model)
-    n = model.n_state
-    states = range(n)
 
-    def cell(row: int) -> str:
-        return f"w[{row * lanes} + l]"
-
-    def stage(j: int, c: int) -> str:
-        return cell(at.stages + j * n + c)
-
-    def combine(row: Row, c: int, first: int = 0) -> str:
-        return " + ".join(
-            f"{coefficient!r} * {stage(first + j, c)}" for j, coefficient in row.items()
-        )
-
-    constants = ", ".join(f"q{i}" for i in range(model.n_constants))
-    load_constants = [f"q{i} = {cell(at.constants + i)}" for i in range(model.n_constants)]
-    load_probe = [f"o{i} = {cell(at.probe + i)}" for i in range(model.n_probe)]
-    probe = ", ".join(f"o{i}" for i in range(model.n_probe))
-
-    def names(prefix: str) -> str:
-        return ", ".join(f"{prefix}{c}" for c in states)
-
-    def derivative(y: int, f: int) -> list[str]:
-        return [
-            f"{names('f')} = rhs({names('y')}, {constants})",
-            *(f"{cell(y + c)} = y{c}" for c in states),
-            *(f"{cell(f + c)} = f{c}" for c in states),
-        ]
-
-    ends = [
-        f"{cell(at.n1)} = spin({names('y')})",
-        f"{cell(at.rate1)} = spin_rate({names('y')}, {names('f')})",
-        *load_probe,
-        f"{cell(at.amplitude)} = amplitude({names('y')}, {probe})",
-    ]
-    lines = ["def attempt(w, scale):"]
-    indent = 4
-
-    def loop(body: list[str]) -> None:
-        lines.append(" " * indent + f"for l in range({lanes}):")
-        lines.extend(" " * (indent + 4) + text for text in body)
-
-    def tangent_loop(body: list[str]) -> None:
-        lines.append(" " * indent + "barrier()")
-        loop(body)
-        lines.append(" " * indent + "barrier()")
-
-    def tangent_at(row: Row, v: int, y: int, f: int, project: bool = False) -> list[str]:
-        """The tangent at ``row`` and its rate, with the state and its derivative at ``y, f``."""
-        first = tableau.stages
-        given = f"{names('y')}, {names('f')}, {names('v')}, {constants}"
-        return [
-            *load_constants,
-            *(f"y{c} = {cell(y + c)}" for c in states),
-            *(f"f{c} = {cell(f + c)}" for c in states),
-            *(f"v{c} = {cell(v + c)} + ({combine(row, c, first)})" for c in states),
-            *([f"{names('v')} = transverse({given})"] if project else []),
-            f"{names('g')} = tangent_rate({given})",
-        ]
-
-    share = "" if tableau.adaptive else f" * {1 / SUBSTEPS!r}"
-    keep = [f"{cell(at.ys + c)} = y{c}" for c in states if model.tangent]
-    keep += [f"{cell(at.fs + c)} = f{c}" for c in states if model.tangent]
-
-    def stages(y: int, f: int, v: int, g: int, last: list[str]) -> None:
-        """A step of ``share * h`` from rows ``y, f, v, g``; ``last`` joins the last loop."""
-        h = f"h = {cell(at.h)}{share}"
-        loop([h, *(f"{stage(0, c)} = h * {cell(f + c)}" for c in states)])
-        if model.tangent:
-            first = tableau.stages
-            tangent_loop([h, *(f"{stage(first, c)} = h * {cell(g + c)}" for c in states)])
-        for i in range(1, tableau.stages):
-            loop(
-                [
-                    h,
-                    *load_constants,
-                    *(f"y{c} = {cell(y + c)} + ({combine(tableau.a[i], c)})" for c in states),
-                    f"{names('f')} = rhs({names('y')}, {constants})",
-                    *(f"{stage(i, c)} = h * f{c}" for c in states),
-                    *keep,
-                ]
-            )
-            if model.tangent:
-                body = tangent_at(tableau.a[i], v, at.ys, at.fs)
-                body += [f"{stage(tableau.stages + i, c)} = h * g{c}" for c in states]
-                tangent_loop([h, *body])
-        loop(
-            [
-                *load_constants,
-                *(f"y{c} = {cell(y + c)} + ({combine(tableau.b, c)})" for c in states),
-                *derivative(at.y1, at.f1),
-                *last,
-            ]
-        )
-        if model.tangent:
-            # Only the transverse part goes on.  If it decays, what rounding leaves of the others
-            # would soon hide it.
-            body = tangent_at(tableau.b, v, at.y1, at.f1, project=True)
-            body += [f"{cell(at.v1 + c)} = v{c}" for c in states]
-            body += [f"{cell(at.g1 + c)} = g{c}" for c in states]
-            tangent_loop(body)
-
-    if tableau.adaptive:
-        stages(at.y, at.f, at.v, at.g, ends)
-        body = [f"h = {cell(at.h)}", *load_constants]
-        body += [f"y{c} = {cell(at.y + c)}" for c in states]
-        for k, row in enumerate(tableau.errors):
-            inner = {j: v for j, v in row.items() if j < tableau.stages}
-            end = row.get(tableau.stages)
-            for c in states:
-                tail = f" + {end!r} * h * {cell(at.f1 + c)}" if end else ""
-                body.append(f"e{c} = {combine(inner, c)}{tail}")
-            body.append(f"s{k} = scale * error({names('e')}, {names('y')}, {constants})")
-        if len(tableau.errors) == 2:
-            # Hairer's blend of the fifth and third order estimates; both are squared here.
-            body.append(f"{cell(at.error)} = s0 * s0 / (s0 + 0.01 * s1 + 1e-300)")
+    def __init__(self, tableau: Tableau, model: Model, lanes: int = LANES) -> None:
+        self.tableau, self.model, self.lanes = tableau, model, lanes
+        self.at = Layout.of(model)
+        self.n = model.n_state
+        self.names: dict[str, Any] = {
+            "rhs": model.rhs,
+            "spin": model.spin,
+            "spin_rate": model.spin_rate,
+            "amplitude": model.amplitude,
+            "error": model.error,
+            "tangent_rate": model.tangent and model.tangent.rate,
+            "transverse": model.tangent and model.tangent.transverse,
+            "barrier": barrier,
+        }
+        self._lines = ["def attempt(w, scale):"]
+        self._indent = 4
+        at = self.at
+        if tableau.adaptive:
+            self.step(at.y, at.f, at.v, at.g, 1.0)
+            self.errors()
         else:
-            body.append(f"{cell(at.error)} = s0")
-        loop(body)
-    else:
-        both = range(2 * n)
-        loop([f"{cell(at.y1 + c)} = {cell(at.y + c)}" for c in both])
-        if model.tangent:
-            loop([f"{cell(at.v1 + c)} = {cell(at.v + c)}" for c in both])
-        lines.append(f"    for _ in range({SUBSTEPS}):")
-        indent = 8
-        stages(at.y1, at.f1, at.v1, at.g1, [])
-        indent = 4
-        loop(
-            [
-                *(f"y{c} = {cell(at.y1 + c)}" for c in states),
-                *(f"f{c} = {cell(at.f1 + c)}" for c in states),
-                *ends,
-                # Zero, or not a number where the step left the numbers.
-                f"{cell(at.error)} = 0.0 * ({' + '.join(f'f{c}' for c in states)})",
-            ]
+            self.copy(at.y, at.y1)
+            if model.tangent:
+                self.copy(at.v, at.v1)
+            self._line(f"for _ in range({SUBSTEPS}):")
+            self._indent = 8
+            self.step(at.y1, at.f1, at.v1, at.g1, 1 / SUBSTEPS)
+            self._indent = 4
+            self.outcome()
+        self.source = "\n".join(self._lines) + "\n"
+
+    def step(self, y: int, f: int, v: int, g: int, share: float) -> None:
+        """A step of ``share * h`` from rows ``y, f``, and of the tangent from ``v, g``."""
+        stages = self.tableau.stages
+        self.scaled(f, 0, share)
+        if self.model.tangent:
+            self.scaled(g, stages, share, barriers=True)
+        for i in range(1, stages):
+            self.stage(i, y, share)
+            if self.model.tangent:
+                self.tangent_stage(i, v, share)
+        self.end(y)
+        if self.model.tangent:
+            self.tangent_end(v)
+
+    def scaled(self, f: int, i: int, share: float, barriers: bool = False) -> None:
+        """Stage ``i``, the first of the state or of the tangent: ``h`` times a row."""
+        rates = self._gather("rates", cells(f, self.n))
+        self._loop(f"{self._stage(i, share)}(w, l, {rates}(w, l))", barriers=barriers)
+
+    def stage(self, i: int, y: int, share: float) -> None:
+        """Stage ``i`` of a step from rows ``y``."""
+        given = self._gather("given", self._sums(self.tableau.a[i], y), behind=self._constants())
+        body = [f"q = {given}(w, l)", "f = rhs(*q)", f"{self._stage(i, share)}(w, l, f)"]
+        if self.model.tangent:
+            # For the tangent's stage, in a loop of its own.
+            keep = self._scatter("keep", self._rows(self.at.ys) + self._rows(self.at.fs))
+            body.append(f"{keep}(w, l, q[:{self.n}] + f)")
+        self._loop(*body)
+
+    def end(self, y: int) -> None:
+        """State and derivative at the end of the step and, if it ends here, what is seen there."""
+        given = self._gather("given", self._sums(self.tableau.b, y), behind=self._constants())
+        ends = self._scatter("ends", self._rows(self.at.y1) + self._rows(self.at.f1))
+        body = [f"q = {given}(w, l)", "f = rhs(*q)", f"y = q[:{self.n}]", f"{ends}(w, l, y + f)"]
+        self._loop(*body, *(self._seen() if self.tableau.adaptive else []))
+
+    def outcome(self) -> None:
+        """What is seen at the end of a step without error control."""
+        n, at = self.n, self.at
+        both = self._gather("both", cells(at.y1, n) + cells(at.f1, n))
+        total = " + ".join(f"f[{c}]" for c in range(n))
+        # Zero, or not a number where the step left the numbers.
+        error = f"{self._cell(at.error)} = 0.0 * ({total})"
+        self._loop(f"both = {both}(w, l)", f"y = both[:{n}]", f"f = both[{n}:]",
+                   *self._seen(), error)  # fmt: skip
+
+    def errors(self) -> None:
+        """The squared error, in units of the tolerance."""
+        at, stages = self.at, self.tableau.stages
+        body = []
+        for k, row in enumerate(self.tableau.errors):
+            inner = {j: value for j, value in row.items() if j < stages}
+            sums = self._sums(inner, None)
+            if end := row.get(stages):
+                sums = [Sum(None, (*s.terms, (end, (at.h, at.f1 + c)))) for c, s in enumerate(sums)]
+            given = self._gather("error", sums + cells(at.y, self.n), behind=self._constants())
+            body.append(f"s{k} = scale * error(*{given}(w, l))")
+        # Hairer's blend of the fifth and third order estimates; both are squared here.
+        blend = "s0 * s0 / (s0 + 0.01 * s1 + 1e-300)" if len(self.tableau.errors) == 2 else "s0"
+        self._loop(*body, f"{self._cell(at.error)} = {blend}")
+
+    def copy(self, first: int, to: int) -> None:
+        """Rows of a state and its derivative to others."""
+        read = self._gather("read", cells(first, 2 * self.n))
+        write = self._scatter("write", range(to, to + 2 * self.n))
+        self._loop(f"{write}(w, l, {read}(w, l))")
+
+    def tangent_stage(self, i: int, v: int, share: float) -> None:
+        """Stage ``i`` of the tangent of a step from rows ``v``."""
+        given = self._tangent_at(self.tableau.a[i], v, self.at.ys, self.at.fs)
+        put = self._stage(self.tableau.stages + i, share)
+        self._loop(f"{put}(w, l, tangent_rate(*{given}(w, l)))", barriers=True)
+
+    def tangent_end(self, v: int) -> None:
+        """The tangent and its rate at the end of the step."""
+        at, n = self.at, self.n
+        given = self._tangent_at(self.tableau.b, v, at.y1, at.f1)
+        ends = self._scatter("ends", self._rows(at.v1) + self._rows(at.g1))
+        # Only the transverse part goes on.  If it decays, what rounding leaves of the others
+        # would soon hide it.
+        self._loop(
+            f"q = {given}(w, l)",
+            "v = transverse(*q)",
+            f"{ends}(w, l, v + tangent_rate(*(q[:{2 * n}] + v + q[{3 * n}:])))",
+            barriers=True,
         )
-    return "\n".join(lines) + "\n"
+
+    def _tangent_at(self, row: Row, v: int, y: int, f: int) -> str:
+        """State, derivative, the tangent at ``row``, constants."""
+        sums = self._sums(row, v, self.tableau.stages)
+        both = cells(y, self.n) + cells(f, self.n)
+        return self._gather("tangent", both + sums, behind=self._constants())
+
+    def _seen(self) -> list[str]:
+        """Spin, its rate and amplitude at the state ``y`` with derivative ``f``."""
+        probe = self._gather("probe", cells(self.at.probe, self.model.n_probe))
+        return [
+            f"{self._cell(self.at.n1)} = spin(*y)",
+            f"{self._cell(self.at.rate1)} = spin_rate(*(y + f))",
+            f"{self._cell(self.at.amplitude)} = amplitude(*(y + {probe}(w, l)))",
+        ]
+
+    def _sums(self, row: Row, start: int | None, first: int = 0) -> list[Sum]:
+        """A row of the tableau: ``start`` and the stages from ``first`` on, times its numbers."""
+        at, n = self.at.stages, self.n
+        return [
+            Sum(
+                None if start is None else start + c,
+                tuple((value, (at + (first + j) * n + c,)) for j, value in row.items()),
+            )
+            for c in range(n)
+        ]
+
+    def _constants(self) -> list[Sum]:
+        return cells(self.at.constants, self.model.n_constants)
+
+    def _rows(self, first: int) -> list[int]:
+        return list(range(first, first + self.n))
+
+    def _cell(self, row: int) -> str:
+        return f"w[{row * self.lanes} + l]"
+
+    def _name(self, word: str, function: Callable[..., Any]) -> str:
+        name = f"{word}_{len(self.names)}"
+        self.names[name] = function
+        return name
+
+    def _gather(self, word: str, values: Sequence[Sum], behind: Sequence[Sum] = ()) -> str:
+        return self._name(word, gather(values, self.lanes, behind))
+
+    def _scatter(self, word: str, rows: Sequence[int]) -> str:
+        return self._name(word, scatter(rows, self.lanes))
+
+    def _stage(self, i: int, share: float) -> str:
+        """Function that writes ``share * h`` times a derivative as stage ``i``."""
+        rows = self._rows(self.at.stages + i * self.n)
+        return self._name("stage", scatter(rows, self.lanes, self.at.h, share))
+
+    def _line(self, text: str) -> None:
+        self._lines.append(" " * self._indent + text)
+
+    def _loop(self, *body: str, barriers: bool = False) -> None:
+        if barriers:
+            self._line("barrier()")
+        self._line(f"for l in range({self.lanes}):")
+        for text in body:
+            self._line("    " + text)
+        if barriers:
+            self._line("barrier()")
 
 
 def compile_attempt(tableau: Tableau, model: Model, lanes: int = LANES) -> Callable[..., Any]:
     """Compiled ``attempt`` of a method and a model (lazily, at its first use)."""
-    namespace: dict[str, Any] = {
-        "rhs": model.rhs,
-        "spin": model.spin,
-        "spin_rate": model.spin_rate,
-        "amplitude": model.amplitude,
-        "error": model.error,
-        "tangent_rate": model.tangent and model.tangent.rate,
-        "transverse": model.tangent and model.tangent.transverse,
-        "barrier": barrier,
-    }
-    exec(source(tableau, model, lanes), namespace)
-    function = namespace["attempt"]
+    written = Attempt(tableau, model, lanes)
+    exec(written.source, written.names)
+    function = written.names["attempt"]
     # The name becomes part of the compiled symbol; two methods must not share one.
     function.__name__ = function.__qualname__ = f"attempt_{tableau.name}_{model.name}_{lanes}"
-    compiled: Callable[..., Any] = njit(fastmath=FASTMATH, error_model="numpy", nogil=True)(
+    compiled: Callable[..., Any] = njit(fastmath=FASTMATH, **INNER | {"no_cpython_wrapper": False})(
         function
     )
     return compiled
@@ -324,5 +363,5 @@ def compile_lane_functions(model: Model, lanes: int = LANES) -> dict[str, Callab
     for name in ("advance", "lane_energy", "lane_contact", "lane_rhs"):
         function = namespace[name]
         function.__name__ = function.__qualname__ = f"{name}_{model.name}_{lanes}"
-        compiled[name] = njit(fastmath=FASTMATH, error_model="numpy", nogil=True)(function)
+        compiled[name] = njit(fastmath=FASTMATH, **INNER)(function)
     return compiled

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from numba import njit
 
+from rattlesweep.integrate.cells import INNER
 from rattlesweep.integrate.rows import ACCEPT
 from rattlesweep.integrate.stages import LANES, Layout
 from rattlesweep.physics.full import FASTMATH
@@ -91,5 +92,5 @@ def compile_tangent_functions(model: Model, lanes: int = LANES) -> dict[str, Cal
     for name in NAMES:
         function = namespace[name]
         function.__name__ = function.__qualname__ = f"{name}_{model.name}_{lanes}"
-        compiled[name] = njit(fastmath=FASTMATH, error_model="numpy", nogil=True)(function)
+        compiled[name] = njit(fastmath=FASTMATH, **INNER)(function)
     return compiled

@@ -11,6 +11,7 @@ from numba import njit
 from rattlesweep.integrate import columns as C
 from rattlesweep.integrate import follow, lanes, runs
 from rattlesweep.integrate.cache import cached, specialise
+from rattlesweep.integrate.cells import INNER
 from rattlesweep.integrate.kernels import compile_in_child, names, workspace
 from rattlesweep.integrate.model import FULL, MODELS, Model
 from rattlesweep.integrate.stages import Layout, compile_attempt, compile_lane_functions
@@ -80,9 +81,7 @@ def build_march(tableau: Tableau, model: Model) -> Callable[..., None]:
     suffix = f"_{tableau.name}_{model.name}"
     for template in TEMPLATES:
         name = template.__name__
-        bindings[name] = njit(nogil=True, error_model="numpy")(
-            specialise(template, f"{name}_march{suffix}", **bindings)
-        )
+        bindings[name] = njit(**INNER)(specialise(template, f"{name}_march{suffix}", **bindings))
     compiled: Callable[..., None] = cached(
         specialise(follow.march, "march" + suffix, **bindings), nogil=True, error_model="numpy"
     )

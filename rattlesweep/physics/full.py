@@ -36,7 +36,8 @@ N_CONSTANTS = 6
 # 'reassoc' gains nothing here and 'arcp' 3 %, and both let the last bits depend on how often a
 # function went through the optimiser.
 FASTMATH = {"contract", "nsz"}
-scalar = njit(fastmath=FASTMATH, error_model="numpy", forceinline=True)
+# No function pointer for C: it would take time to compile.
+scalar = njit(fastmath=FASTMATH, error_model="numpy", forceinline=True, no_cfunc_wrapper=True)
 
 
 def constants(

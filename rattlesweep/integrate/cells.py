@@ -1,0 +1,129 @@
+"""Cells of a lane in the flat workspace, read, summed and written many at a time.
+
+What these make of one call would be hundreds of indexed reads, products and sums in Python, and
+typing and lowering them one by one was most of the time that a kernel takes to compile.  They
+write the same LLVM instructions in the same order; the flags for fast mathematics are those of the
+function that calls them.
+"""
+
+# mypy: disable-error-code="no-untyped-call"
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import reduce
+from typing import TYPE_CHECKING, Any
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+DOUBLE = ir.DoubleType()
+# Options of functions that only other compiled functions call.  What Python and C would call is not
+# made, and takes no time to compile; a call from Python ends the process.
+INNER: dict[str, Any] = {
+    "nogil": True,
+    "error_model": "numpy",
+    "no_cpython_wrapper": True,
+    "no_cfunc_wrapper": True,
+}
+
+
+@dataclass(frozen=True)
+class Sum:
+    """A cell plus a sum of products: ``w[row] + (a * w[i] + b * w[j] * w[k] + ...)``.
+
+    Attributes
+    ----------
+    row : int, optional
+        Row of the cell; without one the value is the sum alone.
+    terms : tuple
+        Of each product the number and the rows.
+    """
+
+    row: int | None
+    terms: tuple[tuple[float, tuple[int, ...]], ...] = ()
+
+
+def cells(first: int, count: int) -> list[Sum]:
+    """Rows one after another, as they are."""
+    return [Sum(first + c) for c in range(count)]
+
+
+class _Lane:
+    """Reads and writes the cells of one lane."""
+
+    def __init__(self, context: Any, builder: Any, array_type: Any, args: Any, lanes: int) -> None:
+        self.builder, self.lanes, self.lane = builder, lanes, args[1]
+        self.data = context.make_array(array_type)(context, builder, args[0]).data
+
+    def place(self, row: int) -> Any:
+        index = self.builder.add(self.lane.type(row * self.lanes), self.lane)
+        return cgutils.gep(self.builder, self.data, index)
+
+    def read(self, row: int) -> Any:
+        return self.builder.load(self.place(row))
+
+    def write(self, row: int, value: Any) -> None:
+        self.builder.store(value, self.place(row))
+
+    def product(self, number: float, rows: tuple[int, ...]) -> Any:
+        return reduce(self.builder.fmul, map(self.read, rows), DOUBLE(number))
+
+    def value(self, wanted: Sum) -> Any:
+        if not wanted.terms:
+            return self.read(wanted.row)  # type: ignore[arg-type]
+        start = None if wanted.row is None else self.read(wanted.row)
+        total = reduce(self.builder.fadd, (self.product(*term) for term in wanted.terms))
+        return total if start is None else self.builder.fadd(start, total)
+
+
+def gather(values: Sequence[Sum], lanes: int, behind: Sequence[Sum] = ()) -> Callable[..., Any]:
+    """``gather(w, l)``: the values in lane ``l``, and those ``behind`` them, a tuple.
+
+    What comes behind is read first, and single cells before sums.  Which of two products LLVM fuses
+    with their sum depends on such an order, and with it the last bits.
+    """
+    wanted = [*values, *behind]
+    order = sorted(range(len(wanted)), key=lambda i: (i < len(values), bool(wanted[i].terms)))
+
+    def read(typingctx, w, l):  # type: ignore[no-untyped-def]
+        def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+            lane = _Lane(context, builder, signature.args[0], args, lanes)
+            found = {i: lane.value(wanted[i]) for i in order}
+            parts = [found[i] for i in range(len(wanted))]
+            return context.make_tuple(builder, signature.return_type, parts)
+
+        return types.UniTuple(types.float64, len(wanted))(w, types.intp), codegen
+
+    compiled: Callable[..., Any] = intrinsic(read)
+    return compiled
+
+
+def scatter(
+    rows: Sequence[int], lanes: int, factor: int | None = None, share: float = 1.0
+) -> Callable[..., Any]:
+    """``scatter(w, l, values)``: write a tuple to the rows in lane ``l``.
+
+    With a row ``factor``, times its cell times ``share``.
+    """
+
+    def write(typingctx, w, l, values):  # type: ignore[no-untyped-def]
+        def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+            lane = _Lane(context, builder, signature.args[0], args, lanes)
+            found = [builder.extract_value(args[2], i) for i in range(len(rows))]
+            if factor is not None:
+                h = lane.read(factor)
+                h = h if share == 1.0 else builder.fmul(h, DOUBLE(share))
+                found = [builder.fmul(h, value) for value in found]
+            for row, value in zip(rows, found, strict=True):
+                lane.write(row, value)
+            return context.get_dummy_value()
+
+        return types.void(w, types.intp, types.UniTuple(types.float64, len(rows))), codegen
+
+    compiled: Callable[..., Any] = intrinsic(write)
+    return compiled
