@@ -21,7 +21,7 @@ from matplotlib.image import imread
 from rattlesweep import cli
 from rattlesweep.physics import launch, theory
 from rattlesweep.physics.body import PARAMETERS, Rattleback
-from rattlesweep.study import plot_style, tradeoff_figure, tradeoff_output, tradeoff_table
+from rattlesweep.study import plot_style, tradeoff, tradeoff_figure, tradeoff_output, tradeoff_table
 from rattlesweep.study.reference import independent_reversal, make_reference
 from rattlesweep.study.tradeoff import measure
 from rattlesweep.study.tradeoff_settings import DEFAULT, QUICK, Setting, settings

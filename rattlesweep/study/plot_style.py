@@ -153,7 +153,7 @@ def head(figure: Figure, lines: list[str]) -> None:
         wide = title.get_window_extent().width / figure.bbox.width
         if wide <= 0.95:
             return
-    title.set_fontsize(0.95 / wide * title.get_fontsize())
+    title.set_fontsize(0.95 / wide * float(title.get_fontsize()))
 
 
 def formula_error(text: str) -> str | None:

@@ -59,7 +59,7 @@ def gather(store: Store) -> Facts:
         A block is unreadable.
     """
     facts = Facts()
-    for batch in store.iter_batches(_COLUMNS):
+    for batch in store.iter_batches(_COLUMNS, complete=True):
         facts.runs += batch.num_rows
         _count(facts.status, batch.column("status"))
         _count(facts.types, batch.column("type"))
@@ -93,8 +93,10 @@ class _Reader(Store):
         self.rows: Queue[pa.RecordBatch | BaseException | None] = Queue(maxsize=1)
         self.gone = False
 
-    def iter_batches(self, columns: Sequence[str] | None = None) -> Iterator[pa.RecordBatch]:
-        """Yield what the common pass hands over; can be called once."""
+    def iter_batches(
+        self, columns: Sequence[str] | None = None, *, complete: bool = True
+    ) -> Iterator[pa.RecordBatch]:
+        """Yield what the common pass hands over, of complete blocks; can be called once."""
         while (batch := self.rows.get()) is not None:
             if isinstance(batch, BaseException):
                 raise batch
@@ -140,7 +142,7 @@ def read_once(store: Store, jobs: Sequence[Callable[[Store], T]]) -> list[T | Ba
         thread.start()
     failure: BaseException | None = None
     try:
-        for batch in store.iter_batches():
+        for batch in store.iter_batches(complete=True):
             for reader in readers:
                 if not reader.gone:
                     reader.rows.put(batch)
