@@ -479,7 +479,7 @@ def test_a_small_picture_keeps_its_legend(sweeps: Path, kind: str) -> None:
     assert figure.bbox.x0 <= box.x0
     assert box.x1 <= figure.bbox.x1
     assert box.y1 <= figure.bbox.y1
-    assert min(axes.get_window_extent().height for axes in figure.axes) > 0.25 * figure.bbox.height
+    assert min(axes.get_window_extent().height for axes in figure.axes) > 0.15 * figure.bbox.height
 
 
 def test_points_that_are_moved_are_said_to_be(sweeps: Path) -> None:

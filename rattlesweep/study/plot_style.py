@@ -13,6 +13,7 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
 
 from rattlesweep.study.plot_layout import Axis
 from rattlesweep.sweep.errors import ConfigError
@@ -138,18 +139,17 @@ def head(figure: Figure, lines: list[str]) -> None:
     if not lines:
         return
     if not figure.legends:
-        title = figure.suptitle("", fontsize="medium")
+        title: Any = figure.suptitle("", fontsize="medium")
     else:
         title = figure.legends[0].get_title()
         old = title.get_text()
         figure.legends[0].set_title(" ")
         lines = [*lines, *([old] if old != "None" else [])]
     # Broken where it is wider than the figure; formulas cannot be, and are made smaller.
-    most = max(len(line) for line in lines)
-    for width in range(most, 9, -1):
-        title.set_text("\n".join(
-            line if "$" in line else textwrap.fill(line, width) for line in lines
-        ))  # fmt: skip
+    most = max(10, *map(len, lines))
+    for width in range(most, 9, -max(1, most // 50)):
+        broken = [line if "$" in line else textwrap.fill(line, width) for line in lines]
+        title.set_text("\n".join(broken))
         wide = title.get_window_extent().width / figure.bbox.width
         if wide <= 0.95:
             return
@@ -190,7 +190,7 @@ def legend_above(figure: Any, handles: list[Any], each: float, title: str | None
 
     Smaller type makes it fit where one column is too wide, or all of it too high.
     """
-    base = size = float(mpl.rcParams["font.size"])
+    base = size = FontProperties(size=mpl.rcParams["legend.fontsize"]).get_size_in_points()
     columns = most = max(2, min(len(handles), int(figure.get_figwidth() / each)))
     while True:
         legend = figure.legend(handles=handles, loc="outside upper center", ncols=columns,
