@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 PACKAGE = Path(__file__).resolve().parent.parent
 DIGEST = 32
-# Owner of what belongs to nobody known, such as the root directory in a user namespace.
+# Who owns, in a user namespace, what is not from there, such as the root directory.
 UNMAPPED = 65534
 
 
@@ -71,6 +71,17 @@ def _others_may_write(found: os.stat_result) -> bool:
     return not private or bool({*group.gr_mem} - {user.pw_name})
 
 
+@cache
+def _owners_above() -> frozenset[int]:
+    """Users who may own the directories above ours."""
+    owners = {0, os.geteuid()}
+    with suppress(OSError):
+        # Outside of a user namespace every number is a user of its own.
+        if Path("/proc/self/uid_map").read_text().split() != ["0", "0", str(2**32 - 1)]:
+            owners.add(UNMAPPED)
+    return frozenset(owners)
+
+
 def _secure(path: Path, *, leaf: bool = True) -> bool:
     """Whether only this user and root can put anything there; made, for this user only, if missing.
 
@@ -84,7 +95,7 @@ def _secure(path: Path, *, leaf: bool = True) -> bool:
     found = path.stat()
     if not hasattr(os, "geteuid"):  # Windows
         return stat.S_ISDIR(found.st_mode)
-    owners = {0, os.geteuid()} if leaf else {0, os.geteuid(), UNMAPPED}
+    owners = {0, os.geteuid()} if leaf else _owners_above()
     # In a sticky directory nobody can move what is another's.
     sticky = not leaf and bool(found.st_mode & stat.S_ISVTX)
     return (
