@@ -65,7 +65,7 @@ def run(home, names, **environment):
     code = f"import test_kernel_cache as t; t.child({names!r})"
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", code], env=env, capture_output=True, text=True,
-        timeout=120, check=False,
+        timeout=900, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)

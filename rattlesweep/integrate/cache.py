@@ -71,15 +71,14 @@ def _others_may_write(found: os.stat_result) -> bool:
     return not private or bool({*group.gr_mem} - {user.pw_name})
 
 
-@cache
-def _owners_above() -> frozenset[int]:
+def _owners_above() -> set[int]:
     """Users who may own the directories above ours."""
     owners = {0, os.geteuid()}
     with suppress(OSError):
         # Outside of a user namespace every number is a user of its own.
         if Path("/proc/self/uid_map").read_text().split() != ["0", "0", str(2**32 - 1)]:
             owners.add(UNMAPPED)
-    return frozenset(owners)
+    return owners
 
 
 def _secure(path: Path, *, leaf: bool = True) -> bool:
