@@ -22,7 +22,7 @@ import pytest
 from click.testing import CliRunner
 
 from rattlesweep import cli
-from rattlesweep.sweep import daskengine, daskworker
+from rattlesweep.sweep import daskcluster, daskengine, daskworker
 from rattlesweep.sweep.config import parse_config
 from rattlesweep.sweep.contents import content_hash
 from rattlesweep.sweep.daskengine import make_engine
@@ -476,7 +476,7 @@ def test_block_that_takes_its_workers_along_is_given_up(cluster, tmp_path, monke
 def test_embedded_cluster_is_closed_to_others():
     from distributed import Client
 
-    with daskengine._embedded(1, 1) as client, daskengine._quiet():
+    with daskcluster.embedded(1, 1) as client, daskcluster.quiet():
         assert client.submit(sum, [1, 2]).result() == 3
         address = client.scheduler.address
         assert address.startswith("tls://127.0.0.1:")
@@ -497,7 +497,7 @@ def test_embedded_cluster_works_in_a_directory_of_its_own(tmp_path, monkeypatch)
     def look(dask_worker: Any) -> tuple[list[str], str]:
         return sys.path, dask_worker.local_directory
 
-    with daskengine._embedded(1, 1) as client:
+    with daskcluster.embedded(1, 1) as client:
         ((path, scratch),) = client.run(look).values()
         (private,) = tmp_path.glob("rattlesweep-dask-*")
         assert private.stat().st_mode & 0o777 == 0o700
@@ -570,7 +570,7 @@ def test_scheduler_without_workers_is_told(own_cluster, tmp_path, monkeypatch):
 
 
 def test_address_where_nobody_is_is_told(tmp_path, monkeypatch):
-    monkeypatch.setattr(daskengine, "REACH", 1.0)
+    monkeypatch.setattr(daskcluster, "REACH", 1.0)
     # Nor does it wait for the kernel, nor for a port where something else is silent.
     monkeypatch.setattr(daskengine, "load_kernel", None)
     other = socket.socket()

@@ -7,21 +7,15 @@ to Dask's scheduler; a block done twice is the same file twice.
 
 from __future__ import annotations
 
-import asyncio
-import logging
-import signal
-import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
-from multiprocessing import resource_tracker
-from tempfile import TemporaryDirectory
+from collections.abc import Callable
+from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 
-from rattlesweep.integrate.batch import available_threads
 from rattlesweep.sweep import daskworker as worker
 from rattlesweep.sweep.blocks import Interrupted
+from rattlesweep.sweep.daskcluster import ANSWER, embedded, existing, quiet, reach
 from rattlesweep.sweep.daskworker import Done, Left, in_place
 from rattlesweep.sweep.errors import ConfigError, OutputError
 from rattlesweep.sweep.local import GATHER, load_kernel
@@ -40,16 +34,10 @@ if TYPE_CHECKING:
 
 # Blocks handed out for each worker: one under way, one ready.
 AHEAD = 2
-# Seconds in which a scheduler must be reached.
-REACH = 5.0
-# Seconds without an answer after which a scheduler, and a receipt, are given up.
-ANSWER = 20.0
 # Seconds in which a lost scheduler may come back.
 RETURN = 8.0
 # Seconds for which there may be no worker.
 PATIENCE = 120.0
-# Seconds of silence after which the embedded cluster replaces a worker.
-SILENCE = "30s"
 # Dask gives a block up after four lost workers; it is handed out this often.
 ATTEMPTS = 2
 POLL = 0.05
@@ -92,15 +80,15 @@ def make_engine(
         if not job.session.pending:
             return
         if scheduler is not None:
-            _reach(scheduler)
+            reach(scheduler)
         # Workers on this machine, or on others that share its cache, then find the kernel compiled.
         job.report.load_seconds = load_kernel(job.session.plan.config)
         with ExitStack() as stack:
-            stack.enter_context(_quiet())
+            stack.enter_context(quiet())
             if scheduler is None:
-                client = stack.enter_context(_embedded(workers, threads or 1))
+                client = stack.enter_context(embedded(workers, threads or 1))
             else:
-                client = stack.enter_context(_existing(scheduler))
+                client = stack.enter_context(existing(scheduler))
             directory = job.session.store.directory
             if job.session.shard is None:
                 worker.remove_orders(directory.resolve())
@@ -311,133 +299,6 @@ class _Driver:
             job.report.remarks.append(
                 f"workers have other processors ({done.cpu}) than the driver: last bits may differ"
             )
-
-
-# ------------------------------------------------------------------- clusters
-
-
-@contextmanager
-def _embedded(workers: int | None, threads: int) -> Iterator[Client]:
-    """A cluster of processes on this machine."""
-    import dask
-    from distributed import Client, LocalCluster
-
-    count = workers or max(1, available_threads() // threads)
-    with ExitStack() as stack:
-        # Dask's own place is one that another user may have made, and it is on the path: whatever
-        # lies there would be imported.
-        scratch = stack.enter_context(
-            TemporaryDirectory(prefix="rattlesweep-dask-", ignore_cleanup_errors=True)
-        )
-        settings = {
-            "temporary-directory": scratch,
-            "distributed.scheduler.worker-ttl": SILENCE,
-            "distributed.scheduler.http.routes": [],
-            "distributed.worker.http.routes": [],
-            "distributed.worker.preload": [worker.__name__],
-            "distributed.worker.profile.enabled": False,
-        }
-        stack.enter_context(dask.config.set(settings))
-        with _no_interrupt_for_children():
-            cluster = stack.enter_context(
-                LocalCluster(
-                    n_workers=count,
-                    # A second thread prepares the next block while the kernel runs.
-                    threads_per_worker=max(2, threads),
-                    processes=True,
-                    host="127.0.0.1",
-                    dashboard_address=None,
-                    memory_limit=0,
-                    # Whoever reaches a port without this may run anything as this user.
-                    security=True,
-                    silence_logs=logging.CRITICAL,
-                )
-            )
-            client = stack.enter_context(Client(cluster, set_as_default=False))
-        worker.leave_path()
-        yield client
-
-
-def _reach(address: str) -> None:
-    """Look whether a scheduler answers: Dask's client would be silent for long, and then hang.
-
-    Raises
-    ------
-    OutputError
-        It does not.
-    """
-    from distributed.comm import connect
-    from distributed.security import Security
-
-    async def shake_hands() -> None:
-        with_ = Security().get_connection_args("client")
-        comm = await asyncio.wait_for(connect(address, timeout=REACH, **with_), REACH)
-        await comm.close()
-
-    try:
-        asyncio.run(shake_hands())
-    except Exception as error:  # what answers may be anything, and say anything
-        raise _nobody_at(address, error) from error
-
-
-def _nobody_at(address: str, error: Exception) -> OutputError:
-    return OutputError(
-        f"--scheduler {address}: no Dask scheduler answers there ({type(error).__name__}); "
-        "give an address such as tcp://host:8786"
-    )
-
-
-@contextmanager
-def _existing(address: str) -> Iterator[Client]:
-    """A client of a scheduler that somebody else looks after."""
-    from distributed import Client
-
-    try:
-        client = Client(address, timeout=ANSWER, set_as_default=False)
-    except (OSError, ValueError, TypeError) as error:
-        raise _nobody_at(address, error) from error
-    try:
-        yield client
-    finally:
-        with suppress(OSError, TimeoutError):
-            client.close(timeout=5)
-
-
-@contextmanager
-def _no_interrupt_for_children() -> Iterator[None]:
-    """Let threads, and the processes that they start, not be hit by Ctrl-C, which is the driver's.
-
-    A terminal sends it to all. What is blocked stays blocked in everything that is started here,
-    and in what Dask starts later in place of a lost worker.
-    """
-    if threading.current_thread() is not threading.main_thread() or not hasattr(
-        signal, "pthread_sigmask"
-    ):
-        yield
-        return
-    # Python starts this one with the first child, and thereby lets the signal through again.
-    resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Keep Dask's log off the terminal: what matters is said in one sentence."""
-    names: tuple[str, ...] = ("distributed", "tornado", "tornado.application", "asyncio")
-    names += tuple(n for n in logging.root.manager.loggerDict if n.startswith("distributed."))
-    loggers = [logging.getLogger(name) for name in names]
-    levels = [logger.level for logger in loggers]
-    for logger in loggers:
-        logger.setLevel(logging.CRITICAL)
-    try:
-        yield
-    finally:
-        for logger, level in zip(loggers, levels, strict=True):
-            logger.setLevel(level)
 
 
 __all__ = ["make_engine"]
