@@ -15,6 +15,7 @@ import pytest
 from click.testing import CliRunner
 
 from rattlesweep.cli import plan as command
+from rattlesweep.integrate.batch import most_threads
 from rattlesweep.integrate.status import Status
 from rattlesweep.sweep import forecast as forecasting
 from rattlesweep.sweep import pilot as pilots

@@ -568,8 +568,11 @@ def test_quiet_says_nothing_and_the_table_goes_to_standard_output(tmp_path):
     assert "112.09" in loud.stdout
     assert "809.86" in loud.stdout
     assert len(loud.stdout.splitlines()) == 3
-    assert re.fullmatch(r"2 runs in \S+, 0 of them from before; .* runs a second\n"
-                        r"see them: rattlesweep plot \S+, rattlesweep report \S+\n", loud.stderr)
+    assert re.fullmatch(
+        r"2 runs in \S+, 0 of them from before; .* runs a second\n"
+        r"see them: rattlesweep plot \S+, rattlesweep report \S+\n",
+        loud.stderr,
+    )
     verbose = run("gh.yaml", tmp_path / "v", options=("-v",))
     assert verbose.stdout == loud.stdout
     assert re.search(r"^kernel .*[0-9.]+ s$", verbose.stderr, re.MULTILINE)

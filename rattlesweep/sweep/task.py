@@ -32,7 +32,7 @@ class Task(threading.Thread, Generic[T]):
         self._call = call
         self._error: BaseException | None = None
         self._value: list[T] = []
-        # Python's own account is wrong after a Ctrl-C in `join`: 3.11 then takes the thread for ended.
+        # After a Ctrl-C in `join`, Python 3.11 takes a thread that runs for one that has ended.
         self._ended = threading.Event()
         self.start()
 
