@@ -690,8 +690,8 @@ def test_a_stopped_run_goes_on_to_the_same_rows(number, code, word, long_hash, t
         assert table == ""
         kept = [pq.ParquetFile(p).metadata.num_rows for p in output.glob("runs/*.parquet")]
         assert re.fullmatch(
-            f"{word}; {sum(kept):,} runs are kept, [0-9]+ in flight were lost, and the same command "
-            "goes on from there\n",
+            f"{word}; {sum(kept):,} runs are kept, [0-9]+ in flight were lost, and the same "
+            "command goes on from there\n",
             said,
         )
         assert not [*output.rglob(".*")]
