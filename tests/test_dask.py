@@ -307,12 +307,25 @@ def test_time_that_is_up_stops_the_driver_and_the_workers(cluster, tmp_path):
     plan = plan_of(HELD, block_size=40, spin=spin, horizon={"t": 1e10})
     report = run_sweep(plan, output, engine=make_engine(cluster.address), max_time=4)
     assert report.stopped is not None
-    assert "before one block was done" in report.stopped
+    assert "before one run had ended" in report.stopped
     # The workers hear it: they are free for something else at once.
     small = run_sweep(plan_of(), tmp_path / "small", engine=make_engine(cluster.address))
     assert small.summary is not None
     assert in_place(output) == 0
     assert list(output.glob(".order*")) == []
+
+
+@pytest.mark.slow
+def test_stopped_workers_hand_in_what_has_ended(cluster, long_plain, tmp_path):
+    plan = plan_of(LONG, block_size=80)
+    reports = []
+    while not reports or reports[-1].stopped:
+        reports.append(run_sweep(plan, tmp_path, max_time=1e-9,
+                                 engine=make_engine(cluster.address, threads=1)))  # fmt: skip
+        assert len(reports) < 30
+        assert verify(tmp_path).problems == []
+    assert sum(report.done for report in reports) == 80
+    assert content_hash(tmp_path) == long_plain
 
 
 # -- harm ------------------------------------------------------------------------------------------
@@ -368,7 +381,11 @@ def test_signal_to_the_whole_group_ends_it_quietly(number, gate, held_config, he
     said = process.communicate(timeout=NEVER)[1]
     assert process.returncode == 128 + number
     word = "interrupted" if number == signal.SIGINT else "terminated"
-    assert said == f"{word}; completed work is kept, and the same command resumes from there\n"
+    assert re.fullmatch(
+        rf"{word}; \d+ runs are kept, \d+ in flight were lost, and the same command resumes from "
+        "there\n",
+        said,
+    )
     wait_for(lambda: not any(map(alive, workers)))
     assert list(output.glob(".order*")) == []
     run_sweep(plan_of(HELD), output)

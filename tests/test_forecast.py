@@ -15,6 +15,7 @@ import pytest
 from click.testing import CliRunner
 
 from rattlesweep.cli import plan as command
+from rattlesweep.integrate.batch import most_threads
 from rattlesweep.integrate.status import Status
 from rattlesweep.sweep import forecast as forecasting
 from rattlesweep.sweep import pilot as pilots
@@ -286,9 +287,9 @@ def test_only_long_sweeps_get_a_pilot_of_their_own(monkeypatch):
     asked = []
     monkeypatch.setattr(forecasting, "forecast", lambda plan, threads: asked.append(plan))
     for name, *sets in (("quickstart.yaml",), ("gh.yaml",), ("quickstart.yaml", "model=gh")):
-        found = expectation(plan_of(name, *sets), 2)
-        assert found["pilot_runs"] == 0
-        assert 0 < found["seconds"] < 60
+        assert expectation(plan_of(name, *sets), 2) is None
+    # One that is to stop before it would pay.
+    assert expectation(plan_of("quickstart.yaml", "bodies.samples=1000000"), 2, 30.0) is None
     assert not asked
     small = forecast(plan_of("gh.yaml"), 1)
     monkeypatch.setattr(forecasting, "forecast", lambda plan, threads: small)
@@ -372,3 +373,16 @@ def test_the_budget_bounds_what_is_drawn():
     assert len(pilot.stages) == 1
     assert pilot.stages[0].size <= pilots.FIRST_STAGE
     assert time.perf_counter() - begin < 60
+
+
+def test_a_forecast_for_more_cores_than_there_are(tmp_path):
+    """What a forecast is for: the pilot uses what there is."""
+    many = 4 * most_threads()
+    found = forecast(plan_of("quickstart.yaml", "bodies.samples=200000"), many)
+    few = forecast(plan_of("quickstart.yaml", "bodies.samples=200000"), 1)
+    assert (found.threads, few.pilot_threads) == (many, 1)
+    assert found.pilot_threads <= most_threads()
+    assert found.kernel_seconds < few.kernel_seconds
+    assert f"on {many} threads of cores like those here" in describe(found)
+    done = CliRunner().invoke(command.plan, [str(CONFIGS / "gh.yaml"), "--threads", str(many)])
+    assert done.exit_code == 0

@@ -32,8 +32,7 @@ if TYPE_CHECKING:
     from rattlesweep.sweep.engine import Job
     from rattlesweep.sweep.plan import Block
 
-# Blocks handed out for each worker: one under way, one ready.
-AHEAD = 2
+AHEAD = 2  # blocks handed out for each worker: one under way, one ready
 # Seconds in which a lost scheduler may come back.
 RETURN = 8.0
 # Seconds for which there may be no worker.
@@ -160,8 +159,7 @@ class _Driver:
         while self._flying and time.monotonic() < end and self._client.status == "running":
             for index in [i for i, (_, f) in self._flying.items() if f.done()]:
                 block, future = self._flying.pop(index)
-                # A worker that could not do it has nothing.
-                with suppress(Exception):
+                with suppress(Exception):  # a worker that could not do it has nothing
                     self._keep(block, future.result(timeout=ANSWER))
             time.sleep(POLL)
 
@@ -282,8 +280,8 @@ class _Driver:
 
     def _keep(self, block: Block, done: Done) -> None:
         job = self._job
-        opened = job.session.opened
         if isinstance(done, Left):
+            opened = job.session.opened
             job.report.lost += done.lost
             if done.columns is None or in_place(opened, block):
                 return

@@ -32,6 +32,8 @@ class Task(threading.Thread, Generic[T]):
         self._call = call
         self._error: BaseException | None = None
         self._value: list[T] = []
+        # After a Ctrl-C in `join`, Python 3.11 takes a thread that runs for one that has ended.
+        self._ended = threading.Event()
         self.start()
 
     def run(self) -> None:
@@ -42,11 +44,12 @@ class Task(threading.Thread, Generic[T]):
         except BaseException as error:
             self._error = error
         self.seconds = time.perf_counter() - start
+        self._ended.set()
 
     def stop(self, patience: float = PATIENCE) -> None:
         """Ask for an end, and wait for it a little."""
         self.control.stop()
-        self.join(patience)
+        self._ended.wait(patience)
 
     def value(self) -> T:
         """What the call came to, or raised.
@@ -56,7 +59,7 @@ class Task(threading.Thread, Generic[T]):
         TimeoutError
             If it has not ended.
         """
-        if self.is_alive():
+        if not self._ended.is_set():
             raise TimeoutError
         if self._error is not None:
             raise self._error
@@ -65,8 +68,7 @@ class Task(threading.Thread, Generic[T]):
     def wait(self, tick: Callable[[Control], None] = lambda control: None) -> T:
         """Wait for the value; `tick` is called a few times a second and may raise to stop it."""
         try:
-            while self.is_alive():
-                self.join(POLL)
+            while not self._ended.wait(POLL):
                 tick(self.control)
         except BaseException:
             self.stop()
