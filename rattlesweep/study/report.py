@@ -295,7 +295,9 @@ def _notes(layout: Layout, facts: Facts, status: Status) -> Html:
         "|n_c1| < |n_i|.",
     ]
     if status.state != "complete":
-        notes.append(f"The sweep is not complete ({_state(status)}); the figures here may still change.")
+        notes.append(
+            f"The sweep is not complete ({_state(status)}); the figures here may still change."
+        )
     if facts.near_tangencies:
         notes.append(
             f"{facts.near_tangencies:,} extrema of the spin are so close to zero that, at this "
