@@ -27,9 +27,7 @@ from rattlesweep.cli.common import (
 )
 @click.option("--quick", is_flag=True, help="Fewer samples: faster, with wide intervals.")
 @click.option("--only", metavar="NAMES", help="Figures to make, such as fig6,fig7, or theory.")
-@click.option(
-    "--config", metavar="FILE", type=click.Path(), help="Sections of settings to replace."
-)
+@click.option("--config", metavar="FILE", type=click.Path(), help="Settings to replace.")
 @click.option("--print-config", is_flag=True, help="Print the default settings and exit.")
 @click.option("--threads", type=click.IntRange(1), help="Threads of the kernels.")
 @click.option("-q", "--quiet", is_flag=True, help="No progress and no closing table.")
@@ -46,9 +44,9 @@ def paper(
     """Reproduce the figures of Kondo and Nakanishi (2017) and check their claims.
 
     Writes each figure's data (Parquet) and picture (SVG, PNG), claims.parquet and report.html, a
-    self-contained page. After a stop the same command resumes: finished figures and blocks of runs
-    are kept, and only the counts of fig3 (half a minute at most) are lost. Prints the verdicts on
-    standard output, each with the number of checks behind it that hold.
+    self-contained page. After a stop the same command resumes: finished figures and blocks of
+    runs are kept, and only the counts of fig3 (half a minute at most) are lost. Prints the
+    verdicts on standard output, with the number of checks that hold.
     """
     from rattlesweep.study.paper.settings import load_paper, shipped
 

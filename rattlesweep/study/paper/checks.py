@@ -37,6 +37,10 @@ def ends(frame: pd.DataFrame, by: str) -> pd.DataFrame:
 
 def covers(frame: pd.DataFrame) -> bool:
     """Whether a sweep has the spins and oscillations that the paper's claims speak of."""
+    # A point without a good run, or a mean time without a reversal, settles nothing.
+    frame = frame[frame["runs"] > 0]
+    if "t_r_mean" in frame:
+        frame = frame.dropna(subset=["t_r_mean"])
     spins, sizes = frame["n_i"].abs(), frame["omega_xy0"]
     has = [
         (spins <= 0.1 + EDGE).any(),

@@ -169,8 +169,10 @@ def draw(table: pa.Table, coefficient: str, time: str, theory: str, traces: Any 
 
 
 def _limits(frame: pd.DataFrame) -> tuple[float, float]:
-    means = frame[["t_r_mean", "t_rgh_line"]]
-    return float(np.nanmin(means.to_numpy())) / 2.5, float(np.nanmax(means.to_numpy())) * 2.5
+    means = frame[["t_r_mean", "t_rgh_line"]].to_numpy()
+    if np.isnan(means).all():
+        return 0.1, 1.0
+    return float(np.nanmin(means)) / 2.5, float(np.nanmax(means)) * 2.5
 
 
 def _panel(axis: Any, rows: pd.DataFrame, coefficient: str) -> None:
