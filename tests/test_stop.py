@@ -129,3 +129,8 @@ def test_a_second_ctrl_c_is_obeyed_at_once(sweep, tmp_path):
     check_whole(output, reference)
     assert nursery().run("run", config, "--output", output, "-q").code == 0
     check_finished(output, reference)
+
+
+def test_what_the_tests_leave_lying_is_in_pytests_own_directory(tmp_path_factory):
+    assert nursery().folder.is_relative_to(tmp_path_factory.getbasetemp())
+    assert nursery().folder.is_dir()
