@@ -36,7 +36,7 @@ def sd(old: str, new: str) -> str:
 BAD = {
     "unknown key": (sd("samples:", "sampels:"), "", 'did you mean "samples"?'),
     "repeated key": (sd("model: full", "seed: 1"), "", "the key is repeated (first in line 2)"),
-    "wrong type": (sd("samples: 1000", "samples: many"), "", '"many" (text) stands here'),
+    "wrong type": (sd("samples: 1000", "samples: many"), "", '"many" (text) is given here'),
     "fraction of a sample": (sd("samples: 1000", "samples: 1.5"), "", "write a whole number"),
     "number as text": (sd("tol: 1e-9", 'tol: "1e-9"'), "", '"1e-9" is text; remove the quotes'),
     "empty range": (sd("gamma: [5, 15]", "gamma: []"), "", "a range has two numbers"),

@@ -338,7 +338,7 @@ BAD = {
     ),
     "list as a key": (
         "bodies: {[a]: 1}\n" + SPIN,
-        "c.yaml:1:10: bodies: a list, mapping or alias stands where a key should be; write a name",
+        "c.yaml:1:10: bodies: a list, mapping or alias found where a key should be; write a name",
     ),
     "phi above theta for all": (
         changed("phi: [0.01, 0.1]", "phi: [0.96, 0.97]"),
@@ -550,7 +550,7 @@ BAD = {
         "c.yaml:2:4: b: aliases (*name) are not supported; write the value out",
     ),
     "tag": (changed("seed: 2017", "seed: !!int 7"), "c.yaml:2:7: seed: tags (!name) are not"),
-    "tab": ("bodies:\n\tsource: sd\n", "c.yaml:2:1: a tab stands where YAML wants spaces"),
+    "tab": ("bodies:\n\tsource: sd\n", "c.yaml:2:1: a tab found where YAML requires spaces"),
     "syntax": ("a: [1, 2\nb: 3\n", "c.yaml:2:2: not valid YAML ("),
     "YAML 1.1": ("%YAML 1.1\n---\n" + EXAMPLE, "c.yaml:2:1: the %YAML line asks for another"),
     "two documents": (EXAMPLE + "---\na: 1\n", "c.yaml:18:1: a second YAML document begins; keep"),

@@ -316,8 +316,8 @@ def test_time_that_is_up_stops_the_driver_and_the_workers(cluster, tmp_path):
 
 
 @pytest.mark.slow
-def test_stopped_workers_hand_in_what_has_ended(cluster, long_plain, tmp_path):
-    plan = plan_of(LONG, block_size=80)
+def test_stopped_workers_hand_in_what_has_ended(cluster, held_plain, tmp_path):
+    plan = plan_of(HELD, block_size=80)
     reports = []
     while not reports or reports[-1].stopped:
         reports.append(run_sweep(plan, tmp_path, max_time=1e-9,
@@ -325,7 +325,7 @@ def test_stopped_workers_hand_in_what_has_ended(cluster, long_plain, tmp_path):
         assert len(reports) < 30
         assert verify(tmp_path).problems == []
     assert sum(report.done for report in reports) == 80
-    assert content_hash(tmp_path) == long_plain
+    assert content_hash(tmp_path) == held_plain
 
 
 # -- harm ------------------------------------------------------------------------------------------

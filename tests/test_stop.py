@@ -287,3 +287,8 @@ def test_blocks_that_vanish_are_no_success(tmp_path):
     assert manifest(tmp_path)["state"] == "stopped"
     assert run_sweep(plan_of(block_size=400), tmp_path).summary is not None
     assert verify(tmp_path).problems == []
+
+
+def test_what_the_tests_leave_lying_is_in_pytests_own_directory(tmp_path_factory):
+    assert nursery().folder.is_relative_to(tmp_path_factory.getbasetemp())
+    assert nursery().folder.is_dir()

@@ -179,7 +179,7 @@ def _too_deep(event: Any) -> _Stop:
 def _syntax_message(error: Any) -> str:
     problem = " ".join(str(error.problem or error.context or "it cannot be read").split())
     if "'\\t'" in problem:
-        return "a tab stands where YAML wants spaces; indent with spaces"
+        return "a tab found where YAML requires spaces; indent with spaces"
     if "another document" in problem:
         return "a second YAML document begins; keep one document in the file"
     if "undefined alias" in problem:
@@ -242,7 +242,7 @@ class _Builder:
         while type(event := next(self.events)).__name__ != "MappingEndEvent":
             if type(event).__name__ != "ScalarEvent":
                 raise _Stop(
-                    "a list, mapping or alias stands where a key should be; write a name",
+                    "a list, mapping or alias found where a key should be; write a name",
                     event.start_mark,
                     key,
                 )
