@@ -11,16 +11,22 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rattlesweep.sweep.adopt import adopted_size, remove_copies
+from rattlesweep.sweep.adopt import adopted_size, put_in_order
 from rattlesweep.sweep.columns import runs_schema
 from rattlesweep.sweep.config import differences, physics_part, resolved
-from rattlesweep.sweep.errors import ConfigError, OutputError
+from rattlesweep.sweep.errors import ConfigError, DamagedManifest, OutputError
 from rattlesweep.sweep.locks import hold
 from rattlesweep.sweep.progress import Costs
-from rattlesweep.sweep.provenance import identity, new_manifest, now, read_manifest
+from rattlesweep.sweep.provenance import (
+    identity,
+    new_manifest,
+    now,
+    read_manifest,
+    table_files,
+)
 from rattlesweep.sweep.receipts import Note, Receipt, count_failed
 from rattlesweep.sweep.shards import Shard, deal
-from rattlesweep.sweep.store import DamagedManifest, Store
+from rattlesweep.sweep.store import Store
 from rattlesweep.sweep.tables import DamagedError, same_schema
 
 if TYPE_CHECKING:
@@ -71,6 +77,7 @@ def examine(plan: Plan, directory: Path, base: Path | None) -> Opened:
         If it cannot be read.
     """
     store, hash_ = Store(directory), identity(plan, base)
+    store.check_ours()
     blocks = store.block_indices()
     remarks: list[str] = []
     manifest: dict[str, Any] | None = None
@@ -95,14 +102,25 @@ def examine(plan: Plan, directory: Path, base: Path | None) -> Opened:
     if size != plan.block_size:
         remarks.append(f"{directory} was begun in blocks of {size} runs, and goes on so")
         plan = replace(plan, block_size=size)
+    if changed := differences(manifest["config"]["classify"], resolved(plan.config)["classify"]):
+        by = "`rattlesweep classify`" if "classified" in manifest else "an earlier config"
+        remarks.append(
+            f"{directory} had types by the thresholds of {by}, and has those of this config now "
+            f"(classify.{', classify.'.join(changed)})"
+        )
     current = new_manifest(plan, hash_, base)
     for part in ("versions", "machine"):
-        if changed := differences(manifest.get(part, {}), current[part]):
+        if changed := differences(_of_bits(manifest[part]), _of_bits(current[part])):
             remarks.append(
                 f"{directory} was begun with other {part} ({'; '.join(changed[:3])}): last bits "
                 "may differ"
             )
     return Opened(store, plan, hash_, manifest, remarks)
+
+
+def _of_bits(part: dict[str, Any]) -> dict[str, Any]:
+    """What of a part of the manifest the last bits may depend on: not on the processors' number."""
+    return {key: value for key, value in part.items() if key != "processors"}
 
 
 @dataclass
@@ -231,6 +249,7 @@ class Session:
         def change(manifest: dict[str, Any]) -> None:
             manifest["state"] = "running"
             manifest["config"] = config
+            manifest.pop("classified", None)
             others = [entry for entry in manifest["sessions"] if not self._is_mine(entry)]
             manifest["sessions"] = [*others[-REMEMBERED:], self._entry]
 
@@ -248,7 +267,7 @@ class Session:
     def _replace_damaged(self) -> None:
         # Another shard may have mended it since it was examined.
         try:
-            self.store.read_manifest()
+            read_manifest(self.store)
         except DamagedManifest:
             self.store.write_manifest(self._blank())
 
@@ -359,11 +378,12 @@ def open_session(
     store.prepare()
     with hold(directory, None if shard is None else shard.name):
         if fresh:
+            _check_not_input(plan, base, store)
             remove_runs(store)
         # Files of another shard may be young.
         store.remove_stale_temporaries(0.0 if shard is None else 3600.0)
         opened = examine(plan, directory, base)
-        opened.remarks.extend(remove_copies(store, opened.plan.n_blocks, opened.hash_))
+        opened.remarks.extend(put_in_order(store, opened.plan, opened.hash_))
         costs = Costs(opened.plan)
         yield Session(opened, base, shard, threads, costs, deal(opened.plan, shard, costs))
 
@@ -376,13 +396,28 @@ def remove_runs(store: Store) -> None:
     OutputError
         One of them cannot be removed.
     """
-    files = [store.block_path(index) for index in store.block_indices()]
     try:
-        # The manifest first: without it, what is left is nobody's.
-        for path in (store.manifest_path, store.summary_path, *files):
+        for path in _files_of(store):
             path.unlink(missing_ok=True)
     except OSError as error:
         raise OutputError(f"cannot remove the runs in {store.directory}: {error}") from error
+
+
+def _files_of(store: Store) -> list[Path]:
+    # The manifest first: without it, what is left is nobody's.
+    files = [store.block_path(index) for index in store.block_indices()]
+    return [store.manifest_path, store.summary_path, *files]
+
+
+def _check_not_input(plan: Plan, base: Path | None, store: Store) -> None:
+    """Refuse to remove what the sweep is to begin from."""
+    removed = {path.resolve() for path in _files_of(store)}
+    for path in table_files(plan, base):
+        if path.resolve() in removed:
+            raise ConfigError(
+                f"--fresh: would remove {path}, which this sweep takes its bodies from; choose "
+                "another output"
+            )
 
 
 __all__ = ["Opened", "Session", "examine", "open_session", "remove_runs"]
