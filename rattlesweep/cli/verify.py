@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from rattlesweep.cli.common import DONE, FAILED, Meter, guarded, say
+from rattlesweep.cli.common import DONE, FAILED, Meter, check_threads, guarded, say
 
 
 @click.command(epilog="\b\nExample:\n  rattlesweep verify out/quickstart --recompute 100")
@@ -33,8 +33,10 @@ def verify(
     what is wrong, a line each, and exits with 1 if anything is. `rattlesweep run` mends what it
     finds by doing those blocks again.
     """
+    from rattlesweep.sweep.errors import printable
     from rattlesweep.sweep.verify import verify as check
 
+    check_threads(threads)
     with Meter() as meter:
         verdict = check(
             Path(directory),
@@ -47,11 +49,11 @@ def verify(
         click.echo(json.dumps(asdict(verdict), indent=2))
     else:
         for problem in verdict.problems:
-            click.echo(problem)
+            click.echo(printable(problem))
     for remark in verdict.remarks:
         say(f"note: {remark}")
     again = f", {verdict.recomputed} integrated again" if recompute else ""
-    left = f", {len(verdict.missing)} blocks not in place" if verdict.missing else ""
+    left = f", {verdict.absent} blocks not in place" if verdict.missing else ""
     wrong = f"{len(verdict.problems)} problems" if verdict.problems else "no problem"
     say(f"{verdict.blocks} whole blocks, {verdict.runs} runs{again}{left}: {wrong}")
     return FAILED if verdict.problems else DONE
