@@ -203,9 +203,9 @@ def _hashed(model: BaseModel, data: dict[str, Any]) -> dict[str, Any]:
     kept = {}
     for key, value in data.items():
         field, inner = type(model).model_fields.get(key), getattr(model, key, None)
-        if field is not None and key not in always and not field.is_required():
-            if inner == field.get_default(call_default_factory=True):
-                continue
+        later = field is not None and key not in always and not field.is_required()
+        if later and field and inner == field.get_default(call_default_factory=True):
+            continue
         kept[key] = _hashed(inner, value) if isinstance(inner, BaseModel) else value
     return kept
 
