@@ -444,7 +444,11 @@ class Store:
             self._check_in_place()
 
         self._check_in_place()
-        replace_file(path, data, checked)
+        try:
+            replace_file(path, data, checked)
+        except OutputError:
+            self._check_in_place()  # which says why a file was not found
+            raise
 
 
 def inspect_file(path: Path, rows: int = MOST_ROWS) -> Found:
