@@ -250,11 +250,12 @@ class Sweep:
     """
 
     def __init__(self, directory: str | Path) -> None:
+        from rattlesweep.sweep.provenance import read_manifest
         from rattlesweep.sweep.store import Store
 
         self.directory = Path(directory)
         self._store = Store(self.directory)
-        self.manifest: dict[str, Any] = self._store.read_manifest()
+        self.manifest: dict[str, Any] = read_manifest(self._store)
 
     @property
     def runs(self) -> pd.DataFrame:

@@ -8,11 +8,13 @@ from pathlib import Path
 import jsonschema
 import numpy as np
 import pytest
+from pydantic import Field, create_model
 
 from rattlesweep.sweep.config import (
     Config,
     ConfigError,
     GridSource,
+    Integrator,
     SdSource,
     config_json_schema,
     differences,
@@ -22,6 +24,7 @@ from rattlesweep.sweep.config import (
     physics_hash,
     resolved,
 )
+from rattlesweep.sweep.config_fields import Base
 from rattlesweep.sweep.config_models import ACCURACIES
 
 EXAMPLE = """\
@@ -723,3 +726,58 @@ def test_reading_a_config_loads_nothing_heavy() -> None:
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "[]"
+
+
+# -- hashes that stay ----------------------------------------------------------------------------
+
+# As manifests have them today: directories of these configs resume as long as these hold.
+HASHES = {
+    "gh": "75346ca0d96aaeb90fe8d893d73738bf35a7b1ef14d578ad1eed2f70171b0fc0",
+    "map_theta_spin": "c5bff926ceb37c5105f44142eb118400524794b3d7f4c3976b3a9075b45a36cd",
+    "million": "2efc77cfb21d98c3e302f1865c5f7c9afc7cd718f25b5822b4e50a7958079222",
+    "quickstart": "8045b7cf7329f9f2f192cb917c8a74e3a102c5fa17a541f519d27fb532db0aad",
+    "steady": "699559801ff9cee8c70db23481ed4da9ba4ab0924cbdd94fa6a89510928d7a77",
+    "tradeoff": "d5cc43bb6fa0013b5fb1c5b4fb1d3a47c158bd517a310211c0737352e4f1e1a5",
+    "unsteady": "93a08059ced0f40238a705dfae933cf2f0381e4f24fff203ef07f9efb3c82c62",
+}
+CONFIGS = Path(__file__).parents[1] / "configs"
+
+
+def test_the_hash_of_every_shipped_config_stays():
+    from rattlesweep.sweep.plan import make_plan
+    from rattlesweep.sweep.provenance import identity
+
+    assert {path.stem for path in CONFIGS.glob("*.yaml")} >= set(HASHES)
+    for name, wanted in HASHES.items():
+        plan = make_plan(load_config(CONFIGS / f"{name}.yaml"), CONFIGS)
+        assert identity(plan, CONFIGS) == wanted, name
+
+
+class _Dissipation(Base):
+    sigma: float = 0.0
+    rolling: float = 0.0
+
+
+@pytest.mark.parametrize("name", HASHES)
+def test_a_key_that_is_added_changes_no_hash_while_it_has_its_default(name):
+    """On every level: a number, a word, a mapping of its own."""
+    integrator = create_model("Integrator", __base__=Integrator, safety=(float, 0.9))
+    later = create_model(
+        "Config",
+        __base__=Config,
+        integrator=(integrator, Field(default_factory=integrator)),
+        surface=(str, "paraboloid"),
+        dissipation=(_Dissipation, Field(default_factory=_Dissipation)),
+    )
+    today = load_config(CONFIGS / f"{name}.yaml")
+    data = resolved(today)
+    for given in ({}, {"surface": "paraboloid"}, {"dissipation": {"sigma": 0.0}}):
+        assert physics_hash(later.model_validate(data | given)) == physics_hash(today)
+    others = [
+        {"surface": "ellipsoid"},
+        {"dissipation": {"sigma": 0.1}},
+        {"dissipation": {"rolling": 0.1}},
+        {"integrator": data["integrator"] | {"safety": 0.8}},
+    ]
+    hashes = {physics_hash(later.model_validate(data | given)) for given in others}
+    assert len(hashes - {physics_hash(today)}) == len(others)

@@ -289,7 +289,7 @@ def test_the_directory_is_removed_under_the_sweep(what, tmp_path):
     )
     done = child.wait()
     assert done.code == 1
-    assert explained(done, output, "No such file or directory"), done
+    assert explained(done, output, "has been moved, removed or replaced"), done
     assert nursery().run("run", config, "--output", output, "-q").code == 0
     check_finished(output, reference)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import signal
 from collections.abc import Iterator
@@ -158,6 +159,71 @@ def test_missing_share_is_named_and_run_does_the_rest(plain, tmp_path):
     assert verify(tmp_path / "merged").problems == []
     assert run_sweep(plan, tmp_path / "merged").missing == 0
     assert content_hash(tmp_path / "merged") == content_hash(plain)
+
+
+@pytest.mark.parametrize("again", ["all", "the rest"])
+def test_another_merge_completes_what_is_there(again, plain, tmp_path):
+    plan = plan_of()
+    directories = shares(tmp_path, plan, 3)
+    output = tmp_path / "merged"
+    result = merge(*directories[:2], "--output", output)
+    assert result.exit_code == 75
+    assert "merge the other shards too, with the same --output" in result.stderr
+    rest = directories if again == "all" else directories[2:]
+    result = merge(*rest, "--output", output)
+    assert result.exit_code == 0, result.stderr
+    assert "missing" not in result.stderr
+    assert "360 runs in 12 files" in result.stderr
+    assert verify(output).problems == []
+    assert content_hash(output) == content_hash(plain)
+    # Of all that was done, each session once.
+    said, parts = (
+        json.loads((output / "manifest.json").read_text()),
+        [json.loads((d / "manifest.json").read_text()) for d in directories],
+    )
+    assert said["state"] == "complete"
+    assert [s["shard"] for s in said["sessions"]] == ["0/3", "1/3", "2/3"]
+    for key in ("seconds", "kernel_seconds"):
+        assert said[key] == pytest.approx(sum(part[key] for part in parts), abs=1e-2)
+    assert said["peak_memory"] == max(part["peak_memory"] for part in parts)
+    assert said["bytes"] == sum(f.stat().st_size for f in (output / "runs").iterdir())
+    assert all(part["command"] in said["commands"] for part in parts)
+    assert all("command" in session for session in said["sessions"])
+
+
+def test_merge_judges_the_directory_and_not_what_was_given(plain, tmp_path):
+    """What is there may be more, and in other blocks, than the shares that are given."""
+    directories = shares(tmp_path, plan_of(), 2)
+    output = tmp_path / "merged"
+    assert merge(plain, "--output", output).exit_code == 0
+    assert merge(directories[0], "--output", output).exit_code == 0
+    assert content_hash(output) == content_hash(plain)
+    # Blocks of 32 that cover no block of 50 as a whole are not in the output.
+    other = tmp_path / "other"
+    run_sweep(plan_of(block_size=50), other, shard=Shard(0, 2))
+    output = tmp_path / "mixed"
+    result = merge(other, directories[0], "--output", output)
+    there = {path.name for path in (output / "runs").iterdir()}
+    runs = sum(pq.read_metadata(output / "runs" / name).num_rows for name in there)
+    assert result.exit_code == 75
+    assert f"{runs} runs in {len(there)} files" in result.stderr
+    spans = re.findall(r"(\d+) to (\d+)", result.stderr.split("missing: runs ")[1])
+    assert sum(int(b) - int(a) + 1 for a, b in spans) == 360 - runs
+
+
+def test_quiet_is_quiet(plain, tmp_path, monkeypatch):
+    import rattlesweep.cli.merge as command
+
+    seen: list[bool] = []
+
+    class Meter(command.Meter):
+        def __init__(self, quiet: bool = False) -> None:
+            seen.append(quiet)
+            super().__init__(quiet)
+
+    monkeypatch.setattr(command, "Meter", Meter)
+    assert merge(plain, "--output", tmp_path / "out", "-q").stdout == ""
+    assert seen == [True]
 
 
 def test_merge_that_was_interrupted_goes_on(plain, tmp_path, monkeypatch):

@@ -525,6 +525,35 @@ def test_types_follow_their_thresholds_and_come_back(mixed, tmp_path):
     assert run("quickstart.yaml", output, *MIXED, "block_size=50").exit_code == 0
 
 
+def test_thresholds_of_classify_are_not_put_back_in_silence(tmp_path):
+    output = tmp_path / "out"
+    sets = ("model=gh", "bodies.samples=4", "bodies.target.rel_tol=0.1")
+    run("quickstart.yaml", output, *sets)
+    own = manifest(output)["config"]["classify"]
+    assert "classified" not in manifest(output)
+    again = invoke("classify", output)
+    assert "`rattlesweep run` would put back" not in again.stderr
+    result = invoke("classify", output, "--set", "classify.sw_departure=0.25")
+    assert f"written: 1 blocks, summary.parquet and manifest.json in {output}" in result.stderr
+    assert "types by ss_growth 0.001, sw_departure 0.25; before by ss_growth" in result.stderr
+    assert "`rattlesweep run` would put back those of the config" in result.stderr
+    said = manifest(output)
+    assert said["config"]["classify"] == own | {"sw_departure": 0.25}
+    assert said["classified"]["config"] == own
+    assert said["classified"]["now"] == own | {"sw_departure": 0.25}
+    # Once more: the config's are those of the config, and not those of the time before.
+    invoke("classify", output, "--set", "classify.sw_departure=0.5")
+    assert manifest(output)["classified"]["config"] == own
+    result = run("quickstart.yaml", output, *sets)
+    assert "had types by the thresholds of `rattlesweep classify`" in result.stderr
+    assert "classify.sw_departure: 0.5 against 0.05" in result.stderr
+    assert "classified" not in manifest(output)
+    assert manifest(output)["config"]["classify"] == own
+    # An edited config says so, too.
+    result = run("quickstart.yaml", output, *sets, "classify.sw_departure=0.25")
+    assert "had types by the thresholds of an earlier config" in result.stderr
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

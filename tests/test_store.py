@@ -410,7 +410,7 @@ def test_whole_but_not_what_was_asked(store: Store, tmp_path: Path) -> None:
 def test_unreadable_is_not_the_same_as_damaged(
     store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(Path, "read_bytes", failing(errno.EACCES))
+    monkeypatch.setattr(os, "open", failing(errno.EACCES))
     with pytest.raises(OutputError, match="Permission denied"):
         whole(store, 1, SCHEMA, 400)
 

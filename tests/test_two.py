@@ -22,6 +22,7 @@ from hardship import (
     blocks_of,
     check_finished,
     check_whole,
+    everything_in,
     manifest,
     nursery,
     one_sentence,
@@ -141,6 +142,40 @@ def test_two_that_begin_at_once_never_mix(second, sweep, tmp_path):
         assert nursery().run("run", config, "--output", output, "-q").code == 0
         check_finished(output, reference)
     assert set(ends) <= {(0, 0), (0, 1), (1, 0)}
+
+
+@pytest.mark.parametrize("then", ["nothing", "an empty directory", "another sweep"])
+def test_a_directory_that_is_moved_is_left_alone(then, sweep, tmp_path):
+    """Whatever takes its place, nothing of the sweep goes there, and no sentence is missing."""
+    config, _, reference = sweep
+    output, moved = tmp_path / "out", tmp_path / "moved"
+    first = at_work(config, output)
+    first.kill(signal.SIGSTOP)
+    output.rename(moved)
+    other: Child | None = None
+    if then == "another sweep":
+        other = nursery().start("run", config, "--output", output, "--set", "seed=1", "-q",
+                                pace=0.1)  # fmt: skip
+        wait_until(lambda: blocks_of(output))
+    elif then == "an empty directory":
+        (output / "runs").mkdir(parents=True)
+    first.kill(signal.SIGCONT)
+    done = first.wait()
+    assert done.code == 1, done
+    assert one_sentence(done.err)
+    assert "has been moved, removed or replaced while it was in use" in done.err
+    if other is not None:
+        assert holder(output) is not None
+        assert other.wait().code == 0
+        assert not set(blocks_of(output).values()) & set(reference.runs.values())
+        assert verify(output).problems == []
+    else:
+        assert blocks_of(output) == {}
+        assert everything_in(output) <= {"runs"}
+    # What was done is where the directory is now, and goes on from there.
+    assert check_whole(moved, reference) >= 1
+    assert nursery().run("run", config, "--output", moved, "-q").code == 0
+    check_finished(moved, reference)
 
 
 def test_the_lock_of_a_process_that_is_gone_is_no_obstacle(sweep, tmp_path):

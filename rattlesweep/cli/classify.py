@@ -18,11 +18,26 @@ from rattlesweep.cli.common import DONE, OVERRIDES, guarded, print_summary, say
 def classify(directory: str, overrides: tuple[str, ...]) -> int:
     """Classify the stored runs of a directory again, without integrating.
 
-    Prints one row per case on standard output.
+    Rewrites the types in the blocks and the summary, and notes both the thresholds of the config
+    and the new ones in the manifest. Prints one row per case on standard output.
     """
     from rattlesweep.sweep.retype import retype
 
-    changed, summary = retype(Path(directory), overrides)
-    print_summary(summary, Path(directory))
-    say(f"{changed} runs have changed their type")
+    done = retype(Path(directory), overrides)
+    print_summary(done.summary, Path(directory))
+    say(
+        f"{done.changed} runs have changed their type; written: {done.blocks} blocks, "
+        f"summary.parquet and manifest.json in {directory}"
+    )
+    before = "" if done.before == done.now else f"; before by {_words(done.before)}"
+    say(f"types by {_words(done.now)}{before}")
+    if done.now != done.own:
+        say(
+            f"`rattlesweep run` would put back those of the config ({_words(done.own)}): to keep "
+            "these, set them there"
+        )
     return DONE
+
+
+def _words(thresholds: dict[str, float]) -> str:
+    return ", ".join(f"{key} {value:g}" for key, value in thresholds.items())

@@ -36,7 +36,9 @@ class Terminated(BaseException):
 
 def say(text: str) -> None:
     """Write a line to standard error."""
-    click.echo(text, err=True)
+    from rattlesweep.sweep.errors import printable
+
+    click.echo(printable(text), err=True)
 
 
 def leave(code: int) -> None:

@@ -23,19 +23,19 @@ from rattlesweep.cli.common import (
 )
 @click.argument("directories", metavar="DIR...", type=click.Path(), nargs=-1, required=True)
 @click.option("--output", metavar="DIR", required=True, help="The directory to write.")
-@click.option("-q", "--quiet", is_flag=True, help="No closing table.")
+@click.option("-q", "--quiet", is_flag=True, help="No progress and no closing table.")
 @resumable
 def merge(directories: tuple[str, ...], output: str, quiet: bool) -> int:
     """Merge the directories of one sweep's shards into files of sensible size.
 
-    Checks that they belong to one config and agree where they overlap. If runs are missing, merges
-    what there is, says what is missing, and exits with 75: `rattlesweep run CONFIG --output DIR`
-    computes the rest.
+    Checks that they belong to one config and agree where they overlap. Runs that the output has
+    already are kept. If some are missing after that, says which, and exits with 75: merge other
+    shards into the same output, or let `rattlesweep run CONFIG --output DIR` compute the rest.
     """
     from rattlesweep.sweep.merge import merge as join
 
     check_output(output)
-    with Meter() as meter:
+    with Meter(quiet) as meter:
         merged = join([Path(d) for d in directories], Path(output), report=meter.counting("files"))
     if merged.summary is not None and not quiet:
         print_summary(merged.summary, merged.directory)
@@ -44,8 +44,8 @@ def merge(directories: tuple[str, ...], output: str, quiet: bool) -> int:
         spans = ", ".join(f"{first} to {stop - 1}" for first, stop in merged.missing[:5])
         more = f" and {len(merged.missing) - 5} more spans" if len(merged.missing) > 5 else ""
         say(
-            f"missing: runs {spans}{more}; merge the other shards too, or compute them with "
-            f"`rattlesweep run CONFIG --output {output}`"
+            f"missing: runs {spans}{more}; merge the other shards too, with the same --output, or "
+            f"compute them with `rattlesweep run CONFIG --output {output}`"
         )
         return EARLY
     return SOME_FAILED if merged.failed else DONE

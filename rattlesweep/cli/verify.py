@@ -37,6 +37,7 @@ def verify(
     Prints one line per problem and exits with 1 if there is any. `rattlesweep run` repairs what
     it finds by computing those blocks again.
     """
+    from rattlesweep.sweep.errors import printable
     from rattlesweep.sweep.verify import verify as check
 
     check_threads(threads)
@@ -52,11 +53,11 @@ def verify(
         click.echo(json.dumps(asdict(verdict), indent=2))
     else:
         for problem in verdict.problems:
-            click.echo(problem)
+            click.echo(printable(problem))
     for remark in verdict.remarks:
         say(f"note: {remark}")
     again = f", {verdict.recomputed} integrated again" if recompute else ""
-    left = f", {len(verdict.missing)} blocks not in place" if verdict.missing else ""
+    left = f", {verdict.absent} blocks not in place" if verdict.missing else ""
     if verdict.begun:
         left += f", {verdict.begun} runs of them begun"
     wrong = f"{len(verdict.problems)} problems" if verdict.problems else "no problem"

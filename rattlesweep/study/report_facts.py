@@ -90,14 +90,14 @@ class _Reader(Store):
 
     def __init__(self, store: Store) -> None:
         super().__init__(store.directory)
-        self.rows: Queue[pa.RecordBatch | BaseException | None] = Queue(maxsize=1)
+        self.pieces: Queue[pa.RecordBatch | BaseException | None] = Queue(maxsize=1)
         self.gone = False
 
     def iter_batches(
         self, columns: Sequence[str] | None = None, *, complete: bool = True
     ) -> Iterator[pa.RecordBatch]:
         """Yield what the common pass hands over, of complete blocks; can be called once."""
-        while (batch := self.rows.get()) is not None:
+        while (batch := self.pieces.get()) is not None:
             if isinstance(batch, BaseException):
                 raise batch
             absent = set(columns or ()).difference(batch.schema.names)
@@ -105,7 +105,7 @@ class _Reader(Store):
                 raise OutputError(f"{self.runs} has no column {', '.join(sorted(absent))}")
             yield batch if columns is None else batch.select(list(columns))
         # The end stays in place for whoever looks for it once more.
-        self.rows.put(None)
+        self.pieces.put(None)
 
 
 def read_once(store: Store, jobs: Sequence[Callable[[Store], T]]) -> list[T | BaseException]:
@@ -134,7 +134,7 @@ def read_once(store: Store, jobs: Sequence[Callable[[Store], T]]) -> list[T | Ba
             results[place] = error
         readers[place].gone = True
         # The pass may be waiting to hand over a piece that nobody wants any more.
-        while readers[place].rows.get() is not None:
+        while readers[place].pieces.get() is not None:
             pass
 
     team = [threading.Thread(target=work, args=(k,), daemon=True) for k in range(len(jobs))]
@@ -145,15 +145,15 @@ def read_once(store: Store, jobs: Sequence[Callable[[Store], T]]) -> list[T | Ba
         for batch in store.iter_batches(complete=True):
             for reader in readers:
                 if not reader.gone:
-                    reader.rows.put(batch)
+                    reader.pieces.put(batch)
             if all(reader.gone for reader in readers):
                 break
     except BaseException as error:
         failure = error
     for reader in readers:
         if failure is not None and not reader.gone:
-            reader.rows.put(failure)
-        reader.rows.put(None)
+            reader.pieces.put(failure)
+        reader.pieces.put(None)
     for thread in team:
         thread.join()
     if failure is not None and not isinstance(failure, Exception):

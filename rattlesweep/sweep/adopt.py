@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from typing import TYPE_CHECKING
 
 from rattlesweep.sweep.errors import ConfigError, OutputError
@@ -56,36 +55,42 @@ def adopted_size(store: Store, blocks: list[int], sweep: str, plan: Plan) -> int
     )
 
 
-def remove_copies(store: Store, blocks: int, sweep: str) -> list[str]:
-    """Remove blocks of a sweep from where none of them belongs, such as copied files.
+def put_in_order(store: Store, plan: Plan, sweep: str) -> list[str]:
+    """Take blocks of a sweep away from where none of them belongs, such as copied files.
+
+    One whose own place is empty or damaged is put there.
 
     Parameters
     ----------
-    blocks : int
-        How many the sweep has.
     sweep : str
-        Its hash.
+        Hash of the sweep.
 
     Returns
     -------
     list of str
-        What was removed, and which other files readers will take for runs, a sentence each.
+        What was done, and which other files readers will take for runs, a sentence each.
 
     Raises
     ------
     OutputError
         A file has the name of a block but is none of this sweep, or cannot be read or removed.
     """
-    wanted = {store.block_path(index).name for index in range(blocks)}
     remarks = []
     try:
-        for path in sorted(store.runs / name for name in os.listdir(store.runs)):
-            if path.name in wanted or path.name.startswith(".") or path.suffix != ".parquet":
-                continue
+        for path in store.strays(plan.n_blocks):
             note = _note(path)
             if note is not None and note.sweep == sweep:
-                path.unlink(missing_ok=True)
-                remarks.append(f"removed {path}: a copy of a block")
+                index = note.first // plan.block_size
+                block, place = plan.block(index), store.block_path(index)
+                if (note.first, note.stop) != (block.first, block.stop):
+                    path.unlink(missing_ok=True)
+                    remarks.append(f"removed {path}: a block of another size than this sweep's")
+                elif note.same_runs(_note(place)):
+                    path.unlink(missing_ok=True)
+                    remarks.append(f"removed {path}: a copy of {place.name}")
+                else:
+                    store.rename(path, place)
+                    remarks.append(f"renamed {path} to {place.name}, whose runs it holds")
             elif store.is_block(path):
                 raise OutputError(f"{path} is no block of this sweep; move it elsewhere")
             else:
@@ -98,6 +103,9 @@ def remove_copies(store: Store, blocks: int, sweep: str) -> list[str]:
 def _note(path: Path) -> Note | None:
     """What a whole file says of itself."""
     try:
-        return inspect_file(path).note
+        found = inspect_file(path)
     except DamagedError:
         return None
+    note = found.note
+    # A file with fewer rows than it speaks of is no block that is finished.
+    return note if note is not None and found.receipt.rows == note.stop - note.first else None

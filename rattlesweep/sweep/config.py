@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from numbers import Integral, Real
 from typing import Any
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 from rattlesweep.sweep import yamlfile
 from rattlesweep.sweep.config_bodies import (
@@ -72,6 +72,21 @@ __all__ = [
 
 NOT_PHYSICS = ("name", "output", "classify", "block_size")
 """Keys that change no stored number."""
+
+FORMAT_1 = {
+    "Config": ("seed", "model", "horizon", "integrator", "record"),
+    "SdSource": ("samples", "ranges"),
+    "SdRanges": ("gamma", "f_sd", "theta", "phi", "minus_xi_deg"),
+    "Target": ("rel_tol", "max_draws"),
+    "PresetSource": ("overrides",),
+    "Spin": ("psi",),
+    "Integrator": ("method",),
+}
+"""Keys that enter the hash of a config even where they have their default value.
+
+Complete for all time: a key that is added later enters only where it differs from its default, so
+that the hashes, and with them the directories, of configs that do not use it stay valid.
+"""
 
 
 def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Config:
@@ -177,10 +192,22 @@ def physics_part(data: Mapping[str, Any]) -> dict[str, Any]:
 
 def physics_hash(config: Config) -> str:
     """SHA-256, in hex, of everything in the config that determines the stored numbers."""
-    text = json.dumps(
-        physics_part(resolved(config)), sort_keys=True, separators=(",", ":"), allow_nan=False
-    )
+    part = physics_part(_hashed(config, resolved(config)))
+    text = json.dumps(part, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _hashed(model: BaseModel, data: dict[str, Any]) -> dict[str, Any]:
+    """What `model` was dumped to, without keys younger than `FORMAT_1` that have their default."""
+    always = FORMAT_1.get(type(model).__name__, ())
+    kept = {}
+    for key, value in data.items():
+        field, inner = type(model).model_fields.get(key), getattr(model, key, None)
+        later = field is not None and key not in always and not field.is_required()
+        if later and field and inner == field.get_default(call_default_factory=True):
+            continue
+        kept[key] = _hashed(inner, value) if isinstance(inner, BaseModel) else value
+    return kept
 
 
 def differences(a: dict[str, Any], b: dict[str, Any]) -> list[str]:

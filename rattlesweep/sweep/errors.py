@@ -5,11 +5,16 @@ from collections.abc import Iterable
 MAX_LINE = 1000
 
 
+def printable(text: str) -> str:
+    """`text` as any terminal can show it: escapes and the like spelled out, line ends kept."""
+    return "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text)
+
+
 def one_line(text: str, limit: int = 60) -> str:
     """`text` fit for one line of any terminal: nothing unprintable, and cut if it is long."""
     if len(text) > limit:
         text = text[: limit - 3] + "..."
-    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+    return printable(text).replace("\n", "\\n")
 
 
 class ConfigError(ValueError):
@@ -36,3 +41,7 @@ class ConfigWarning(UserWarning):
 
 class OutputError(RuntimeError):
     """Results cannot be read or written where they should be (exit code 1)."""
+
+
+class DamagedManifest(OutputError):
+    """`manifest.json` is not what was written."""

@@ -7,6 +7,7 @@ import errno
 import os
 import re
 import secrets
+import stat
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -50,6 +51,12 @@ def replace_file(path: Path, data: bytes, check: Callable[[Path], None] | None =
         _discard(temporary)
 
 
+def rename_file(path: Path, target: Path) -> None:
+    """Give a file another name in its directory, for good once this returns."""
+    os.replace(path, target)
+    _sync_directory(target.parent)
+
+
 @contextlib.contextmanager
 def streamed_file(path: Path) -> Iterator[BinaryIO]:
     """Like `replace_file`, for data that comes in parts: a file to write them to.
@@ -74,6 +81,40 @@ def streamed_file(path: Path) -> Iterator[BinaryIO]:
         raise OutputError(f"cannot write {path}: {reason(error)}") from error
     finally:
         _discard(temporary)
+
+
+class NotAFile(OSError):
+    """Something else in the place of a file of ours: a FIFO, a device, far too many bytes."""
+
+
+def read_file(path: Path, most: int) -> bytes:
+    """All of a regular file; what is none is not waited for.
+
+    Parameters
+    ----------
+    path
+    most
+        Size in bytes above which it is not read.
+
+    Raises
+    ------
+    NotAFile
+        It is no regular file, or is larger.
+    OSError
+        It cannot be read.
+    """
+    # Without O_NONBLOCK, to open a FIFO is to wait for somebody who writes into it.
+    handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
+    try:
+        status = os.fstat(handle)
+        if not stat.S_ISREG(status.st_mode):
+            raise NotAFile("it is no regular file")
+        if status.st_size > most:
+            raise NotAFile(f"it is larger than the {most} bytes it can have")
+        with open(handle, "rb", closefd=False) as file:
+            return file.read(most)
+    finally:
+        os.close(handle)
 
 
 def probe_directory(path: Path) -> None:

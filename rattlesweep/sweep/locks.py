@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from rattlesweep.sweep.errors import OutputError
-from rattlesweep.sweep.files import reason
+from rattlesweep.sweep.files import read_file, reason
 from rattlesweep.sweep.provenance import now
 
 fcntl: Any
@@ -36,6 +36,7 @@ FOLDER = ".locks"
 _WHOLE, _TURN = "directory", "manifest"
 # Seconds for which a lock may be in the hands of somebody who only looks.
 PATIENCE = 0.3
+_MOST_WORDS = 1 << 20
 # What flock says where there are no locks, as on some network file systems.
 _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS, errno.EINVAL)
 
@@ -51,7 +52,7 @@ def holder(directory: Path) -> str | None:
     except OSError:
         return None
     for path in (directory / FOLDER / name for name in names if name != _TURN):
-        with contextlib.suppress(OSError), open(path, "rb") as handle:
+        with contextlib.suppress(OSError), open(path, "rb", opener=_at_once) as handle:
             if not _try(handle.fileno(), shared=True):
                 return _words(path)
     return None
@@ -128,8 +129,10 @@ def _locked(path: Path, *, shared: bool) -> Iterator[bool]:
         yield True
     finally:
         # Other shares may be at work; a file that cannot be removed locks nothing once closed.
+        # Where the directory was moved meanwhile, a file of this name is another's lock.
         with contextlib.suppress(OSError):
-            if not shared or _try(handle.fileno(), shared=False):
+            mine = os.path.samestat(os.fstat(handle.fileno()), os.stat(path))
+            if mine and (not shared or _try(handle.fileno(), shared=False)):
                 path.unlink(missing_ok=True)
                 if path.name == _WHOLE:
                     (path.parent / _TURN).unlink(missing_ok=True)
@@ -158,6 +161,11 @@ def _open_locked(path: Path, shared: bool) -> BinaryIO | None:
             handle.close()
 
 
+def _at_once(path: str, flags: int) -> int:
+    """Open without waiting, as for somebody at the other end of a FIFO."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+
+
 def _try(handle: int, *, shared: bool) -> bool:
     if fcntl is None:
         return True
@@ -182,7 +190,7 @@ def _me() -> dict[str, Any]:
 
 def _words(path: Path) -> str:
     try:
-        who = json.loads(path.read_bytes())
+        who = json.loads(read_file(path, _MOST_WORDS))
         return f"`{who['command']}` (process {who['pid']} on {who['host']} since {who['since']})"
     except (OSError, ValueError, KeyError, TypeError):
         return "another process"

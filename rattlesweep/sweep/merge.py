@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pyarrow as pa
 
@@ -13,15 +13,12 @@ from rattlesweep.sweep.config import differences, override_config, physics_part,
 from rattlesweep.sweep.errors import ConfigError, OutputError
 from rattlesweep.sweep.files import probe_directory
 from rattlesweep.sweep.locks import hold
-from rattlesweep.sweep.provenance import now, read_manifest
+from rattlesweep.sweep.provenance import command_line, now, read_manifest
 from rattlesweep.sweep.receipts import Note, Receipt, borders, count_failed
 from rattlesweep.sweep.retype import stored_cases
 from rattlesweep.sweep.store import Store
 from rattlesweep.sweep.summary import summarise
 from rattlesweep.sweep.tables import DamagedError
-
-if TYPE_CHECKING:
-    pass
 
 # Runs in a file: about 28 MB, and as much as a block may have, so that a merged
 # directory is an output directory like any other.
@@ -38,7 +35,7 @@ class Merged:
     runs, files : int
         Runs and files in the merged directory.
     missing : list of tuple
-        Spans ``(first, stop)`` of run numbers that no directory has.
+        Spans ``(first, stop)`` of run numbers that the merged directory does not have.
     failed : dict
         Runs by status, other than ``ok``.
     summary : pa.Table or None
@@ -72,14 +69,16 @@ def merge(
     """Join directories of one sweep.
 
     Runs that several directories have must be the same in all of them. Where runs are missing,
-    what there is is joined in the sources' own blocks, and `rattlesweep run` can do the rest there.
+    what there is is joined in the sources' own blocks; another merge into the same output, or
+    `rattlesweep run`, does the rest there.
 
     Parameters
     ----------
     sources : sequence of Path
         Output directories, of shards or of anything else of one config.
     output : Path
-        New, or of an earlier merge.
+        New, or of this sweep already, as after an earlier merge: what it has is kept, in the
+        blocks that it has.
     report : callable
         Called with the fraction done.
 
@@ -100,32 +99,41 @@ def merge(
     _check_config(stores, manifests)
     if any(_same_place(store.directory, output) for store in stores):
         raise ConfigError(f"--output {output}: is one of the directories to be merged; give a new")
-    pieces, missing = _cover(stores, manifests)
-    size = MERGED_SIZE if not missing else manifests[0]["config"]["block_size"]
+    pieces, absent = _cover(stores, manifests)
+    target = Store(output)
+    target.check_ours()
     probe_directory(output)
     with hold(output):
-        target = Store(output)
-        _check_target(target, manifests[0], size)
+        old = _held(target, manifests[0])
+        size = MERGED_SIZE if not absent else manifests[0]["config"]["block_size"]
+        if old is not None:
+            size = old["config"]["block_size"]
         target.prepare()
         target.remove_stale_temporaries()
-        result = Merged(output, missing=missing)
-        manifest = _manifest(stores, manifests, output, size)
+        result = Merged(output)
+        manifest = _manifest(stores, manifests, old, output, size)
         target.write_manifest(manifest)
         receipts: dict[str, Any] = {}
-        for index in range(manifest["blocks"]):
-            report(index / manifest["blocks"])
+        touched = {i for p in pieces for i in range(p.first // size, -(-p.stop // size))}
+        touched |= {i for i in target.block_indices() if i < manifest["blocks"]}
+        spans = []
+        for place, index in enumerate(sorted(touched)):
+            report(place / len(touched))
             note = Note.of(manifest, index)
-            if any(first < note.stop and note.first < stop for first, stop in missing):
-                continue
-            receipt = _kept(target, index, note) or target.rewrite_block(
-                index, _gather(pieces, note.first, note.stop), note
-            )
+            receipt = _kept(target, index, note)
+            if receipt is None:
+                if any(first < note.stop and note.first < stop for first, stop in absent):
+                    continue
+                table = _gather(pieces, note.first, note.stop)
+                receipt = target.rewrite_block(index, table, note)
             receipts[str(index)] = receipt.dump()
-            result.files += 1
+            spans.append((note.first, note.stop))
             result.runs += receipt.rows
+        result.files, result.missing = len(spans), _gaps(spans, manifest["runs"])
         result.failed = count_failed(receipts.values())
-        manifest |= {"receipts": receipts, "failed": result.failed}
-        if missing:
+        size_on_disk = sum(receipt["bytes"] for receipt in receipts.values())
+        manifest |= {"receipts": receipts, "failed": result.failed, "bytes": size_on_disk}
+        if result.missing:
             manifest["state"] = "stopped"
         else:
             result.summary = summarise(target, stored_cases(manifest))
@@ -166,14 +174,17 @@ def _cover(
             if index < manifest["blocks"] and store.is_complete(index)
         ]
     pieces.sort(key=lambda piece: (piece.first, -piece.stop))
-    missing, reached = [], 0
-    for piece in pieces:
-        if piece.first > reached:
-            missing.append((reached, piece.first))
-        reached = max(reached, piece.stop)
-    if reached < manifests[0]["runs"]:
-        missing.append((reached, manifests[0]["runs"]))
-    return pieces, missing
+    return pieces, _gaps([(piece.first, piece.stop) for piece in pieces], manifests[0]["runs"])
+
+
+def _gaps(spans: list[tuple[int, int]], end: int) -> list[tuple[int, int]]:
+    """What spans in order of their beginnings leave out of the runs up to `end`."""
+    gaps, reached = [], 0
+    for first, stop in [*spans, (end, end)]:
+        if first > reached:
+            gaps.append((reached, first))
+        reached = max(reached, stop)
+    return gaps
 
 
 def _gather(pieces: list[_Piece], first: int, stop: int) -> pa.Table:
@@ -210,46 +221,63 @@ def _kept(target: Store, index: int, note: Note) -> Receipt | None:
     return found.receipt if found.note == note and found.complete else None
 
 
-def _check_target(target: Store, manifest: dict[str, Any], size: int) -> None:
+def _held(target: Store, manifest: dict[str, Any]) -> dict[str, Any] | None:
+    """Manifest of the output, if it has one, which must be of the same sweep."""
     if not target.has_manifest():
         if target.block_indices():
             raise ConfigError(f"--output {target.directory}: it holds runs already; give a new one")
-        return
+        return None
     old = read_manifest(target)
-    if old["config_hash"] != manifest["config_hash"] or old["config"]["block_size"] != size:
+    changes = differences(_matter(old["config"]), _matter(manifest["config"]))
+    if changes or old["config_hash"] != manifest["config_hash"]:
+        what = "; ".join(changes[:3]) or "the table of bodies has changed"
         raise ConfigError(
-            f"--output {target.directory}: it holds another sweep, or this one in other blocks; "
-            "give a new one"
+            f"--output {target.directory}: it holds another sweep ({what}); give a new one"
         )
+    return old
 
 
 def _manifest(
-    stores: list[Store], manifests: list[dict[str, Any]], output: Path, size: int
+    stores: list[Store],
+    manifests: list[dict[str, Any]],
+    old: dict[str, Any] | None,
+    output: Path,
+    size: int,
 ) -> dict[str, Any]:
     """The manifest of the merged directory: the first one's, with the sessions of all."""
-    first = manifests[0]
+    first = {key: value for key, value in manifests[0].items() if key != "finished"}
     config = resolved(override_config(first["config"], [])) | {
         "block_size": size,
         "output": str(output),
     }
-    sessions = [
-        {**session, "directory": str(store.directory), "versions": manifest["versions"],
-         "machine": manifest["machine"]}
-        for store, manifest in zip(stores, manifests, strict=True)
-        for session in manifest["sessions"]
-    ]  # fmt: skip
-    totals = {
-        key: round(sum(m.get(key, 0.0) for m in manifests), 3)
-        for key in ("seconds", "kernel_seconds")
-    }
+    # What an earlier merge has noted first: its directories may be given again.
+    every = manifests if old is None else [old, *manifests]
+    places = [store.directory for store in stores]
+    sessions: dict[Any, dict[str, Any]] = {}
+    for manifest, place in zip(every, places if old is None else [output, *places], strict=True):
+        origin = {
+            "directory": str(place),
+            **{key: manifest[key] for key in ("versions", "machine", "command")},
+        }
+        for session in manifest["sessions"]:
+            key = tuple(session.get(name) for name in ("started", "host", "pid", "shard"))
+            sessions.setdefault(key, {**origin, **session})
+    commands = [c for m in every for c in m.get("commands", [m["command"]])]
+    done = sorted(sessions.values(), key=lambda session: str(session["started"]))
     return first | {
         "state": "running",
         "config": config,
         "blocks": -(-first["runs"] // size),
-        "started": min(m["started"] for m in manifests),
-        "sessions": sorted(sessions, key=lambda session: str(session["started"])),
+        "started": min(m["started"] for m in every),
+        "command": command_line(),
+        "commands": [c for place, c in enumerate(commands) if c not in commands[:place]],
+        "sessions": done,
         "receipts": {},
-        **totals,
+        **{
+            key: round(sum(session.get(key, 0.0) for session in done), 3)
+            for key in ("seconds", "kernel_seconds")
+        },
+        "peak_memory": max((m.get("peak_memory") or 0 for m in every), default=0) or None,
     }
 
 

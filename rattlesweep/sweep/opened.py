@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 from rattlesweep.sweep.adopt import adopted_size
 from rattlesweep.sweep.config import differences, physics_part, resolved
-from rattlesweep.sweep.errors import ConfigError
+from rattlesweep.sweep.errors import ConfigError, DamagedManifest
 from rattlesweep.sweep.provenance import identity, new_manifest, read_manifest
 from rattlesweep.sweep.receipts import Note
-from rattlesweep.sweep.store import DamagedManifest, Store
+from rattlesweep.sweep.store import Store
 
 if TYPE_CHECKING:
     from rattlesweep.sweep.plan import Block, Plan
@@ -58,6 +58,7 @@ def examine(plan: Plan, directory: Path, base: Path | None) -> Opened:
         If it cannot be read.
     """
     store, hash_ = Store(directory), identity(plan, base)
+    store.check_ours()
     blocks = store.block_indices()
     remarks: list[str] = []
     manifest: dict[str, Any] | None = None
@@ -82,14 +83,25 @@ def examine(plan: Plan, directory: Path, base: Path | None) -> Opened:
     if size != plan.block_size:
         remarks.append(f"{directory} was begun in blocks of {size} runs, and keeps that size")
         plan = replace(plan, block_size=size)
+    if changed := differences(manifest["config"]["classify"], resolved(plan.config)["classify"]):
+        by = "`rattlesweep classify`" if "classified" in manifest else "an earlier config"
+        remarks.append(
+            f"{directory} had types by the thresholds of {by}, and has those of this config now "
+            f"(classify.{', classify.'.join(changed)})"
+        )
     current = new_manifest(plan, hash_, base)
     for part in ("versions", "machine"):
-        if changed := differences(manifest.get(part, {}), current[part]):
+        if changed := differences(_of_bits(manifest[part]), _of_bits(current[part])):
             remarks.append(
                 f"{directory} was begun with other {part} ({'; '.join(changed[:3])}): last bits "
                 "may differ"
             )
     return Opened(store, plan, hash_, manifest, remarks)
+
+
+def _of_bits(part: dict[str, Any]) -> dict[str, Any]:
+    """What of a part of the manifest the last bits may depend on: not on the processors' number."""
+    return {key: value for key, value in part.items() if key != "processors"}
 
 
 __all__ = ["Opened", "examine"]

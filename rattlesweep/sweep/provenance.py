@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rattlesweep.sweep.config import TableSource, physics_hash, resolved
-from rattlesweep.sweep.errors import ConfigError, OutputError
+from rattlesweep.sweep.errors import ConfigError, DamagedManifest
+from rattlesweep.sweep.manifest import FORMAT, check
 
 if TYPE_CHECKING:
     from rattlesweep.sweep.plan import Plan
     from rattlesweep.sweep.store import Store
 
-FORMAT = 2
 PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "pandas", "pyarrow")
 
 
@@ -33,6 +33,11 @@ def package_version() -> str:
 def now() -> str:
     """The time, in UTC."""
     return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def command_line() -> list[str]:
+    """The words of the command that this process is."""
+    return [Path(sys.argv[0]).name, *sys.argv[1:]]
 
 
 def machine() -> dict[str, Any]:
@@ -51,15 +56,20 @@ def machine() -> dict[str, Any]:
 def identity(plan: Plan, base: Path | None = None) -> str:
     """Hash of what determines the stored numbers: config, and the contents of a table."""
     digest = hashlib.sha256(physics_hash(plan.config).encode())
-    if isinstance(plan.config.bodies, TableSource):
-        path = Path(plan.config.bodies.path)
-        if not path.exists() and base is not None:
-            path = base / path
-        files = sorted(path.rglob("*.parquet")) if path.is_dir() else [path]
-        for file in files:
-            with open(file, "rb") as handle:
-                digest.update(hashlib.file_digest(handle, "sha256").digest())
+    for file in table_files(plan, base):
+        with open(file, "rb") as handle:
+            digest.update(hashlib.file_digest(handle, "sha256").digest())
     return digest.hexdigest()
+
+
+def table_files(plan: Plan, base: Path | None = None) -> list[Path]:
+    """Files that bodies are read from; none where they come from no table."""
+    if not isinstance(plan.config.bodies, TableSource):
+        return []
+    path = Path(plan.config.bodies.path)
+    if not path.exists() and base is not None:
+        path = base / path
+    return sorted(path.rglob("*.parquet")) if path.is_dir() else [path]
 
 
 def versions() -> dict[str, str]:
@@ -95,11 +105,7 @@ def new_manifest(plan: Plan, hash_: str, base: Path | None) -> dict[str, Any]:
         "versions": versions(),
         "machine": machine(),
         "started": now(),
-        # A path need not be UTF-8, and JSON must.
-        "command": [
-            part.encode(errors="backslashreplace").decode()
-            for part in (Path(sys.argv[0]).name, *sys.argv[1:])
-        ],
+        "command": command_line(),
         "failed": {},
         "sessions": [],
         "receipts": {},
@@ -107,23 +113,25 @@ def new_manifest(plan: Plan, hash_: str, base: Path | None) -> dict[str, Any]:
 
 
 def read_manifest(store: Store) -> dict[str, Any]:
-    """The manifest of a sweep; as :meth:`Store.read_manifest`, with the parts that others rely on.
+    """The manifest of a sweep; as :meth:`Store.read_manifest`, checked part by part.
 
     Raises
     ------
     ConfigError
         There is none, or it is of another format.
-    OutputError
-        It is damaged.
+    DamagedManifest
+        It is not what was written, or says what cannot be.
     """
-    manifest = store.read_manifest()
-    if manifest.get("format") != FORMAT:
+    data = store.read_manifest()
+    if isinstance(data.get("format"), int) and data["format"] != FORMAT:
         raise ConfigError(
-            f"{store.directory}: it was written in format {manifest.get('format')} by rattlesweep "
-            f"{manifest.get('versions', {}).get('rattlesweep', '?')}; this version writes format "
-            f"{FORMAT}, so choose another output or start over with --fresh"
+            f"{store.directory}: it was written in format {data['format']}; this version writes "
+            f"format {FORMAT}, so choose another output or start over with --fresh"
         )
-    for name, kind in (("config", dict), ("cases", list)):
-        if not isinstance(manifest.get(name), kind):
-            raise OutputError(f"{store.manifest_path} is damaged: it names no {name}")
-    return manifest
+    try:
+        manifest = check(data)
+    except ValueError as error:
+        raise DamagedManifest(f"{store.manifest_path} is damaged: {error}") from None
+    store.rows = manifest.config.block_size
+    # With what an older version did not know of, at its default.
+    return data | {"config": resolved(manifest.config)}

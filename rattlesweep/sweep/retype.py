@@ -12,7 +12,7 @@ import pyarrow.compute as pc
 from rattlesweep.sweep.config import override_config, resolved
 from rattlesweep.sweep.errors import ConfigError, OutputError
 from rattlesweep.sweep.locks import hold
-from rattlesweep.sweep.provenance import read_manifest
+from rattlesweep.sweep.provenance import now, read_manifest
 from rattlesweep.sweep.store import Found, Store
 from rattlesweep.sweep.summary import summarise
 from rattlesweep.sweep.tables import DamagedError
@@ -96,7 +96,31 @@ class _Receipts:
         self.fresh[str(index)] = replace(receipt, seconds=seconds).dump()
 
 
-def retype(directory: Path, overrides: Sequence[str] = ()) -> tuple[int, pa.Table]:
+@dataclass(frozen=True)
+class Retyped:
+    """What a directory was typed by again.
+
+    Attributes
+    ----------
+    changed : int
+        Runs whose type has changed.
+    blocks : int
+        Blocks that were written.
+    before, own, now : dict
+        Thresholds behind the types before, those of the config of its sweep, and those of now.
+    summary : pa.Table
+        One row a case.
+    """
+
+    changed: int
+    blocks: int
+    before: dict[str, float]
+    own: dict[str, float]
+    now: dict[str, float]
+    summary: pa.Table
+
+
+def retype(directory: Path, overrides: Sequence[str] = ()) -> Retyped:
     """Type the runs of an output directory again and renew its summary.
 
     Parameters
@@ -107,9 +131,7 @@ def retype(directory: Path, overrides: Sequence[str] = ()) -> tuple[int, pa.Tabl
 
     Returns
     -------
-    changed : int
-        Runs whose type has changed.
-    summary : pa.Table
+    Retyped
 
     Raises
     ------
@@ -123,9 +145,12 @@ def retype(directory: Path, overrides: Sequence[str] = ()) -> tuple[int, pa.Tabl
     with hold(directory):
         manifest, config = config_of(store, overrides)
         thresholds = resolved(config)["classify"]
+        before = manifest["config"]["classify"]
+        own = manifest.get("classified", {}).get("config", before)
         store.remove_stale_temporaries()
         receipts = _Receipts(store)
-        found = {index: _inspect(store, index) for index in store.block_indices()}
+        found = {index: _inspect(store, index) for index in store.block_indices()
+                 if index < manifest["blocks"]}  # fmt: skip
         old = [i for i, f in found.items() if f.note is None or f.note.classify != thresholds]
         # Those that a killed process has typed have lost theirs.
         whole = {
@@ -139,13 +164,16 @@ def retype(directory: Path, overrides: Sequence[str] = ()) -> tuple[int, pa.Tabl
 
         def change(manifest: dict[str, Any]) -> None:
             manifest["config"] = manifest["config"] | {"classify": thresholds}
+            manifest.pop("classified", None)
+            if thresholds != own:
+                manifest["classified"] = {"config": own, "now": thresholds, "at": now()}
             known = whole | manifest["receipts"] | receipts.fresh
             order = sorted(known.items(), key=lambda item: int(item[0]))
             # What a stopped session has left of a block has no receipt.
             manifest["receipts"] = {i: r for i, r in order if found[int(i)].complete}
 
         store.update_manifest(change)
-    return changed, summary
+    return Retyped(changed, len(old), before, own, thresholds, summary)
 
 
 def config_of(store: Store, overrides: Sequence[str]) -> tuple[dict[str, Any], Config]:

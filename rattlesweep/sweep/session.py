@@ -11,17 +11,17 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rattlesweep.sweep.adopt import remove_copies
+from rattlesweep.sweep.adopt import put_in_order
 from rattlesweep.sweep.columns import runs_schema
 from rattlesweep.sweep.config import resolved
-from rattlesweep.sweep.errors import ConfigError, OutputError
+from rattlesweep.sweep.errors import ConfigError, DamagedManifest, OutputError
 from rattlesweep.sweep.locks import hold
 from rattlesweep.sweep.opened import Opened, examine
 from rattlesweep.sweep.progress import Costs
-from rattlesweep.sweep.provenance import new_manifest, now
+from rattlesweep.sweep.provenance import new_manifest, now, read_manifest, table_files
 from rattlesweep.sweep.receipts import Note, Receipt, count_failed
 from rattlesweep.sweep.shards import Shard, deal
-from rattlesweep.sweep.store import DamagedManifest, Store
+from rattlesweep.sweep.store import Store
 from rattlesweep.sweep.tables import DamagedError, same_schema
 
 if TYPE_CHECKING:
@@ -187,6 +187,7 @@ class Session:
             for block in self.pending:
                 if block.index not in self.receipts:
                     manifest["receipts"].pop(str(block.index), None)
+            manifest.pop("classified", None)
             others = [entry for entry in manifest["sessions"] if not self._is_mine(entry)]
             manifest["sessions"] = [*others[-REMEMBERED:], self._entry]
 
@@ -204,7 +205,7 @@ class Session:
     def _replace_damaged(self) -> None:
         # Another shard may have mended it since it was examined.
         try:
-            self.store.read_manifest()
+            read_manifest(self.store)
         except DamagedManifest:
             self.store.write_manifest(self._blank())
 
@@ -357,11 +358,12 @@ def open_session(
     store.prepare()
     with hold(directory, None if shard is None else shard.name):
         if fresh:
+            _check_not_input(plan, base, store)
             remove_runs(store)
         # Files of another shard may be young.
         store.remove_stale_temporaries(0.0 if shard is None else 3600.0)
         opened = replace(examine(plan, directory, base), retry_failed=retry_failed)
-        opened.remarks.extend(remove_copies(store, opened.plan.n_blocks, opened.hash_))
+        opened.remarks.extend(put_in_order(store, opened.plan, opened.hash_))
         costs = Costs(opened.plan)
         yield Session(opened, base, shard, threads, costs, deal(opened.plan, shard, costs))
 
@@ -374,13 +376,28 @@ def remove_runs(store: Store) -> None:
     OutputError
         One of them cannot be removed.
     """
-    files = [store.block_path(index) for index in store.block_indices()]
     try:
-        # The manifest first: without it, what is left is nobody's.
-        for path in (store.manifest_path, store.summary_path, *files):
+        for path in _files_of(store):
             path.unlink(missing_ok=True)
     except OSError as error:
         raise OutputError(f"cannot remove the runs in {store.directory}: {error}") from error
+
+
+def _files_of(store: Store) -> list[Path]:
+    # The manifest first: without it, what is left is nobody's.
+    files = [store.block_path(index) for index in store.block_indices()]
+    return [store.manifest_path, store.summary_path, *files]
+
+
+def _check_not_input(plan: Plan, base: Path | None, store: Store) -> None:
+    """Refuse to remove what the sweep is to begin from."""
+    removed = {path.resolve() for path in _files_of(store)}
+    for path in table_files(plan, base):
+        if path.resolve() in removed:
+            raise ConfigError(
+                f"--fresh: would remove {path}, which this sweep takes its bodies from; choose "
+                "another output"
+            )
 
 
 __all__ = ["Session", "open_session", "remove_runs"]

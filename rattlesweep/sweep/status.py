@@ -9,11 +9,15 @@ from pathlib import Path
 from typing import Any
 
 from rattlesweep.sweep.durations import clock
+from rattlesweep.sweep.errors import MAX_LINE, one_line
 from rattlesweep.sweep.locks import holder
 from rattlesweep.sweep.provenance import read_manifest
-from rattlesweep.sweep.receipts import Receipt, borders
+from rattlesweep.sweep.receipts import Note, Receipt, borders
 from rattlesweep.sweep.store import Store
 from rattlesweep.sweep.tables import DamagedError
+
+# Seconds that are still a date.
+LONGEST = 1e11
 
 
 @dataclass(frozen=True)
@@ -34,7 +38,9 @@ class Status:
     failed : dict
         Runs in place by status, other than ``ok``.
     damaged : list of int
-        Blocks in place that do not read; `verify` says more.
+        Blocks in place that do not read, or hold other runs; `verify` says more.
+    strays : list of str
+        Files that readers take for runs, but none of this sweep's blocks.
     seconds : float
         Time spent by all sessions that have ended.
     left : float or None
@@ -54,6 +60,7 @@ class Status:
     runs_begun: int
     failed: dict[str, int]
     damaged: list[int]
+    strays: list[str]
     seconds: float
     left: float | None
     ends: str | None
@@ -77,6 +84,8 @@ def status_of(directory: Path) -> Status:
     damaged: list[int] = []
     blocks = done = begun = 0
     for index in store.block_indices():
+        if index >= manifest["blocks"]:
+            continue
         receipt = Receipt.load(manifest["receipts"].get(str(index)))
         if receipt is None:
             # Not noted yet, so the file is asked.
@@ -86,13 +95,16 @@ def status_of(directory: Path) -> Status:
                 damaged.append(index)
                 continue
             receipt = found.receipt
+            if not Note.of(manifest, index).same_runs(found.note):
+                damaged.append(index)
+                continue
             if not found.complete:
                 begun += receipt.rows
                 continue
         blocks += 1
         failed.update(receipt.failed)
         first, stop = borders(manifest, index)
-        done += stop - first
+        done += min(receipt.rows, stop - first)
     seconds = float(manifest.get("seconds", 0.0))
     left, ends = _time_left(manifest, done + begun, at_work is not None)
     return Status(
@@ -107,10 +119,18 @@ def status_of(directory: Path) -> Status:
         runs_begun=begun,
         failed=dict(sorted(failed.items())),
         damaged=damaged,
+        strays=_strays(store, manifest["blocks"]),
         seconds=seconds,
         left=left,
         ends=ends,
     )
+
+
+def _strays(store: Store, blocks: int) -> list[str]:
+    try:
+        return [path.name for path in store.strays(blocks)]
+    except OSError:
+        return []
 
 
 def _state(manifest: dict[str, Any], at_work: str | None) -> str:
@@ -129,7 +149,8 @@ def _time_left(
     if at_work and running:
         # Each process knows its own share best; the last to end ends the sweep.
         ends = [
-            datetime.fromisoformat(s["progress"]["at"]) + timedelta(seconds=s["progress"]["left"])
+            datetime.fromisoformat(s["progress"]["at"])
+            + timedelta(seconds=min(s["progress"]["left"], LONGEST))
             for s in running
             if s["progress"]["left"] is not None
         ]
@@ -140,7 +161,7 @@ def _time_left(
     timed = [r for r in map(Receipt.load, manifest["receipts"].values()) if r and r.seconds]
     if not timed:
         return None, None
-    each = sum(r.seconds or 0.0 for r in timed) / sum(r.rows for r in timed)
+    each = sum(r.seconds or 0.0 for r in timed) / max(sum(r.rows for r in timed), 1)
     return each * (manifest["runs"] - done), None
 
 
@@ -157,10 +178,13 @@ def describe(status: Status) -> str:
         lines.append(("begun", f"{status.runs_begun} runs of blocks that are not complete"))
     if status.damaged:
         lines.append(("damaged", f"blocks {', '.join(map(str, status.damaged[:10]))}"))
+    if status.strays:
+        more = " and others" if len(status.strays) > 3 else ""
+        lines.append(("strays", f"{', '.join(status.strays[:3])}{more}: no block of this sweep"))
     words = ", ".join(f"{count} {word}" for word, count in status.failed.items())
     lines.append(("failed", words or "none"))
     lines.append(("time", f"{clock(status.seconds)} spent"))
     if status.runs_done < status.runs:
         left = "unknown" if status.left is None else f"about {clock(status.left)}"
         lines.append(("left", left + (f", until {status.ends}" if status.ends else "")))
-    return "\n".join(f"{name:<8} {text}" for name, text in lines)
+    return "\n".join(f"{name:<8} {one_line(text, MAX_LINE)}" for name, text in lines)

@@ -7,10 +7,12 @@ kills the process, at whatever moment, `runs/*.parquet` matches complete blocks 
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import hashlib
 import os
 import re
+import stat
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,8 +22,16 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from rattlesweep.sweep import sealedjson
-from rattlesweep.sweep.errors import ConfigError, OutputError
-from rattlesweep.sweep.files import probe_directory, reason, remove_temporaries, replace_file
+from rattlesweep.sweep.errors import ConfigError, DamagedManifest, OutputError
+from rattlesweep.sweep.files import (
+    NotAFile,
+    probe_directory,
+    read_file,
+    reason,
+    remove_temporaries,
+    rename_file,
+    replace_file,
+)
 from rattlesweep.sweep.locks import turn
 from rattlesweep.sweep.receipts import Note, Receipt
 from rattlesweep.sweep.tables import (
@@ -32,11 +42,13 @@ from rattlesweep.sweep.tables import (
     open_sealed,
 )
 
-_BLOCK = re.compile(r"block-(\d{6,})\.parquet")
-
-
-class DamagedManifest(OutputError):
-    """`manifest.json` is not what was written."""
+_BLOCK = re.compile(r"block-(\d{6,18})\.parquet")
+# Bytes that a file can have: a block with so many rows, and any other.
+MOST_ROWS = 200_000
+_ROW, _REST = 1 << 14, 1 << 20
+MOST_BYTES = 1 << 31
+# In every manifest, and in the footer of every table.
+_MARKS = (b'"config_hash"', b"rattlesweep.sha256")
 
 
 @dataclass(frozen=True)
@@ -60,6 +72,11 @@ class Store:
     ----------
     directory
         Need not exist until `prepare`.
+
+    Attributes
+    ----------
+    rows : int
+        Rows that a block can have; set by those who know the sweep, it bounds what is read.
     """
 
     def __init__(self, directory: Path | str) -> None:
@@ -67,17 +84,83 @@ class Store:
         self.runs = self.directory / "runs"
         self.manifest_path = self.directory / "manifest.json"
         self.summary_path = self.directory / "summary.parquet"
+        self.rows = MOST_ROWS
+        self._opened = self._folders()
 
     def prepare(self) -> None:
         """Create the directories and try out that files can be written there.
 
         Raises
         ------
+        ConfigError
+            The directory is somebody else's.
         OutputError
             They cannot: read-only, a file in the way, no space.
         """
+        self.check_ours()
         probe_directory(self.directory)
         probe_directory(self.runs)
+        self._opened = self._folders()
+
+    def check_ours(self) -> None:
+        """Refuse a directory that holds something, but nothing of this program.
+
+        Raises
+        ------
+        ConfigError
+            It does; its files might be overwritten.
+        OutputError
+            It cannot be listed.
+        """
+        try:
+            names = sorted(os.listdir(self.directory))
+        except (FileNotFoundError, NotADirectoryError):
+            return
+        except OSError as error:
+            raise OutputError(f"cannot read {self.directory}: {reason(error)}") from error
+        # Hidden files are not in the way, and among them is what a killed process leaves.
+        shown = [name for name in names if not name.startswith(".") and name != "runs"]
+        if not shown or self.block_indices():
+            return
+        for name in shown:
+            if name == self.manifest_path.name or name.endswith(".parquet"):
+                try:
+                    data = read_file(self.directory / name, MOST_BYTES)
+                except (NotAFile, FileNotFoundError):
+                    continue
+                except OSError as error:
+                    raise OutputError(
+                        f"cannot read {self.directory / name}: {reason(error)}"
+                    ) from error
+                if any(mark in data for mark in _MARKS):
+                    return
+        raise ConfigError(
+            f"{self.directory}: it is not empty, and what it holds ({shown[0]}"
+            f"{' and others' if len(shown) > 1 else ''}) is no sweep; choose a new directory"
+        )
+
+    def _folders(self) -> dict[Path, os.stat_result]:
+        """Which directories there are by these names now."""
+        found = {}
+        for folder in (self.directory, self.runs):
+            with contextlib.suppress(OSError, ValueError):
+                found[folder] = os.stat(folder)
+        return found
+
+    def _check_in_place(self) -> None:
+        """Refuse to write where another directory has taken the place of the one opened."""
+        for folder, opened in self._opened.items():
+            try:
+                same = os.path.samestat(os.stat(folder), opened)
+            except (FileNotFoundError, NotADirectoryError):
+                same = False
+            except OSError as error:
+                raise OutputError(f"cannot read {folder}: {reason(error)}") from error
+            if not same:
+                raise OutputError(
+                    f"{folder} has been moved, removed or replaced while it was in use; nothing "
+                    "more is written there"
+                )
 
     def remove_stale_temporaries(self, older_than: float = 0.0) -> int:
         """Remove what killed processes left half-written.
@@ -98,11 +181,11 @@ class Store:
 
     def block_path(self, index: int) -> Path:
         """Where block `index` has its place."""
-        return self.runs / f"block-{index:06d}.parquet"
+        return self.runs / _name(index)
 
     def is_block(self, path: Path) -> bool:
         """Whether a file has the name of a block."""
-        return _BLOCK.fullmatch(path.name) is not None
+        return _number(path.name) is not None
 
     def block_indices(self) -> list[int]:
         """Numbers of the blocks in place, ascending; other files in `runs` are ignored.
@@ -120,7 +203,27 @@ class Store:
             raise OutputError(f"cannot use {self.directory}: a file is in the way") from error
         except OSError as error:
             raise OutputError(f"cannot read {self.runs}: {reason(error)}") from error
-        return sorted(int(match[1]) for name in names if (match := _BLOCK.fullmatch(name)))
+        return sorted(number for name in names if (number := _number(name)) is not None)
+
+    def strays(self, blocks: int) -> Iterator[Path]:
+        """Files that readers of ``runs/*.parquet`` take for runs, but none of so many blocks."""
+        for name in sorted(os.listdir(self.runs)):
+            if name.startswith(".") or not name.endswith(".parquet"):
+                continue
+            number = _number(name)
+            if number is None or number >= blocks:
+                yield self.runs / name
+
+    def rename(self, path: Path, target: Path) -> None:
+        """Move a block to its place.
+
+        Raises
+        ------
+        OSError, OutputError
+            It cannot be moved.
+        """
+        self._check_in_place()
+        rename_file(path, target)
 
     def write_block(
         self,
@@ -163,7 +266,7 @@ class Store:
         OutputError
             The file may not be read, which says nothing about what it holds.
         """
-        return inspect_file(self.block_path(index))
+        return inspect_file(self.block_path(index), self.rows)
 
     def is_complete(self, index: int) -> bool:
         """Whether block `index` has all its rows, by its own account; nothing is proved."""
@@ -183,7 +286,8 @@ class Store:
         """
         path = self.block_path(index)
         try:
-            table = open_sealed(path.read_bytes()).read(columns=_listed(columns))
+            data = read_file(path, _most_bytes(self.rows))
+            table = open_sealed(data).read(columns=_listed(columns))
         except OSError as error:
             raise OutputError(f"cannot read {path}: {reason(error)}") from error
         except (DamagedError, pa.ArrowException) as error:
@@ -213,6 +317,8 @@ class Store:
         for index in self.block_indices():
             path = self.block_path(index)
             try:
+                if not stat.S_ISREG(os.stat(path).st_mode):
+                    raise NotAFile("it is no regular file")
                 with pq.ParquetFile(path, page_checksum_verification=True) as file:
                     if complete and not _complete(file):
                         continue
@@ -246,7 +352,7 @@ class Store:
             It is missing, unreadable or damaged.
         """
         try:
-            table = open_sealed(self.summary_path.read_bytes()).read()
+            table = open_sealed(read_file(self.summary_path, MOST_BYTES)).read()
         except OSError as error:
             raise OutputError(f"cannot read {self.summary_path}: {reason(error)}") from error
         except (DamagedError, pa.ArrowException) as error:
@@ -263,7 +369,7 @@ class Store:
         ValueError, TypeError
             It holds NaN, infinity, or something JSON has no word for.
         """
-        replace_file(self.manifest_path, sealedjson.dump(manifest))
+        self._put(self.manifest_path, sealedjson.dump(manifest))
 
     def has_manifest(self) -> bool:
         """Whether there is a `manifest.json`, damaged or not.
@@ -291,15 +397,15 @@ class Store:
             It cannot be read.
         """
         try:
-            return sealedjson.load(self.manifest_path.read_bytes())
+            return sealedjson.load(read_file(self.manifest_path, MOST_BYTES))
         except (FileNotFoundError, NotADirectoryError):
             raise ConfigError(
                 f"{self.directory} is not an output directory: it has no manifest.json"
             ) from None
+        except (NotAFile, ValueError) as error:
+            raise DamagedManifest(f"{self.manifest_path} is damaged: {error}") from error
         except OSError as error:
             raise OutputError(f"cannot read {self.manifest_path}: {reason(error)}") from error
-        except ValueError as error:
-            raise DamagedManifest(f"{self.manifest_path} is damaged: {error}") from error
 
     def update_manifest(
         self,
@@ -325,6 +431,7 @@ class Store:
         ConfigError, OutputError
             As for `read_manifest` and `write_manifest`.
         """
+        self._check_in_place()
         with turn(self.directory):
             begin = blank is not None and not self.has_manifest()
             manifest = blank() if blank is not None and begin else self.read_manifest()
@@ -343,12 +450,28 @@ class Store:
                 raise OSError(errno.EIO, f"reads back {rows} of {table.num_rows} rows")
 
         data = encode(table, None if note is None else note.dump())
-        replace_file(path, data, reads_back)
+        self._put(path, data, reads_back)
         return _receipt(data, table.column("status") if "status" in table.schema.names else None)
 
+    def _put(
+        self, path: Path, data: bytes, check: Callable[[Path], None] = lambda temporary: None
+    ) -> None:
+        def checked(temporary: Path) -> None:
+            check(temporary)
+            # Now that the temporary file is there: after a move from here on, the rename finds
+            # nothing to rename.
+            self._check_in_place()
 
-def inspect_file(path: Path) -> Found:
-    """What a file holds, as `Store.inspect_block`, by whatever name.
+        self._check_in_place()
+        try:
+            replace_file(path, data, checked)
+        except OutputError:
+            self._check_in_place()  # which says why a file was not found
+            raise
+
+
+def inspect_file(path: Path, rows: int = MOST_ROWS) -> Found:
+    """What a file of so many rows at most holds, as `Store.inspect_block`, by whatever name.
 
     Raises
     ------
@@ -356,7 +479,7 @@ def inspect_file(path: Path) -> Found:
         As there.
     """
     try:
-        data = path.read_bytes()
+        data = read_file(path, _most_bytes(rows))
         file = open_sealed(data)
         status = file.read(columns=["status"]).column("status")
     except PermissionError as error:
@@ -382,6 +505,21 @@ def _receipt(data: bytes, status: pa.ChunkedArray | None) -> Receipt:
         counts = {entry["values"]: entry["counts"] for entry in status.value_counts().to_pylist()}
         failed = {word: count for word, count in sorted(counts.items()) if word != "ok"}
     return Receipt(hashlib.sha256(data).hexdigest(), rows, len(data), failed)
+
+
+def _name(index: int) -> str:
+    return f"block-{index:06d}.parquet"
+
+
+def _number(name: str) -> int | None:
+    """Number of the block that has its place by this name."""
+    match = _BLOCK.fullmatch(name)
+    number = None if match is None else int(match[1])
+    return number if number is not None and _name(number) == name else None
+
+
+def _most_bytes(rows: int) -> int:
+    return _REST + rows * _ROW
 
 
 def _listed(columns: Sequence[str] | None) -> list[str] | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +16,7 @@ from rattlesweep.sweep.blocks import STATUS_WORDS
 from rattlesweep.sweep.columns import runs_schema
 from rattlesweep.sweep.config import override_config
 from rattlesweep.sweep.errors import ConfigError, OutputError
-from rattlesweep.sweep.files import is_temporary
+from rattlesweep.sweep.files import is_temporary, reason
 from rattlesweep.sweep.locks import holder
 from rattlesweep.sweep.provenance import identity, read_manifest
 from rattlesweep.sweep.receipts import Note, Receipt, borders, count_failed
@@ -27,6 +28,8 @@ from rattlesweep.sweep.tables import DamagedError, same_schema
 from rattlesweep.sweep.types import TYPES
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from rattlesweep.sweep.config import Config
 
 
@@ -40,8 +43,9 @@ class Verdict:
         What is wrong, a sentence each.
     blocks, runs : int
         Blocks and runs in place that are whole.
-    missing : list of int
-        Blocks not in place; a problem only if the sweep is said to be complete.
+    missing : list of tuple
+        Spans ``(first, stop)`` of blocks not in place; a problem only if the sweep is said to be
+        complete.
     begun : int
         Runs in place of missing blocks, which a stopped session has left.
     recomputed : int
@@ -53,10 +57,15 @@ class Verdict:
     problems: list[str] = field(default_factory=list)
     blocks: int = 0
     runs: int = 0
-    missing: list[int] = field(default_factory=list)
+    missing: list[tuple[int, int]] = field(default_factory=list)
     begun: int = 0
     recomputed: int = 0
     remarks: list[str] = field(default_factory=list)
+
+    @property
+    def absent(self) -> int:
+        """Number of blocks not in place."""
+        return sum(stop - first for first, stop in self.missing)
 
 
 def verify(
@@ -135,13 +144,12 @@ def _check_blocks(
 ) -> list[int]:
     """Check every block; the numbers of those without a fault."""
     schema = runs_schema(config.record, config.model)
-    present = set(store.block_indices())
+    present = [index for index in store.block_indices() if index < manifest["blocks"]]
+    ends = [-1, *present, manifest["blocks"]]
+    verdict.missing = [(a + 1, b) for a, b in pairwise(ends) if b > a + 1]
     whole = []
-    for index in range(manifest["blocks"]):
-        report(index / manifest["blocks"])
-        if index not in present:
-            verdict.missing.append(index)
-            continue
+    for place, index in enumerate(present):
+        report(place / len(present))
         try:
             rows, faults = _faults(store, index, manifest, config, schema)
         except DamagedError as error:
@@ -151,12 +159,13 @@ def _check_blocks(
             continue
         first, stop = borders(manifest, index)
         if rows < stop - first:
-            verdict.missing.append(index)
+            verdict.missing.append((index, index + 1))
             verdict.begun += rows
             continue
         whole.append(index)
         verdict.blocks += 1
         verdict.runs += rows
+    verdict.missing.sort()
     return whole
 
 
@@ -242,12 +251,13 @@ def _bad_values(table: pa.Table) -> Iterator[str]:
 
 def _foreign_files(store: Store, blocks: int, at_work: bool) -> Iterator[str]:
     """Files that readers of ``runs/*.parquet`` would take for runs, and what the dead left."""
-    wanted = {store.block_path(index).name for index in range(blocks)}
-    for path in sorted(store.runs.glob("*")) + sorted(store.directory.glob(".*.tmp")):
-        if is_temporary(path):
-            continue
-        if path.name not in wanted and path.suffix == ".parquet":
+    try:
+        for path in store.strays(blocks):
             yield f"{path} is no block of this sweep, but readers will take it for one"
+    except FileNotFoundError:
+        pass  # no runs yet
+    except OSError as error:
+        raise OutputError(f"cannot read {store.runs}: {reason(error)}") from error
     if not at_work:
         left = [p for d in (store.directory, store.runs) for p in d.glob(".*") if is_temporary(p)]
         if left:
@@ -295,11 +305,7 @@ def _check_numbers(
     if identity(plan, base) != manifest["config_hash"]:
         yield "no run can be integrated again: the table of bodies has changed"
         return
-    spans = [borders(manifest, index) for index in whole]
-    numbers = np.concatenate([np.arange(*span) for span in spans] or [np.arange(0)])
-    chosen = np.sort(
-        np.random.default_rng(seed).choice(numbers, min(count, len(numbers)), replace=False)
-    )
+    chosen = _choose([borders(manifest, index) for index in whole], count, seed)
     for case, sample, columns in differing_rows(store, plan, manifest, chosen, threads):
         yield (
             f"case {case}, sample {sample} comes out otherwise when integrated again, in "
@@ -308,6 +314,22 @@ def _check_numbers(
     verdict.recomputed = len(chosen)
 
 
-def _listed(numbers: list[int]) -> str:
-    shown = ", ".join(map(str, numbers[:8]))
-    return f"block{'s' * (len(numbers) > 1)} {shown}{' and others' if len(numbers) > 8 else ''}"
+def _choose(spans: list[tuple[int, int]], count: int, seed: int | None) -> NDArray[np.int64]:
+    """So many numbers out of some spans of run numbers at random, ascending, each once."""
+    if not spans:
+        return np.zeros(0, dtype=np.int64)
+    first, stop = np.array(spans, dtype=np.int64).T
+    # Places in the spans laid end to end, of which there is no list: they may be a billion.
+    ends = np.cumsum(stop - first)
+    total = int(ends[-1])
+    places = np.sort(np.random.default_rng(seed).choice(total, min(count, total), replace=False))
+    span = np.searchsorted(ends, places, side="right")
+    numbers: NDArray[np.int64] = stop[span] - (ends[span] - places)
+    return numbers
+
+
+def _listed(spans: list[tuple[int, int]]) -> str:
+    words = [str(a) if b == a + 1 else f"{a} to {b - 1}" for a, b in spans[:8]]
+    one = len(spans) == 1 and spans[0][1] == spans[0][0] + 1
+    more = " and others" if len(spans) > 8 else ""
+    return f"block{'' if one else 's'} {', '.join(words)}{more}"
