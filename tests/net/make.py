@@ -222,7 +222,9 @@ class Net:
             done = CliRunner().invoke(main, shlex.split(line), prog_name="rattlesweep")
         if done.exception is not None and not isinstance(done.exception, SystemExit):
             raise done.exception
-        said = "".join(f"! {text}\n" for text in done.stderr.splitlines())
+        # Lines of progress come once a minute, on a machine that is slow.
+        lines = (t for t in done.stderr.splitlines() if not re.match(r"[\d.]+ %, | *\d+ s  ", t))
+        said = "".join(f"! {text}\n" for text in lines)
         end = f"exit {done.exit_code}\n" if done.exit_code else ""
         shown = normal(f"$ rattlesweep {line}\n{done.stdout}{said}{end}", self.folder)
         for path in map(Path, ("plot.csv", *sorted(self.folder.glob("run-*.csv")))):
