@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from rattlesweep.integrate import SettingError, check_settings
+
 if TYPE_CHECKING:
     from rattlesweep.sweep.config import Config
     from rattlesweep.sweep.engine import Progress
@@ -57,6 +59,7 @@ def guarded(command: Callable[..., Any], *, resumes: bool = False) -> Callable[.
 
         signal.signal(signal.SIGTERM, terminate)
         try:
+            check_settings()
             code = command(*args, **kwargs)
         except (KeyboardInterrupt, Terminated) as error:
             # A second Ctrl-C is obeyed at once.
@@ -76,6 +79,9 @@ def guarded(command: Callable[..., Any], *, resumes: bool = False) -> Callable[.
             if isinstance(error, ConfigError):
                 for line in error.messages:
                     say(f"error: {line}")
+                leave(WRONG)
+            if isinstance(error, SettingError):
+                say(f"error: {error}")
                 leave(WRONG)
             if isinstance(error, OutputError):
                 say(f"error: {error}")

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import os
+import threading
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import config, get_num_threads, set_num_threads
+from numba import config, get_num_threads, set_num_threads, threading_layer
 
 from rattlesweep.integrate import columns as C
-from rattlesweep.integrate.kernels import kernel, workspace
+from rattlesweep.integrate.kernels import kernel, parallel, workspace
 from rattlesweep.integrate.model import WITH_TANGENT
 from rattlesweep.integrate.stages import SUBSTEPS
 from rattlesweep.integrate.status import Status
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from numpy.typing import NDArray
 
     from rattlesweep.integrate.model import Model
@@ -162,6 +166,40 @@ def most_threads() -> int:
     return int(config.NUMBA_NUM_THREADS)
 
 
+# Numba's own threading layer ends a process in which two threads start a kernel.
+_workqueue = threading.Lock()
+
+
+def _after_fork() -> None:
+    # Whoever held it is not in this process.
+    global _workqueue
+    _workqueue = threading.Lock()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_after_fork)
+
+
+@contextmanager
+def _threads(threads: int, control: Control) -> Iterator[bool]:
+    """Have threads for a kernel; False if a stop was asked for before they were free."""
+    if not parallel():
+        yield True
+        return
+    lock = _workqueue if threading_layer() == "workqueue" else threading.Lock()
+    while not lock.acquire(timeout=0.1):
+        if control.stopping:
+            yield False
+            return
+    before = get_num_threads()
+    set_num_threads(threads)
+    try:
+        yield True
+    finally:
+        set_num_threads(before)
+        lock.release()
+
+
 def integrate(
     batch: Batch,
     tableau: Tableau,
@@ -202,7 +240,7 @@ def integrate(
         Bit for bit the same for any number of threads and any composition of the batch.
     """
     runs = len(batch)
-    threads = min(threads or available_threads(), most_threads())
+    threads = min(threads or available_threads(), most_threads()) if parallel() else 1
     control = control or Control()
     cost = expected_cost(batch)
     # Longest first, so that no thread begins a long run when the others are done.
@@ -232,32 +270,27 @@ def integrate(
     options = np.array([1.0 / tol**2, stride * dt, max_steps / stride])
     flags = np.array([name in record for name in WATCHED])
 
-    def run_kernel() -> None:
-        before = get_num_threads()
-        set_num_threads(threads)
-        try:
-            kernel(tableau.name, carried.name)(
-                threads,
-                *workspace(tableau, carried, threads),
-                control._shared,
-                order,
-                np.ascontiguousarray(batch.y0),
-                np.ascontiguousarray(batch.constants),
-                np.ascontiguousarray(batch.probe),
-                plan,
-                options,
-                flags,
-                result,
-                counts,
-                windows,
-                control._progress,
-            )
-        finally:
-            set_num_threads(before)
-
+    arguments = (
+        threads,
+        *workspace(tableau, carried, threads),
+        control._shared,
+        order,
+        np.ascontiguousarray(batch.y0),
+        np.ascontiguousarray(batch.constants),
+        np.ascontiguousarray(batch.probe),
+        plan,
+        options,
+        flags,
+        result,
+        counts,
+        windows,
+        control._progress,
+    )
     if runs:
         control._shared[0] = 0
-        run_kernel()
+        with _threads(threads, control) as free:
+            if free:
+                kernel(tableau.name, carried.name)(*arguments)
     if not tableau.adaptive:
         _mark_coarse(batch, tableau, dt, result, counts)
     return Outcome(

@@ -12,32 +12,36 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from contextlib import contextmanager
-from functools import cache
+import threading
+from collections import defaultdict
+from contextlib import suppress
+from functools import cache, partial
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numba
 import numpy as np
-from llvmlite import binding
 from numba import config, njit
 
-from rattlesweep.integrate import carry, lanes, runs
+from rattlesweep.integrate import SettingError, carry, lanes, runs
 from rattlesweep.integrate import columns as C
-from rattlesweep.integrate.cache import PACKAGE, cached, directory, specialise
+from rattlesweep.integrate.atomics import address_of
+from rattlesweep.integrate.cache import PACKAGE, KernelCache, cached, specialise
 from rattlesweep.integrate.cells import INNER
-from rattlesweep.integrate.model import MODELS
+from rattlesweep.integrate.model import MODELS, REDUCED
 from rattlesweep.integrate.stages import LANES, Layout, compile_attempt, compile_lane_functions
-from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.integrate.tableau import METHODS, RK4
 from rattlesweep.integrate.tangents import compile_tangent_functions
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from pathlib import Path
+    from collections.abc import Callable
 
     from numpy.typing import NDArray
 
     from rattlesweep.integrate.model import Model
     from rattlesweep.integrate.tableau import Tableau
+
+    Example = Callable[..., tuple[Any, tuple[Any, ...]]]
 
 # Templates in the order in which they call each other; carry.py stands between the two.
 TEMPLATES = (
@@ -55,7 +59,6 @@ LANE_TEMPLATES = (
     lanes.decide,
     lanes.commit,
     lanes.watch,
-    lanes.work,
 )
 
 
@@ -84,7 +87,7 @@ def names(tableau: Tableau, model: Model) -> dict[str, Any]:
 
 
 def build(tableau: Tableau, model: Model) -> Callable[..., None]:
-    """Kernel of a method and a model: :func:`lanes.drive`, compiled when it is first called."""
+    """Kernel of a method and a model: :func:`lanes.work`, compiled when it is first called."""
     bindings = names(tableau, model) | compile_tangent_functions(model)
     suffix = f"_{tableau.name}_{model.name}"
 
@@ -101,8 +104,10 @@ def build(tableau: Tableau, model: Model) -> Callable[..., None]:
             bindings["plain_" + name] = bindings.get(name)
         bind(carry.STAND_INS, "_carry")
     bind(LANE_TEMPLATES)
-    driver = specialise(lanes.drive, "drive" + suffix, **bindings)
-    compiled: Callable[..., None] = cached(driver, parallel=True, nogil=True)
+    work = specialise(lanes.work, "work" + suffix, **bindings)
+    compiled: Callable[..., None] = cached(
+        work, nogil=True, error_model="numpy", no_cfunc_wrapper=True
+    )
     return compiled
 
 
@@ -123,16 +128,13 @@ def workspace(tableau: Tableau, model: Model, threads: int) -> tuple[Any, ...]:
     )
 
 
-def compile_here(tableau_name: str, model_name: str) -> None:
-    """Compile a kernel in this process by calling it with an empty queue."""
-    tableau, model = METHODS[tableau_name], MODELS[model_name]
+def _arguments(tableau: Tableau, model: Model) -> tuple[Any, ...]:
+    """Arguments of :func:`lanes.work` behind the thread's own, with an empty queue."""
 
     def nothing(*shape: int) -> NDArray[np.float64]:
         return np.zeros(shape)
 
-    build(tableau, model)(
-        1,
-        *workspace(tableau, model, 1),
+    return (
         np.zeros(2, dtype=np.int64),
         np.zeros(0, dtype=np.int64),
         nothing(0, model.n_state),
@@ -148,56 +150,134 @@ def compile_here(tableau_name: str, model_name: str) -> None:
     )
 
 
-@contextmanager
-def _locked(path: Path) -> Iterator[None]:
-    """Hold a file lock, where the system has them: one process compiles, the others wait."""
-    try:
-        import fcntl
-    except ImportError:  # Windows
-        yield
-        return
-    with open(path, "w") as handle:
-        fcntl.flock(handle, fcntl.LOCK_EX)
-        yield
+def example(tableau_name: str, model_name: str) -> tuple[Any, tuple[Any, ...]]:
+    """Kernel of these names, not yet compiled, and arguments to call it with an empty queue."""
+    tableau, model = METHODS[tableau_name], MODELS[model_name]
+    w, lane_run = workspace(tableau, model, 1)
+    return build(tableau, model), (0, w[0], lane_run[0], *_arguments(tableau, model))
 
 
-def compile_in_child(tableau_name: str, model_name: str, module: str = "kernels") -> None:
-    """Have the kernel on disk, compiled by ``compile_here`` of a module in a process of its own."""
-    place = directory(lanes.__file__)
-    name = config.CPU_NAME or binding.get_host_cpu_name()
-    cpu = "".join(c for c in name if c.isalnum())
-    mark = place / f"{module}-{tableau_name}-{model_name}-{cpu}-{numba.__version__}.compiled"
-    if mark.exists():
-        return
-    with _locked(place / "compile.lock"):
-        if mark.exists():
-            return
-        path = os.pathsep.join(filter(None, [str(PACKAGE.parent), os.environ.get("PYTHONPATH")]))
-        environment = os.environ | {
-            "NUMBA_CACHE_DIR": str(place.parent),
-            "PYTHONHASHSEED": "0",
-            "PYTHONPATH": path,
-        }
-        call = f"import sys; from rattlesweep.integrate.{module} import compile_here; " \
-               "compile_here(*sys.argv[1:])"  # fmt: skip
-        done = subprocess.run(
-            # -P: a package of this name in the working directory is another one.
-            [sys.executable, "-P", "-c", call, tableau_name, model_name],
-            env=environment,
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        if done.returncode:
-            raise RuntimeError(
-                f"the kernel {tableau_name}/{model_name} could not be compiled:\n{done.stderr}"
-            )
-        mark.touch()
+def driver() -> tuple[Any, tuple[Any, ...]]:
+    """What starts the threads of all kernels, as :func:`example`."""
+    compiled = cached(lanes.drive, parallel=True, nogil=True)
+    return compiled, (0, 1, *workspace(RK4, REDUCED, 1), *_arguments(RK4, REDUCED))
+
+
+def _signature(arguments: tuple[Any, ...]) -> tuple[Any, ...]:
+    return tuple(numba.typeof(argument) for argument in arguments)
+
+
+def hand_over(module: str, function: str, *names: str) -> None:
+    """In a child: compile the kernel of an example and write it to standard output."""
+    # Whatever else prints must not come in between.
+    out = os.dup(1)
+    os.dup2(2, 1)
+    compiled, arguments = getattr(import_module(module), function)(*names)
+    # Not what is on disk.
+    compiled._cache = KernelCache(compiled.py_func, None)
+    compiled.compile(_signature(arguments))
+    with open(out, "wb") as pipe:
+        pipe.write(compiled._cache.handed_over())
+
+
+def compile_in_child(example: Example, *names: str) -> bytes:
+    """Sealed code of the kernel of an example, compiled in a process of its own."""
+    path = os.pathsep.join(filter(None, [str(PACKAGE.parent), os.environ.get("PYTHONPATH")]))
+    call = f"import sys; from {__name__} import hand_over; hand_over(*sys.argv[1:])"
+    done = subprocess.run(
+        # -P: a package of this name in the working directory is another one.
+        [sys.executable, "-P", "-c", call, example.__module__, example.__name__, *names],
+        env=os.environ | {"PYTHONHASHSEED": "0", "PYTHONPATH": path},
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        check=False,
+    )
+    if done.returncode:
+        said = done.stderr.decode(errors="replace")
+        raise RuntimeError(f"the kernel {'/'.join(names)} could not be compiled:\n{said}")
+    return done.stdout
 
 
 @cache
+def _loaded(example: Example, *names: str) -> Any:
+    compiled, arguments = example(*names)
+    signature, context, store = _signature(arguments), compiled.targetctx, compiled._cache
+    context.refresh()
+    name = store.name(signature, context)
+    if store.get(name) is None:
+        with store.locked(name):
+            if store.get(name) is None:
+                store.put(name, compile_in_child(example, *names))
+    compiled.compile(signature)
+    return compiled
+
+
+# Each kernel is compiled once although several threads ask for it.
+_loading: defaultdict[tuple[Any, ...], threading.Lock] = defaultdict(threading.Lock)
+
+
+def loaded(example: Example, *names: str) -> Any:
+    """Kernel of an example, loaded; its first call on a machine takes the time of its compilation.
+
+    Parameters
+    ----------
+    example
+        Function at the top of a module that takes the names; gives what :func:`cache.cached`
+        made and arguments of the types that it will be called with.
+    """
+    with _loading[example, *names]:
+        return _loaded(example, *names)
+
+
+# Whether this process was forked from one in which GNU OpenMP had started threads: it ends a
+# process that starts threads again.
+_forked = False
+
+
+def _after_fork() -> None:
+    global _forked
+    _loading.clear()
+    with suppress(ValueError):  # no threads were started
+        _forked = numba.threading_layer() == "omp" or _forked
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_after_fork)
+
+
+def parallel() -> bool:
+    """Whether this process can start threads for its kernels.
+
+    Raises
+    ------
+    SettingError
+        The environment asks for threads that cannot be.
+    """
+    if _forked:
+        return False
+    try:
+        numba.get_num_threads()
+    except ValueError as error:
+        # The first line says what is wrong, hints follow.
+        said = str(error).splitlines()[0].rstrip(".")
+        raise SettingError(
+            f"NUMBA_THREADING_LAYER={ascii(config.THREADING_LAYER)[1:-1]}: {said}; "
+            "leave it unset, or set it to omp or workqueue"
+        ) from error
+    return True
+
+
 def kernel(tableau_name: str, model_name: str) -> Callable[..., None]:
-    """Kernel by names; the first call on a machine takes the time of its compilation."""
-    compile_in_child(tableau_name, model_name)
-    return build(METHODS[tableau_name], MODELS[model_name])
+    """Kernel by names: called with the number of threads, workspaces and what they share.
+
+    Where :func:`parallel` says so, its threads work one after another.
+    """
+    work = loaded(example, tableau_name, model_name)
+    if parallel():
+        return partial(loaded(driver), address_of(work))
+
+    def alone(threads: int, w: Any, lane_run: Any, *shared: Any) -> None:
+        for thread in range(threads):
+            work(thread, w[thread], lane_run[thread], *shared)
+
+    return alone

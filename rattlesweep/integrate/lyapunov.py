@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
 from math import sqrt
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from rattlesweep.integrate import rows as R
 from rattlesweep.integrate.cache import cached, specialise
-from rattlesweep.integrate.kernels import compile_in_child
+from rattlesweep.integrate.kernels import loaded
 from rattlesweep.integrate.model import FULL, MODELS, WITH_TANGENT
 from rattlesweep.integrate.stages import Layout, compile_attempt, compile_lane_functions
 from rattlesweep.integrate.tableau import DOP853, METHODS
@@ -181,18 +180,14 @@ def follow(
     return growth, states
 
 
-def compile_here(tableau_name: str, model_name: str) -> None:
-    """Compile a driver in this process by calling it for no times."""
+def example(tableau_name: str, model_name: str) -> tuple[Any, tuple[Any, ...]]:
+    """Driver, not yet compiled, and arguments to call it for no times."""
     tableau, model = METHODS[tableau_name], MODELS[model_name]
     nothing = [np.zeros(n) for n in (model.n_constants, model.n_state, model.n_state, 0)]
     w = np.zeros(Layout.of(model).rows(tableau, model))
-    build(tableau, model)(w, *nothing, 1.0, np.zeros(0), np.zeros((0, model.n_state)))
-
-
-@cache
-def _driver(tableau_name: str, model_name: str) -> Callable[..., int]:
-    compile_in_child(tableau_name, model_name, "lyapunov")
-    return build(METHODS[tableau_name], MODELS[model_name])
+    return build(tableau, model), (
+        w, *nothing, 1.0, np.zeros(0), np.zeros((0, model.n_state))
+    )  # fmt: skip
 
 
 def growth_along(
@@ -230,5 +225,5 @@ def growth_along(
     if not tableau.adaptive:
         raise ValueError(f"the method {tableau.name} has no error control")
     carried = WITH_TANGENT[model.name]
-    driver = _driver(tableau.name, carried.name)
+    driver = loaded(example, tableau.name, carried.name)
     return follow(driver, tableau, carried, constants, y0, times, tol=tol, seed=seed)[0]

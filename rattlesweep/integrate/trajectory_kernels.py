@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +11,7 @@ from rattlesweep.integrate import columns as C
 from rattlesweep.integrate import follow, lanes, runs
 from rattlesweep.integrate.cache import cached, specialise
 from rattlesweep.integrate.cells import INNER
-from rattlesweep.integrate.kernels import compile_in_child, names, workspace
+from rattlesweep.integrate.kernels import loaded, names, workspace
 from rattlesweep.integrate.model import FULL, MODELS, Model
 from rattlesweep.integrate.stages import Layout, compile_attempt, compile_lane_functions
 from rattlesweep.integrate.tableau import METHODS
@@ -122,49 +121,45 @@ def aside_workspace(tableau: Tableau, name: str) -> Any:
     return workspace(tableau, _model(name)[0], 1)[0][0]
 
 
-def compile_here(tableau_name: str, task: str) -> None:
-    """Compile march or aside in this process; ``task`` is the word and the model's name."""
-    tableau = METHODS[tableau_name]
-    what, name = task.split("-")
-    model, given = _model(name)
-
-    def nothing(*shape: int) -> Any:
-        return np.zeros(shape)
-
-    if what == "march":
-        build_march(tableau, model)(
-            *march_workspace(tableau, model),
-            nothing(1, model.n_state),
-            nothing(1, model.n_constants),
-            nothing(1, model.n_probe),
-            nothing(1, C.N_PLAN),
-            nothing(C.N_OPTIONS),
-            np.zeros(3, dtype=np.bool_),
-            nothing(3),
-            nothing(0, follow.STATE + 2 * model.n_state),
-            nothing(0),
-            np.array([1, *[0] * (follow.N_COUNTS - 1)]),
-        )
-        return
-    build_aside(tableau, name)(
-        aside_workspace(tableau, name),
-        nothing(1, follow.STATE + 2 * min(given, model.n_state)),
-        np.zeros(0, dtype=np.int64),
-        nothing(0),
-        nothing(model.n_constants),
-        nothing(0, model.n_state),
+def march_example(tableau_name: str, model_name: str) -> tuple[Any, tuple[Any, ...]]:
+    """March, not yet compiled, and arguments to call it with."""
+    tableau, model = METHODS[tableau_name], MODELS[model_name]
+    return build_march(tableau, model), (
+        *march_workspace(tableau, model),
+        np.zeros((1, model.n_state)),
+        np.zeros((1, model.n_constants)),
+        np.zeros((1, model.n_probe)),
+        np.zeros((1, C.N_PLAN)),
+        np.zeros(C.N_OPTIONS),
+        np.zeros(3, dtype=np.bool_),
+        np.zeros(3),
+        np.zeros((0, follow.STATE + 2 * model.n_state)),
+        np.zeros(0),
+        np.zeros(follow.N_COUNTS, dtype=np.int64),
     )
 
 
-@cache
+def aside_example(tableau_name: str, model_name: str) -> tuple[Any, tuple[Any, ...]]:
+    """Aside, not yet compiled, and arguments to call it with."""
+    tableau = METHODS[tableau_name]
+    model, given = _model(model_name)
+    return build_aside(tableau, model_name), (
+        aside_workspace(tableau, model_name),
+        np.zeros((1, follow.STATE + 2 * min(given, model.n_state))),
+        np.zeros(0, dtype=np.int64),
+        np.zeros(0),
+        np.zeros(model.n_constants),
+        np.zeros((0, model.n_state)),
+    )
+
+
 def march_kernel(tableau_name: str, model_name: str) -> Callable[..., None]:
     """March by names; the first call on a machine takes the time of its compilation."""
-    compile_in_child(tableau_name, f"march-{model_name}", "trajectory_kernels")
-    return build_march(METHODS[tableau_name], MODELS[model_name])
+    compiled: Callable[..., None] = loaded(march_example, tableau_name, model_name)
+    return compiled
 
 
-@cache
 def aside_kernel(tableau_name: str, model_name: str) -> Callable[..., None]:
     """Aside by names, ``attitude`` among them; likewise."""
-    compile_in_child(tableau_name, f"aside-{model_name}", "trajectory_kernels")
-    return build_aside(METHODS[tableau_name], model_name)
+    compiled: Callable[..., None] = loaded(aside_example, tableau_name, model_name)
+    return compiled
