@@ -42,12 +42,12 @@ def states(name):
 
 def child(names):
     """Run in a fresh process: what the kernels give and where they came from."""
-    from rattlesweep.integrate.kernels import kernel
+    from rattlesweep.integrate.kernels import example, loaded
 
     report = {}
     for name in names:
         found = states(name)
-        stats = kernel(name, MODEL).stats
+        stats = loaded(example, name, MODEL).stats
         found["hits"] = sum(stats.cache_hits.values())
         found["misses"] = sum(stats.cache_misses.values())
         found["path"] = stats.cache_path
@@ -83,7 +83,9 @@ def first(home):
 
 def test_every_process_runs_the_kernel_that_a_child_compiled(home, first):
     files = sorted(home.rglob("*.kernel"))
-    assert [len([p for p in files if f"drive_{n}_{MODEL}" in p.name]) for n in NAMES] == [1, 1]
+    assert [len([p for p in files if f"work_{n}_{MODEL}" in p.name]) for n in NAMES] == [1, 1]
+    # One driver for all of them.
+    assert len([p for p in files if ".drive-" in p.name]) == 1
     # In the other order: the first to come must not give its kernel to the second.
     second = run(home, NAMES[::-1])
     for name in NAMES:

@@ -1,11 +1,14 @@
-"""Atomic counter and flag shared by kernel threads, and a barrier; Numba has none for the CPU.
+"""Atomic counter and flag shared by kernel threads, a barrier, a call by address.
 
-Every thread takes the next run from one counter, so that long and short runs even out (``prange``
-alone splits the runs before it knows their lengths), and reads a flag that Python sets to stop.
+Numba has none of these for the CPU.  Every thread takes the next run from one counter, so that long
+and short runs even out (``prange`` alone splits the runs before it knows their lengths), and reads
+a flag that Python sets to stop.
 """
 
 # mypy: disable-error-code="no-untyped-call"
 from __future__ import annotations
+
+from typing import Any
 
 from llvmlite import ir
 from numba import types
@@ -57,3 +60,28 @@ def barrier(typingctx):  # type: ignore[no-untyped-def]
         return context.get_dummy_value()
 
     return types.void(), codegen
+
+
+def address_of(compiled: Any) -> int:
+    """Where the machine code of a compiled function of one signature is; it must not be dropped."""
+    (result,) = compiled.overloads.values()
+    address: int = result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
+    return address
+
+
+@intrinsic
+def call(typingctx, address, arguments):  # type: ignore[no-untyped-def]
+    """Call the compiled function at an address with a tuple of arguments; it returns nothing."""
+
+    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        given = signature.args[1].types
+        function_type = context.call_conv.get_function_type(types.none, given)
+        function = builder.inttoptr(args[0], function_type.as_pointer())
+        status, _ = context.call_conv.call_function(
+            builder, function, types.none, given, cgutils.unpack_tuple(builder, args[1])
+        )
+        with cgutils.if_unlikely(builder, status.is_error):
+            context.call_conv.return_status_propagate(builder, status)
+        return context.get_dummy_value()
+
+    return types.void(types.intp, arguments), codegen

@@ -127,3 +127,23 @@ def scatter(
 
     compiled: Callable[..., Any] = intrinsic(write)
     return compiled
+
+
+def move(to: Sequence[int], start: Sequence[int], lanes: int) -> Callable[..., Any]:
+    """``move(w, l, accept)``: copy rows in lane ``l`` to others where ``accept`` holds.
+
+    Both values are read before the choice: a read in one arm alone would stay a branch.
+    """
+
+    def write(typingctx, w, l, accept):  # type: ignore[no-untyped-def]
+        def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+            lane = _Lane(context, builder, signature.args[0], args, lanes)
+            for a, b in zip(to, start, strict=True):
+                old, new = lane.read(a), lane.read(b)
+                lane.write(a, builder.select(args[2], new, old))
+            return context.get_dummy_value()
+
+        return types.void(w, types.intp, types.boolean), codegen
+
+    compiled: Callable[..., Any] = intrinsic(write)
+    return compiled

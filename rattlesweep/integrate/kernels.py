@@ -15,7 +15,7 @@ import sys
 import threading
 from collections import defaultdict
 from contextlib import suppress
-from functools import cache
+from functools import cache, partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -25,11 +25,12 @@ from numba import config, njit
 
 from rattlesweep.integrate import SettingError, carry, lanes, runs
 from rattlesweep.integrate import columns as C
+from rattlesweep.integrate.atomics import address_of
 from rattlesweep.integrate.cache import PACKAGE, KernelCache, cached, specialise
 from rattlesweep.integrate.cells import INNER
-from rattlesweep.integrate.model import MODELS
+from rattlesweep.integrate.model import MODELS, REDUCED
 from rattlesweep.integrate.stages import LANES, Layout, compile_attempt, compile_lane_functions
-from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.integrate.tableau import METHODS, RK4
 from rattlesweep.integrate.tangents import compile_tangent_functions
 
 if TYPE_CHECKING:
@@ -58,7 +59,6 @@ LANE_TEMPLATES = (
     lanes.decide,
     lanes.commit,
     lanes.watch,
-    lanes.work,
 )
 
 
@@ -86,11 +86,8 @@ def names(tableau: Tableau, model: Model) -> dict[str, Any]:
     }
 
 
-def build(tableau: Tableau, model: Model, *, parallel: bool = True) -> Callable[..., None]:
-    """Kernel of a method and a model: :func:`lanes.drive`, compiled when it is first called.
-
-    Without ``parallel`` its threads work one after another.
-    """
+def build(tableau: Tableau, model: Model) -> Callable[..., None]:
+    """Kernel of a method and a model: :func:`lanes.work`, compiled when it is first called."""
     bindings = names(tableau, model) | compile_tangent_functions(model)
     suffix = f"_{tableau.name}_{model.name}"
 
@@ -107,8 +104,10 @@ def build(tableau: Tableau, model: Model, *, parallel: bool = True) -> Callable[
             bindings["plain_" + name] = bindings.get(name)
         bind(carry.STAND_INS, "_carry")
     bind(LANE_TEMPLATES)
-    driver = specialise(lanes.drive, ("drive" if parallel else "alone") + suffix, **bindings)
-    compiled: Callable[..., None] = cached(driver, parallel=parallel, nogil=True)
+    work = specialise(lanes.work, "work" + suffix, **bindings)
+    compiled: Callable[..., None] = cached(
+        work, nogil=True, error_model="numpy", no_cfunc_wrapper=True
+    )
     return compiled
 
 
@@ -129,18 +128,13 @@ def workspace(tableau: Tableau, model: Model, threads: int) -> tuple[Any, ...]:
     )
 
 
-def example(
-    tableau_name: str, model_name: str, how: str = "parallel"
-) -> tuple[Any, tuple[Any, ...]]:
-    """Kernel of these names, not yet compiled, and arguments to call it with an empty queue."""
-    tableau, model = METHODS[tableau_name], MODELS[model_name]
+def _arguments(tableau: Tableau, model: Model) -> tuple[Any, ...]:
+    """Arguments of :func:`lanes.work` behind the thread's own, with an empty queue."""
 
     def nothing(*shape: int) -> NDArray[np.float64]:
         return np.zeros(shape)
 
-    return build(tableau, model, parallel=how == "parallel"), (
-        1,
-        *workspace(tableau, model, 1),
+    return (
         np.zeros(2, dtype=np.int64),
         np.zeros(0, dtype=np.int64),
         nothing(0, model.n_state),
@@ -154,6 +148,19 @@ def example(
         nothing(0, 1, 3),
         nothing(1, 8),
     )
+
+
+def example(tableau_name: str, model_name: str) -> tuple[Any, tuple[Any, ...]]:
+    """Kernel of these names, not yet compiled, and arguments to call it with an empty queue."""
+    tableau, model = METHODS[tableau_name], MODELS[model_name]
+    w, lane_run = workspace(tableau, model, 1)
+    return build(tableau, model), (0, w[0], lane_run[0], *_arguments(tableau, model))
+
+
+def driver() -> tuple[Any, tuple[Any, ...]]:
+    """What starts the threads of all kernels, as :func:`example`."""
+    compiled = cached(lanes.drive, parallel=True, nogil=True)
+    return compiled, (0, 1, *workspace(RK4, REDUCED, 1), *_arguments(RK4, REDUCED))
 
 
 def _signature(arguments: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -261,7 +268,16 @@ def parallel() -> bool:
 
 
 def kernel(tableau_name: str, model_name: str) -> Callable[..., None]:
-    """Kernel by names, for one thread only where :func:`parallel` says so."""
-    how = "parallel" if parallel() else "alone"
-    compiled: Callable[..., None] = loaded(example, tableau_name, model_name, how)
-    return compiled
+    """Kernel by names: called with the number of threads, workspaces and what they share.
+
+    Where :func:`parallel` says so, its threads work one after another.
+    """
+    work = loaded(example, tableau_name, model_name)
+    if parallel():
+        return partial(loaded(driver), address_of(work))
+
+    def alone(threads: int, w: Any, lane_run: Any, *shared: Any) -> None:
+        for thread in range(threads):
+            work(thread, w[thread], lane_run[thread], *shared)
+
+    return alone

@@ -20,7 +20,7 @@ from numba import prange
 
 from rattlesweep.integrate import columns as C
 from rattlesweep.integrate import rows as R
-from rattlesweep.integrate.atomics import fetch_add, load
+from rattlesweep.integrate.atomics import call, fetch_add, load
 from rattlesweep.integrate.events import HOLD, REVERSED, STEP, search
 from rattlesweep.integrate.runs import (
     finish,
@@ -293,11 +293,17 @@ def work(thread, w, lane_run, shared, order, y0, constants, probe, plan, options
     progress[thread, 1] = 0.0
 
 
-def drive(threads, w, lane_run, shared, order, y0, constants, probe, plan, options,
+def drive(address, threads, w, lane_run, shared, order, y0, constants, probe, plan, options,
           record, result, counts, windows, progress):  # fmt: skip
-    """One :func:`work` on each thread."""
+    """One :func:`work` on each thread; the one of a method and a model is known by its address.
+
+    This way the driver is compiled once for all of them, and none is compiled again inside of it.
+    """
     for thread in prange(threads):
-        work(
-            thread, w[thread], lane_run[thread], shared, order, y0, constants,
-            probe, plan, options, record, result, counts, windows, progress,
+        call(
+            address,
+            (
+                thread, w[thread], lane_run[thread], shared, order, y0, constants,
+                probe, plan, options, record, result, counts, windows, progress,
+            ),
         )  # fmt: skip

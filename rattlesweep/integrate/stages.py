@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 from numba import njit
 
 from rattlesweep.integrate.atomics import barrier
-from rattlesweep.integrate.cells import INNER, Sum, cells, gather, scatter
+from rattlesweep.integrate.cells import INNER, Sum, cells, gather, move, scatter
 from rattlesweep.integrate.rows import ACCEPT, STATE_ROWS
 from rattlesweep.physics.full import FASTMATH
 
@@ -312,53 +312,48 @@ def compile_attempt(tableau: Tableau, model: Model, lanes: int = LANES) -> Calla
     return compiled
 
 
-def lane_source(model: Model, lanes: int = LANES) -> str:
-    """Source of the small functions that depend on the model's number of components.
-
-    ``lane_energy``, ``lane_contact`` and ``lane_rhs`` look at one lane; ``advance`` moves the
-    accepted lanes to the end of their step.
-    """
-    at = Layout.of(model)
-    states = range(model.n_state)
-    constants = ", ".join(f"w[{(at.constants + i) * lanes} + l]" for i in range(model.n_constants))
-    any_row = ", ".join(f"w[(row + {c}) * {lanes} + l]" for c in states)
-    start = ", ".join(f"w[{(at.y + c) * lanes} + l]" for c in states)
-    rates = ", ".join(f"w[{(at.f + c) * lanes} + l]" for c in states)
-    old = [f"w[{(at.y + c) * lanes} + l]" for c in range(2 * model.n_state)]
-    new = [f"w[{(at.y1 + c) * lanes} + l]" for c in range(2 * model.n_state)]
-    # Both values are loaded before the choice: a load in one arm alone would stay a branch.
-    moves = "\n        ".join(
-        f"a = {a}\n        b = {b}\n        {a} = b if accept else a"
-        for a, b in zip(old, new, strict=True)
-    )
-    return f"""\
+LANE_SOURCE = """\
 def advance(w):
     for l in range({lanes}):
-        accept = w[{ACCEPT * lanes} + l] > 0.0
-        {moves}
+        move(w, l, w[{ACCEPT} * {lanes} + l] > 0.0)
 
 def lane_energy(w, row, l):
-    return energy({any_row}, {constants})
+    return energy(*(state(w, row * {lanes} + l) + constants(w, l)))
 
 def lane_contact(w, row, l):
-    return contact({any_row}, {constants})
+    return contact(*(state(w, row * {lanes} + l) + constants(w, l)))
 
 def lane_rhs(w, l):
-    {rates} = rhs({start}, {constants})
-    return spin({start}), spin_rate({start}, {rates})
+    q = given(w, l)
+    f = rhs(*q)
+    put(w, l, f)
+    y = q[:{n}]
+    return spin(*y), spin_rate(*(y + f))
 """
 
 
 def compile_lane_functions(model: Model, lanes: int = LANES) -> dict[str, Callable[..., Any]]:
-    """Compiled functions of :func:`lane_source`, by name."""
+    """Compiled small functions that depend on the model's number of components, by name.
+
+    ``lane_energy``, ``lane_contact`` and ``lane_rhs`` look at one lane; ``advance`` moves the
+    accepted lanes to the end of their step.
+    """
+    at, n = Layout.of(model), model.n_state
+    constants = cells(at.constants, model.n_constants)
     namespace: dict[str, Any] = {
         "rhs": model.rhs,
         "spin": model.spin,
         "spin_rate": model.spin_rate,
         "energy": model.energy,
         "contact": model.contact,
+        "state": gather(cells(0, n), lanes),
+        "constants": gather(constants, lanes),
+        "given": gather(cells(at.y, n) + constants, lanes),
+        "put": scatter(range(at.f, at.f + n), lanes),
+        # The derivatives stand behind the states.
+        "move": move(range(at.y, at.y + 2 * n), range(at.y1, at.y1 + 2 * n), lanes),
     }
-    exec(lane_source(model, lanes), namespace)
+    exec(LANE_SOURCE.format(lanes=lanes, n=n, ACCEPT=ACCEPT), namespace)
     compiled = {}
     for name in ("advance", "lane_energy", "lane_contact", "lane_rhs"):
         function = namespace[name]

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from numba import njit
 
-from rattlesweep.integrate.cells import INNER
+from rattlesweep.integrate.cells import INNER, move
 from rattlesweep.integrate.rows import ACCEPT
 from rattlesweep.integrate.stages import LANES, Layout
 from rattlesweep.physics.full import FASTMATH
@@ -46,11 +46,6 @@ def tangent_source(model: Model, lanes: int = LANES) -> str:
 
     constants = names(at.constants, model.n_constants)
     v = ", ".join(f"v{c}" for c in states)
-    moves = [
-        f"a = {a}\n        b = {b}\n        {a} = b if accept else a"
-        for first, last in ((at.v, at.v1), (at.g, at.g1))
-        for a, b in zip(cells(first), cells(last), strict=True)
-    ]
     scale = [f"{a} = {a} * factor" for a in (*cells(at.v), *cells(at.g))]
     step = "\n        "
     return f"""\
@@ -69,8 +64,7 @@ def tangent_log(w, l):
 
 def tangent_advance(w):
     for l in range({lanes}):
-        accept = w[{ACCEPT * lanes} + l] > 0.0
-        {step.join(moves)}
+        move(w, l, w[{ACCEPT * lanes} + l] > 0.0)
     for l in range({lanes}):
         square_ = square({names(at.v)}, {constants})
         factor = {2.0**-SHIFT!r} if square_ > {4.0**SHIFT!r} else 1.0
@@ -86,7 +80,12 @@ def compile_tangent_functions(model: Model, lanes: int = LANES) -> dict[str, Cal
     """Compiled functions of :func:`tangent_source`, by name; none for a model without tangent."""
     if model.tangent is None:
         return {}
-    namespace: dict[str, Any] = {**vars(model.tangent), "sqrt": sqrt, "log": log}
+    at, n = Layout.of(model), model.n_state
+    both = [*range(at.v, at.v + n), *range(at.g, at.g + n)]
+    ends = [*range(at.v1, at.v1 + n), *range(at.g1, at.g1 + n)]
+    namespace: dict[str, Any] = {
+        **vars(model.tangent), "sqrt": sqrt, "log": log, "move": move(both, ends, lanes)
+    }  # fmt: skip
     exec(tangent_source(model, lanes), namespace)
     compiled = {}
     for name in NAMES:
