@@ -29,7 +29,7 @@ from rattlesweep.cli.common import (
 @click.option("--only", metavar="NAMES", help="Figures to make, such as fig6,fig7, or theory.")
 @click.option("--config", metavar="FILE", type=click.Path(), help="Settings to replace.")
 @click.option("--print-config", is_flag=True, help="Print the default settings and exit.")
-@click.option("--threads", type=click.IntRange(1), help="Threads of the kernels.")
+@click.option("--threads", type=click.IntRange(1), help="Number of threads of the kernels.")
 @click.option("-q", "--quiet", is_flag=True, help="No progress and no closing table.")
 @resumable
 def paper(
