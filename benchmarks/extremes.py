@@ -3,7 +3,7 @@
     python benchmarks/extremes.py [--write]
 
 Prints the tables of docs/extremes.md; ``--write`` puts them there, between the marks.  The cases
-and the references are those of tests/extremes.py and tests/reference.py.
+and the references are those of tests/helpers/extremes.py and tests/helpers/reference.py.
 """
 
 import sys

@@ -22,12 +22,12 @@ import numpy as np
 from numba import njit, prange, set_num_threads
 
 from rattlesweep.integrate.batch import Batch, integrate
+from rattlesweep.integrate.lanes.step import LANES, Layout, compile_attempt
 from rattlesweep.integrate.model import FULL
-from rattlesweep.integrate.stages import LANES, Layout, compile_attempt
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics import full, launch, steady, theory
 from rattlesweep.physics.body import PARAMETERS, Rattleback
-from rattlesweep.study.plain import rk4_step
+from rattlesweep.study.tradeoff.plain import rk4_step
 
 DT, TOL = 0.002, 1e-9
 OMEGA = 0.01

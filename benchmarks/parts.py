@@ -24,17 +24,17 @@ import numpy as np
 from numba import njit
 
 from rattlesweep.integrate.batch import Batch
+from rattlesweep.integrate.lanes.step import LANES, Layout, compile_attempt
 from rattlesweep.integrate.model import FULL
-from rattlesweep.integrate.stages import LANES, Layout, compile_attempt
 from rattlesweep.integrate.tableau import DOP853
 from rattlesweep.physics import full, theory
 from rattlesweep.physics.steady import steady_modes
-from rattlesweep.sweep.blocks import finish_block, run_batch
-from rattlesweep.sweep.columns import runs_schema
-from rattlesweep.sweep.config import load_config
-from rattlesweep.sweep.launches import full_batch, prepare, reduced_batch
-from rattlesweep.sweep.plan import make_plan
-from rattlesweep.sweep.store import Store
+from rattlesweep.sweeps.blocks.block import finish_block, run_batch
+from rattlesweep.sweeps.cases.launches import full_batch, prepare, reduced_batch
+from rattlesweep.sweeps.cases.plan import make_plan
+from rattlesweep.sweeps.config.load import load_config
+from rattlesweep.sweeps.store.store import Store
+from rattlesweep.sweeps.tables.columns import runs_schema
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rattlesweep.integrate import lanes
 from rattlesweep.integrate.batch import Batch, integrate
 from rattlesweep.integrate.cache import source_hash
+from rattlesweep.integrate.lanes import kernel as lanes
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import METHODS
-from rattlesweep.sweep.config import load_config, parse_config
-from rattlesweep.sweep.launches import full_batch, prepare
-from rattlesweep.sweep.plan import make_plan
+from rattlesweep.sweeps.cases.launches import full_batch, prepare
+from rattlesweep.sweeps.cases.plan import make_plan
+from rattlesweep.sweeps.config.load import load_config, parse_config
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -18,8 +18,8 @@ import numpy as np
 import pandas as pd
 
 from rattlesweep.api import load
-from rattlesweep.sweep.config import Classify
-from rattlesweep.sweep.types import TYPES, classify
+from rattlesweep.sweeps.config.load import Classify
+from rattlesweep.sweeps.tables.types import TYPES, classify
 
 
 def settings(default: Classify) -> Iterator[tuple[str, Classify]]:

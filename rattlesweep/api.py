@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-    from rattlesweep.study.trajectory import Trajectory
+    from rattlesweep.study.onerun.course import Trajectory
 
 __all__ = ["Modes", "Rattleback", "Run", "Sweep", "load", "modes", "reversal_time_gh", "simulate",
            "sweep", "trajectory"]  # fmt: skip
@@ -54,7 +54,7 @@ def reversal_time_gh(body: Rattleback, n_i: float, omega_xy0: float) -> float:
     ConfigError
         If there is no such launch.
     """
-    from rattlesweep.sweep.derived import check_launch
+    from rattlesweep.study.derived import check_launch
 
     check_launch(n_i, omega_xy0)
     found = theory.modes(body.alpha, body.beta, body.theta, body.phi, body.xi)
@@ -131,10 +131,10 @@ def simulate(
     ConfigError
         If an argument is wrong.
     """
-    from rattlesweep.sweep.blocks import finish_block
-    from rattlesweep.sweep.errors import ConfigError
-    from rattlesweep.sweep.single import single_run
-    from rattlesweep.sweep.types import TYPES
+    from rattlesweep.errors import ConfigError
+    from rattlesweep.sweeps.blocks.block import finish_block
+    from rattlesweep.sweeps.blocks.single import single_run
+    from rattlesweep.sweeps.tables.types import TYPES
 
     if dt is not None:
         if dt_step is not None:
@@ -195,7 +195,7 @@ def trajectory(
     model : str
         ``full``, ``reduced`` or ``gh``.
     channels : sequence of str
-        Columns of the table; ``rattlesweep.study.channels.CHANNELS`` lists them.
+        Columns of the table; ``rattlesweep.study.onerun.channels.CHANNELS`` lists them.
     points, dt, steps, times
         One way to choose the rows: so many evenly from 0 to ``t_end`` (by default 2001, or 20 a
         period of the pitch if that is more), one every ``dt``, one per accepted step, or any
@@ -218,7 +218,7 @@ def trajectory(
     ConfigError
         If an argument is wrong.
     """
-    from rattlesweep.study.trajectory import Course, collect
+    from rattlesweep.study.onerun.course import Course, collect
 
     return collect(
         Course(
@@ -250,8 +250,8 @@ class Sweep:
     """
 
     def __init__(self, directory: str | Path) -> None:
-        from rattlesweep.sweep.provenance import read_manifest
-        from rattlesweep.sweep.store import Store
+        from rattlesweep.sweeps.store.provenance import read_manifest
+        from rattlesweep.sweeps.store.store import Store
 
         self.directory = Path(directory)
         self._store = Store(self.directory)
@@ -262,7 +262,7 @@ class Sweep:
         """One row a run: the columns of ``runs/*.parquet``; no rows before the first block."""
         import pyarrow as pa
 
-        from rattlesweep.sweep.columns import runs_schema
+        from rattlesweep.sweeps.tables.columns import runs_schema
 
         tables = [table for _, table in self._store.iter_blocks()]
         if not tables:
@@ -324,10 +324,10 @@ def sweep(
     ConfigWarning
         Of what makes little physical sense in the config, as ``rattlesweep run`` does.
     """
-    from rattlesweep.sweep.config import load_config, parse_config
-    from rattlesweep.sweep.config_physics import checked_plan
-    from rattlesweep.sweep.engine import run_sweep
-    from rattlesweep.sweep.errors import ConfigWarning
+    from rattlesweep.errors import ConfigWarning
+    from rattlesweep.sweeps.config.load import load_config, parse_config
+    from rattlesweep.sweeps.engines.engine import run_sweep
+    from rattlesweep.sweeps.sense.sense import checked_plan
 
     file = isinstance(config, str | Path)
     loaded = load_config(config) if isinstance(config, str | Path) else parse_config(config)

@@ -24,7 +24,7 @@ def body(as_json: bool, n_i: float, omega_xy0: float, **given: Any) -> int:
 
     The spin and the oscillation, in sqrt(g/a), matter for the reversal times only.
     """
-    from rattlesweep.sweep.derived import derived, make_body
+    from rattlesweep.study.derived import derived, make_body
 
     values = derived(make_body(given), n_i, omega_xy0)
     if as_json:

@@ -21,7 +21,7 @@ def classify(directory: str, overrides: tuple[str, ...]) -> int:
     Rewrites the types in the blocks and the summary, and notes both the thresholds of the config
     and the new ones in the manifest. Prints one row per case on standard output.
     """
-    from rattlesweep.sweep.retype import retype
+    from rattlesweep.sweeps.inspect.retype import retype
 
     done = retype(Path(directory), overrides)
     print_summary(done.summary, Path(directory))

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
     import pyarrow as pa
 
-    from rattlesweep.sweep.config import Config
-    from rattlesweep.sweep.engine import Progress
+    from rattlesweep.sweeps.config.load import Config
+    from rattlesweep.sweeps.engines.engine import Progress
 
 DONE, FAILED, WRONG, SOME_FAILED, EARLY, INTERRUPTED, TERMINATED = 0, 1, 2, 3, 75, 130, 143
 # Seconds between lines of progress where there is no terminal.
@@ -36,7 +36,7 @@ class Terminated(BaseException):
 
 def say(text: str) -> None:
     """Write a line to standard error."""
-    from rattlesweep.sweep.errors import printable
+    from rattlesweep.errors import printable
 
     click.echo(printable(text), err=True)
 
@@ -82,7 +82,7 @@ def guarded(command: Callable[..., Any], *, resumes: bool = False) -> Callable[.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             raise SystemExit(FAILED) from None
         except Exception as error:
-            from rattlesweep.sweep.errors import ConfigError, OutputError
+            from rattlesweep.errors import ConfigError, OutputError
 
             if isinstance(error, ConfigError):
                 for line in error.messages:
@@ -112,7 +112,7 @@ def resumable(command: Callable[..., Any]) -> Callable[..., Any]:
 
 def print_summary(summary: pa.Table, directory: Path) -> None:
     """Print the table of a summary: all of its cases, or the first of many."""
-    from rattlesweep.sweep.summary import closing_table
+    from rattlesweep.sweeps.inspect.summary import closing_table
 
     click.echo(closing_table(summary.slice(0, MOST_ROWS)))
     if (more := len(summary) - MOST_ROWS) > 0:
@@ -155,7 +155,7 @@ def check_output(output: str | None) -> None:
     ConfigError
         It has none, or it is not UTF-8.
     """
-    from rattlesweep.sweep.errors import ConfigError, one_line
+    from rattlesweep.errors import ConfigError, one_line
 
     if output is not None and not output:
         raise ConfigError("--output: the directory has no name; give one")
@@ -171,7 +171,7 @@ def load_sweep(config: str, overrides: tuple[str, ...], output: str | None) -> C
     ConfigError
         The config or an option is wrong.
     """
-    from rattlesweep.sweep.config import load_config
+    from rattlesweep.sweeps.config.load import load_config
 
     loaded = load_config(config, overrides)
     check_output(output)
@@ -207,7 +207,7 @@ class Meter:
 
     def show(self, fraction: float, text: str, elapsed: float, left: float | None) -> None:
         """Show how far something is, and what it is doing."""
-        from rattlesweep.sweep.durations import clock
+        from rattlesweep.durations import clock
 
         text = f"{text}, {clock(elapsed)}" + ("" if left is None else f", {clock(left)} left")
         if self._bar is not None:

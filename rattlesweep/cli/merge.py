@@ -32,7 +32,7 @@ def merge(directories: tuple[str, ...], output: str, quiet: bool) -> int:
     already are kept. If some are missing after that, says which, and exits with 75: merge other
     shards into the same output, or let `rattlesweep run CONFIG --output DIR` compute the rest.
     """
-    from rattlesweep.sweep.merge import merge as join
+    from rattlesweep.sweeps.inspect.merge import merge as join
 
     check_output(output)
     with Meter(quiet) as meter:

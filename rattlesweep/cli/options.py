@@ -108,7 +108,7 @@ def check_title(title: str | None, *, formulas: bool = False) -> None:
     ConfigError
         It holds control characters or bytes that are no text, or a formula that cannot be read.
     """
-    from rattlesweep.sweep.errors import ConfigError
+    from rattlesweep.errors import ConfigError
 
     if title is None:
         return
@@ -117,7 +117,7 @@ def check_title(title: str | None, *, formulas: bool = False) -> None:
         what = "a control character" if unicodedata.category(bad) == "Cc" else "no text"
         raise ConfigError(f"--title: {ascii(bad)[1:-1]} in it is {what}; leave it out")
     if formulas:
-        from rattlesweep.study.plot_style import formula_error
+        from rattlesweep.study.style import formula_error
 
         if (error := formula_error(title)) is not None:
             raise ConfigError(

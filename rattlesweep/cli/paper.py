@@ -48,7 +48,7 @@ def paper(
     runs are kept, and only the counts of fig3 (half a minute at most) are lost. Prints the
     verdicts on standard output, with the number of checks that hold.
     """
-    from rattlesweep.study.paper.settings import load_paper, shipped
+    from rattlesweep.paper.settings import load_paper, shipped
 
     if print_config:
         click.echo(shipped(), nl=False)
@@ -58,9 +58,9 @@ def paper(
     settings = load_paper(config)
 
     from rattlesweep.integrate.batch import available_threads
-    from rattlesweep.study.paper.figures import choose
-    from rattlesweep.study.paper.report import closing_table, tally
-    from rattlesweep.study.paper.run import make_paper
+    from rattlesweep.paper.figures.registry import choose
+    from rattlesweep.paper.report import closing_table, tally
+    from rattlesweep.paper.run import make_paper
 
     names = choose(only)
     directory = Path(output or ("out/paper-quick" if quick else "out/paper"))

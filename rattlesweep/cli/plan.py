@@ -13,7 +13,7 @@ import click
 from rattlesweep.cli.common import DONE, OVERRIDES, guarded, say
 
 if TYPE_CHECKING:
-    from rattlesweep.sweep.forecast import Forecast
+    from rattlesweep.sweeps.forecast.forecast import Forecast
 
 
 @click.command(
@@ -54,10 +54,10 @@ def plan(
     Integrates a sample of its runs for about two seconds and writes nothing. The interval is a 95 %
     confidence interval, for a machine as busy as it is now.
     """
-    from rattlesweep.sweep.config import load_config
-    from rattlesweep.sweep.config_physics import checked_plan
-    from rattlesweep.sweep.durations import seconds_of
-    from rattlesweep.sweep.forecast import describe, forecast
+    from rattlesweep.durations import seconds_of
+    from rattlesweep.sweeps.config.load import load_config
+    from rattlesweep.sweeps.forecast.forecast import describe, forecast
+    from rattlesweep.sweeps.sense.sense import checked_plan
 
     seconds = seconds_of(budget, "--budget")
     loaded = load_config(config, overrides)

@@ -73,10 +73,10 @@ def plot(
 
     Works at any time, even while the sweep is running. Prints the paths of what it writes.
     """
-    from rattlesweep.study import plot_files
-    from rattlesweep.study.plot import choose_picture, default_outputs
-    from rattlesweep.study.plot_layout import read_layout
-    from rattlesweep.study.plot_style import styled
+    from rattlesweep.study.plots import files as plot_files
+    from rattlesweep.study.plots.layout import read_layout
+    from rattlesweep.study.plots.registry import choose_picture, default_outputs
+    from rattlesweep.study.style import styled
 
     paths, table = plot_files.named_outputs(output), plot_files.named_data(data)
     inches = plot_files.parse_size(size)

@@ -20,8 +20,8 @@ from rattlesweep.cli.series import (
 )
 
 if TYPE_CHECKING:
-    from rattlesweep.study.replay import StoredRun
-    from rattlesweep.study.trajectory import Course
+    from rattlesweep.study.onerun.course import Course
+    from rattlesweep.study.onerun.replay import StoredRun
 
 
 @click.command(
@@ -62,7 +62,7 @@ def replay(
     Each run is first integrated as in the sweep, and its row is checked against the stored one, bit
     for bit; so is the first reversal of the series. Exits with 1 if any differs.
     """
-    from rattlesweep.study.replay import Replay, check_course, find, said, targets
+    from rattlesweep.study.onerun.replay import Replay, check_course, find, said, targets
 
     if channels == "list":
         print_channels()
@@ -80,7 +80,7 @@ def replay(
         names = names_of(channels)
 
         def drawn() -> Course:
-            from rattlesweep.study import trajectory_figure as figures
+            from rattlesweep.study.onerun import figure as figures
 
             shown = figures.channels_of(model, shown=shown_of(channels))
             return figures.at_its_times(source.course(run, t_end=t_end, channels=shown, watch=bar))

@@ -24,9 +24,9 @@ def report(directory: str, output: str | None, title: str | None) -> int:
     It holds the config, cases, figures, failures, cost and provenance. Works at any time, even
     while the sweep is running.
     """
-    from rattlesweep.study.report import make_report
-    from rattlesweep.sweep.errors import ConfigError
-    from rattlesweep.sweep.files import replace_file
+    from rattlesweep.errors import ConfigError
+    from rattlesweep.study.report.page import make_report
+    from rattlesweep.sweeps.store.atomic import replace_file
 
     if output is not None and not output.lower().endswith((".html", ".htm")):
         raise ConfigError(f"--output {output}: the name must end in .html")

@@ -23,7 +23,7 @@ from rattlesweep.cli.common import (
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rattlesweep.sweep.engine import Job, Report
+    from rattlesweep.sweeps.engines.engine import Job, Report
 
 
 @click.command(
@@ -73,13 +73,13 @@ def run(
 
     Prints one row per case on standard output.
     """
-    from rattlesweep.sweep.config_physics import checked_plan
-    from rattlesweep.sweep.durations import seconds_of
-    from rattlesweep.sweep.engine import run_sweep
-    from rattlesweep.sweep.errors import ConfigError
-    from rattlesweep.sweep.forecast import describe, forecast
-    from rattlesweep.sweep.opened import examine
-    from rattlesweep.sweep.shards import Shard
+    from rattlesweep.durations import seconds_of
+    from rattlesweep.errors import ConfigError
+    from rattlesweep.sweeps.cases.shards import Shard
+    from rattlesweep.sweeps.engines.engine import run_sweep
+    from rattlesweep.sweeps.engines.opened import examine
+    from rattlesweep.sweeps.forecast.forecast import describe, forecast
+    from rattlesweep.sweeps.sense.sense import checked_plan
 
     share = None if shard is None else Shard.parse(shard)
     seconds = None if max_time is None else seconds_of(max_time, "--max-time")
@@ -120,15 +120,15 @@ def _engine(
     name: str, scheduler: str | None, workers: int | None, threads: int | None
 ) -> Callable[[Job], None]:
     """The engine that the options ask for."""
-    from rattlesweep.sweep import local
-    from rattlesweep.sweep.errors import ConfigError
+    from rattlesweep.errors import ConfigError
+    from rattlesweep.sweeps.engines import local
 
     if name == "local":
         for flag, value in (("--scheduler", scheduler), ("--workers", workers)):
             if value is not None:
                 raise ConfigError(f"{flag}: is for --engine dask; add that, or leave this out")
         return local.work_off
-    from rattlesweep.sweep.daskengine import make_engine
+    from rattlesweep.sweeps.engines.dask_driver import make_engine
 
     return make_engine(scheduler, workers, threads)
 

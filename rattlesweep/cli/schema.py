@@ -13,7 +13,7 @@ from rattlesweep.cli.common import DONE, guarded
 @guarded
 def schema() -> int:
     """Print the JSON Schema of the config."""
-    from rattlesweep.sweep.config import config_json_schema
+    from rattlesweep.sweeps.config.load import config_json_schema
 
     click.echo(json.dumps(config_json_schema(), indent=2))
     return DONE

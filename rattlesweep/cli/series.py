@@ -14,12 +14,12 @@ import click
 from rattlesweep.cli.common import DONE, SOME_FAILED, say
 
 if TYPE_CHECKING:
-    from rattlesweep.study.trajectory import Course
+    from rattlesweep.study.onerun.course import Course
 
 
 def print_channels() -> None:
     """Print every channel with its unit and its words."""
-    from rattlesweep.study.channels import CHANNELS
+    from rattlesweep.study.onerun.channels import CHANNELS
 
     for c in CHANNELS.values():
         models = "" if "gh" in c.models else f" ({', '.join(c.models)})"
@@ -39,13 +39,13 @@ def shown_of(channels: str) -> list[str] | None:
 
 def check_targets(output: Path | None, figure: Path | None) -> None:
     """See before the work begins that the files can be written."""
-    from rattlesweep.study import trajectory_file as files
+    from rattlesweep.study.onerun import files
 
     if output is not None:
         files.check_target(output, "--output", files.ENDINGS)
     if figure is not None:
         # Matplotlib is loaded for figures alone.
-        from rattlesweep.study import trajectory_figure as figures
+        from rattlesweep.study.onerun import figure as figures
 
         files.check_target(figure, "--figure", figures.ENDINGS)
 
@@ -66,7 +66,7 @@ def deliver(
         Begin a course with the rows asked for, and one with those of the figure.
     output, figure : Path or None
     """
-    from rattlesweep.study import trajectory_file as files
+    from rattlesweep.study.onerun import files
 
     if output is not None or figure is None:
         course = table()
@@ -81,7 +81,7 @@ def deliver(
                 say(f"only the first and the last {files.ENDS} rows are printed; for all of them "
                     "give --output FILE, a .csv or .parquet")  # fmt: skip
     if figure is not None:
-        from rattlesweep.study import trajectory_figure as figures
+        from rattlesweep.study.onerun import figure as figures
 
         course = drawing()
         figures.save(course, figure)

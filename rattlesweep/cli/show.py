@@ -12,8 +12,8 @@ from rattlesweep.cli.common import guarded, say
 from rattlesweep.cli.series import Share, close
 
 if TYPE_CHECKING:
-    from rattlesweep.study.replay import StoredRun
-    from rattlesweep.study.trajectory import Course
+    from rattlesweep.study.onerun.course import Course
+    from rattlesweep.study.onerun.replay import StoredRun
 
 
 @click.command(
@@ -53,9 +53,9 @@ def show(
     It needs a browser but no network. Play, pause, change the speed, drag to look around; the page
     lists its keys.
     """
-    from rattlesweep.study import show as pages
-    from rattlesweep.study.replay import check_course, said
-    from rattlesweep.study.trajectory_file import check_target
+    from rattlesweep.study.onerun.files import check_target
+    from rattlesweep.study.onerun.replay import check_course, said
+    from rattlesweep.study.viewer import show as pages
 
     path = Path(output)
     options.check_title(title)
@@ -89,8 +89,8 @@ def _stored(
     bar: Share,
 ) -> tuple[StoredRun, Course, str]:
     """A run of a sweep, proved, and what to call it."""
-    from rattlesweep.study import show as pages
-    from rattlesweep.study.replay import Replay, find
+    from rattlesweep.study.onerun.replay import Replay, find
+    from rattlesweep.study.viewer import show as pages
 
     source = Replay(Path(directory))
     pages.check_model(source.config.model)
@@ -110,10 +110,10 @@ def _launched(
     bar: Share,
 ) -> Course:
     """A body and a launch given on the command line."""
-    from rattlesweep.study import show as pages
-    from rattlesweep.study.trajectory import Course
-    from rattlesweep.sweep.derived import make_body
-    from rattlesweep.sweep.errors import ConfigError
+    from rattlesweep.errors import ConfigError
+    from rattlesweep.study.derived import make_body
+    from rattlesweep.study.onerun.course import Course
+    from rattlesweep.study.viewer import show as pages
 
     if case is not None or sample is not None or where is not None:
         raise ConfigError("--case, --sample and --where go with --from")
@@ -127,7 +127,7 @@ def _launched(
 
 def _refuse(context: click.Context, given: dict[str, Any]) -> None:
     """Complain of a body or a launch beside `--from`."""
-    from rattlesweep.sweep.errors import ConfigError
+    from rattlesweep.errors import ConfigError
 
     for name in given:
         source = context.get_parameter_source(name)

@@ -54,13 +54,19 @@ def slurm(
     Tasks stop shortly before the time limit and resume after a restart. The config is checked now;
     the script checks its environment when it runs.
     """
+    from rattlesweep.errors import ConfigError
     from rattlesweep.integrate.batch import available_threads
-    from rattlesweep.sweep.errors import ConfigError
-    from rattlesweep.sweep.forecast import forecast
-    from rattlesweep.sweep.opened import examine
-    from rattlesweep.sweep.plan import make_plan
-    from rattlesweep.sweep.provenance import package_version
-    from rattlesweep.sweep.slurm import MOST_SHARDS, ArrayJob, job_script, limit_of, memory_of
+    from rattlesweep.sweeps.cases.plan import make_plan
+    from rattlesweep.sweeps.engines.opened import examine
+    from rattlesweep.sweeps.engines.slurm import (
+        MOST_SHARDS,
+        ArrayJob,
+        job_script,
+        limit_of,
+        memory_of,
+    )
+    from rattlesweep.sweeps.forecast.forecast import forecast
+    from rattlesweep.sweeps.store.provenance import package_version
 
     seconds = limit_of(limit)
     memory = None if mem is None else memory_of(mem)

@@ -21,7 +21,7 @@ def status(directory: str, as_json: bool) -> int:
     Works at any time, even while the sweep is running. Exits with 3 if some runs have a status
     other than ok.
     """
-    from rattlesweep.sweep.status import describe, status_of
+    from rattlesweep.sweeps.inspect.status import describe, status_of
 
     found = status_of(Path(directory))
     click.echo(json.dumps(asdict(found), indent=2) if as_json else describe(found))

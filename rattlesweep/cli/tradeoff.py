@@ -55,10 +55,10 @@ def tradeoff(
     t_r, and writes tradeoff.parquet, tradeoff.svg and tradeoff.png.
     """
     from rattlesweep.integrate.batch import available_threads
-    from rattlesweep.study import tradeoff_output
-    from rattlesweep.study.tradeoff import DEFAULT, FULL, QUICK, measure
-    from rattlesweep.sweep.config import load_config, override_config
-    from rattlesweep.sweep.files import probe_directory
+    from rattlesweep.study.tradeoff import output as tradeoff_output
+    from rattlesweep.study.tradeoff.measure import DEFAULT, FULL, QUICK, measure
+    from rattlesweep.sweeps.config.load import load_config, override_config
+    from rattlesweep.sweeps.store.atomic import probe_directory
 
     loaded = (
         override_config(DEFAULT, overrides) if config is None else load_config(config, overrides)

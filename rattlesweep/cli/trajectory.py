@@ -62,8 +62,8 @@ def trajectory(
     reversal times go to standard error. A reversal is counted once the spin has gone from beyond a
     quarter of its initial value to beyond a quarter of it on the other side.
     """
-    from rattlesweep.study.trajectory import Course
-    from rattlesweep.sweep.derived import make_body
+    from rattlesweep.study.derived import make_body
+    from rattlesweep.study.onerun.course import Course
 
     if channels == "list":
         print_channels()
@@ -78,7 +78,7 @@ def trajectory(
     check_targets(*targets)
 
     def drawing() -> Course:
-        from rattlesweep.study import trajectory_figure as figures
+        from rattlesweep.study.onerun import figure as figures
 
         return figures.course_for(body, launch, watch=bar, shown=shown_of(channels))
 

@@ -37,8 +37,8 @@ def verify(
     Prints one line per problem and exits with 1 if there is any. `rattlesweep run` repairs what
     it finds by computing those blocks again.
     """
-    from rattlesweep.sweep.errors import printable
-    from rattlesweep.sweep.verify import verify as check
+    from rattlesweep.errors import printable
+    from rattlesweep.sweeps.inspect.verify import verify as check
 
     check_threads(threads)
     with Meter() as meter:

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import config, get_num_threads, set_num_threads, threading_layer
 
-from rattlesweep.integrate import columns as C
-from rattlesweep.integrate.kernels import kernel, parallel, workspace
+from rattlesweep.integrate.lanes import columns as C
+from rattlesweep.integrate.lanes.build import kernel, parallel, workspace
+from rattlesweep.integrate.lanes.step import SUBSTEPS
 from rattlesweep.integrate.model import WITH_TANGENT
-from rattlesweep.integrate.stages import SUBSTEPS
 from rattlesweep.integrate.status import Status
 
 if TYPE_CHECKING:

@@ -1,7 +1,7 @@
 """Explicit Runge-Kutta methods as data.
 
 A method is a frozen :class:`Tableau` that checks itself when it is made.  The lane
-kernel is generated from it (:mod:`rattlesweep.integrate.stages`), and it appears by
+kernel is generated from it (:mod:`rattlesweep.integrate.lanes.step`), and it appears by
 its name in the config's choices, the tests and the benchmarks.
 """
 

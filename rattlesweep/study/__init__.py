@@ -1,1 +1,1 @@
-"""What people look at: studies made with the sweeps' own parts, and their figures."""
+"""What people look at: pictures, reports, single runs, speed against accuracy."""

@@ -9,12 +9,12 @@ import numpy as np
 
 from rattlesweep.integrate.batch import Batch
 from rattlesweep.integrate.status import Status
-from rattlesweep.sweep.blocks import run_batch
-from rattlesweep.sweep.config import Config, SdSource, override_config, resolved
-from rattlesweep.sweep.launches import Launches, full_batch, prepare, reduced_batch
-from rattlesweep.sweep.plan import make_plan
-from rattlesweep.sweep.task import Task
-from rattlesweep.sweep.types import classify
+from rattlesweep.sweeps.blocks.block import run_batch
+from rattlesweep.sweeps.blocks.task import Task
+from rattlesweep.sweeps.cases.launches import Launches, full_batch, prepare, reduced_batch
+from rattlesweep.sweeps.cases.plan import make_plan
+from rattlesweep.sweeps.config.load import Config, SdSource, override_config, resolved
+from rattlesweep.sweeps.tables.types import classify
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -35,7 +35,7 @@ class Answer:
     t_r, t_end : ndarray
         First zero of the spin (NaN without one), and the time reached.
     types : ndarray of int
-        Places in :data:`rattlesweep.sweep.types.TYPES`; -1 where ``ok`` is false.
+        Places in :data:`rattlesweep.sweeps.tables.types.TYPES`; -1 where ``ok`` is false.
     ok : ndarray of bool
         Whether the status is ``ok``.
     n_end : ndarray

@@ -1,7 +1,7 @@
 """Make the golden sweep anew: `python tests/golden/make.py`.
 
 To be done only where numbers are meant to change, with the reason in the changelog; what is
-compared is in `tests/test_golden.py`. `NUMBA_CPU_NAME=generic python tests/golden/make.py FILE`
+compared is in `tests/sweeps/test_golden.py`. `NUMBA_CPU_NAME=generic python tests/golden/make.py FILE`
 makes it for another type of processor.
 """
 
@@ -13,7 +13,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 
 import rattlesweep as rs
-from rattlesweep.sweep.contents import content_hash
+from rattlesweep.sweeps.inspect.content_hash import content_hash
 
 HERE = Path(__file__).parent
 

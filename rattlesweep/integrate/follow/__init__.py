@@ -1,0 +1,1 @@
+"""One run past its reversals."""

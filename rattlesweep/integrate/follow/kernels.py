@@ -1,0 +1,167 @@
+"""Compiled :func:`follow.march` and :func:`follow.aside` of all methods and models."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numba import njit
+
+from rattlesweep.integrate.cache import cached, specialise
+from rattlesweep.integrate.follow import march as follow
+from rattlesweep.integrate.lanes import columns as C
+from rattlesweep.integrate.lanes import kernel as lanes
+from rattlesweep.integrate.lanes import runs
+from rattlesweep.integrate.lanes.build import loaded, names, workspace
+from rattlesweep.integrate.lanes.cells import INNER
+from rattlesweep.integrate.lanes.step import Layout, compile_attempt, compile_lane_functions
+from rattlesweep.integrate.model import FULL, MODELS, Model
+from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.physics import attitude, full
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rattlesweep.integrate.tableau import Tableau
+
+# In the order in which they call each other.
+TEMPLATES = (
+    runs.see_contact,
+    runs.start,
+    runs.idle,
+    lanes.give_up,
+    lanes.decide,
+    lanes.commit,
+)
+
+
+@full.scalar
+def _spin(p, q, a, b, c, heading, x, y):  # type: ignore[no-untyped-def]
+    return full.spin(p, q, a, b, c)
+
+
+@full.scalar
+def _spin_rate(p, q, a, b, c, heading, x, y, dp, dq, da, db, dc, dh, dx, dy):  # type: ignore[no-untyped-def]
+    return full.spin_rate(p, q, da, db, dc)
+
+
+@full.scalar
+def _nothing(p, q, a, b, c, heading, x, y):  # type: ignore[no-untyped-def]
+    return 0.0
+
+
+@full.scalar
+def _no_error(ep, eq, ea, eb, ec, eh, ex, ey, p, q, a, b, c, h, x, y, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
+    return 0.0
+
+
+ATTITUDE = Model(
+    name="attitude",
+    n_state=full.N_STATE + attitude.N_EXTRA,
+    n_constants=full.N_CONSTANTS,
+    n_probe=0,
+    rhs=attitude.rhs,
+    spin=_spin,
+    spin_rate=_spin_rate,
+    amplitude=_nothing,
+    error=_no_error,
+    energy=full.energy,
+    contact=full.contact_force,
+)
+"""The full model with heading and track; its steps go from the full model's, never far."""
+
+
+def _model(name: str) -> tuple[Model, int]:
+    """Model, and how many of its components an accepted step has."""
+    return (ATTITUDE, FULL.n_state) if name == ATTITUDE.name else (MODELS[name], 99)
+
+
+def build_march(tableau: Tableau, model: Model) -> Callable[..., None]:
+    """Compile :func:`follow.march` of a method and a model when it is first called."""
+    bindings = names(tableau, model)
+    suffix = f"_{tableau.name}_{model.name}"
+    for template in TEMPLATES:
+        name = template.__name__
+        bindings[name] = njit(**INNER)(specialise(template, f"{name}_march{suffix}", **bindings))
+    compiled: Callable[..., None] = cached(
+        specialise(follow.march, "march" + suffix, **bindings), nogil=True, error_model="numpy"
+    )
+    return compiled
+
+
+def build_aside(tableau: Tableau, name: str) -> Callable[..., None]:
+    """Compile :func:`follow.aside` of a method and a model when it is first called."""
+    model, given = _model(name)
+    at = Layout.of(model)
+    bindings: dict[str, Any] = {
+        "N_STATE": model.n_state,
+        "N_CONSTANTS": model.n_constants,
+        "N_GIVEN": min(given, model.n_state),
+        "Y": at.y,
+        "F": at.f,
+        "Y1": at.y1,
+        "Q": at.constants,
+        "H": at.h,
+        "attempt": compile_attempt(tableau, model),
+        "lane_rhs": compile_lane_functions(model)["lane_rhs"],
+    }
+    suffix = f"_{tableau.name}_{model.name}"
+    compiled: Callable[..., None] = cached(
+        specialise(follow.aside, "aside" + suffix, **bindings), nogil=True, error_model="numpy"
+    )
+    return compiled
+
+
+def march_workspace(tableau: Tableau, model: Model) -> tuple[Any, ...]:
+    """``w`` and ``lane_run``, the first arguments of march."""
+    w, lane_run = workspace(tableau, model, 1)
+    return w[0], lane_run[0]
+
+
+def aside_workspace(tableau: Tableau, name: str) -> Any:
+    """``w``, the first argument of aside."""
+    return workspace(tableau, _model(name)[0], 1)[0][0]
+
+
+def march_example(tableau_name: str, model_name: str) -> tuple[Any, tuple[Any, ...]]:
+    """March, not yet compiled, and arguments to call it with."""
+    tableau, model = METHODS[tableau_name], MODELS[model_name]
+    return build_march(tableau, model), (
+        *march_workspace(tableau, model),
+        np.zeros((1, model.n_state)),
+        np.zeros((1, model.n_constants)),
+        np.zeros((1, model.n_probe)),
+        np.zeros((1, C.N_PLAN)),
+        np.zeros(C.N_OPTIONS),
+        np.zeros(3, dtype=np.bool_),
+        np.zeros(3),
+        np.zeros((0, follow.STATE + 2 * model.n_state)),
+        np.zeros(0),
+        np.zeros(follow.N_COUNTS, dtype=np.int64),
+    )
+
+
+def aside_example(tableau_name: str, model_name: str) -> tuple[Any, tuple[Any, ...]]:
+    """Aside, not yet compiled, and arguments to call it with."""
+    tableau = METHODS[tableau_name]
+    model, given = _model(model_name)
+    return build_aside(tableau, model_name), (
+        aside_workspace(tableau, model_name),
+        np.zeros((1, follow.STATE + 2 * min(given, model.n_state))),
+        np.zeros(0, dtype=np.int64),
+        np.zeros(0),
+        np.zeros(model.n_constants),
+        np.zeros((0, model.n_state)),
+    )
+
+
+def march_kernel(tableau_name: str, model_name: str) -> Callable[..., None]:
+    """March by names; the first call on a machine takes the time of its compilation."""
+    compiled: Callable[..., None] = loaded(march_example, tableau_name, model_name)
+    return compiled
+
+
+def aside_kernel(tableau_name: str, model_name: str) -> Callable[..., None]:
+    """Aside by names, ``attitude`` among them; likewise."""
+    compiled: Callable[..., None] = loaded(aside_example, tableau_name, model_name)
+    return compiled

@@ -1,0 +1,229 @@
+"""Growth of a tangent: the exponents of a sweep's runs, and one long run through its reversals."""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rattlesweep.integrate.cache import cached, specialise
+from rattlesweep.integrate.lanes import rows as R
+from rattlesweep.integrate.lanes.build import loaded
+from rattlesweep.integrate.lanes.step import Layout, compile_attempt, compile_lane_functions
+from rattlesweep.integrate.lanes.tangents import compile_tangent_functions
+from rattlesweep.integrate.model import FULL, MODELS, WITH_TANGENT
+from rattlesweep.integrate.tableau import DOP853, METHODS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from rattlesweep.integrate.model import Model
+    from rattlesweep.integrate.tableau import Tableau
+
+    Floats = NDArray[np.float64]
+
+FIRST_STEP = 0.01
+# A step shorter than this share of the interval is given up.
+LEAST_STEP = 1e-12
+
+
+def exponents(growth: Floats) -> tuple[Floats, Floats]:
+    """Finite-time Lyapunov exponents of runs, over all of their time and over its second half.
+
+    Parameters
+    ----------
+    growth : ndarray, shape (runs, windows, 2)
+        Of :class:`rattlesweep.integrate.batch.Outcome`.
+
+    Returns
+    -------
+    whole, late : ndarray, shape (runs,)
+        In ``sqrt(g/a)``; NaN where a run left the numbers.  ``late`` is also NaN where it ended
+        within its second window; the growth until half time is interpolated between the ends of
+        windows.
+    """
+    runs = len(growth)
+    # A step that ends several windows fills the row of the first; the empty ones go last.
+    order = np.argsort(~np.isfinite(growth[:, :, :1]), axis=1, kind="stable")
+    growth = np.take_along_axis(growth, order, axis=1)
+    t = np.concatenate([np.zeros((runs, 1)), growth[:, :, 0]], axis=1)
+    log = np.concatenate([np.zeros((runs, 1)), growth[:, :, 1]], axis=1)
+    row = np.arange(runs)
+    last = np.isfinite(t).sum(axis=1) - 1
+    end, grown = t[row, last], log[row, last]
+    half = end / 2
+    # NaN compares as false: the last border not behind half time.
+    before = (t <= half[:, None]).sum(axis=1) - 1
+    after = np.minimum(before + 1, last)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = (half - t[row, before]) / (t[row, after] - t[row, before])
+        until = log[row, before] + share * (log[row, after] - log[row, before])
+        whole = grown / end
+        late = np.where(before > 0, (grown - until) / half, np.nan)
+    return _finite(whole), _finite(late)
+
+
+def _finite(values: Floats) -> Floats:
+    return np.where(np.isfinite(values), values, np.nan)
+
+
+# Bound by build.
+N_STATE = N_CONSTANTS = Y = Y1 = Q = V = H = ERROR = 0
+attempt: Any = None
+advance: Any = None
+lane_rhs: Any = None
+tangent_begin: Any = None
+tangent_log: Any = None
+tangent_advance: Any = None
+
+
+def drive(w, constants, y0, seed, times, scale, growth, states):  # type: ignore[no-untyped-def]
+    """Template: move one run, in one lane, from each time to the next; returns how many it reached.
+
+    The step control is that of :func:`rattlesweep.integrate.lanes.kernel.decide`.
+    """
+    for i in range(N_STATE):
+        w[Y + i] = y0[i]
+    for i in range(N_CONSTANTS):
+        w[Q + i] = constants[i]
+    lane_rhs(w, 0)
+    for i in range(N_STATE):
+        w[V + i] = seed[i]
+    tangent_begin(w, 0)
+    w[R.ACCEPT] = 1.0
+    t = 0.0
+    h = FIRST_STEP
+    largest = 4.0
+    for k in range(times.size):
+        behind = False
+        while not behind:
+            left = times[k] - t
+            last = h >= left
+            w[H] = left if last else h
+            attempt(w, scale)
+            error = w[ERROR]
+            factor = max(0.85 / sqrt(sqrt(sqrt(sqrt(error + 1e-30)))), 0.2)
+            if error <= 1.0:
+                if last:
+                    growth[k] = tangent_log(w, 0)
+                    for i in range(N_STATE):
+                        states[k, i] = w[Y1 + i]
+                    t = times[k]
+                    behind = True
+                else:
+                    t += h
+                h = max(w[H] * min(factor, largest), h if last else 0.0)
+                largest = 4.0
+                advance(w)
+                tangent_advance(w)
+            else:
+                # Not a number compares as false: a fifth then.
+                h = w[H] * (min(factor, 1.0) if factor >= 0.2 else 0.2)
+                largest = 1.0
+                if not h > LEAST_STEP * times[k]:
+                    return k
+    return times.size
+
+
+def build(tableau: Tableau, model: Model) -> Callable[..., int]:
+    """:func:`drive` for a method and a model with tangent, compiled when it is first called."""
+    at = Layout.of(model)
+    driver = specialise(
+        drive,
+        f"along_{tableau.name}_{model.name}",
+        N_STATE=model.n_state,
+        N_CONSTANTS=model.n_constants,
+        Y=at.y,
+        Y1=at.y1,
+        Q=at.constants,
+        V=at.v,
+        H=at.h,
+        ERROR=at.error,
+        attempt=compile_attempt(tableau, model, 1),
+        **compile_lane_functions(model, 1),
+        **compile_tangent_functions(model, 1),
+    )
+    compiled: Callable[..., int] = cached(driver, nogil=True, error_model="numpy")
+    return compiled
+
+
+def follow(
+    driver: Callable[..., int],
+    tableau: Tableau,
+    model: Model,
+    constants: ArrayLike,
+    y0: ArrayLike,
+    times: ArrayLike,
+    *,
+    tol: float,
+    seed: ArrayLike | None = None,
+) -> tuple[Floats, Floats]:
+    """Call what :func:`build` made; see :func:`growth_along`."""
+    times = np.array(times, dtype=float)
+    if times.ndim != 1 or np.any(~(np.diff(times, prepend=0.0) > 0)):
+        raise ValueError("times must be a list of numbers that are positive and ascend")
+    y0, constants = np.array(y0, dtype=float), np.array(constants, dtype=float)
+    if seed is None and model.tangent is not None:
+        seed = model.tangent.seed(*y0, *constants)
+    growth, states = np.full(len(times), np.nan), np.full((len(times), model.n_state), np.nan)
+    w = np.zeros(Layout.of(model).rows(tableau, model))
+    reached = driver(
+        w, constants, y0, np.array(seed, dtype=float), times, 1.0 / tol**2, growth, states
+    )
+    if reached < len(times):
+        raise ArithmeticError(
+            f"no step, however small, met the tolerance before t = {times[reached]}"
+        )
+    return growth, states
+
+
+def example(tableau_name: str, model_name: str) -> tuple[Any, tuple[Any, ...]]:
+    """Driver, not yet compiled, and arguments to call it for no times."""
+    tableau, model = METHODS[tableau_name], MODELS[model_name]
+    nothing = [np.zeros(n) for n in (model.n_constants, model.n_state, model.n_state, 0)]
+    w = np.zeros(Layout.of(model).rows(tableau, model))
+    return build(tableau, model), (
+        w, *nothing, 1.0, np.zeros(0), np.zeros((0, model.n_state))
+    )  # fmt: skip
+
+
+def growth_along(
+    constants: ArrayLike,
+    y0: ArrayLike,
+    times: ArrayLike,
+    *,
+    tableau: Tableau = DOP853,
+    model: Model = FULL,
+    tol: float = 1e-9,
+    seed: ArrayLike | None = None,
+) -> Floats:
+    """Logarithm of a tangent's growth along one run, past any number of reversals.
+
+    Divided by ``times`` it is the running estimate of the largest Lyapunov exponent.
+
+    Parameters
+    ----------
+    constants, y0 : array_like
+        As the rows of :class:`rattlesweep.integrate.batch.Batch`.
+    times : array_like
+        Where to measure: positive and ascending, in ``sqrt(a/g)``.
+    tableau, model, tol
+        A method with error control, ``FULL`` or ``REDUCED``, and the tolerance.
+    seed : array_like, optional
+        First tangent, of which the transverse part is taken; by default one along no mode.
+
+    Raises
+    ------
+    ValueError
+        If the times do not ascend or the method has no error control.
+    ArithmeticError
+        If the integration fails.
+    """
+    if not tableau.adaptive:
+        raise ValueError(f"the method {tableau.name} has no error control")
+    carried = WITH_TANGENT[model.name]
+    driver = loaded(example, tableau.name, carried.name)
+    return follow(driver, tableau, carried, constants, y0, times, tol=tol, seed=seed)[0]

@@ -1,0 +1,1 @@
+"""The lane kernel: many runs at once, each with its own step."""

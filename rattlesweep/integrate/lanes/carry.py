@@ -1,0 +1,77 @@
+"""A run that carries a tangent: what is added to how runs begin, are watched and end.
+
+Templates that stand in for those of the same names in :mod:`rattlesweep.integrate.lanes.runs`, do what
+these do, and look after the tangent.  Barriers keep the two apart: the state's last bits are those
+of a run without tangent.
+"""
+
+# mypy: ignore-errors
+from __future__ import annotations
+
+from rattlesweep.integrate.lanes import rows as R
+from rattlesweep.integrate.lanes.atomics import barrier
+from rattlesweep.integrate.lanes.step import LANES as L
+
+
+def tangent_seed(w, l):
+    """Give lane ``l`` the first tangent."""
+    raise NotImplementedError
+
+
+def tangent_begin(w, l):
+    """Make it transverse and of norm 1."""
+    raise NotImplementedError
+
+
+def tangent_log(w, l):
+    """Logarithm of the tangent's growth from the start of the run to the end of the step."""
+    raise NotImplementedError
+
+
+def tangent_advance(w):
+    """Move the tangents of the accepted lanes to the end of their step."""
+    raise NotImplementedError
+
+
+# What stood there before; bound by kernels.build, like the functions above.
+plain_start = plain_finish = plain_pass_marks = plain_advance = None
+
+
+def start(l, run, w, lane_run, y0, constants, probe, plan, record):
+    """Put a run and its tangent into a lane."""
+    plain_start(l, run, w, lane_run, y0, constants, probe, plan, record)
+    barrier()
+    tangent_seed(w, l)
+    tangent_begin(w, l)
+    barrier()
+
+
+def see_tangent(l, t, w, run, windows):
+    """Write the time and the tangent's growth into the last two columns of the window's row."""
+    k = min(int(w[R.WINDOW_NO * L + l]), windows.shape[1] - 1)
+    barrier()
+    windows[run, k, windows.shape[2] - 2] = t
+    windows[run, k, windows.shape[2] - 1] = tangent_log(w, l)
+    barrier()
+
+
+def pass_marks(l, t, w, run, windows, record):
+    """Note the tangent at the end of a window."""
+    if t >= w[R.WINDOW_END * L + l]:
+        see_tangent(l, t, w, run, windows)
+    plain_pass_marks(l, t, w, run, windows, record)
+
+
+def finish(l, status, reversal, t, w, run, result, counts, windows, record):
+    """Write down a run that has ended, and its tangent."""
+    see_tangent(l, t, w, run, windows)
+    plain_finish(l, status, reversal, t, w, run, result, counts, windows, record)
+
+
+def advance(w):
+    """Move the accepted lanes and their tangents to the end of their step."""
+    plain_advance(w)
+    tangent_advance(w)
+
+
+STAND_INS = (see_tangent, start, pass_marks, finish, advance)

@@ -1,0 +1,309 @@
+"""The lane kernel: many runs at once, each with its own step.
+
+A thread holds :data:`LANES` runs.  Every turn tries one step on all of them (the generated
+``attempt``), decides on all of them in loops over lanes that vectorise, looks closer
+only at the lanes where something is due (a rejection, a possible zero of the spin, the end of a
+window or of the run), and refills the lanes whose run has ended from a queue
+that all threads share.  The arithmetic of a run depends on its own numbers
+alone, so its results are the same bits in any lane, thread and batch.
+
+The functions here are templates: :mod:`rattlesweep.integrate.lanes.build` binds the capitalised
+globals and the model's functions for each method.
+"""
+
+# mypy: ignore-errors
+from __future__ import annotations
+
+from math import isfinite, sqrt
+
+from numba import prange
+
+from rattlesweep.integrate.lanes import columns as C
+from rattlesweep.integrate.lanes import rows as R
+from rattlesweep.integrate.lanes.atomics import call, fetch_add, load
+from rattlesweep.integrate.lanes.events import HOLD, REVERSED, STEP, search
+from rattlesweep.integrate.lanes.runs import (
+    finish,
+    idle,
+    pass_marks,
+    see_contact,
+    start,
+)
+from rattlesweep.integrate.lanes.step import LANES as L
+from rattlesweep.integrate.status import Status
+
+OK = int(Status.OK)
+NONFINITE = int(Status.NONFINITE)
+STEP_LIMIT = int(Status.STEP_LIMIT)
+STEP_TOO_SMALL = int(Status.STEP_TOO_SMALL)
+
+# Of the shortest period; below it a step that fails the tolerance is given up.
+LEAST_STEP = 1e-9
+
+# Bound by kernels.build.
+Y1 = H = ERROR = N1 = RATE1 = AMPLITUDE = 0
+ADAPTIVE = False
+
+
+def lane_energy(w, row, l):
+    """Energy of lane ``l`` at the state in row ``row``."""
+    raise NotImplementedError
+
+
+def advance(w):
+    """Move the accepted lanes to the end of their step."""
+    raise NotImplementedError
+
+
+def attempt(w, scale):
+    """Try a step on every lane."""
+    raise NotImplementedError
+
+
+def give_up(l, failed_step, w, max_steps):
+    """Status of a lane whose step failed, OK to go on with a shorter one."""
+    if not ADAPTIVE:
+        return NONFINITE
+    if w[R.STEPS * L + l] + w[R.REJECTED * L + l] >= max_steps:
+        return STEP_LIMIT
+    if failed_step * w[R.SWING * L + l] < LEAST_STEP:
+        return NONFINITE if not isfinite(w[ERROR * L + l]) else STEP_TOO_SMALL
+    return OK
+
+
+def decide(w, dt, max_steps):
+    """Decide on the step tried on every lane; returns how many lanes need a closer look."""
+    special = 0
+    for l in range(L):
+        h = w[H * L + l]
+        n0 = w[R.N0 * L + l]
+        n1 = w[N1 * L + l]
+        error = w[ERROR * L + l]
+        accept = error <= 1.0
+        if ADAPTIVE:
+            # err^(1/8) from its square: four square roots vectorise, a power does not.
+            factor = 0.85 / sqrt(sqrt(sqrt(sqrt(error + 1e-30))))
+            largest = 1.0 if w[R.HELD * L + l] > 0.0 or not accept else 4.0
+            factor = factor if factor > 0.2 else 0.2
+            factor = factor if factor < largest else largest
+            h_next = h * factor
+        else:
+            h_next = dt
+        # The spin changes by at most h * max|rate| in all; twice the recent largest is safe.
+        recent = 0.9 * w[R.RATE_MAX * L + l]
+        now = abs(w[RATE1 * L + l])
+        recent = now if now > recent else recent
+        zero = abs(n0) + abs(n1) < 2.0 * h * recent or n0 * n1 <= 0.0
+        t = w[R.T * L + l] + h
+        due = (
+            zero
+            or w[R.LAST * L + l] > 0.0
+            or w[R.MODE * L + l] > 0.0
+            or t >= w[R.NEXT * L + l]
+            or w[R.STEPS * L + l] >= max_steps
+            or not accept
+        )
+        w[R.ACCEPT * L + l] = 1.0 if accept else 0.0
+        w[R.H_NEXT * L + l] = h_next
+        w[R.DUE * L + l] = 1.0 if due else 0.0
+        special += 1 if due else 0
+    return special
+
+
+def commit(w):
+    """Carry out the decisions: move the accepted lanes on and set every lane's next step."""
+    advance(w)
+    for l in range(L):
+        accept = w[R.ACCEPT * L + l] > 0.0
+        n0 = w[R.N0 * L + l]
+        n1 = w[N1 * L + l]
+        n1 = n1 if accept else n0
+        w[R.N0 * L + l] = n1
+        signed = w[R.SIGN * L + l] * n1
+        least = w[R.N_LEAST * L + l]
+        w[R.N_LEAST * L + l] = signed if signed < least else least
+        a_max = w[R.A_MAX * L + l]
+        a1 = w[AMPLITUDE * L + l]
+        a1 = a1 if accept else a_max
+        w[R.A_MAX * L + l] = a1 if a1 > a_max else a_max
+    for l in range(L):
+        accept = w[R.ACCEPT * L + l] > 0.0
+        rate0 = w[R.RATE0 * L + l]
+        rate1 = w[RATE1 * L + l]
+        rate1 = rate1 if accept else rate0
+        w[R.RATE0 * L + l] = rate1
+        most = w[R.RATE_MAX * L + l]
+        recent = 0.9 * most
+        now = abs(rate1)
+        recent = now if now > recent else recent
+        w[R.RATE_MAX * L + l] = recent if accept else most
+    for l in range(L):
+        accept = w[R.ACCEPT * L + l] > 0.0
+        # Compensated sum: a million steps lose nothing.
+        t0 = w[R.T * L + l]
+        low0 = w[R.T_LOW * L + l]
+        part = w[H * L + l] - low0
+        t1 = t0 + part
+        low1 = (t1 - t0) - part
+        w[R.T * L + l] = t1 if accept else t0
+        w[R.T_LOW * L + l] = low1 if accept else low0
+        steps = w[R.STEPS * L + l]
+        one_more = steps + 1.0
+        w[R.STEPS * L + l] = one_more if accept else steps
+        held = w[R.HELD * L + l]
+        w[R.HELD * L + l] = 0.0 if accept else held
+    for l in range(L):
+        # A search holds the step it began with; the others must not pass the horizon.
+        h_next = w[R.H_NEXT * L + l]
+        mode = w[R.MODE * L + l]
+        left = w[R.T_END * L + l] - w[R.T * L + l]
+        left = 1e290 if mode > 0.0 else left
+        before = w[R.LAST * L + l]
+        kept = before if mode > 0.0 else 0.0
+        w[R.LAST * L + l] = 1.0 if h_next >= left else kept
+        w[H * L + l] = left if h_next >= left else h_next
+
+
+def watch(w, record):
+    """Observations that are made at every accepted step only when they are asked for."""
+    for l in range(L):
+        if w[R.ACCEPT * L + l] > 0.0:
+            if record[C.REC_ENERGY]:
+                energy0 = w[R.ENERGY0 * L + l]
+                drift = abs(lane_energy(w, Y1, l) - energy0) / energy0 if energy0 > 0.0 else 0.0
+                w[R.DRIFT_MAX * L + l] = max(w[R.DRIFT_MAX * L + l], drift)
+            if record[C.REC_CONTACT]:
+                see_contact(l, w, Y1)
+            if record[C.REC_WINDOWS]:
+                n = w[N1 * L + l]
+                w[R.W_N_MIN * L + l] = min(w[R.W_N_MIN * L + l], n)
+                w[R.W_N_MAX * L + l] = max(w[R.W_N_MAX * L + l], n)
+
+
+def work(thread, w, lane_run, shared, order, y0, constants, probe, plan, options,
+         record, result, counts, windows, progress):  # fmt: skip
+    """What one thread does until the queue is empty or Python says stop.
+
+    Parameters
+    ----------
+    thread : int
+        Row of ``progress`` to write to.
+    w, lane_run : ndarray
+        The thread's own workspace and run numbers.
+    shared : int64 ndarray
+        ``[next place in the queue, stop flag]``.
+    order : int64 ndarray, shape (runs,)
+        The queue, longest runs first.
+    y0, constants, probe : ndarray, shape (runs, ...)
+        Initial states, the bodies' constants and the amplitudes' coefficients.
+    plan, options : ndarray
+        See :mod:`rattlesweep.integrate.lanes.columns`, as for ``record``, ``result`` and ``counts``.
+    record : bool ndarray, shape (3,)
+        Which extra observations to make.
+    result, counts, windows : ndarray
+        Written to, one row a run.
+    progress : ndarray, shape (threads, ...)
+        Expected cost of the runs that have ended, and of the lanes' runs so far.
+    """
+    scale, dt, max_steps = options[0], options[1], options[2]
+    watching = record[C.REC_ENERGY] or record[C.REC_CONTACT] or record[C.REC_WINDOWS]
+    total = order.size
+    busy = 0
+    for l in range(L):
+        place = fetch_add(shared, 0, 1)
+        if place < total:
+            start(l, order[place], w, lane_run, y0, constants, probe, plan, record)
+            busy += 1
+        else:
+            idle(l, w, lane_run)
+        w[H * L + l] = w[R.H_NEXT * L + l]
+    turns = 0
+    while busy > 0:
+        attempt(w, scale)
+        special = decide(w, dt, max_steps)
+        if special > 0:
+            for l in range(L):
+                if w[R.DUE * L + l] == 0.0:
+                    continue
+                run = lane_run[l]
+                if run < 0:
+                    w[R.ACCEPT * L + l] = 0.0
+                    w[R.H_NEXT * L + l] = 0.0
+                    continue
+                h = w[H * L + l]
+                t = w[R.T * L + l] + (h - w[R.T_LOW * L + l])
+                status = OK
+                ended = False
+                reversal = False
+                if w[R.MODE * L + l] == STEP and w[R.ACCEPT * L + l] == 0.0:
+                    w[R.REJECTED * L + l] += 1.0
+                    w[R.HELD * L + l] = 1.0
+                    if not isfinite(w[ERROR * L + l]):
+                        w[R.H_NEXT * L + l] = 0.2 * h
+                    status = give_up(l, h, w, max_steps)
+                    ended = status != OK
+                else:
+                    n0 = w[R.N0 * L + l]
+                    n1 = w[N1 * L + l]
+                    rate = w[RATE1 * L + l]
+                    recent = max(abs(rate), 0.9 * w[R.RATE_MAX * L + l])
+                    take = True
+                    if (
+                        w[R.MODE * L + l] != STEP
+                        or abs(n0) + abs(n1) < 2.0 * h * recent
+                        or n0 * n1 <= 0.0
+                    ):
+                        verdict = search(l, h, n1, rate, w)
+                        take = verdict != HOLD
+                        reversal = verdict == REVERSED
+                    w[R.ACCEPT * L + l] = 1.0 if take else 0.0
+                    if take:
+                        if w[R.STEPS * L + l] >= max_steps:
+                            status = STEP_LIMIT
+                        if w[R.LAST * L + l] > 0.0 and not reversal:
+                            t = w[R.T_END * L + l]
+                        ended = reversal or w[R.LAST * L + l] > 0.0 or status != OK
+                        if not ended and t >= w[R.NEXT * L + l]:
+                            pass_marks(l, t, w, run, windows, record)
+                if ended:
+                    w[R.STEPS * L + l] += 1.0
+                    finish(l, status, reversal, t, w, run, result, counts, windows, record)
+                    progress[thread, 0] += plan[run, C.COST]
+                    progress[thread, 2] += 1.0
+                    place = fetch_add(shared, 0, 1)
+                    if place < total:
+                        start(l, order[place], w, lane_run, y0, constants, probe, plan, record)
+                    else:
+                        idle(l, w, lane_run)
+                        busy -= 1
+                    w[R.ACCEPT * L + l] = 0.0
+        if watching:
+            watch(w, record)
+        commit(w)
+        turns += 1
+        if turns % 256 == 0:
+            if load(shared, 1) != 0:
+                return
+            under_way = 0.0
+            for l in range(L):
+                if lane_run[l] >= 0:
+                    run = lane_run[l]
+                    under_way += min(1.0, w[R.T * L + l] / plan[run, C.HORIZON]) * plan[run, C.COST]
+            progress[thread, 1] = under_way
+    progress[thread, 1] = 0.0
+
+
+def drive(address, threads, w, lane_run, shared, order, y0, constants, probe, plan, options,
+          record, result, counts, windows, progress):  # fmt: skip
+    """One :func:`work` on each thread; the one of a method and a model is known by its address.
+
+    This way the driver is compiled once for all of them, and none is compiled again inside of it.
+    """
+    for thread in prange(threads):
+        call(
+            address,
+            (
+                thread, w[thread], lane_run[thread], shared, order, y0, constants,
+                probe, plan, options, record, result, counts, windows, progress,
+            ),
+        )  # fmt: skip

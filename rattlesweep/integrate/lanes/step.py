@@ -1,0 +1,362 @@
+"""The vectorised step: source generated from a tableau and a model.
+
+One call of the generated function tries one step on every lane (:data:`SUBSTEPS` equal ones for
+a method without error control).  All arrays are rows of one
+flat workspace, each row as long as there are lanes, and every stage is one loop over lanes that
+loads its combination of earlier stages, calls the scalar right-hand side and stores ``h f``.  With
+the coefficients and the offsets as constants in the source, LLVM drops the zeros, keeps the
+stage in registers and vectorises each loop; one workspace instead of many arrays
+lets it prove that rows do not overlap.
+
+A tangent has loops of its own, behind those of the state, and barriers between.  Else LLVM would
+share products between the two, fuse other sums with them, and the state would come out with other
+last bits than without a tangent.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from numba import njit
+
+from rattlesweep.integrate.lanes.atomics import barrier
+from rattlesweep.integrate.lanes.cells import INNER, Sum, cells, gather, move, scatter
+from rattlesweep.integrate.lanes.rows import ACCEPT, STATE_ROWS
+from rattlesweep.physics.full import FASTMATH
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from rattlesweep.integrate.model import Model
+    from rattlesweep.integrate.tableau import Row, Tableau
+
+# 32 lanes: see benchmarks/kernel.py --lanes for the figures behind it.
+LANES = 32
+# Steps of a fixed-step method between two looks at the lanes: the looks then cost little.
+SUBSTEPS = 8
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Rows of the workspace of one model, behind those of :mod:`rattlesweep.integrate.lanes.rows`.
+
+    Attributes
+    ----------
+    y, f, y1, f1 : int
+        First row of the state and its derivative at the start and at the end of the step.
+    constants, probe : int
+        First row of the body's constants and of the amplitude's coefficients.
+    h, error, n1, rate1, amplitude : int
+        Rows of the step size, the squared error in units of the tolerance, and of the spin, its
+        rate and the squared amplitude at the end of the step.
+    v, g, v1, g1 : int
+        First row of the tangent and its derivative at the start and at the end of the step; this
+        and the next have no rows in a model without tangent.
+    ys, fs : int
+        First row of a stage's state and derivative, for the tangent's stage.
+    shift : int
+        Row of the exponent of the power of two taken out of the tangent.
+    stages : int
+        First row of the stages; they come last, those of the tangent behind the state's.
+    """
+
+    y: int
+    f: int
+    y1: int
+    f1: int
+    constants: int
+    probe: int
+    h: int
+    error: int
+    n1: int
+    rate1: int
+    amplitude: int
+    v: int
+    g: int
+    v1: int
+    g1: int
+    ys: int
+    fs: int
+    shift: int
+    stages: int
+
+    @classmethod
+    def of(cls, model: Model) -> Layout:
+        """Layout for a model."""
+        n = model.n_state
+        t = n if model.tangent else 0
+        sizes = (n, n, n, n, model.n_constants, model.n_probe, 1, 1, 1, 1, 1,
+                 t, t, t, t, t, t, min(t, 1), 0)  # fmt: skip
+        rows = [STATE_ROWS + sum(sizes[:i]) for i in range(len(sizes))]
+        return cls(*rows)
+
+    def rows(self, tableau: Tableau, model: Model) -> int:
+        """Number of rows of the workspace for a method."""
+        return self.stages + tableau.stages * model.n_state * (2 if model.tangent else 1)
+
+
+class Attempt:
+    """Writes ``attempt(w, scale)``: one step tried on every lane.
+
+    ``w`` is the flat workspace, ``scale`` is ``1 / tol**2``.  Each method of this class writes the
+    loop over lanes of one part of the step.
+
+    Parameters
+    ----------
+    tableau, model
+        The method and the equations.
+    lanes : int
+        Row length of the workspace.
+
+    Attributes
+    ----------
+    source : str
+        The function's text.
+    names : dict
+        What it sees as globals.
+    """
+
+    def __init__(self, tableau: Tableau, model: Model, lanes: int = LANES) -> None:
+        self.tableau, self.model, self.lanes = tableau, model, lanes
+        self.at = Layout.of(model)
+        self.n = model.n_state
+        self.names: dict[str, Any] = {
+            "rhs": model.rhs,
+            "spin": model.spin,
+            "spin_rate": model.spin_rate,
+            "amplitude": model.amplitude,
+            "error": model.error,
+            "tangent_rate": model.tangent and model.tangent.rate,
+            "transverse": model.tangent and model.tangent.transverse,
+            "barrier": barrier,
+        }
+        self._lines = ["def attempt(w, scale):"]
+        self._indent = 4
+        at = self.at
+        if tableau.adaptive:
+            self.step(at.y, at.f, at.v, at.g, 1.0)
+            self.errors()
+        else:
+            self.copy(at.y, at.y1)
+            if model.tangent:
+                self.copy(at.v, at.v1)
+            self._line(f"for _ in range({SUBSTEPS}):")
+            self._indent = 8
+            self.step(at.y1, at.f1, at.v1, at.g1, 1 / SUBSTEPS)
+            self._indent = 4
+            self.outcome()
+        self.source = "\n".join(self._lines) + "\n"
+
+    def step(self, y: int, f: int, v: int, g: int, share: float) -> None:
+        """A step of ``share * h`` from rows ``y, f``, and of the tangent from ``v, g``."""
+        stages = self.tableau.stages
+        self.scaled(f, 0, share)
+        if self.model.tangent:
+            self.scaled(g, stages, share, barriers=True)
+        for i in range(1, stages):
+            self.stage(i, y, share)
+            if self.model.tangent:
+                self.tangent_stage(i, v, share)
+        self.end(y)
+        if self.model.tangent:
+            self.tangent_end(v)
+
+    def scaled(self, f: int, i: int, share: float, barriers: bool = False) -> None:
+        """Stage ``i``, the first of the state or of the tangent: ``h`` times a row."""
+        rates = self._gather("rates", cells(f, self.n))
+        self._loop(f"{self._stage(i, share)}(w, l, {rates}(w, l))", barriers=barriers)
+
+    def stage(self, i: int, y: int, share: float) -> None:
+        """Stage ``i`` of a step from rows ``y``."""
+        given = self._gather("given", self._sums(self.tableau.a[i], y), behind=self._constants())
+        body = [f"q = {given}(w, l)", "f = rhs(*q)", f"{self._stage(i, share)}(w, l, f)"]
+        if self.model.tangent:
+            # For the tangent's stage, in a loop of its own.
+            keep = self._scatter("keep", self._rows(self.at.ys) + self._rows(self.at.fs))
+            body.append(f"{keep}(w, l, q[:{self.n}] + f)")
+        self._loop(*body)
+
+    def end(self, y: int) -> None:
+        """State and derivative at the end of the step and, if it ends here, what is seen there."""
+        given = self._gather("given", self._sums(self.tableau.b, y), behind=self._constants())
+        ends = self._scatter("ends", self._rows(self.at.y1) + self._rows(self.at.f1))
+        body = [f"q = {given}(w, l)", "f = rhs(*q)", f"y = q[:{self.n}]", f"{ends}(w, l, y + f)"]
+        self._loop(*body, *(self._seen() if self.tableau.adaptive else []))
+
+    def outcome(self) -> None:
+        """What is seen at the end of a step without error control."""
+        n, at = self.n, self.at
+        both = self._gather("both", cells(at.y1, n) + cells(at.f1, n))
+        total = " + ".join(f"f[{c}]" for c in range(n))
+        # Zero, or not a number where the step left the numbers.
+        error = f"{self._cell(at.error)} = 0.0 * ({total})"
+        self._loop(f"both = {both}(w, l)", f"y = both[:{n}]", f"f = both[{n}:]",
+                   *self._seen(), error)  # fmt: skip
+
+    def errors(self) -> None:
+        """The squared error, in units of the tolerance."""
+        at, stages = self.at, self.tableau.stages
+        body = []
+        for k, row in enumerate(self.tableau.errors):
+            inner = {j: value for j, value in row.items() if j < stages}
+            sums = self._sums(inner, None)
+            if end := row.get(stages):
+                sums = [Sum(None, (*s.terms, (end, (at.h, at.f1 + c)))) for c, s in enumerate(sums)]
+            given = self._gather("error", sums + cells(at.y, self.n), behind=self._constants())
+            body.append(f"s{k} = scale * error(*{given}(w, l))")
+        # Hairer's blend of the fifth and third order estimates; both are squared here.
+        blend = "s0 * s0 / (s0 + 0.01 * s1 + 1e-300)" if len(self.tableau.errors) == 2 else "s0"
+        self._loop(*body, f"{self._cell(at.error)} = {blend}")
+
+    def copy(self, first: int, to: int) -> None:
+        """Rows of a state and its derivative to others."""
+        read = self._gather("read", cells(first, 2 * self.n))
+        write = self._scatter("write", range(to, to + 2 * self.n))
+        self._loop(f"{write}(w, l, {read}(w, l))")
+
+    def tangent_stage(self, i: int, v: int, share: float) -> None:
+        """Stage ``i`` of the tangent of a step from rows ``v``."""
+        given = self._tangent_at(self.tableau.a[i], v, self.at.ys, self.at.fs)
+        put = self._stage(self.tableau.stages + i, share)
+        self._loop(f"{put}(w, l, tangent_rate(*{given}(w, l)))", barriers=True)
+
+    def tangent_end(self, v: int) -> None:
+        """The tangent and its rate at the end of the step."""
+        at, n = self.at, self.n
+        given = self._tangent_at(self.tableau.b, v, at.y1, at.f1)
+        ends = self._scatter("ends", self._rows(at.v1) + self._rows(at.g1))
+        # Only the transverse part goes on.  If it decays, what rounding leaves of the others
+        # would soon hide it.
+        self._loop(
+            f"q = {given}(w, l)",
+            "v = transverse(*q)",
+            f"{ends}(w, l, v + tangent_rate(*(q[:{2 * n}] + v + q[{3 * n}:])))",
+            barriers=True,
+        )
+
+    def _tangent_at(self, row: Row, v: int, y: int, f: int) -> str:
+        """State, derivative, the tangent at ``row``, constants."""
+        sums = self._sums(row, v, self.tableau.stages)
+        both = cells(y, self.n) + cells(f, self.n)
+        return self._gather("tangent", both + sums, behind=self._constants())
+
+    def _seen(self) -> list[str]:
+        """Spin, its rate and amplitude at the state ``y`` with derivative ``f``."""
+        probe = self._gather("probe", cells(self.at.probe, self.model.n_probe))
+        return [
+            f"{self._cell(self.at.n1)} = spin(*y)",
+            f"{self._cell(self.at.rate1)} = spin_rate(*(y + f))",
+            f"{self._cell(self.at.amplitude)} = amplitude(*(y + {probe}(w, l)))",
+        ]
+
+    def _sums(self, row: Row, start: int | None, first: int = 0) -> list[Sum]:
+        """A row of the tableau: ``start`` and the stages from ``first`` on, times its numbers."""
+        at, n = self.at.stages, self.n
+        return [
+            Sum(
+                None if start is None else start + c,
+                tuple((value, (at + (first + j) * n + c,)) for j, value in row.items()),
+            )
+            for c in range(n)
+        ]
+
+    def _constants(self) -> list[Sum]:
+        return cells(self.at.constants, self.model.n_constants)
+
+    def _rows(self, first: int) -> list[int]:
+        return list(range(first, first + self.n))
+
+    def _cell(self, row: int) -> str:
+        return f"w[{row * self.lanes} + l]"
+
+    def _name(self, word: str, function: Callable[..., Any]) -> str:
+        name = f"{word}_{len(self.names)}"
+        self.names[name] = function
+        return name
+
+    def _gather(self, word: str, values: Sequence[Sum], behind: Sequence[Sum] = ()) -> str:
+        return self._name(word, gather(values, self.lanes, behind))
+
+    def _scatter(self, word: str, rows: Sequence[int]) -> str:
+        return self._name(word, scatter(rows, self.lanes))
+
+    def _stage(self, i: int, share: float) -> str:
+        """Function that writes ``share * h`` times a derivative as stage ``i``."""
+        rows = self._rows(self.at.stages + i * self.n)
+        return self._name("stage", scatter(rows, self.lanes, self.at.h, share))
+
+    def _line(self, text: str) -> None:
+        self._lines.append(" " * self._indent + text)
+
+    def _loop(self, *body: str, barriers: bool = False) -> None:
+        if barriers:
+            self._line("barrier()")
+        self._line(f"for l in range({self.lanes}):")
+        for text in body:
+            self._line("    " + text)
+        if barriers:
+            self._line("barrier()")
+
+
+def compile_attempt(tableau: Tableau, model: Model, lanes: int = LANES) -> Callable[..., Any]:
+    """Compiled ``attempt`` of a method and a model (lazily, at its first use)."""
+    written = Attempt(tableau, model, lanes)
+    exec(written.source, written.names)
+    function = written.names["attempt"]
+    # The name becomes part of the compiled symbol; two methods must not share one.
+    function.__name__ = function.__qualname__ = f"attempt_{tableau.name}_{model.name}_{lanes}"
+    compiled: Callable[..., Any] = njit(fastmath=FASTMATH, **INNER | {"no_cpython_wrapper": False})(
+        function
+    )
+    return compiled
+
+
+LANE_SOURCE = """\
+def advance(w):
+    for l in range({lanes}):
+        move(w, l, w[{ACCEPT} * {lanes} + l] > 0.0)
+
+def lane_energy(w, row, l):
+    return energy(*(state(w, row * {lanes} + l) + constants(w, l)))
+
+def lane_contact(w, row, l):
+    return contact(*(state(w, row * {lanes} + l) + constants(w, l)))
+
+def lane_rhs(w, l):
+    q = given(w, l)
+    f = rhs(*q)
+    put(w, l, f)
+    y = q[:{n}]
+    return spin(*y), spin_rate(*(y + f))
+"""
+
+
+def compile_lane_functions(model: Model, lanes: int = LANES) -> dict[str, Callable[..., Any]]:
+    """Compiled small functions that depend on the model's number of components, by name.
+
+    ``lane_energy``, ``lane_contact`` and ``lane_rhs`` look at one lane; ``advance`` moves the
+    accepted lanes to the end of their step.
+    """
+    at, n = Layout.of(model), model.n_state
+    constants = cells(at.constants, model.n_constants)
+    namespace: dict[str, Any] = {
+        "rhs": model.rhs,
+        "spin": model.spin,
+        "spin_rate": model.spin_rate,
+        "energy": model.energy,
+        "contact": model.contact,
+        "state": gather(cells(0, n), lanes),
+        "constants": gather(constants, lanes),
+        "given": gather(cells(at.y, n) + constants, lanes),
+        "put": scatter(range(at.f, at.f + n), lanes),
+        # The derivatives stand behind the states.
+        "move": move(range(at.y, at.y + 2 * n), range(at.y1, at.y1 + 2 * n), lanes),
+    }
+    exec(LANE_SOURCE.format(lanes=lanes, n=n, ACCEPT=ACCEPT), namespace)
+    compiled = {}
+    for name in ("advance", "lane_energy", "lane_contact", "lane_rhs"):
+        function = namespace[name]
+        function.__name__ = function.__qualname__ = f"{name}_{model.name}_{lanes}"
+        compiled[name] = njit(fastmath=FASTMATH, **INNER)(function)
+    return compiled

@@ -1,0 +1,126 @@
+"""All derived quantities of one body, with units and words."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rattlesweep.errors import ConfigError
+from rattlesweep.physics import full, steady, theory
+from rattlesweep.physics.body import PARAMETERS, Rattleback
+from rattlesweep.physics.launch import direction
+
+FREQUENCY, TIME = "sqrt(g/a)", "sqrt(a/g)"
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A number with its unit and what it is; None where there is none."""
+
+    name: str
+    value: float | None
+    unit: str
+    description: str
+
+
+def make_body(given: dict[str, Any]) -> Rattleback:
+    """Body from the options of the command line; None stands for not given.
+
+    Raises
+    ------
+    ConfigError
+        If options are missing, contradict each other, or make no body.
+    """
+    given = {name: value for name, value in given.items() if value is not None}
+    if "xi" in given and "xi_deg" in given:
+        raise ConfigError("--xi and --xi-deg are both given; keep one of them")
+    if "xi_deg" in given:
+        given["xi"] = math.radians(given.pop("xi_deg"))
+    preset = given.pop("preset", None)
+    try:
+        if preset is not None:
+            if preset != "GH":
+                raise ConfigError(f"--preset {preset}: no such body; GH is the one there is")
+            if "f_sd" in given:
+                raise ConfigError("--f-sd does not go with --preset; give alpha and beta instead")
+            gh = {name: getattr(Rattleback.gh(), name) for name in PARAMETERS}
+            return Rattleback(**(gh | given))
+        if "f_sd" in given and ("alpha" in given or "beta" in given):
+            raise ConfigError("--f-sd replaces --alpha and --beta; keep one way")
+        dumbbell = ("gamma", "f_sd", "theta", "phi", "xi")
+        wanted = dumbbell if "f_sd" in given else PARAMETERS
+        missing = [f"--{name.replace('_', '-')}" for name in wanted if name not in given]
+        if missing:
+            raise ConfigError(
+                f"{', '.join(missing)} missing; give --preset GH, all six parameters, or gamma, "
+                "f-sd, theta, phi and xi"
+            )
+        return Rattleback.shell_dumbbell(**given) if "f_sd" in given else Rattleback(**given)
+    except ConfigError:
+        raise
+    except ValueError as error:
+        raise ConfigError(str(error)) from None
+
+
+def check_launch(
+    n_i: float, omega_xy0: float, names: tuple[str, str] = ("n_i", "omega_xy0")
+) -> None:
+    """Refuse a launch without spin or without oscillation; `names` are those the user wrote.
+
+    Raises
+    ------
+    ConfigError
+        If ``n_i`` is zero or ``omega_xy0`` is not positive.
+    """
+    if not (math.isfinite(n_i) and n_i != 0):
+        raise ConfigError(f"{names[0]} {n_i:g}: the initial spin must be finite and not zero")
+    if not (math.isfinite(omega_xy0) and omega_xy0 > 0):
+        raise ConfigError(f"{names[1]} {omega_xy0:g}: the oscillation must be finite and positive")
+
+
+def derived(body: Rattleback, n_i: float, omega_xy0: float) -> list[Quantity]:
+    """Everything theory says of a body and a launch along the relevant mode.
+
+    Raises
+    ------
+    ConfigError
+        If ``n_i`` is zero or ``omega_xy0`` is not positive.
+    """
+    check_launch(n_i, omega_xy0, ("--n-i", "--omega-xy0"))
+    b = body
+    m = theory.modes(b.alpha, b.beta, b.theta, b.phi, b.xi)
+    psi = direction(m, n_i, "relevant")
+    speed = theory.oscillation_speed(b.alpha, b.beta, b.gamma, omega_xy0, psi)
+    n_c1 = float(theory.bondi_threshold(b.alpha, b.beta, b.gamma, b.theta, b.phi))
+    constants = full.constants(b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi)
+    pitch, roll = steady.growth(constants, n_i)
+    small_pitch, small_roll = theory.growth_rates(m.K_p, m.K_r, n_i)
+    time = theory.reversal_time(theory.relevant_coefficient(m.K_p, m.K_r, n_i), n_i, speed)
+    rows: list[tuple[str, Any, str, str]] = [
+        *((name, getattr(b, name), "rad" if name == "xi" else "1", "body") for name in PARAMETERS),
+        ("omega_p", m.omega_p, FREQUENCY, "frequency of the pitch (the faster mode)"),
+        ("omega_r", m.omega_r, FREQUENCY, "frequency of the roll (the slower mode)"),
+        ("omega_p0", m.omega_p0, FREQUENCY, "frequency of the pitch at zero skew angle"),
+        ("omega_r0", m.omega_r0, FREQUENCY, "frequency of the roll at zero skew angle"),
+        ("psi_p", m.psi_p, "rad", "direction of the pitch from the x axis"),
+        ("psi_r", m.psi_r, "rad", "direction of the roll from the x axis"),
+        ("K_p", m.K_p, "1", "asymmetric torque coefficient of the pitch"),
+        ("K_r", m.K_r, "1", "asymmetric torque coefficient of the roll"),
+        ("n_c1", -n_c1 if b.xi > 0 else n_c1, FREQUENCY, "Bondi's threshold of the steady spin"),
+        ("n_i", n_i, FREQUENCY, "initial spin"),
+        ("omega_xy0", omega_xy0, FREQUENCY, "initial oscillation"),
+        ("psi", psi, "rad", "direction of the launch: the relevant mode"),
+        ("n_0", np.hypot(n_i, speed), FREQUENCY, "spin if all energy were spin"),
+        ("t_rgh", time, TIME, "Garcia and Hubbard's reversal time in the spin's direction"),
+        ("growth_pitch", small_pitch, FREQUENCY, "growth rate of the pitch, small spin"),
+        ("growth_roll", small_roll, FREQUENCY, "growth rate of the roll, small spin"),
+        ("growth_pitch_exact", pitch, FREQUENCY, "growth rate of the pitch at n_i"),
+        ("growth_roll_exact", roll, FREQUENCY, "growth rate of the roll at n_i"),
+    ]
+    return [
+        Quantity(name, float(value) if math.isfinite(float(value)) else None, unit, text)
+        for name, value, unit, text in rows
+    ]

@@ -1,0 +1,289 @@
+"""What can be asked of a trajectory: each channel with its unit, its words and its formula."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rattlesweep.errors import ConfigError
+from rattlesweep.integrate.cache import specialise
+from rattlesweep.physics import full, reduced, theory
+from rattlesweep.physics.attitude import quaternion
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import NDArray
+
+    from rattlesweep.integrate.follow.trajectory import Samples
+    from rattlesweep.sweeps.cases.launches import Launches
+
+    Floats = NDArray[np.float64]
+
+FREQUENCY = "sqrt(g/a)"
+
+
+def _arrays(function: Any, **others: Any) -> Callable[..., Any]:
+    """The same formula for arrays: the scalar function's own code with NumPy's square root."""
+    vector: Callable[..., Any] = specialise(
+        function.py_func, function.__name__, sqrt=np.sqrt, **others
+    )
+    return vector
+
+
+spin_of = _arrays(full.spin)
+_energy = _arrays(full.energy)
+force_of = _arrays(full.contact_force, rhs=_arrays(full.rhs))
+
+
+class View:
+    """Quantities at the same times, worked out when they are first asked for.
+
+    Parameters
+    ----------
+    launches : Launches
+        Of one run.
+    model : str
+    constants : ndarray
+        The model's constants of the body.
+    energy_0 : float
+        Energy of the launch.
+    samples, beside : Samples
+        Of the model, and of the reduced model at the same times.
+    """
+
+    def __init__(
+        self,
+        launches: Launches,
+        model: str,
+        constants: Floats,
+        energy_0: float,
+        samples: Samples,
+        beside: Samples | None,
+    ) -> None:
+        self.launches, self.model, self.constants = launches, model, constants
+        self.energy_0, self.samples, self.beside = energy_0, samples, beside
+
+    @property
+    def t(self) -> Floats:
+        """Times."""
+        return self.samples.t
+
+    @cached_property
+    def y(self) -> Floats:
+        """State, components first."""
+        return np.ascontiguousarray(self.samples.y.T)
+
+    @cached_property
+    def gh(self) -> Floats:
+        """Garcia and Hubbard's spin."""
+        runs = self.launches
+        relevant = theory.relevant_coefficient(runs.modes.K_p, runs.modes.K_r, runs.n_i)
+        b = runs.bodies
+        speed = theory.oscillation_speed(b.alpha, b.beta, b.gamma, runs.omega_xy0, runs.psi)
+        return theory.spin_gh(self.t, relevant, runs.n_i, speed)
+
+    @cached_property
+    def n(self) -> Floats:
+        """Spin."""
+        if self.model == "gh":
+            return self.gh
+        spin: Floats = self.y[0] if self.model == "reduced" else spin_of(*self.y)
+        return spin
+
+    @cached_property
+    def energy(self) -> Floats:
+        """Energy."""
+        formula = reduced.energy.py_func if self.model == "reduced" else _energy
+        energy: Floats = formula(*self.y, *self.constants)
+        return energy
+
+    @cached_property
+    def vectors(self) -> tuple[Floats, Floats]:
+        """Vertical vector and angular velocity."""
+        return full.to_vectors(self.y)
+
+    @cached_property
+    def modes(self) -> tuple[Floats, Floats]:
+        """Energies of pitch and roll.
+
+        With ``e`` an eigenvector of Eq. def-omgpr, ``omega`` without the spin and ``tilt`` the
+        angle whose rate it is (Eq. lin-u), the energy of a mode is
+        ``((e.J^1/2 omega)^2 + omega_j^2 (e.J^1/2 tilt)^2) / 2``.  The modes are those without spin.
+        For GH at n = 0.1 the pitch's energy then swings by 1.4 % within a period, and by 11 % with
+        the spin's own part left in omega.
+        """
+        if self.model == "reduced":
+            return self.y[1], self.y[2]
+        p, q = self.y[:2]
+        u, omega = self.vectors
+        a, b = omega[:2] - self.n * u[:2]
+        runs = self.launches
+        alpha, beta = runs.bodies.alpha, runs.bodies.beta
+
+        def energy(psi: Floats, frequency: Floats) -> Floats:
+            cosine, sine = np.cos(psi), np.sin(psi)
+            inertia = alpha * cosine**2 + beta * sine**2
+            rate = alpha * cosine * a + beta * sine * b
+            tilt = alpha * cosine * q - beta * sine * p
+            value: Floats = 0.5 * (rate**2 + (frequency * tilt) ** 2) / inertia
+            return value
+
+        m = runs.modes
+        return energy(m.psi_p, m.omega_p), energy(m.psi_r, m.omega_r)
+
+    @cached_property
+    def casimir(self) -> Floats:
+        """Casimir invariant, NaN where a mode has no energy at all."""
+        m = self.launches.modes
+        value = reduced.casimir(*self.modes, m.K_p, m.K_r)
+        return np.where(np.isfinite(value), value, np.nan)
+
+    @cached_property
+    def contact(self) -> tuple[Floats, Floats, Floats]:
+        """Contact point in the body's frame (Eqs. def-xy, def-z)."""
+        p, q = self.y[:2]
+        cxx, cxy, cyy = self.constants[3:]
+        x = p + cxx * p + cxy * q
+        y = q + cxy * p + cyy * q
+        return x, y, 1 - 0.5 * (x * p + y * q)
+
+    @cached_property
+    def force(self) -> tuple[Floats, Floats]:
+        """Normal and tangential contact force."""
+        normal, tangential = force_of(*self.y, *self.constants)
+        return normal, tangential
+
+    @cached_property
+    def attitude(self) -> Floats:
+        """Quaternion."""
+        return quaternion(self.vectors[0], self.samples.extra[:, 0])
+
+    def reduced(self, component: int) -> Floats:
+        """A variable of the reduced model beside."""
+        assert self.beside is not None
+        return self.beside.y[:, component]
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One column of a trajectory.
+
+    Attributes
+    ----------
+    models : tuple of str
+        Models that have it.
+    of : callable
+        From a :class:`View`.
+    needs : str
+        ``attitude`` or ``reduced`` where that must be integrated too.
+    """
+
+    name: str
+    unit: str
+    description: str
+    models: tuple[str, ...]
+    of: Callable[[View], Floats]
+    needs: str = ""
+
+
+def _part(name: str, k: int) -> Callable[[View], Floats]:
+    """Component ``k`` of a quantity."""
+
+    def part(view: View) -> Floats:
+        value: Floats = getattr(view, name)[k]
+        return value
+
+    return part
+
+
+def _vector(k: int, component: int) -> Callable[[View], Floats]:
+    return lambda view: view.vectors[k][component]
+
+
+FULL, BOTH, ALL = ("full",), ("full", "reduced"), ("full", "reduced", "gh")
+
+CHANNELS: dict[str, Channel] = {
+    channel.name: channel
+    for channel in (
+        Channel("t", "sqrt(a/g)", "time", ALL, lambda v: v.t),
+        Channel("n", FREQUENCY, "spin u . omega", ALL, lambda v: v.n),
+        *(
+            Channel(f"u_{x}", "1", f"vertical unit vector, body's {x}", FULL,
+                    _vector(0, k))
+            for k, x in enumerate("xyz")
+        ),
+        *(
+            Channel(f"omega_{x}", FREQUENCY, f"angular velocity, body's {x}", FULL,
+                    _vector(1, k))
+            for k, x in enumerate("xyz")
+        ),
+        Channel("energy", "M g a", "energy", BOTH, lambda v: v.energy),
+        Channel("energy_drift", "1", "energy over that of the launch, minus 1", BOTH,
+                lambda v: v.energy / v.energy_0 - 1),
+        Channel("E_p", "M g a", "energy of the pitch, not averaged over its period", BOTH,
+                _part("modes", 0)),
+        Channel("E_r", "M g a", "energy of the roll, not averaged over its period", BOTH,
+                _part("modes", 1)),
+        Channel("C_I", "1", "Casimir invariant ln(E_p)/K_p + ln(E_r)/K_r", BOTH,
+                lambda v: v.casimir),
+        *(
+            Channel(f"contact_{x}", "a", f"contact point from the centre of mass, body's {x}", FULL,
+                    _part("contact", k))
+            for k, x in enumerate("xyz")
+        ),
+        Channel("trace_x", "a", "contact point on the plane, from the first one", FULL,
+                lambda v: v.samples.extra[:, 1], "attitude"),
+        Channel("trace_y", "a", "contact point on the plane, from the first one", FULL,
+                lambda v: v.samples.extra[:, 2], "attitude"),
+        Channel("F_normal", "M g", "contact force along the vertical", FULL, _part("force", 0)),
+        Channel("F_tangential", "M g", "contact force in the plane", FULL, _part("force", 1)),
+        Channel("yaw", "rad", "heading of the body's x axis from the start, turns counted", FULL,
+                lambda v: v.samples.extra[:, 0], "attitude"),
+        *(
+            Channel(f"q{k}", "1", "attitude, unit quaternion from body to plane, scalar first",
+                    FULL, _part("attitude", k), "attitude")
+            for k in range(4)
+        ),
+        Channel("n_reduced", FREQUENCY, "spin of the reduced model beside", FULL,
+                lambda v: v.reduced(0), "reduced"),
+        Channel("E_p_reduced", "M g a", "energy of the pitch in the reduced model", FULL,
+                lambda v: v.reduced(1), "reduced"),
+        Channel("E_r_reduced", "M g a", "energy of the roll in the reduced model", FULL,
+                lambda v: v.reduced(2), "reduced"),
+        Channel("n_gh", FREQUENCY, "spin of Garcia and Hubbard's solution", ALL, lambda v: v.gh),
+    )
+}  # fmt: skip
+
+
+def choose(names: Iterable[str], model: str) -> tuple[Channel, ...]:
+    """Channels by name.
+
+    Raises
+    ------
+    ConfigError
+        If one is unknown, twice there, or not of the model; or if there is none.
+    """
+    names = list(names)
+    for name in names:
+        if name not in CHANNELS:
+            near = difflib.get_close_matches(name, CHANNELS, 1, 0.0)
+            raise ConfigError(
+                f"channels: {name!r} is not one; {near[0]} is the nearest. "
+                f"There are {', '.join(CHANNELS)}"
+            )
+        if model not in CHANNELS[name].models:
+            own = [c.name for c in CHANNELS.values() if model in c.models]
+            raise ConfigError(
+                f"channels: {name} is not of the model {model}, which has {', '.join(own)}"
+            )
+        if names.count(name) > 1:
+            raise ConfigError(f"channels: {name} is named {names.count(name)} times; once is right")
+    if not names:
+        raise ConfigError("channels: none is named; t,n for instance")
+    return tuple(CHANNELS[name] for name in names)

@@ -1,0 +1,150 @@
+"""A trajectory written as it comes: Parquet or CSV, in bounded memory."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv as pcsv
+import pyarrow.parquet as pq
+
+from rattlesweep.errors import ConfigError
+from rattlesweep.physics.body import PARAMETERS
+from rattlesweep.sweeps.store.atomic import probe_directory, streamed_file
+from rattlesweep.sweeps.store.provenance import package_version
+from rattlesweep.sweeps.tables.arrow import build_table
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from rattlesweep.study.onerun.course import Course
+
+ENDINGS = (".parquet", ".csv")
+# A table of more rows is not printed whole, but only so many rows from either end.
+MOST_PRINTED, ENDS = 10_000, 20
+# Rows of a row group: chunks are collected up to here.
+GROUP = 1 << 16
+
+
+def check_target(path: Path, option: str, endings: tuple[str, ...]) -> None:
+    """See before the work begins that a file can be written there.
+
+    Raises
+    ------
+    ConfigError
+        If the ending names no format.
+    OutputError
+        If its directory cannot be written in.
+    """
+    if path.suffix.lower() not in endings:
+        raise ConfigError(
+            f"{option} {path}: the name's ending chooses the format; "
+            f"{', '.join(endings[:-1])} or {endings[-1]} is needed"
+        )
+    probe_directory(path.parent)
+
+
+def schema(course: Course) -> pa.Schema:
+    """Columns with unit and description; the file's own metadata say which run it is."""
+    fields = [
+        pa.field(c.name, pa.float64(), metadata={"unit": c.unit, "description": c.description})
+        for c in course.channels
+    ]
+    runs = course.launches
+    about: dict[str, Any] = {name: float(getattr(runs.bodies, name)[0]) for name in PARAMETERS}
+    about |= {name: float(getattr(runs, name)[0]) for name in ("n_i", "omega_xy0", "psi")}
+    about |= {"model": course.model, "t_end": course.t_end, "rattlesweep": package_version()}
+    about |= {"integrator": course.integrator}
+    return pa.schema(fields, metadata={"rattlesweep.run": json.dumps(about)})
+
+
+def write_parquet(course: Course, file: BinaryIO) -> None:
+    """Integrate and write row groups; at the end, where pyarrow can, the reversals and zeros."""
+    columns = schema(course)
+    with pq.ParquetWriter(file, columns, compression="zstd", version="2.6") as writer:
+        parts: list[pa.Table] = []
+        rows = 0
+        for chunk in course:
+            parts.append(build_table(chunk, columns))
+            rows += len(parts[-1])
+            if rows >= GROUP:
+                writer.write_table(pa.concat_tables(parts))
+                parts, rows = [], 0
+        if parts:
+            writer.write_table(pa.concat_tables(parts))
+        if hasattr(writer, "add_key_value_metadata"):  # younger than pyarrow 16
+            writer.add_key_value_metadata(
+                {"rattlesweep.reversals": json.dumps(course.reversals),
+                 "rattlesweep.zeros": json.dumps(course.zeros),
+                 "rattlesweep.status": course.status.label}
+            )  # fmt: skip
+
+
+def write_csv(course: Course, write: Callable[[bytes], Any]) -> bool:
+    """Integrate and write lines: names first, digits that give the same number back.
+
+    Returns
+    -------
+    bool
+        Whether rows are left out: no.
+    """
+    columns = schema(course)
+    write((",".join(columns.names) + "\n").encode())
+    for chunk in course:
+        write(_lines(build_table(chunk, columns)))
+    return False
+
+
+def write_ends(course: Course, write: Callable[[bytes], Any]) -> bool:
+    """As :func:`write_csv`, but of a long table the first and the last rows alone.
+
+    A line of dots stands between them, which no reader takes for a row.
+
+    Returns
+    -------
+    bool
+        Whether rows are left out.
+    """
+    columns = schema(course)
+    times = course.times
+    cut = times is not None and len(times) > MOST_PRINTED
+    if times is not None and cut:
+        # Rows that are not shown need not be worked out.
+        course.times = np.concatenate([times[:ENDS], times[len(times) - ENDS : len(times)]])
+    head, rows = columns.empty_table(), columns.empty_table()
+    for chunk in course:
+        rows = pa.concat_tables([rows, build_table(chunk, columns)])
+        cut |= len(rows) > MOST_PRINTED
+        if cut and not len(head):
+            head, rows = rows[:ENDS], rows[ENDS:]
+        if cut:
+            rows = rows[max(0, len(rows) - ENDS) :]
+    write((",".join(columns.names) + "\n").encode() + _lines(head))
+    write(b"...\n" * cut + _lines(rows))
+    return cut
+
+
+def _lines(table: pa.Table) -> bytes:
+    sink = pa.BufferOutputStream()
+    # In one piece: pyarrow (26) writes what was in memory for an empty chunk before others.
+    pcsv.write_csv(table.combine_chunks(), sink, pcsv.WriteOptions(include_header=False))
+    lines: bytes = sink.getvalue().to_pybytes()
+    return lines
+
+
+def save(course: Course, path: Path) -> None:
+    """Integrate and write a file, which appears whole or not at all.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written.
+    """
+    with streamed_file(path) as file:
+        if path.suffix.lower() == ".csv":
+            write_csv(course, file.write)
+        else:
+            write_parquet(course, file)

@@ -1,0 +1,1 @@
+"""One run as a page on which the body rolls."""

@@ -1,0 +1,295 @@
+"""One run as a page that moves: the body rolling, its trace and its spin, in one HTML file.
+
+What the page is made of is in `page/`: `page.html`, `page.css`, `scene.js` (what is drawn),
+`player.js` (time and controls) and `three.min.js`, a bundle of three.js that `bundle.sh` makes.
+Everything is written into the page, which forbids itself the network.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import html
+import json
+import math
+import re
+from dataclasses import dataclass
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rattlesweep.errors import ConfigError
+from rattlesweep.physics import theory
+from rattlesweep.physics.body import PARAMETERS
+from rattlesweep.study.onerun.course import Course, even_points
+from rattlesweep.sweeps.store.atomic import replace_file
+from rattlesweep.sweeps.store.provenance import package_version
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+# What is shown of each row, in the order in which the page holds it.
+COLUMNS = ("q0", "q1", "q2", "q3", "trace_x", "trace_y", "n", "E_p", "E_r")
+CHANNELS = (*COLUMNS, "u_x", "u_y", "energy")
+# Rows of a period of the pitch.  Between rows the page draws cubics, and the body slips at most at
+# 5e-5 of the contact's speed (GH, n = 0.1 and -0.1).  Long runs make do with fewer.
+PER_PERIOD, LEAST = 20, 10
+# 48 bytes a row in the page, which stays below 5 MB.
+MOST_ROWS = 80_000
+FEWEST_ROWS = 201
+THEORY_POINTS = 800
+# The body is cut off above every point of contact of the run, and not below its centre of mass.
+MARGIN = 1.25
+# Periods of the roll that the trace of the contact shows.
+TRAIL = 6
+# Seconds that the way to the first reversal takes at the page's first speed, and its bounds.
+SECONDS, SLOW, FAST = 30, 4.0, 25.0
+
+
+@dataclass(frozen=True)
+class Scene:
+    """All that a page shows of a run.
+
+    Attributes
+    ----------
+    t : ndarray, shape (rows,)
+        Even times, in ``sqrt(a/g)``.
+    columns : dict of ndarray
+        :data:`COLUMNS` at these times.
+    theory : ndarray
+        Garcia and Hubbard's spin at even times over the same span.
+    rise : float
+        Height above its lowest point at which the body is cut off, in units of ``a``.
+    about : dict
+        Numbers and words, as JSON can hold them.
+    """
+
+    t: Floats
+    columns: dict[str, Floats]
+    theory: Floats
+    rise: float
+    about: dict[str, Any]
+
+
+def check_model(model: str) -> None:
+    """See that a model has a body that moves.
+
+    Raises
+    ------
+    ConfigError
+        If it has not.
+    """
+    if model != "full":
+        raise ConfigError(f"the model {model} has no body that moves; show needs the full one")
+
+
+def rows_for(course: Course, points: int | None) -> int:
+    """Rows of the page.
+
+    Raises
+    ------
+    ConfigError
+        If so long a run does not go into a page, or so few points make none.
+    """
+    if points is not None:
+        if not 2 <= points <= MOST_ROWS:
+            raise ConfigError(f"--points {points}: 2 to {MOST_ROWS} go into a page")
+        return points
+    least = course.rows_of_periods(LEAST)
+    if least > MOST_ROWS:
+        longest = course.t_end * (MOST_ROWS - 1) / least
+        raise ConfigError(
+            f"t_end {course.t_end:g} is too long for one page; --t-end {math.floor(longest)} or "
+            "less goes into it"
+        )
+    return min(MOST_ROWS, max(FEWEST_ROWS, course.rows_of_periods(PER_PERIOD)))
+
+
+def make_scene(course: Course, points: int | None = None) -> Scene:
+    """Integrate a run and gather what its page shows.
+
+    Parameters
+    ----------
+    course : Course
+        Not yet begun, with the channels of :data:`CHANNELS`; its times are chosen here.
+    points : int, optional
+        Rows; by default so many that the motion is smooth.
+
+    Raises
+    ------
+    ConfigError
+        If the run is too long for a page.
+    """
+    course.times = even_points(course.t_end, rows_for(course, points))
+    step = course.t_end / (len(course.times) - 1)
+    chunks = list(course)
+    if not chunks:
+        raise ConfigError(f"the run ends at its launch: {course.status.meaning}")
+    columns = {c.name: np.concatenate([chunk[c.name] for chunk in chunks]) for c in course.channels}
+    # A run that came to no good is shown as far as it has numbers.
+    good = np.logical_and.reduce([np.isfinite(column) for column in columns.values()])
+    rows = len(good) if good.all() else int(np.argmin(good))
+    if rows < 2:
+        raise ConfigError(f"the run ends at t = {course.t:g}: {course.status.meaning}")
+    columns = {name: column[:rows] for name, column in columns.items()}
+    t = step * np.arange(rows, dtype=np.float64)
+    runs = course.launches
+    b = {name: float(getattr(runs.bodies, name)[0]) for name in PARAMETERS}
+    n_i, omega_xy0, psi = (float(getattr(runs, name)[0]) for name in ("n_i", "omega_xy0", "psi"))
+    speed = theory.oscillation_speed(b["alpha"], b["beta"], b["gamma"], omega_xy0, psi)
+    relevant = theory.relevant_coefficient(runs.modes.K_p[0], runs.modes.K_r[0], n_i)
+    grid = np.linspace(0, t[-1], THEORY_POINTS)
+    spin = theory.spin_gh(grid, float(relevant), n_i, float(speed))
+    rise = max(1.0, MARGIN * float(np.max(_rise(columns["u_x"], columns["u_y"], b))))
+    first = course.zeros[0] if course.zeros else t[-1]
+    about = {
+        "body": b,
+        "step": step,
+        "rise": rise,
+        "energy": float(columns["energy"][0]),
+        "reversals": course.reversals,
+        "trail": TRAIL * 2 * math.pi / float(runs.modes.omega_r[0]),
+        "speed": min(FAST, max(SLOW, first / SECONDS)),
+        "weights": _weights(b),
+        "facts": _facts(course, b, n_i, omega_xy0, psi),
+    }
+    return Scene(t, {name: columns[name] for name in COLUMNS}, spin, rise, about)
+
+
+def _rise(u_x: Floats, u_y: Floats, b: dict[str, float]) -> Floats:
+    """Height of the contact above the bottom, along the body's axis (Eqs. def-z, def-xy)."""
+    square = 1 - u_x**2 - u_y**2
+    cosine, sine = math.cos(b["xi"]), math.sin(b["xi"])
+    first, second = cosine * u_x + sine * u_y, -sine * u_x + cosine * u_y
+    rise: Floats = 0.5 * (first**2 / b["theta"] + second**2 / b["phi"]) / square
+    return rise
+
+
+def _weights(b: dict[str, float]) -> list[tuple[float, float, float]]:
+    """Dumbbells (x, y, radius) of a shell-dumbbell body, none of others.
+
+    Their moments are known, not their masses: half the mass is drawn on each axis.
+    """
+    i_xx, i_yy = b["alpha"] - 1, b["beta"] - 1
+    if abs(i_xx + i_yy - b["gamma"]) > 1e-9 * b["gamma"]:
+        return []
+    r_x, r_y = math.sqrt(2 * i_yy), math.sqrt(2 * i_xx)
+    radius = 0.12 / math.sqrt(b["theta"])
+    return [(r_x, 0, radius), (-r_x, 0, radius), (0, r_y, radius), (0, -r_y, radius)]
+
+
+def _facts(
+    course: Course, b: dict[str, float], n_i: float, omega_xy0: float, psi: float
+) -> list[tuple[str, str]]:
+    """What there is to know of the run, in words."""
+    runs = course.launches
+    m = runs.modes
+    method = ", ".join(f"{value:g}" if isinstance(value, float) else str(value)
+                       for value in course.integrator.values())  # fmt: skip
+    t_rgh = float(runs.t_rgh[0])
+    lines = [
+        ("α, β, γ", f"{b['alpha']:.5g}, {b['beta']:.5g}, {b['gamma']:.5g}"),
+        ("θ, φ", f"{b['theta']:.5g}, {b['phi']:.5g}"),
+        ("skew ξ", f"{math.degrees(b['xi']):.4g}°"),
+        ("n_i, ω_xy0", f"{n_i:g}, {omega_xy0:g}"),
+        ("launched along", f"{math.degrees(psi):.4g}°"),
+        ("K_p, K_r", f"{float(m.K_p[0]):.4g}, {float(m.K_r[0]):.4g}"),
+        ("ω_p, ω_r", f"{float(m.omega_p[0]):.4g}, {float(m.omega_r[0]):.4g}"),
+        ("t_rGH", f"{t_rgh:.6g}" if math.isfinite(t_rgh) else "none"),
+        ("reversals", _listed(course.reversals, course.t)),
+        ("integrated by", method),
+        ("status", course.status.label),
+    ]
+    if course.zeros != course.reversals:
+        lines.insert(-2, ("zero crossings", _listed(course.zeros, course.t)))
+    if course.seen.warning:
+        lines.append(("beware", course.seen.warning))
+    # Exponents keep the hyphen that programs read.
+    return [(name, re.sub(r"(?<!e)-", "−", text)) for name, text in lines]
+
+
+def _listed(times: list[float], end: float) -> str:
+    more = f" and {len(times) - 6} more" if len(times) > 6 else ""
+    return ", ".join(f"{time:.8g}" for time in times[:6]) + more or f"none by {end:g}"
+
+
+def encode(values: Floats) -> str:
+    """Little-endian float32 as base64."""
+    return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode()
+
+
+def make_page(scene: Scene, title: str, subtitle: str) -> bytes:
+    """The page.
+
+    Parameters
+    ----------
+    scene : Scene
+    title, subtitle : str
+        Plain text; what HTML would read as markup is escaped.
+    """
+    table = np.stack([scene.columns[name] for name in COLUMNS], axis=1)
+    data = scene.about | {
+        "columns": COLUMNS,
+        "table": encode(table),
+        "theory": encode(scene.theory),
+    }
+    text = {
+        name: (files("rattlesweep.study") / "page" / file).read_text(encoding="utf-8")
+        for name, file in (
+            ("page", "page.html"), ("style", "page.css"), ("three", "three.min.js"),
+            ("scene", "scene.js"), ("player", "player.js"),
+        )
+    }  # fmt: skip
+    scripts = " ".join(f"'{_digest(text[name])}'" for name in ("three", "scene", "player"))
+    parts = {
+        # No origin at all, and no script or style but these, by their hashes.
+        "policy": f"default-src 'none'; script-src {scripts}; "
+        f"style-src '{_digest(text['style'])}'; img-src data:; base-uri 'none'; form-action 'none'",
+        "version": html.escape(package_version()),
+        "title": html.escape(title),
+        "subtitle": html.escape(subtitle),
+        # Nothing in it can end the element that holds it.
+        "data": json.dumps(data, ensure_ascii=False, allow_nan=False).replace("<", "\\u003c"),
+        **{name: text[name] for name in ("style", "three", "scene", "player")},
+    }
+    # In one pass, so that what is put in is not searched for places.
+    return re.sub(r"@@(\w+)@@", lambda found: parts[found[1]], text["page"]).encode()
+
+
+def _digest(text: str) -> str:
+    return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+
+
+def describe(course: Course) -> str:
+    """The run in one line of plain text."""
+    runs = course.launches
+    b = runs.bodies
+    values = ", ".join(
+        f"{sign} {float(getattr(b, name)[0]):.4g}"
+        for name, sign in (
+            ("alpha", "α"),
+            ("beta", "β"),
+            ("gamma", "γ"),
+            ("theta", "θ"),
+            ("phi", "φ"),
+        )
+    )
+    launch = f"n_i {runs.n_i[0]:g}, ω_xy0 {runs.omega_xy0[0]:g}"
+    line = f"{values}, ξ {math.degrees(b.xi[0]):.3g}°; {launch}; units M = a = g = 1"
+    return line.replace("-", "−")
+
+
+def save(scene: Scene, path: Path, title: str, subtitle: str) -> None:
+    """Write the page, which appears whole or not at all.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written.
+    """
+    replace_file(path, make_page(scene, title, subtitle))

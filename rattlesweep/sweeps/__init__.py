@@ -1,0 +1,1 @@
+"""Many runs: config, cases, blocks, store, engines."""

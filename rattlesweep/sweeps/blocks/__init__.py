@@ -1,0 +1,1 @@
+"""One block, from its number to its columns."""

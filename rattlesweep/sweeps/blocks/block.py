@@ -1,0 +1,231 @@
+"""One block: from its number to its columns."""
+
+from __future__ import annotations
+
+from dataclasses import fields, is_dataclass
+from typing import TYPE_CHECKING, Any, TypeVar, cast
+
+import numpy as np
+
+from rattlesweep.integrate.batch import Batch, Control, Outcome, integrate
+from rattlesweep.integrate.follow.lyapunov import exponents
+from rattlesweep.integrate.model import MODELS
+from rattlesweep.integrate.status import Status
+from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.physics import theory
+from rattlesweep.sweeps.cases.launches import Launches, make_batch, prepare
+from rattlesweep.sweeps.tables.arrow import ragged
+from rattlesweep.sweeps.tables.types import TYPES, classify
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from rattlesweep.sweeps.cases.plan import Block, Plan
+    from rattlesweep.sweeps.config.load import Config
+
+T = TypeVar("T")
+STATUS_WORDS = [status.label for status in Status]
+
+
+class Interrupted(Exception):
+    """A stop was asked for while runs were under way.
+
+    Attributes
+    ----------
+    columns : mapping or None
+        Of the runs that had ended, as :func:`finish_block` has them; None if none had.
+    lost : int
+        Runs that had begun but not ended.
+    """
+
+    def __init__(self, columns: Mapping[str, Any] | None = None, lost: int = 0) -> None:
+        super().__init__()
+        self.columns, self.lost = columns, lost
+
+
+def take(values: T, rows: NDArray[Any]) -> T:
+    """Some rows of a dataclass of arrays over runs; what was not recorded stays so."""
+    if isinstance(values, np.ndarray):
+        return cast("T", values[rows] if len(values) else values)
+    if is_dataclass(values) and not isinstance(values, type):
+        parts = {part.name: take(getattr(values, part.name), rows) for part in fields(values)}
+        return cast("T", type(values)(**parts))
+    return values
+
+
+def prepare_block(plan: Plan, block: Block) -> tuple[Launches, Batch | None]:
+    """What can be done before the kernel is free: bodies, theory, initial states."""
+    return prepare_runs(plan, *plan.runs_of(block))
+
+
+def prepare_runs(
+    plan: Plan, case: NDArray[np.int64], sample: NDArray[np.int64]
+) -> tuple[Launches, Batch | None]:
+    """The same for any runs, given by (case, sample) in the order of their cases."""
+    launches = prepare(plan, case, sample)
+    return launches, make_batch(launches, plan.config.model)
+
+
+def finish_block(
+    config: Config,
+    launches: Launches,
+    batch: Batch | None,
+    *,
+    threads: int | None = None,
+    control: Control | None = None,
+) -> Mapping[str, Any]:
+    """Integrate and type a block.
+
+    Returns
+    -------
+    mapping
+        Columns of ``runs`` by name, ready for :func:`rattlesweep.sweeps.tables.arrow.build_table`.
+
+    Raises
+    ------
+    Interrupted
+        If ``control`` asked the kernel to stop; holds the columns of the runs that had ended.
+    """
+    if batch is None:
+        return _columns(config, launches, None, None)
+    control = control or Control()
+    outcome = run_batch(config, batch, threads=threads, control=control)
+    if not outcome.stopped:
+        return _columns(config, launches, batch, outcome)
+    ended = outcome.status != Status.STOPPED
+    lost = control.runs_begun - int((ended & (outcome.status != Status.NO_HORIZON)).sum())
+    if not ended.any():
+        raise Interrupted(lost=lost)
+    some = take(launches, ended), take(batch, ended), take(outcome, ended)
+    raise Interrupted(_columns(config, *some), lost)
+
+
+def _columns(
+    config: Config, launches: Launches, batch: Batch | None, outcome: Outcome | None
+) -> Mapping[str, Any]:
+    columns = _inputs(launches)
+    columns |= _closed_form(launches) if outcome is None else _measured(outcome, config.record)
+    status = columns.pop("status_codes")
+    ok = status == Status.OK
+    codes = classify(ok, columns["t_r"], columns["amp_growth"], columns["n_departure"],
+                     config.classify)  # fmt: skip
+    columns["type"] = (codes, list(TYPES))
+    columns["status"] = (status, STATUS_WORDS)
+    if "windows" in config.record and outcome is not None and batch is not None:
+        filled = np.isfinite(outcome.windows[:, :, 0]).sum(axis=1)
+        columns["window_t"] = batch.window
+        for k, name in enumerate(("window_amplitude", "window_n_min", "window_n_max")):
+            columns[name] = ragged(outcome.windows[:, :, k], filled)
+    return columns
+
+
+def run_batch(
+    config: Config,
+    batch: Batch,
+    *,
+    threads: int | None = None,
+    control: Control | None = None,
+) -> Outcome:
+    """Integrate the runs that have a horizon; the others get the status ``no_horizon``."""
+    good = np.isfinite(batch.t_end) & (batch.t_end > 0)
+    settings = config.integrator
+    outcome = integrate(
+        batch if good.all() else take(batch, good),
+        METHODS[settings.method],
+        MODELS[config.model],
+        tol=settings.tol or 1e-9,
+        dt=settings.dt or 0.002,
+        max_steps=settings.max_steps,
+        record=frozenset(config.record),
+        threads=threads,
+        control=control,
+    )
+    return outcome if good.all() else _spread(outcome, good)
+
+
+def _spread(outcome: Outcome, good: Any) -> Outcome:
+    """Put the outcomes of the runs ``good`` back into their places."""
+    wide: dict[str, Any] = {"stopped": outcome.stopped}
+    for name in outcome.__dataclass_fields__:
+        values = getattr(outcome, name)
+        if name == "stopped":
+            continue
+        if len(values) != good.sum():  # not recorded
+            wide[name] = values
+            continue
+        fill = 0 if values.dtype.kind == "i" else np.nan
+        wide[name] = np.full((len(good), *values.shape[1:]), fill, dtype=values.dtype)
+        wide[name][good] = values
+    wide["status"][~good] = Status.NO_HORIZON
+    wide["t_end"][~good] = 0.0
+    return Outcome(**wide)
+
+
+def _inputs(launches: Launches) -> dict[str, Any]:
+    b, m = launches.bodies, launches.modes
+    return {
+        "case": launches.case,
+        "sample": launches.sample,
+        **{name: getattr(b, name) for name in ("alpha", "beta", "gamma", "theta", "phi", "xi")},
+        "f_sd": b.f_sd,
+        "n_i": launches.n_i,
+        "omega_xy0": launches.omega_xy0,
+        "psi": launches.psi,
+        **{name: getattr(m, name) for name in ("omega_p", "omega_r", "K_p", "K_r")},
+        "n_c1": launches.n_c1,
+        "n_0": launches.n_0,
+        "t_rgh": launches.t_rgh,
+    }
+
+
+def _closed_form(launches: Launches) -> dict[str, Any]:
+    """The model gh: n(t) is known, and so is its zero; nothing is integrated."""
+    rows = len(launches.n_i)
+    finite = np.isfinite(launches.t_end)
+    reverses = finite & (launches.t_rgh <= launches.t_end)
+    t_end = np.where(reverses, launches.t_rgh, np.where(finite, launches.t_end, 0.0))
+    rate = theory.relevant_coefficient(launches.modes.K_p, launches.modes.K_r, launches.n_i)
+    late = launches.n_0 * np.abs(rate) * (t_end - launches.t_rgh) / 2
+    n_end = np.where(reverses, 0.0, -np.sign(launches.n_i) * launches.n_0 * np.tanh(late))
+    nothing = np.full(rows, np.nan)
+    return {
+        "t_end": t_end,
+        "t_r": np.where(reverses, launches.t_rgh, np.nan),
+        "n_end": np.where(finite, n_end, np.nan),
+        "n_steps": np.zeros(rows, dtype=np.int64),
+        "energy_drift": np.where(finite, 0.0, np.nan),
+        # Unknown here, which rules out SS: in this model the relevant oscillation only grows.
+        "amp_growth": nothing,
+        "n_departure": np.where(finite, 1 - n_end / launches.n_i, np.nan),
+        "near_tangencies": np.zeros(rows, dtype=np.int32),
+        "status_codes": np.where(finite, Status.OK, Status.NO_HORIZON),
+    }
+
+
+def _measured(outcome: Outcome, record: list[Any]) -> dict[str, Any]:
+    columns: dict[str, Any] = {
+        "t_end": outcome.t_end,
+        "t_r": outcome.t_r,
+        "n_end": outcome.n_end,
+        "n_steps": outcome.n_steps,
+        "energy_drift": outcome.energy_drift,
+        "amp_growth": outcome.amp_growth,
+        "n_departure": outcome.n_departure,
+        "near_tangencies": outcome.near_tangencies.astype(np.int32),
+        "status_codes": outcome.status,
+    }
+    if "energy" in record:
+        columns |= {
+            "energy_0": outcome.energy_0,
+            "energy_drift_max": outcome.energy_drift_max,
+        }
+    if "contact" in record:
+        columns |= {
+            "contact_ratio_max": outcome.contact_ratio_max,
+            "contact_normal_min": outcome.contact_normal_min,
+        }
+    if "lyapunov" in record:
+        columns["lyapunov"], columns["lyapunov_late"] = exponents(outcome.growth)
+    return columns

@@ -1,0 +1,190 @@
+"""Runs of a block before integration: bodies, launch, theory, horizon."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rattlesweep.integrate.batch import N_WINDOWS, Batch
+from rattlesweep.physics import full, launch, reduced, theory
+from rattlesweep.physics.steady import steady_modes
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from rattlesweep.sweeps.cases.plan import Plan
+    from rattlesweep.sweeps.cases.sources import Bodies
+    from rattlesweep.sweeps.config.load import Horizon
+
+    Floats = NDArray[np.float64]
+
+# A window is at least this many periods of the slower mode, so that it holds its largest
+# amplitude; see the evidence in docs/types.md.
+WINDOW_PERIODS = 2.0
+# Within the first window, amplitudes are compared first after this many periods.
+MARK_PERIODS = 8.0
+
+
+@dataclass(frozen=True)
+class Launches:
+    """Runs that are ready to go; arrays over runs.
+
+    Attributes
+    ----------
+    case, sample : ndarray of int64
+    bodies : Bodies
+    n_i, omega_xy0, psi : ndarray
+    modes : theory.Modes
+    n_c1, n_0, t_rgh : ndarray
+    t_end : ndarray
+        Horizon; not finite where it cannot be told.
+    """
+
+    case: NDArray[np.int64]
+    sample: NDArray[np.int64]
+    bodies: Bodies
+    n_i: Floats
+    omega_xy0: Floats
+    psi: Floats
+    modes: theory.Modes
+    n_c1: Floats
+    n_0: Floats
+    t_rgh: Floats
+    t_end: Floats
+
+
+def prepare(plan: Plan, case: NDArray[np.int64], sample: NDArray[np.int64]) -> Launches:
+    """Bodies, launches, theory and horizons of runs, in any order."""
+    bodies = _bodies(plan, np.array([c.group for c in plan.cases])[case], sample)
+    spin = plan.config.spin
+    if bodies.n_i is not None and bodies.omega_xy0 is not None:
+        n_i, omega_xy0 = bodies.n_i, bodies.omega_xy0
+    else:
+        n_i = np.array([c.n_i for c in plan.cases], dtype=float)[case]
+        omega_xy0 = np.array([c.omega_xy0 for c in plan.cases], dtype=float)[case]
+    modes = theory.modes(bodies.alpha, bodies.beta, bodies.theta, bodies.phi, bodies.xi)
+    if bodies.psi is not None:
+        psi = bodies.psi
+    else:
+        psi = launch.direction(modes, n_i, spin.psi if spin is not None else "relevant")
+    return with_theory(case, sample, bodies, n_i, omega_xy0, psi, modes, plan.config.horizon)
+
+
+def with_theory(
+    case: NDArray[np.int64],
+    sample: NDArray[np.int64],
+    bodies: Bodies,
+    n_i: Floats,
+    omega_xy0: Floats,
+    psi: Floats,
+    modes: theory.Modes,
+    horizon: Horizon,
+) -> Launches:
+    """Launches with what theory says of them."""
+    speed = theory.oscillation_speed(bodies.alpha, bodies.beta, bodies.gamma, omega_xy0, psi)
+    relevant = theory.relevant_coefficient(modes.K_p, modes.K_r, n_i)
+    t_rgh = theory.reversal_time(relevant, n_i, speed)
+    n_c1 = theory.bondi_threshold(bodies.alpha, bodies.beta, bodies.gamma, bodies.theta, bodies.phi)
+    t_end = np.full(len(n_i), np.inf)
+    if horizon.t_rgh is not None:
+        t_end = np.minimum(t_end, horizon.t_rgh * t_rgh)
+    if horizon.t is not None:
+        t_end = np.minimum(t_end, horizon.t)
+    if bodies.t_end is not None:
+        t_end = np.where(np.isfinite(bodies.t_end), bodies.t_end, t_end)
+    return Launches(
+        case=case,
+        sample=sample,
+        bodies=bodies,
+        n_i=n_i,
+        omega_xy0=omega_xy0,
+        psi=psi,
+        modes=modes,
+        # Mirrored bodies spin steadily with n > 0.
+        n_c1=np.where(bodies.xi > 0, -n_c1, n_c1),
+        n_0=np.hypot(n_i, speed),
+        t_rgh=t_rgh,
+        t_end=t_end,
+    )
+
+
+def _bodies(plan: Plan, groups: NDArray[np.int64], sample: NDArray[np.int64]) -> Bodies:
+    """Bodies of samples of some groups, each in the place of its run."""
+    found = {int(group): groups == group for group in np.unique(groups)}
+    parts = {group: plan.source.bodies(group, sample[mask]) for group, mask in found.items()}
+    first = next(iter(parts.values()))
+    if len(parts) == 1:
+        return first
+
+    def joined(name: str) -> Floats | None:
+        if getattr(first, name) is None:
+            return None
+        column = np.empty(len(sample))
+        for group, mask in found.items():
+            column[mask] = getattr(parts[group], name)
+        return column
+
+    columns: dict[str, Any] = {name: joined(name) for name in first.__dataclass_fields__}
+    return type(first)(**columns)
+
+
+def make_batch(launches: Launches, model: str) -> Batch | None:
+    """Batch for a model; None for the closed form, of which nothing is integrated."""
+    if model == "gh":
+        return None
+    return full_batch(launches) if model == "full" else reduced_batch(launches)
+
+
+def full_batch(launches: Launches) -> Batch:
+    """Batch for the full dynamics."""
+    b = launches.bodies
+    y0 = launch.full_state(launches.n_i, launches.omega_xy0, launches.psi)
+    constants = full.constants(b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi)
+    modes = steady_modes(constants, launches.n_i)
+    pitch = theory.unsteady(launches.modes.K_p, launches.n_i)
+    probe = np.where(pitch[:, None], modes.pitch_probe, modes.roll_probe)
+    # The spin swings at twice the oscillation's frequency.
+    fastest = np.maximum(np.abs(modes.pitch.imag), launches.modes.omega_p)
+    slower = np.where(modes.roll.imag > 0, modes.roll.imag, launches.modes.omega_r)
+    oscillation = b.gamma * (launches.n_0**2 - launches.n_i**2)
+    return Batch(
+        y0=y0,
+        constants=np.ascontiguousarray(constants.T),
+        probe=np.concatenate([probe.real, probe.imag], axis=1),
+        t_end=launches.t_end,
+        swing=2 * fastest,
+        relevant=np.abs(np.where(pitch, modes.pitch.imag, modes.roll.imag)),
+        rate=2 * fastest * oscillation / b.gamma,
+        window=_windows(launches.t_end, slower),
+        first_mark=MARK_PERIODS * 2 * np.pi / slower,
+    )
+
+
+def reduced_batch(launches: Launches) -> Batch:
+    """Batch for the reduced dynamics; ``I_eff = I_zz`` as in Eq. def-n0."""
+    b, m = launches.bodies, launches.modes
+    e_p, e_r = reduced.mode_energies(
+        b.alpha, b.beta, m.psi_p, m.psi_r, launches.omega_xy0, launches.psi
+    )
+    pitch = theory.unsteady(m.K_p, launches.n_i)
+    rate = np.maximum(np.abs(m.K_p), np.abs(m.K_r)) * launches.n_0
+    return Batch(
+        y0=np.stack([launches.n_i, e_p, e_r], axis=1),
+        constants=np.stack([m.K_p, m.K_r, b.gamma], axis=1),
+        probe=np.stack([pitch, ~pitch], axis=1).astype(float),
+        t_end=launches.t_end,
+        swing=rate,
+        relevant=np.zeros(len(rate)),
+        rate=rate * launches.n_0,
+        window=_windows(launches.t_end, np.full(len(rate), np.inf)),
+        first_mark=launches.t_end,
+    )
+
+
+def _windows(t_end: Floats, slower: Floats) -> Floats:
+    """Lengths of windows: the horizon in equal parts, but none shorter than a few periods."""
+    # Not t_end / period: the reduced model has no oscillation, and so an infinite frequency here.
+    parts = np.clip(np.floor(t_end * slower / (WINDOW_PERIODS * 2 * np.pi)), 1, N_WINDOWS)
+    return np.where(np.isfinite(t_end), t_end / parts, 1.0)

@@ -1,0 +1,243 @@
+"""Where parameter sets come from: one class per source, all with the same two questions.
+
+How many samples has a case, and what are the bodies of these samples?
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from rattlesweep.errors import ConfigError
+from rattlesweep.physics.body import PARAMETERS, Rattleback, shell_dumbbell, violations
+from rattlesweep.sweeps.cases.sampler import draw_bodies
+from rattlesweep.sweeps.config.load import (
+    Config,
+    ExplicitBase,
+    GridSource,
+    PresetBase,
+    PresetSource,
+    SdSource,
+    ShellDumbbellBase,
+    TableSource,
+)
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from rattlesweep.sweeps.cases.table import BodyTable
+
+    Floats = NDArray[np.float64]
+    Integers = NDArray[np.int64]
+
+# Samples that are drawn and kept together while the cases of one target pass by.
+CHUNK = 4096
+
+
+@dataclass(frozen=True)
+class Bodies:
+    """Parameters of some samples, arrays of one length; ``f_sd`` is NaN where a source has none.
+
+    ``n_i``, ``omega_xy0``, ``psi`` and ``t_end`` are None unless a table gives them; NaN in
+    ``t_end`` stands for the config's horizon.
+    """
+
+    alpha: Floats
+    beta: Floats
+    gamma: Floats
+    theta: Floats
+    phi: Floats
+    xi: Floats
+    f_sd: Floats
+    n_i: Floats | None = None
+    omega_xy0: Floats | None = None
+    psi: Floats | None = None
+    t_end: Floats | None = None
+
+
+class Source(Protocol):
+    """A source of bodies."""
+
+    @property
+    def samples(self) -> int:
+        """Samples per case."""
+
+    def bodies(self, group: int, samples: Integers) -> Bodies:
+        """Bodies of some samples of the cases of target ``group``."""
+
+
+def make_source(config: Config, base: Path | None = None) -> Source:
+    """The source that a config asks for.
+
+    Parameters
+    ----------
+    config : Config
+    base : Path, optional
+        Directory against which a table's relative path is looked up if it is not found from
+        the working directory.
+
+    Raises
+    ------
+    ConfigError
+        If a body is impossible, a target out of reach, or a table unreadable.
+    """
+    bodies = config.bodies
+    if isinstance(bodies, SdSource):
+        return SdBodies(config.seed, bodies)
+    if isinstance(bodies, PresetSource):
+        parameters = _preset(bodies.name) | bodies.overrides.given()
+        _check(parameters, "bodies.overrides")
+        return GridBodies(parameters, {})
+    if isinstance(bodies, TableSource):
+        from rattlesweep.sweeps.cases.table import read_table
+
+        return TableBodies(read_table(bodies.path, base))
+    return _grid(bodies)
+
+
+class SdBodies:
+    """Shell-dumbbell bodies drawn at random."""
+
+    def __init__(self, seed: int, source: SdSource) -> None:
+        self.samples = source.samples
+        self._seed = seed
+        names = ("gamma", "f_sd", "theta", "phi", "minus_xi_deg")
+        self._ranges = np.array([getattr(source.ranges, name) for name in names])
+        self._target = source.target
+        self._chunk = lru_cache(maxsize=64)(self._draw_chunk)
+        if self._target is not None:
+            # Before anything is written: a target out of reach shows in its first samples.
+            for group in range(len(self._target.values)):
+                self._draw(group, np.arange(min(self.samples, 16)))
+
+    def bodies(self, group: int, samples: Integers) -> Bodies:
+        """Bodies of some samples of the cases of target ``group``."""
+        if self._target is None:
+            return self._draw(group, samples)
+        # Every case of a target asks for the same bodies, and redrawing is slow.
+        chunk, place = np.divmod(samples, CHUNK)
+        columns = np.empty((7, len(samples)))
+        for number in np.unique(chunk).tolist():
+            # A block may hold the end of one case and the start of the next.
+            here = chunk == number
+            columns[:, here] = self._chunk(group, number)[:, place[here]]
+        return _from_columns(columns)
+
+    def _draw_chunk(self, group: int, chunk: int) -> Floats:
+        samples = np.arange(chunk * CHUNK, min((chunk + 1) * CHUNK, self.samples))
+        return self._columns(group, samples)
+
+    def _draw(self, group: int, samples: Integers) -> Bodies:
+        return _from_columns(self._columns(group, samples))
+
+    def _columns(self, group: int, samples: Integers) -> Floats:
+        samples = np.ascontiguousarray(samples, dtype=np.int64)
+        target = self._target
+        if target is None:
+            return draw_bodies(self._seed, group, samples, self._ranges)[0]
+        value = target.values[group]
+        columns, draws, nearest = draw_bodies(
+            self._seed, group, samples, self._ranges, 1 if target.name == "K_p" else 2,
+            value, target.rel_tol, target.max_draws,
+        )  # fmt: skip
+        missed = np.flatnonzero(draws < 0)
+        if missed.size:
+            place = missed[0]
+            raise ConfigError(
+                f"bodies.target.{target.name}: {value:g} was not met to {target.rel_tol:g} in "
+                f"{target.max_draws} draws of sample {samples[place]}, the nearest being "
+                f"{nearest[place]:.6g}; choose another target, wider ranges, a larger rel_tol "
+                "or more max_draws"
+            )
+        return columns
+
+
+def _from_columns(columns: Floats) -> Bodies:
+    gamma, f_sd, theta, phi, xi, alpha, beta = columns
+    return Bodies(alpha, beta, gamma, theta, phi, xi, f_sd)
+
+
+class GridBodies:
+    """A base body with some parameters varied over the product of their axes."""
+
+    def __init__(self, base: dict[str, float], axes: dict[str, Floats]) -> None:
+        self._base = base
+        self._axes = axes
+        self._shape = tuple(len(values) for values in axes.values())
+        self.samples = math.prod(self._shape)
+
+    def bodies(self, group: int, samples: Integers) -> Bodies:
+        """Bodies of some samples; ``group`` is always 0."""
+        places = np.unravel_index(samples, self._shape) if self._shape else ()
+        values = {name: np.full(len(samples), value) for name, value in self._base.items()}
+        for (name, axis), place in zip(self._axes.items(), places, strict=True):
+            values[name] = axis[place]
+        f_sd = values.pop("f_sd", np.full(len(samples), np.nan))
+        if np.isfinite(f_sd).all() and len(f_sd):
+            values["alpha"], values["beta"] = shell_dumbbell(values["gamma"], f_sd)
+        return Bodies(f_sd=f_sd, **{name: values[name] for name in PARAMETERS})
+
+
+def _preset(name: str) -> dict[str, float]:
+    body = {"GH": Rattleback.gh}[name]()
+    return {parameter: getattr(body, parameter) for parameter in PARAMETERS}
+
+
+def _check(parameters: dict[str, float], where: str) -> None:
+    for _, sentence in violations(**{name: parameters[name] for name in PARAMETERS}):
+        raise ConfigError(f"{where}: {sentence}")
+
+
+def _grid(source: GridSource) -> GridBodies:
+    base = source.base
+    if isinstance(base, PresetBase):
+        parameters = _preset(base.preset)
+    elif isinstance(base, ShellDumbbellBase):
+        parameters = {"gamma": base.gamma, "f_sd": base.f_sd, "theta": base.theta}
+        parameters |= {"phi": base.phi, "xi": float(base.xi_radians or 0.0)}
+    else:
+        assert isinstance(base, ExplicitBase)
+        parameters = {name: getattr(base, name) for name in PARAMETERS[:-1]}
+        parameters["xi"] = float(base.xi_radians or 0.0)
+    axes: dict[str, Floats] = {}
+    for name, values in source.axes.values().items():
+        array = np.asarray(values, dtype=float)
+        if name == "xi_deg":
+            name, array = "xi", np.radians(array)
+        elif name == "minus_xi_deg":
+            name, array = "xi", -np.radians(array)
+        axes[name] = array
+    grid = GridBodies(parameters, axes)
+    # A rule is linear in each parameter, so a grid that breaks it breaks it in a corner.
+    ends = {name: np.array([axis.min(), axis.max()]) for name, axis in axes.items()}
+    corners = GridBodies(parameters, ends)
+    part = corners.bodies(0, np.arange(corners.samples))
+    columns = {name: getattr(part, name) for name in PARAMETERS}
+    for place, sentence in violations(**columns):
+        corner = ", ".join(f"{name} {columns[name][place]:g}" for name in PARAMETERS)
+        raise ConfigError(f"bodies.axes: at {corner}: {sentence}")
+    return grid
+
+
+class TableBodies:
+    """Bodies from the rows of a table."""
+
+    def __init__(self, table: BodyTable) -> None:
+        self._columns = table.columns
+        self.samples = table.rows
+
+    @property
+    def has_launch(self) -> bool:
+        """Whether the rows say how they are launched."""
+        return "n_i" in self._columns
+
+    def bodies(self, group: int, samples: Integers) -> Bodies:
+        """Bodies of some samples; ``group`` is always 0."""
+        columns = {name: values[samples] for name, values in self._columns.items()}
+        columns.setdefault("f_sd", np.full(len(samples), np.nan))
+        return Bodies(**columns)

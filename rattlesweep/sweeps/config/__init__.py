@@ -1,0 +1,1 @@
+"""The config: read, checked, explained."""

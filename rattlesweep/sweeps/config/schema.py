@@ -1,0 +1,371 @@
+"""What a sweep is, as frozen models. Units are M = a = g = 1: times in sqrt(a/g)."""
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, NamedTuple
+
+from pydantic import (
+    ConfigDict,
+    Discriminator,
+    Field,
+    PrivateAttr,
+    Tag,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
+
+from rattlesweep.sweeps.config.bodies import PresetSource, SdSource, TableSource
+from rattlesweep.sweeps.config.fields import (
+    Base,
+    OscillationNumbers,
+    SpinNumbers,
+    no_repeats,
+    tag_number,
+)
+from rattlesweep.sweeps.config.grid import GridSource
+from rattlesweep.sweeps.config.places import Places
+
+SOURCES = {"sd": SdSource, "preset": PresetSource, "table": TableSource, "grid": GridSource}
+
+MAX_CASES = 100_000
+
+DEFAULT_TOL = 1e-9
+DEFAULT_DT = 0.002
+
+
+class Accuracy(NamedTuple):
+    """A method, its tolerance, and the error of t_r that they were measured to give."""
+
+    method: str
+    tol: float
+    median: float
+    p99: float
+
+    @property
+    def words(self) -> str:
+        """The same for people."""
+        return (
+            f"{self.method} at tol {self.tol:.0e}, median error of t_r {self.median:.0e}, "
+            f"99 % of runs within {self.p99:.0e}"
+        )
+
+
+ACCURACIES = {
+    "draft": Accuracy("dop853", 1e-6, 2.8e-7, 2.3e-5),
+    "standard": Accuracy("dop853", DEFAULT_TOL, 2.2e-10, 1.2e-8),
+    "reference": Accuracy("verner98", 1e-12, 3.2e-14, 2.5e-12),
+}
+"""Words for how accurate runs shall be.
+
+The errors are relative, and those that ``rattlesweep tradeoff`` finds for the bodies, launches and
+horizons of ``configs/tradeoff.yaml``; they do not depend on the machine.
+"""
+
+
+def methods() -> Mapping[str, Any]:
+    """The integrators by name; each knows whether it is `adaptive`."""
+    # Not at import time: `--help` and other commands do without integrators.
+    from rattlesweep.integrate.tableau import METHODS
+
+    return METHODS
+
+
+def _source_kind(bodies: Any) -> str | None:
+    source = bodies.get("source") if isinstance(bodies, dict) else getattr(bodies, "source", None)
+    return f"~{source}" if isinstance(source, str) and source in SOURCES else None
+
+
+Bodies = Annotated[
+    Annotated[SdSource, Tag("~sd")]
+    | Annotated[PresetSource, Tag("~preset")]
+    | Annotated[TableSource, Tag("~table")]
+    | Annotated[GridSource, Tag("~grid")],
+    Discriminator(
+        _source_kind,
+        custom_error_type="body_source",
+        custom_error_message="the source of bodies is not known",
+    ),
+]
+
+Psi = Annotated[
+    Annotated[Literal["relevant", "pitch", "roll"], Tag("~word")]
+    | Annotated[Annotated[float, Field(ge=-360, le=360)], Tag("~number")],
+    Discriminator(tag_number),
+]
+
+
+class Spin(Base):
+    """How bodies are launched. Every n_i is combined with every omega_xy0."""
+
+    n_i: SpinNumbers = Field(
+        description=(
+            "Initial spins in sqrt(g/a); positive is the unsteady direction, negative the steady. "
+            "A number, a list, {linspace: [low, high, n]} or {logspace: [low, high, n]}."
+        )
+    )
+    omega_xy0: OscillationNumbers = Field(
+        description="Initial sizes of the oscillation's angular velocity in sqrt(g/a)."
+    )
+    psi: Psi = Field(
+        default="relevant",
+        description=(
+            "Direction of the oscillation: the relevant mode (pitch for n_i > 0, roll for "
+            "n_i < 0), the pitch mode, the roll mode, or an angle from the x axis in degrees."
+        ),
+    )
+
+
+class Horizon(Base):
+    """When a run ends that has not reversed. Where both are given, the smaller counts."""
+
+    t_rgh: float | None = Field(
+        default=None,
+        gt=0,
+        description=(
+            "In units of t_rGH, the reversal time of Garcia and Hubbard in the spin's direction."
+        ),
+    )
+    t: float | None = Field(default=None, gt=0, description="A time in sqrt(a/g).")
+
+    @model_validator(mode="after")
+    def _one_at_least(self) -> "Horizon":
+        if self.t_rgh is None and self.t is None:
+            raise ValueError("neither t_rgh nor t is given; give one of them, or both")
+        return self
+
+
+def _offer_methods(schema: dict[str, Any]) -> None:
+    schema["enum"] = list(methods())
+
+
+class Integrator(Base):
+    """How states move: with error control (tol) or in steps of one size (dt)."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "dependentSchemas": {
+                "accuracy": {
+                    "anyOf": [
+                        {"properties": {"accuracy": {"type": "null"}}},
+                        {"properties": {"method": False, "tol": {"type": "null"},
+                                        "dt": {"type": "null"}}},
+                    ]
+                }
+            }
+        }
+    )  # fmt: skip
+
+    method: str = Field(
+        default="dop853", description="Name of the method.", json_schema_extra=_offer_methods
+    )
+    tol: float | None = Field(
+        default=None,
+        ge=1e-15,
+        le=1e-2,
+        validate_default=True,
+        description=(
+            "Error allowed per step relative to the oscillation, no unit; for adaptive methods "
+            f"only, which take {DEFAULT_TOL:g} unless given."
+        ),
+    )
+    dt: float | None = Field(
+        default=None,
+        gt=0,
+        validate_default=True,
+        description=(
+            "Size of a step in sqrt(a/g); for methods of fixed step only, which take "
+            f"{DEFAULT_DT:g} unless given."
+        ),
+    )
+    max_steps: int = Field(
+        default=100_000_000, ge=1, le=2**62, description="Steps after which a run is given up."
+    )
+    accuracy: Literal["draft", "standard", "reference"] | None = Field(
+        default=None,
+        description=(
+            "Instead of method and tol, which are then those measured to give this accuracy: "
+            + "; ".join(f"{name}: {preset.words}" for name, preset in ACCURACIES.items())
+            + "."
+        ),
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _spelled_out(cls, data: Any) -> Any:
+        """Put method and tol in the place of `accuracy`: configs that mean the same are equal."""
+        if not isinstance(data, dict) or "method" in data:
+            return data
+        word = data.get("accuracy")
+        given = [key for key in ("tol", "dt") if data.get(key) is not None]
+        if given or not isinstance(word, str) or word not in ACCURACIES:
+            return data
+        rest = {key: value for key, value in data.items() if key not in ("accuracy", "tol", "dt")}
+        return {"method": ACCURACIES[word].method, "tol": ACCURACIES[word].tol} | rest
+
+    @field_validator("accuracy")
+    @classmethod
+    def _alone(cls, accuracy: str | None) -> str | None:
+        if accuracy is not None:
+            raise ValueError(
+                f"{accuracy} stands for a method and its tol, and method, tol or dt is given too; "
+                "keep the one or the other"
+            )
+        return None
+
+    @field_validator("method")
+    @classmethod
+    def _known(cls, method: str) -> str:
+        from rattlesweep.sweeps.config.messages import not_one_of
+
+        if method not in methods():
+            raise ValueError(not_one_of(method, methods()))
+        return method
+
+    @field_validator("tol")
+    @classmethod
+    def _for_adaptive(cls, tol: float | None, info: ValidationInfo) -> float | None:
+        method = info.data.get("method")
+        if method is None:
+            return tol
+        if methods()[method].adaptive:
+            return DEFAULT_TOL if tol is None else tol
+        if tol is not None:
+            raise ValueError(f"{method} has steps of one size and takes no tol; leave it out")
+        return None
+
+    @field_validator("dt")
+    @classmethod
+    def _for_fixed(cls, dt: float | None, info: ValidationInfo) -> float | None:
+        method = info.data.get("method")
+        if method is None:
+            return dt
+        if not methods()[method].adaptive:
+            return DEFAULT_DT if dt is None else dt
+        if dt is not None:
+            raise ValueError(f"{method} chooses its own steps and takes no dt; leave it out")
+        return None
+
+
+class Classify(Base):
+    """Thresholds between the types of runs that do not reverse."""
+
+    ss_growth: float = Field(
+        default=1e-3,
+        gt=0,
+        description=(
+            "SS if the amplitude of the relevant oscillation in a window of time never exceeds its "
+            "smallest value in earlier windows by more than this fraction."
+        ),
+    )
+    sw_departure: float = Field(
+        default=0.05,
+        gt=0,
+        lt=1,
+        description=(
+            "SW, unless SS, if n/n_i falls below 1 by more than this fraction at some time."
+        ),
+    )
+
+
+RECORDS = ("energy", "contact", "windows", "lyapunov")
+
+
+class Config(Base):
+    """A sweep: which bodies, launched how, integrated with what, and written where."""
+
+    name: str = Field(
+        default="sweep", description="Name of the sweep; also of its directory in out/."
+    )
+    seed: int = Field(
+        default=0,
+        ge=0,
+        le=2**63 - 1,
+        description="All draws depend on this, the case and the sample.",
+    )
+    bodies: Bodies = Field(description="Where parameter sets come from.")
+    spin: Spin | None = Field(
+        default=None,
+        validate_default=True,
+        description="How bodies are launched; null only where a table says it row by row.",
+    )
+    model: Literal["full", "reduced", "gh"] = Field(
+        default="full",
+        description=(
+            "full: all six variables; reduced: the three of the simplified dynamics; gh: the "
+            "closed form of Garcia and Hubbard, without integration."
+        ),
+    )
+    horizon: Horizon = Field(
+        default_factory=lambda: Horizon(t_rgh=5.0), description="When runs end that do not reverse."
+    )
+    integrator: Integrator = Field(
+        default_factory=lambda: Integrator(), description="How states move."
+    )
+    classify: Classify = Field(
+        default_factory=lambda: Classify(), description="Thresholds between types of runs."
+    )
+    record: list[Literal["energy", "contact", "windows", "lyapunov"]] = Field(
+        default_factory=list,
+        description="Extra columns; each costs time.",
+        json_schema_extra={"uniqueItems": True},
+    )
+    block_size: int = Field(
+        default=4_000, ge=1, le=200_000, description="Runs per block, that is, per output file."
+    )
+    output: str | None = Field(
+        default=None,
+        min_length=1,
+        pattern=r"^[^\x00]*$",
+        description="Directory; null: out/<name>.",
+    )
+
+    _places: Places = PrivateAttr(default_factory=Places)
+
+    @field_validator("name")
+    @classmethod
+    def _names_a_directory(cls, name: str) -> str:
+        if not name.strip() or name in (".", ".."):
+            raise ValueError("the name is empty or dots only; write a word")
+        if not name.isprintable() or "/" in name or "\\" in name:
+            raise ValueError("the name has a slash or a control character; write a plain word")
+        return name
+
+    @field_validator("spin")
+    @classmethod
+    def _spin_where_needed(cls, spin: Spin | None, info: ValidationInfo) -> Spin | None:
+        bodies = info.data.get("bodies")
+        if spin is None and bodies is not None and bodies.source != "table":
+            raise ValueError(
+                f"missing; bodies of source {bodies.source} need a spin with n_i and omega_xy0"
+            )
+        if spin is not None:
+            targets = 1
+            if isinstance(bodies, SdSource) and bodies.target is not None:
+                targets = len(bodies.target.values)
+            cases = targets * len(spin.n_i) * len(spin.omega_xy0)
+            if cases > MAX_CASES:
+                raise ValueError(
+                    f"{cases} cases (targets x n_i x omega_xy0); at most {MAX_CASES} are possible"
+                )
+        return spin
+
+    @field_validator("record")
+    @classmethod
+    def _once_and_in_order(cls, record: list[str]) -> list[str]:
+        no_repeats(record)
+        return [name for name in RECORDS if name in record]
+
+    @property
+    def places(self) -> Places:
+        """Where the keys stand in the file that was read."""
+        return self._places
+
+    def placed(self, places: Places) -> "Config":
+        """Remember where the keys stand; returns the config itself."""
+        self._places = places
+        return self
+
+    @property
+    def directory(self) -> str:
+        """Where results go: `output`, or the default made from the name."""
+        return self.output or f"out/{self.name}"

@@ -1,0 +1,1 @@
+"""Who works the blocks off: this machine, a Dask cluster, a Slurm array."""

@@ -1,0 +1,302 @@
+"""The engine of many machines: a Dask cluster works off the blocks.
+
+The driver holds the directory, hands out blocks, a few more than there are workers, and keeps the
+receipts. Which worker does a block, and what happens to the blocks of one that is lost, is left
+to Dask's scheduler; a block done twice is the same file twice.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter, deque
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
+from typing import TYPE_CHECKING, Any
+
+from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.sweeps.blocks.block import Interrupted
+from rattlesweep.sweeps.engines import dask_worker as worker
+from rattlesweep.sweeps.engines.dask_cluster import ANSWER, embedded, existing, quiet, reach
+from rattlesweep.sweeps.engines.dask_worker import Done, Left, in_place
+from rattlesweep.sweeps.engines.head_start import prepare_work, write_work
+from rattlesweep.sweeps.engines.local import GATHER, load_kernel
+from rattlesweep.sweeps.engines.progress import Costs
+from rattlesweep.sweeps.store.provenance import machine
+from rattlesweep.sweeps.store.receipts import Receipt
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from distributed import Client, Future, KilledWorker
+
+    from rattlesweep.sweeps.cases.plan import Block
+    from rattlesweep.sweeps.engines.engine import Job
+
+AHEAD = 2  # blocks handed out for each worker: one under way, one ready
+# Seconds in which a lost scheduler may come back.
+RETURN = 8.0
+# Seconds for which there may be no worker.
+PATIENCE = 120.0
+# Dask gives a block up after four lost workers; it is handed out this often.
+ATTEMPTS = 2
+POLL = 0.05
+COUNT_EVERY = 2.0
+
+
+def make_engine(
+    scheduler: str | None = None, workers: int | None = None, threads: int | None = None
+) -> Callable[[Job], None]:
+    """Engine for :func:`rattlesweep.sweeps.engines.engine.run_sweep`.
+
+    Parameters
+    ----------
+    scheduler : str, optional
+        Address of a scheduler that exists; by default a cluster of processes on this machine, which
+        lives as long as the sweep.
+    workers : int, optional
+        Processes of the embedded cluster; by default as many as fill the machine.
+    threads : int, optional
+        Threads of a worker's kernel; by default 1 in the embedded cluster, elsewhere as many as
+        the worker was given (``dask worker --nthreads``).
+
+    Raises
+    ------
+    ConfigError
+        Dask is not installed, or the options contradict each other.
+    """
+    try:
+        import cryptography  # noqa: F401
+        import distributed  # noqa: F401
+    except ImportError as error:
+        raise ConfigError(
+            f"--engine dask: needs Dask ({error}); install it with "
+            "`pip install 'rattlesweep[dask]'`"
+        ) from None
+    if scheduler is not None and workers is not None:
+        raise ConfigError("--workers: the workers of --scheduler are those that it has")
+
+    def work_off(job: Job) -> None:
+        if not job.session.pending:
+            return
+        if scheduler is not None:
+            reach(scheduler)
+        # Workers on this machine, or on others that share its cache, then find the kernel compiled.
+        job.report.load_seconds = load_kernel(job.session.plan.config)
+        with ExitStack() as stack:
+            stack.enter_context(quiet())
+            if scheduler is None:
+                client = stack.enter_context(embedded(workers, threads or 1))
+            else:
+                client = stack.enter_context(existing(scheduler))
+            directory = job.session.store.directory
+            if job.session.shard is None:
+                worker.remove_orders(directory.resolve())
+            order = worker.place_order(
+                job.session.opened, job.session.base, threads or (None if scheduler else 1)
+            )
+            # Taken away first: workers hear it and drop their blocks.
+            stack.callback(order.unlink, missing_ok=True)
+            _Driver(job, client, order).work_off()
+
+    return work_off
+
+
+class _Driver:
+    """Hands out blocks and keeps their receipts."""
+
+    def __init__(self, job: Job, client: Client, order: Path) -> None:
+        self._job = job
+        self._client = client
+        self._order = order
+        self._pending: deque[Block] = deque()
+        self._flying: dict[int, tuple[Block, Future]] = {}
+        self._tries: Counter[int] = Counter()
+        self._killed: Counter[int] = Counter()
+        self._workers = 0
+        self._counted = self._seen = time.monotonic()
+        self._cpus = {machine()["cpu"]}
+
+    def work_off(self) -> None:
+        """Have all pending blocks done, or as many as there is time for."""
+        try:
+            self._work_off()
+        except BaseException as error:
+            # A request, not an error: what has ended is kept.
+            if not isinstance(error, Exception):
+                self._call_off()
+            raise
+        if self._pending or self._flying:
+            self._call_off()
+            self._job.report.stopped = self._job.why_stopped()
+        self._job.tick()
+
+    def _work_off(self) -> None:
+        job = self._job
+        costs = Costs(job.session.plan)
+        # The dearest first, so that no worker begins one when the others are done.
+        blocks = sorted(job.session.pending, key=lambda block: (-costs.of(block), block.index))
+        self._pending.extend(blocks)
+        self._count(first=True)
+        job.begin()
+        job.meter.begin()
+        while self._pending or self._flying:
+            self._connected()
+            self._count()
+            self._hand_out()
+            if job.too_late(job.report.done > 0):
+                break
+            time.sleep(POLL)
+            for index in [i for i, (_, f) in self._flying.items() if f.status != "pending"]:
+                self._look_at(*self._flying[index])
+            job.tick()
+
+    def _call_off(self) -> None:
+        """Keep what the workers have of the blocks under way."""
+        if not self._flying:
+            return
+        worker.call_off(self._order)
+        end = time.monotonic() + GATHER
+        while self._flying and time.monotonic() < end and self._client.status == "running":
+            for index in [i for i, (_, f) in self._flying.items() if f.done()]:
+                block, future = self._flying.pop(index)
+                with suppress(Exception):  # a worker that could not do it has nothing
+                    self._keep(block, future.result(timeout=ANSWER))
+            time.sleep(POLL)
+
+    # ------------------------------------------------------------- handing out
+
+    def _hand_out(self) -> None:
+        session = self._job.session
+        while self._pending and len(self._flying) < AHEAD * self._workers:
+            block = self._pending.popleft()
+            session.replaces(block.index)
+            future = self._client.submit(
+                worker.do_block,
+                str(self._order),
+                block.index,
+                block.index in session.begun,
+                key=f"rattlesweep-{self._order.stem[-16:]}-{block.index}-{self._tries[block.index]}",
+                pure=False,
+            )
+            self._flying[block.index] = block, future
+
+    def _count(self, first: bool = False) -> None:
+        """Count the workers, now and then; at first, wait until there is one."""
+        while True:
+            now = time.monotonic()
+            if first or now - self._counted >= COUNT_EVERY:
+                self._counted = now
+                self._workers = len(self._ask(self._client.scheduler.ncores))
+            if self._workers:
+                self._seen = now
+            elif now - self._seen > PATIENCE:
+                where = self._client.scheduler.address
+                raise OutputError(
+                    f"the scheduler at {where} has had no worker for {PATIENCE:.0f} s; start some "
+                    f"with `dask worker {where}`, and the same command resumes from there"
+                )
+            if self._workers or not first or self._job.too_late():
+                return
+            time.sleep(POLL)
+            self._job.tick()
+
+    def _ask(self, question: Any) -> Any:
+        from distributed import TimeoutError as Late
+
+        try:
+            return self._client.sync(question, callback_timeout=ANSWER)
+        except (OSError, Late) as error:
+            raise self._scheduler_lost() from error
+
+    # ---------------------------------------------------------- what comes back
+
+    def _connected(self) -> None:
+        """Wait while Dask tries to find a lost scheduler again."""
+        client = self._client
+        if client.status == "running":
+            return
+        end = time.monotonic() + RETURN
+        while client.status == "connecting" and time.monotonic() < end:
+            time.sleep(POLL)
+            self._job.tick()
+            if self._job.too_late():
+                return
+        if client.status != "running":
+            raise self._scheduler_lost()
+
+    def _scheduler_lost(self) -> OutputError:
+        return OutputError(
+            f"the scheduler at {self._client.scheduler.address} is lost; completed work is kept, "
+            "and with a new one the same command resumes from there"
+        )
+
+    def _look_at(self, block: Block, future: Future) -> None:
+        from distributed import KilledWorker
+        from distributed import TimeoutError as Late
+
+        if future.status == "lost":
+            return  # its worker is, and Dask has it done again
+        del self._flying[block.index]
+        if future.status == "cancelled":
+            # By a scheduler that was lost and found again, or by another client.
+            self._again(block)
+            return
+        try:
+            done = future.result(timeout=ANSWER)
+        except (Late, OSError):
+            self._look_on_disk(block)
+        except KilledWorker as error:
+            self._again(block, error)
+        except Interrupted:
+            self._again(block)  # its worker was told to close
+        except ModuleNotFoundError as error:
+            raise OutputError(
+                f"a worker cannot import rattlesweep ({error}); give all workers the environment "
+                "of the driver"
+            ) from error
+        else:
+            self._keep(block, done)
+
+    def _look_on_disk(self, block: Block) -> None:
+        """The receipt does not come, its worker being lost or silent; the block may be there."""
+        found = in_place(self._job.session.opened, block)
+        if found is None or block.index in self._job.session.retry:
+            self._again(block)
+        else:
+            self._keep(block, Done(found.dump(), block.rows, None, machine()["cpu"]))
+
+    def _again(self, block: Block, error: KilledWorker | None = None) -> None:
+        self._tries[block.index] += 1
+        self._pending.append(block)
+        if error is None:
+            return
+        self._killed[block.index] += 1
+        if self._killed[block.index] >= ATTEMPTS:
+            raise OutputError(
+                f"block {block.index} is given up: workers that have it are lost again and again, "
+                f"the last one was {error.last_worker.address}; their logs say why, want of memory "
+                "perhaps, which a smaller block_size in a new output avoids"
+            ) from error
+
+    def _keep(self, block: Block, done: Done) -> None:
+        job = self._job
+        if isinstance(done, Left):
+            opened = job.session.opened
+            job.report.lost += done.lost
+            if done.columns is None or in_place(opened, block):
+                return
+            work = prepare_work(opened, block, block.index in job.session.begun)
+            receipt: Receipt | None = write_work(opened, work, done.columns)
+        else:
+            receipt = Receipt.load(done.receipt)
+            job.meter.finish(block)
+        assert receipt is not None
+        job.wrote(block.index, receipt, done.rows, done.seconds)
+        if done.cpu not in self._cpus:
+            self._cpus.add(done.cpu)
+            job.report.remarks.append(
+                f"workers have other processors ({done.cpu}) than the driver: last bits may differ"
+            )
+
+
+__all__ = ["make_engine"]

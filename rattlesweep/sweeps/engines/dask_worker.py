@@ -1,0 +1,306 @@
+"""What a Dask worker does: one block, from its number to its file in the shared directory.
+
+The driver puts a work order into the output directory: the config and what the numbers depend on.
+A worker that can read it sees the right directory, and learns everything else from it, so a task
+is no more than a path and a number, and its answer a receipt. When the driver is asked to stop, it
+says so in the order, and workers that are at a block answer with the runs that have ended: only the
+driver may write them, for it holds the directory, and a worker may be late. The order is taken away
+when the driver ends, and workers that are still at a block then drop it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import secrets
+import socket
+import sys
+import threading
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rattlesweep.errors import OutputError
+from rattlesweep.integrate.cache import PACKAGE
+from rattlesweep.sweeps.blocks.block import Interrupted, finish_block
+from rattlesweep.sweeps.blocks.task import POLL, Task
+from rattlesweep.sweeps.cases.plan import make_plan
+from rattlesweep.sweeps.config.load import override_config, resolved
+from rattlesweep.sweeps.engines.head_start import prepare_work, write_work
+from rattlesweep.sweeps.engines.local import GATHER, load_kernel
+from rattlesweep.sweeps.engines.opened import Opened
+from rattlesweep.sweeps.store.atomic import reason, replace_file
+from rattlesweep.sweeps.store.provenance import identity, machine, versions
+from rattlesweep.sweeps.store.receipts import Receipt
+from rattlesweep.sweeps.store.store import Store
+from rattlesweep.sweeps.tables.arrow import DamagedError
+
+if TYPE_CHECKING:
+    from rattlesweep.sweeps.cases.plan import Block, Plan
+
+# Packages whose versions the bits depend on.
+NUMERIC = ("numpy", "numba", "llvmlite", "scipy")
+# Seconds between two looks at the order while a block is under way.
+LOOK_EVERY = 1.0
+
+# One kernel at a time in a process; a second task prepares and writes meanwhile.
+_kernel = threading.Lock()
+_opening = threading.Lock()
+
+
+@dataclass(frozen=True)
+class Done:
+    """A worker's answer, small.
+
+    Attributes
+    ----------
+    receipt : dict or None
+        None if the block was stopped.
+    rows : int
+        Runs integrated.
+    seconds : float or None
+        Time of the integration; None if the block was in place.
+    cpu : str
+        Of the worker's machine.
+    """
+
+    receipt: dict[str, Any] | None
+    rows: int
+    seconds: float | None
+    cpu: str
+
+
+@dataclass(frozen=True)
+class Left(Done):
+    """What a stop has left of a block.
+
+    Attributes
+    ----------
+    columns : mapping or None
+        Of the runs that had ended.
+    lost : int
+        Runs that had begun but not ended.
+    """
+
+    columns: Mapping[str, Any] | None = None
+    lost: int = 0
+
+
+class _Stopped(Exception):
+    """The driver was asked to stop, and waits for what there is."""
+
+
+@cache
+def essentials() -> dict[str, str]:
+    """What must be equal for the bits to be: this package's source and what it computes with."""
+    digest = hashlib.sha256()
+    for path in sorted(PACKAGE.rglob("*.py")):
+        digest.update(path.relative_to(PACKAGE).as_posix().encode())
+        digest.update(path.read_bytes())
+    known = versions()
+    return {
+        "rattlesweep": f"{known['rattlesweep']} ({digest.hexdigest()[:12]})",
+        **{name: known[name] for name in NUMERIC},
+    }
+
+
+def place_order(opened: Opened, base: Path | None, threads: int | None) -> Path:
+    """Write the order for the workers of this session; to be removed when it ends.
+
+    Parameters
+    ----------
+    threads : int or None
+        Threads of a kernel; by default those that the worker says it has.
+    """
+    order = {
+        "config": resolved(opened.plan.config) | {"block_size": opened.plan.block_size},
+        "base": None if base is None else str(base),
+        "hash": opened.hash_,
+        "threads": threads,
+        "retry_failed": opened.retry_failed,
+        "essentials": essentials(),
+        "host": socket.gethostname(),
+    }
+    path = opened.store.directory.resolve() / f".order-{secrets.token_hex(8)}.json"
+    replace_file(path, json.dumps(order).encode())
+    return path
+
+
+def call_off(order: Path) -> None:
+    """Tell the workers to answer with what they have."""
+    replace_file(order, b"stop")
+
+
+def remove_orders(directory: Path) -> None:
+    """Remove what killed drivers have left."""
+    for path in directory.glob(".order-*.json"):
+        with suppress(OSError):
+            path.unlink()
+
+
+def leave_path() -> None:
+    """Take the scratch directories of Dask off the path: nothing is imported from them."""
+    import dask
+
+    scratch = dask.config.get("temporary-directory")
+    sys.path[:] = [path for path in sys.path if not Path(path).is_relative_to(scratch)]
+
+
+def dask_setup(worker: object) -> None:
+    """Called by Dask as a worker of the embedded cluster starts."""
+    leave_path()
+
+
+def do_block(order: str, index: int, begun: bool = False) -> Done:
+    """Do one block, unless it is in place; called by Dask on a worker.
+
+    Parameters
+    ----------
+    order : str
+        Path of the order, in the output directory.
+    index : int
+        Number of the block.
+    begun : bool
+        Whether rows of it are there.
+
+    Raises
+    ------
+    OutputError
+        This worker cannot do what the driver asks for; says why.
+    Interrupted
+        The driver has ended.
+    """
+    with _opening:
+        opened, threads = _open(order)
+    block = opened.plan.block(index)
+    cpu = machine()["cpu"]
+    found = None if begun else in_place(opened, block)
+    if found is not None:
+        return Done(found.dump(), 0, None, cpu)
+    watch = _Watch(Path(order))
+    threads = threads or _my_threads()
+    work = prepare_work(opened, block, begun)
+    task: Task[Mapping[str, Any]] | None = None
+    try:
+        while not _kernel.acquire(timeout=POLL):
+            watch()
+        try:
+            # Not while another thread uses a kernel, nor as a part of the integration's time.
+            load_kernel(opened.plan.config)
+            task = Task(
+                lambda control: finish_block(
+                    opened.plan.config, work.launches, work.batch, threads=threads, control=control
+                )
+            )
+            columns = task.wait(lambda control: watch())
+        finally:
+            _kernel.release()
+    except _Stopped:
+        return _left(task, cpu)
+    return Done(write_work(opened, work, columns).dump(), work.rows, task.seconds, cpu)
+
+
+def _left(task: Task[Mapping[str, Any]] | None, cpu: str) -> Left:
+    """The runs of a stopped kernel that have ended."""
+    if task is None:
+        return Left(None, 0, None, cpu)
+    task.stop(GATHER)
+    try:
+        columns, lost = task.value(), 0
+    except Interrupted as stopped:
+        if stopped.columns is None:
+            return Left(None, 0, task.seconds, cpu, None, stopped.lost)
+        columns, lost = stopped.columns, stopped.lost
+    except TimeoutError:
+        return Left(None, 0, None, cpu, None, task.control.runs_begun)
+    return Left(None, len(columns["case"]), task.seconds, cpu, columns, lost)
+
+
+@cache
+def _open(order: str) -> tuple[Opened, int | None]:
+    """The plan of an order, if this worker can follow it."""
+    path = Path(order)
+    try:
+        text = path.read_bytes()
+        if text == b"stop":
+            raise Interrupted
+        asked = json.loads(text)
+    except FileNotFoundError:
+        raise OutputError(
+            f"{_me()} does not see {path.parent} as the driver does; workers need the output "
+            "directory on a file system that all share, under the same path"
+        ) from None
+    except (OSError, ValueError) as error:
+        raise OutputError(f"{_me()} cannot read {path}: {reason(error)}") from error
+    ours = essentials()
+    other = [
+        f"{name} {ours[name]} there, {version} here"
+        for name, version in asked["essentials"].items()
+        if ours.get(name) != version
+    ]
+    if other:
+        raise OutputError(
+            f"{_me()} would compute other bits: {'; '.join(other)}; give all workers the "
+            "environment of the driver"
+        )
+    base = None if asked["base"] is None else Path(asked["base"])
+    plan: Plan = make_plan(override_config(asked["config"], []), base)
+    if identity(plan, base) != asked["hash"]:
+        raise OutputError(
+            f"{_me()} sees another table of bodies than the driver on {asked['host']}"
+        )
+    retry = asked["retry_failed"]
+    return Opened(Store(path.parent), plan, asked["hash"], None, [], retry), asked["threads"]
+
+
+def in_place(opened: Opened, block: Block) -> Receipt | None:
+    """Receipt of a block that a worker finished before it was lost."""
+    try:
+        found = opened.store.inspect_block(block.index)
+    except DamagedError:
+        return None
+    whole = found.complete and found.note == opened.note(block)
+    return found.receipt if whole else None
+
+
+class _Watch:
+    """Hears a stop: the order says so or is gone, or the worker is being closed."""
+
+    def __init__(self, order: Path) -> None:
+        self._order = order
+        self._due = time.monotonic() + LOOK_EVERY
+
+    def __call__(self) -> None:
+        from distributed import Status, get_worker
+
+        if get_worker().status in (Status.closing, Status.closed):
+            raise Interrupted
+        if time.monotonic() < self._due:
+            return
+        self._due = time.monotonic() + LOOK_EVERY
+        try:
+            # Opened, not only looked up: network file systems answer look-ups from memory.
+            with open(self._order, "rb") as file:
+                stop = file.read(4) == b"stop"
+        except FileNotFoundError:
+            raise Interrupted from None
+        except OSError:
+            return  # a moment of a network file system
+        if stop:
+            raise _Stopped
+
+
+def _my_threads() -> int:
+    from distributed import get_worker
+
+    return int(get_worker().state.nthreads)
+
+
+def _me() -> str:
+    from distributed import get_worker
+
+    return f"the worker at {get_worker().address} on {socket.gethostname()}"

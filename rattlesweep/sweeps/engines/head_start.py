@@ -1,0 +1,116 @@
+"""What is left to do of a block, and how it is joined with what is there.
+
+A session that is stopped writes the runs of its block that have ended into the block's own file. It
+is a file like any other, sealed and with the same note, but has fewer rows than the block, which is
+how readers tell. Whoever does the block next integrates the runs that are missing. Failed runs that
+are to be done again are missing ones whose rows are kept until there are better ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from rattlesweep.sweeps.blocks.block import prepare_runs
+from rattlesweep.sweeps.inspect.retype import typed
+from rattlesweep.sweeps.tables.arrow import build_table
+from rattlesweep.sweeps.tables.columns import runs_schema
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from rattlesweep.integrate.batch import Batch
+    from rattlesweep.sweeps.cases.launches import Launches
+    from rattlesweep.sweeps.cases.plan import Block
+    from rattlesweep.sweeps.engines.opened import Opened
+    from rattlesweep.sweeps.store.receipts import Receipt
+
+
+@dataclass(frozen=True)
+class Work:
+    """The runs of a block that are to be integrated, ready to go.
+
+    Attributes
+    ----------
+    old : pa.Table or None
+        Rows of the block that are there.
+    limit : int
+        Under which the rows in ``old`` were done.
+    """
+
+    block: Block
+    old: pa.Table | None
+    limit: int
+    launches: Launches
+    batch: Batch | None
+
+    @property
+    def rows(self) -> int:
+        """Number of runs to integrate."""
+        return len(self.launches.case)
+
+
+def prepare_work(opened: Opened, block: Block, begun: bool) -> Work:
+    """What can be done before the kernel is free: bodies, theory, initial states.
+
+    Parameters
+    ----------
+    begun : bool
+        Whether rows of the block are there.
+
+    Raises
+    ------
+    DamagedError, OutputError
+        They cannot be read any more.
+    """
+    plan = opened.plan
+    case, sample = plan.runs_of(block)
+    old, limit = None, plan.config.integrator.max_steps
+    if begun:
+        note = opened.store.inspect_block(block.index).note
+        limit = limit if note is None else note.max_steps
+        old = opened.store.read_block(block.index)
+        place = old.schema.get_field_index("type")
+        old = old.set_column(place, old.schema.field(place), typed(old, plan.config.classify))
+        kept = old.filter(pc.equal(old.column("status"), "ok")) if opened.retry_failed else old
+        left = ~np.isin(np.arange(block.first, block.stop), _numbers(kept, plan.samples))
+        case, sample = case[left], sample[left]
+    return Work(block, old, limit, *prepare_runs(plan, case, sample))
+
+
+def write_work(opened: Opened, work: Work, columns: Mapping[str, Any]) -> Receipt:
+    """Write a block's new rows beside those that are there; every engine does it so.
+
+    Parameters
+    ----------
+    columns : mapping
+        Of all runs of the work, or of those that had ended when it was stopped.
+    """
+    config, note = opened.plan.config, opened.note(work.block)
+    if work.old is None:
+        schema = runs_schema(config.record, config.model)
+        return opened.store.write_block(work.block.index, columns, schema, note)
+    new = build_table(columns, work.old.schema)
+    samples = opened.plan.samples
+    others = ~np.isin(_numbers(work.old, samples), _numbers(new, samples))
+    rows = pa.concat_tables([work.old.filter(pa.array(others)), new])
+    rows = rows.take(pc.sort_indices(rows, [("case", "ascending"), ("sample", "ascending")]))
+    if opened.retry_failed and len(new) < work.rows:
+        # Some that failed under the old limit are still there.
+        note = replace(note, max_steps=work.limit)
+    return opened.store.rewrite_block(work.block.index, rows, note)
+
+
+def _numbers(rows: pa.Table, samples: int) -> NDArray[np.int64]:
+    """Run numbers of rows."""
+    case, sample = (rows.column(key).to_numpy().astype(np.int64) for key in ("case", "sample"))
+    numbers: NDArray[np.int64] = case * samples + sample
+    return numbers
+
+
+__all__ = ["Work", "prepare_work", "write_work"]

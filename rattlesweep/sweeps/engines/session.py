@@ -1,0 +1,403 @@
+"""A process at work in an output directory: what it finds, what is left to do, what it notes."""
+
+from __future__ import annotations
+
+import os
+import socket
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rattlesweep.errors import ConfigError, DamagedManifest, OutputError
+from rattlesweep.sweeps.cases.shards import Shard, deal
+from rattlesweep.sweeps.config.load import resolved
+from rattlesweep.sweeps.engines.opened import Opened, examine
+from rattlesweep.sweeps.engines.progress import Costs
+from rattlesweep.sweeps.store.locks import hold
+from rattlesweep.sweeps.store.provenance import new_manifest, now, read_manifest, table_files
+from rattlesweep.sweeps.store.receipts import Note, Receipt, count_failed
+from rattlesweep.sweeps.store.recover import put_in_order
+from rattlesweep.sweeps.store.store import Store
+from rattlesweep.sweeps.tables.arrow import DamagedError, same_schema
+from rattlesweep.sweeps.tables.columns import runs_schema
+
+if TYPE_CHECKING:
+    from rattlesweep.sweeps.cases.plan import Block, Plan
+    from rattlesweep.sweeps.engines.progress import Progress
+
+# Seconds between two notes in the manifest; more where writing it takes long.
+NOTE_EVERY = 10.0
+# Sessions that the manifest remembers.
+REMEMBERED = 1000
+
+
+@dataclass
+class Session:
+    """A process's share of a sweep, while it holds it.
+
+    Attributes
+    ----------
+    costs : Costs
+        Expected, of the plan's blocks.
+    blocks : list of Block
+        All of the share.
+    pending : list of Block
+        Those that are not in place, or are to be done again in part.
+    receipts : dict
+        Receipts of blocks found whole or written by this session.
+    begun : dict
+        By the numbers of pending blocks of which there are rows already: how many need not be
+        integrated.
+    retype, retry : list of int
+        Numbers of complete blocks with types of other thresholds, and with failed runs to do again.
+    """
+
+    opened: Opened
+    base: Path | None
+    shard: Shard | None
+    threads: int
+    costs: Costs
+    blocks: list[Block]
+    pending: list[Block] = field(default_factory=list)
+    receipts: dict[int, Receipt] = field(default_factory=dict)
+    begun: dict[int, int] = field(default_factory=dict)
+    retype: list[int] = field(default_factory=list)
+    retry: list[int] = field(default_factory=list)
+    kept: int = 0
+    _noted: set[int] = field(default_factory=set)
+    _forgotten: set[int] = field(default_factory=set)
+    _entry: dict[str, Any] = field(default_factory=dict)
+    _due: float = 0.0
+
+    @property
+    def store(self) -> Store:
+        """Its directory."""
+        return self.opened.store
+
+    @property
+    def plan(self) -> Plan:
+        """What is to be done."""
+        return self.opened.plan
+
+    @property
+    def runs(self) -> int:
+        """Runs of the share that are in place."""
+        parts = [rows for index, rows in self.begun.items() if index not in self.receipts]
+        return sum(receipt.rows for receipt in self.receipts.values()) + sum(parts)
+
+    # ------------------------------------------------------------ what is there
+
+    def scan(self) -> None:
+        """Read every block of the share, and sort out what is left to do.
+
+        Raises
+        ------
+        ConfigError
+            If blocks were done under another limit of steps that shows in their rows.
+        OutputError
+            If a block may not be read.
+        """
+        schema = runs_schema(self.plan.config.record, self.plan.config.model)
+        known = (self.opened.manifest or {}).get("receipts", {})
+        for block in self.blocks:
+            try:
+                found = self.store.inspect_block(block.index)
+            except DamagedError:
+                self.pending.append(block)
+                continue
+            wanted = self.opened.note(block)
+            old = Receipt.load(known.get(str(block.index)))
+            if (
+                found.note is None
+                or not wanted.same_runs(found.note)
+                or found.receipt.rows > block.rows
+                or not same_schema(found.schema, schema)
+                or (old is not None and old.sha256 != found.receipt.sha256)
+            ):
+                self.pending.append(block)
+                continue
+            self._check_limit(found.note, wanted, found.receipt)
+            retry = bool(found.receipt.failed) and self.opened.retry_failed
+            if retry or not found.complete:
+                self.pending.append(block)
+                again = sum(found.receipt.failed.values()) if retry else 0
+                self.begun[block.index] = found.receipt.rows - again
+            if not found.complete:
+                self.kept += self.begun[block.index]
+                continue
+            seconds = None if old is None else old.seconds
+            self.receipts[block.index] = replace(found.receipt, seconds=seconds)
+            self.kept += block.rows
+            if found.note.classify != wanted.classify:
+                self.retype.append(block.index)
+            if retry:
+                self.retry.append(block.index)
+
+    def _check_limit(self, old: Note, new: Note, receipt: Receipt) -> None:
+        if old.max_steps > new.max_steps:
+            raise ConfigError(
+                f"{self.store.directory}: its runs were done with integrator.max_steps "
+                f"{old.max_steps}, which may only grow; {new.max_steps} needs another output"
+            )
+        if (
+            old.max_steps < new.max_steps
+            and "step_limit" in receipt.failed
+            and not (self.opened.retry_failed)
+        ):
+            raise ConfigError(
+                f"{self.store.directory}: some of its runs ended at integrator.max_steps "
+                f"{old.max_steps}; to do them again with {new.max_steps}, add --retry-failed"
+            )
+
+    def check_shared(self) -> None:
+        """Refuse what only the whole sweep may do.
+
+        Raises
+        ------
+        ConfigError
+            If this is a shard and the stored types are of other thresholds.
+        """
+        if self.shard is not None and self.retype:
+            raise ConfigError(
+                f"{self.store.directory}: its types are of other thresholds; a shard cannot change "
+                "them, `rattlesweep classify` can"
+            )
+
+    # --------------------------------------------------------- what is noted
+
+    def begin(self) -> None:
+        """Say in the manifest that this session is at work."""
+        self._entry = {
+            "started": now(),
+            "state": "running",
+            "shard": None if self.shard is None else str(self.shard),
+            "host": socket.gethostname(),
+            "pid": os.getpid(),
+            "threads": self.threads,
+        }
+        config = resolved(self.plan.config) | {"block_size": self.plan.block_size}
+
+        def change(manifest: dict[str, Any]) -> None:
+            manifest["state"] = "running"
+            manifest["config"] = config
+            # Of files that were not found as they were written.
+            for block in self.pending:
+                if block.index not in self.receipts:
+                    manifest["receipts"].pop(str(block.index), None)
+            manifest.pop("classified", None)
+            others = [entry for entry in manifest["sessions"] if not self._is_mine(entry)]
+            manifest["sessions"] = [*others[-REMEMBERED:], self._entry]
+
+        if self.opened.manifest is None and self.store.has_manifest():
+            self._replace_damaged()
+        self.store.update_manifest(change, self._blank)
+        self._due = time.monotonic() + NOTE_EVERY
+
+    def _blank(self) -> dict[str, Any]:
+        """A manifest with all that this session knows: it may be removed while that is at work."""
+        receipts = {str(i): r.dump() for i, r in self.receipts.items()}
+        blank = new_manifest(self.plan, self.opened.hash_, self.base)
+        return blank | {"receipts": receipts, "sessions": [self._entry]}
+
+    def _replace_damaged(self) -> None:
+        # Another shard may have mended it since it was examined.
+        try:
+            read_manifest(self.store)
+        except DamagedManifest:
+            self.store.write_manifest(self._blank())
+
+    def expect(self, forecast: Callable[[], dict[str, Any] | None]) -> None:
+        """Keep what the sweep is expected to take, if nobody has before and it can be told."""
+        if "expected" in (self.opened.manifest or {}) or (expected := forecast()) is None:
+            return
+
+        def change(manifest: dict[str, Any]) -> None:
+            manifest.setdefault("expected", expected)
+
+        self.store.update_manifest(change, self._blank)
+
+    def replaces(self, index: int) -> None:
+        """Forget the receipt of a block that is about to be written, if it has one."""
+        if index in self.receipts:
+            self.forget([index])
+
+    def wrote(self, index: int, receipt: Receipt, seconds: float | None = None) -> bool:
+        """Keep the receipt of a block that was written; one that is not whole has none.
+
+        Returns
+        -------
+        bool
+            Whether it is whole.
+        """
+        if receipt.rows < self.plan.block(index).rows:
+            self.begun[index] = receipt.rows
+            return False
+        if self.begun.pop(index, None) is not None or seconds is None:
+            # Not all of its runs were integrated just now.
+            seconds = self.receipts[index].seconds if index in self.receipts else None
+        seconds = None if seconds is None else round(seconds, 4)
+        self.receipts[index] = replace(receipt, seconds=seconds)
+        self._noted.discard(index)
+        self._forgotten.discard(index)
+        return True
+
+    def missing(self) -> list[int]:
+        """Numbers of the blocks of the whole sweep that are not there, or not all of them.
+
+        Raises
+        ------
+        OutputError
+            A block is gone that this session has found or written.
+        """
+        plan, there = self.plan, set(self.store.block_indices())
+        if gone := [index for index in self.receipts if index not in there]:
+            raise OutputError(
+                f"{self.store.block_path(min(gone))} was in place and has vanished"
+                f"{f', and {len(gone) - 1} more blocks' if len(gone) > 1 else ''}: something else "
+                "removes files there; the same command does them again"
+            )
+        missing = [index for index in range(plan.n_blocks) if index not in there]
+        if not missing:
+            # Of other shards: what was stopped has left rows, but not a block.
+            others = [index for index in range(plan.n_blocks) if index not in self.receipts]
+            missing = [index for index in others if not self.store.is_complete(index)]
+        return missing
+
+    def forget(self, indices: list[int]) -> None:
+        """Take receipts out of the manifest before their blocks are replaced."""
+
+        def change(manifest: dict[str, Any]) -> None:
+            for index in indices:
+                manifest["receipts"].pop(str(index), None)
+
+        if indices:
+            self.store.update_manifest(change, self._blank)
+            self._noted.difference_update(indices)
+            self._forgotten.update(indices)
+
+    def note(self, progress: Progress) -> None:
+        """Write receipts and progress down, if it is time to."""
+        if time.monotonic() >= self._due:
+            start = time.monotonic()
+            self._write({"progress": {**asdict(progress), "at": now()}})
+            self._due = time.monotonic() + max(NOTE_EVERY, 50 * (time.monotonic() - start))
+
+    def end(self, state: str, whole: bool, totals: dict[str, Any]) -> dict[str, Any]:
+        """Write down how the session ended, and whether the whole sweep is done; the manifest."""
+
+        def finish(manifest: dict[str, Any]) -> None:
+            done = whole and state == "complete"
+            # A share may be complete where the sweep is not.
+            manifest["state"] = "complete" if done else {"complete": "partial"}.get(state, state)
+            others = [s for s in manifest["sessions"] if not self._is_mine(s)]
+            if not done and any(s.get("state") == "running" for s in others):
+                manifest["state"] = "running"
+            if done:
+                manifest["finished"] = now()
+            manifest["failed"] = count_failed(manifest["receipts"].values())
+            for key in ("seconds", "kernel_seconds"):
+                past = sum(s.get(key, 0.0) for s in others)
+                manifest[key] = round(past + totals[key], 3)
+            manifest["bytes"] = sum(r["bytes"] for r in manifest["receipts"].values())
+            manifest["peak_memory"] = totals["peak_memory"]
+
+        return self._write({"finished": now(), "state": state, **totals}, finish)
+
+    def _is_mine(self, entry: dict[str, Any]) -> bool:
+        return all(entry.get(key) == self._entry[key] for key in ("started", "host", "pid"))
+
+    def _write(self, news: dict[str, Any], more: Any = lambda manifest: None) -> dict[str, Any]:
+        known = self._noted | self._forgotten
+        fresh = {i: r for i, r in self.receipts.items() if i not in known}
+
+        def change(manifest: dict[str, Any]) -> None:
+            manifest["receipts"] |= {str(i): r.dump() for i, r in fresh.items()}
+            manifest["receipts"] = dict(
+                sorted(manifest["receipts"].items(), key=lambda item: int(item[0]))
+            )
+            for entry in manifest["sessions"]:
+                if self._is_mine(entry):
+                    entry.pop("progress", None)
+                    entry |= news
+            more(manifest)
+
+        manifest = self.store.update_manifest(change, self._blank)
+        self._noted.update(fresh)
+        return manifest
+
+
+@contextmanager
+def open_session(
+    plan: Plan,
+    directory: Path,
+    base: Path | None,
+    threads: int,
+    *,
+    shard: Shard | None = None,
+    fresh: bool = False,
+    retry_failed: bool = False,
+) -> Iterator[Session]:
+    """Take hold of a directory, or of a share of it.
+
+    Parameters
+    ----------
+    fresh : bool
+        Whether to remove the runs that are there first, whatever they are of.
+
+    Raises
+    ------
+    ConfigError, OutputError
+        As :func:`examine`, or if another process holds it or it cannot be written.
+    """
+    if not fresh:
+        examine(plan, directory, base)  # before anything is made there
+    store = Store(directory)
+    store.prepare()
+    with hold(directory, None if shard is None else shard.name):
+        if fresh:
+            _check_not_input(plan, base, store)
+            remove_runs(store)
+        # Files of another shard may be young.
+        store.remove_stale_temporaries(0.0 if shard is None else 3600.0)
+        opened = replace(examine(plan, directory, base), retry_failed=retry_failed)
+        opened.remarks.extend(put_in_order(store, opened.plan, opened.hash_))
+        costs = Costs(opened.plan)
+        yield Session(opened, base, shard, threads, costs, deal(opened.plan, shard, costs))
+
+
+def remove_runs(store: Store) -> None:
+    """Remove the files of a sweep, and only those.
+
+    Raises
+    ------
+    OutputError
+        One of them cannot be removed.
+    """
+    try:
+        for path in _files_of(store):
+            path.unlink(missing_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot remove the runs in {store.directory}: {error}") from error
+
+
+def _files_of(store: Store) -> list[Path]:
+    # The manifest first: without it, what is left is nobody's.
+    files = [store.block_path(index) for index in store.block_indices()]
+    return [store.manifest_path, store.summary_path, *files]
+
+
+def _check_not_input(plan: Plan, base: Path | None, store: Store) -> None:
+    """Refuse to remove what the sweep is to begin from."""
+    removed = {path.resolve() for path in _files_of(store)}
+    for path in table_files(plan, base):
+        if path.resolve() in removed:
+            raise ConfigError(
+                f"--fresh: would remove {path}, which this sweep takes its bodies from; choose "
+                "another output"
+            )
+
+
+__all__ = ["Session", "open_session", "remove_runs"]

@@ -1,0 +1,1 @@
+"""What a directory holds, and what can be done with it without integrating."""

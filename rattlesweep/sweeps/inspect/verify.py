@@ -1,0 +1,335 @@
+"""Prove a directory: nothing damaged, missing or double, and numbers that can be had again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.sweeps.blocks.block import STATUS_WORDS
+from rattlesweep.sweeps.blocks.recompute import differing_rows
+from rattlesweep.sweeps.config.load import override_config
+from rattlesweep.sweeps.inspect.retype import stored_cases, typed
+from rattlesweep.sweeps.inspect.summary import summarise
+from rattlesweep.sweeps.store.atomic import is_temporary, reason
+from rattlesweep.sweeps.store.locks import holder
+from rattlesweep.sweeps.store.provenance import identity, read_manifest
+from rattlesweep.sweeps.store.receipts import Note, Receipt, borders, count_failed
+from rattlesweep.sweeps.store.store import Found, Store
+from rattlesweep.sweeps.tables.arrow import DamagedError, same_schema
+from rattlesweep.sweeps.tables.columns import runs_schema
+from rattlesweep.sweeps.tables.types import TYPES
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from rattlesweep.sweeps.config.load import Config
+
+
+@dataclass
+class Verdict:
+    """What a look at everything came to.
+
+    Attributes
+    ----------
+    problems : list of str
+        What is wrong, a sentence each.
+    blocks, runs : int
+        Blocks and runs in place that are whole.
+    missing : list of tuple
+        Spans ``(first, stop)`` of blocks not in place; a problem only if the sweep is said to be
+        complete.
+    begun : int
+        Runs in place of missing blocks, which a stopped session has left.
+    recomputed : int
+        Runs integrated again.
+    remarks : list of str
+        What is not wrong, but worth knowing.
+    """
+
+    problems: list[str] = field(default_factory=list)
+    blocks: int = 0
+    runs: int = 0
+    missing: list[tuple[int, int]] = field(default_factory=list)
+    begun: int = 0
+    recomputed: int = 0
+    remarks: list[str] = field(default_factory=list)
+
+    @property
+    def absent(self) -> int:
+        """Number of blocks not in place."""
+        return sum(stop - first for first, stop in self.missing)
+
+
+def verify(
+    directory: Path,
+    *,
+    recompute: int = 0,
+    seed: int | None = None,
+    threads: int | None = None,
+    report: Callable[[float], None] = lambda fraction: None,
+) -> Verdict:
+    """Check a directory from the first bit to the last; nothing is written.
+
+    Checksums of files and pages; that every block is the one that was written and holds just its
+    runs; schema; nulls, infinities and words where none belong; types against thresholds; the
+    summary and the counts in the manifest against the runs.
+
+    Parameters
+    ----------
+    directory : Path
+    recompute : int
+        Number of random runs to integrate again and compare bit for bit.
+    seed : int, optional
+        Of their choice; by default another one each time.
+    threads : int, optional
+        Of the kernel.
+    report : callable
+        Called with the fraction of the blocks that are done.
+
+    Returns
+    -------
+    Verdict
+
+    Raises
+    ------
+    ConfigError
+        It is no output directory.
+    OutputError
+        It cannot be read.
+    """
+    store = Store(directory)
+    verdict = Verdict()
+    try:
+        manifest = read_manifest(store)
+        config = override_config(manifest["config"], [])
+    except OutputError as error:
+        if not store.has_manifest():
+            raise
+        verdict.problems.append(f"{error}; `rattlesweep run` recreates it")
+        return verdict
+    at_work = holder(directory)
+    if at_work is not None:
+        verdict.remarks.append(f"{directory} is in use by {at_work}; blocks may come and go")
+    whole = _check_blocks(store, manifest, config, verdict, report)
+    verdict.problems += _foreign_files(store, manifest["blocks"], at_work is not None)
+    complete = manifest["state"] == "complete"
+    if verdict.missing and complete:
+        verdict.problems.append(
+            f"{store.runs}: {_listed(verdict.missing)} of a sweep that is said to be complete "
+            "is missing"
+        )
+    if complete and not verdict.problems:
+        verdict.problems += _check_summary(store, manifest)
+    if recompute:
+        verdict.problems += _check_numbers(
+            store, manifest, config, whole, recompute, seed, threads, verdict
+        )
+    return verdict
+
+
+def _check_blocks(
+    store: Store,
+    manifest: dict[str, Any],
+    config: Config,
+    verdict: Verdict,
+    report: Callable[[float], None],
+) -> list[int]:
+    """Check every block; the numbers of those without a fault."""
+    schema = runs_schema(config.record, config.model)
+    present = [index for index in store.block_indices() if index < manifest["blocks"]]
+    ends = [-1, *present, manifest["blocks"]]
+    verdict.missing = [(a + 1, b) for a, b in pairwise(ends) if b > a + 1]
+    whole = []
+    for place, index in enumerate(present):
+        report(place / len(present))
+        try:
+            rows, faults = _faults(store, index, manifest, config, schema)
+        except DamagedError as error:
+            rows, faults = 0, [f"is damaged: {error}"]
+        verdict.problems += [f"{store.block_path(index)} {fault}" for fault in faults]
+        if faults:
+            continue
+        first, stop = borders(manifest, index)
+        if rows < stop - first:
+            verdict.missing.append((index, index + 1))
+            verdict.begun += rows
+            continue
+        whole.append(index)
+        verdict.blocks += 1
+        verdict.runs += rows
+    verdict.missing.sort()
+    return whole
+
+
+def _faults(
+    store: Store, index: int, manifest: dict[str, Any], config: Config, schema: pa.Schema
+) -> tuple[int, list[str]]:
+    """Rows of a block, and what is wrong with it, worst first."""
+    found = store.inspect_block(index)
+    return found.receipt.rows, list(_faults_of(store, index, found, manifest, config, schema))
+
+
+def _faults_of(
+    store: Store,
+    index: int,
+    found: Found,
+    manifest: dict[str, Any],
+    config: Config,
+    schema: pa.Schema,
+) -> Iterator[str]:
+    wanted = Note.of(manifest, index)
+    if not wanted.same_runs(found.note):
+        yield "is a block of another sweep, or of another place in this one"
+        return
+    if not same_schema(found.schema, schema):
+        yield "has other columns than its config asks for"
+        return
+    receipt = Receipt.load(manifest["receipts"].get(str(index)))
+    if receipt is not None and receipt.sha256 != found.receipt.sha256:
+        yield "is not the file that the manifest has the checksum of"
+    if receipt is None and found.complete and manifest["state"] == "complete":
+        yield "has no checksum in the manifest"
+    table = store.read_block(index)
+    samples = manifest["samples"]
+    sample = table.column("sample").to_numpy()
+    numbers = table.column("case").to_numpy().astype(np.int64) * samples + sample
+    all_runs = np.arange(wanted.first, wanted.stop)
+    # A stopped session leaves some of them, in their order.
+    some = all_runs[np.isin(all_runs, numbers)]
+    if not np.array_equal(numbers, some) or not ((sample >= 0) & (sample < samples)).all():
+        yield "has runs missing, double or out of order"
+    yield from _bad_values(table)
+    if found.note is not None and found.note.classify != wanted.classify:
+        yield "has types of other thresholds; `rattlesweep classify` renews them"
+    elif not typed(table, config.classify).equals(table.column("type").combine_chunks()):
+        yield "has types that do not follow from its numbers"
+
+
+def _bad_values(table: pa.Table) -> Iterator[str]:
+    """Nulls, infinities and words where none belong."""
+    for column_field in table.schema:
+        column = table.column(column_field.name)
+        if column.null_count and not column_field.nullable:
+            yield f"has nulls in {column_field.name}"
+        if pa.types.is_floating(column_field.type):
+            values = column.drop_null()
+            if len(values) and not pc.all(pc.is_finite(values)).as_py():
+                yield f"has NaN or infinity in {column_field.name}"
+    status, kind = table.column("status"), table.column("type")
+    ok = pc.equal(status, "ok")
+    reversed_ = pc.fill_null(pc.equal(kind, "R"), False)
+    rules = {
+        "words in status that mean nothing": pc.invert(
+            pc.is_in(status, value_set=pa.array(STATUS_WORDS))
+        ),
+        "words in type that mean nothing": pc.and_(
+            pc.is_valid(kind), pc.invert(pc.is_in(kind, value_set=pa.array(TYPES)))
+        ),
+        "types that are null though the status is ok, or the other way about": pc.xor(
+            ok, pc.is_valid(kind)
+        ),
+        "reversal times that do not go with their types": pc.xor(
+            reversed_, pc.and_(ok, pc.is_valid(table.column("t_r")))
+        ),
+        "runs that are ok but have no n_end or energy_drift": pc.and_(
+            ok,
+            pc.or_(pc.is_null(table.column("n_end")), pc.is_null(table.column("energy_drift"))),
+        ),
+    }
+    for words, broken in rules.items():
+        if pc.any(broken).as_py():
+            yield f"has {words}"
+
+
+def _foreign_files(store: Store, blocks: int, at_work: bool) -> Iterator[str]:
+    """Files that readers of ``runs/*.parquet`` would take for runs, and what the dead left."""
+    try:
+        for path in store.strays(blocks):
+            yield f"{path} is no block of this sweep, but readers will take it for one"
+    except FileNotFoundError:
+        pass  # no runs yet
+    except OSError as error:
+        raise OutputError(f"cannot read {store.runs}: {reason(error)}") from error
+    if not at_work:
+        left = [p for d in (store.directory, store.runs) for p in d.glob(".*") if is_temporary(p)]
+        if left:
+            yield f"{left[0]} was left by a process that died; `rattlesweep run` removes it"
+
+
+def _check_summary(store: Store, manifest: dict[str, Any]) -> Iterator[str]:
+    try:
+        stored = store.read_summary()
+    except OutputError as error:
+        yield f"{error}; `rattlesweep run` recreates it"
+        return
+    made = summarise(store, stored_cases(manifest)).replace_schema_metadata(None)
+    if stored.schema.names != made.schema.names:
+        # Of an earlier version, which gave Bondi's share in the unsteady direction too.
+        common = [
+            n for n in made.schema.names if n in stored.schema.names and n != "fraction_bondi"
+        ]
+        stored, made = stored.select(common), made.select(common)
+    if not stored.equals(made):
+        yield f"{store.summary_path} does not follow from the runs; `rattlesweep run` recreates it"
+    if count_failed(manifest["receipts"].values()) != manifest["failed"]:
+        yield f"{store.manifest_path} counts failed runs other than those there are"
+
+
+def _check_numbers(
+    store: Store,
+    manifest: dict[str, Any],
+    config: Config,
+    whole: list[int],
+    count: int,
+    seed: int | None,
+    threads: int | None,
+    verdict: Verdict,
+) -> Iterator[str]:
+    """Integrate random runs again."""
+    from rattlesweep.sweeps.cases.plan import make_plan
+
+    base = None if manifest.get("base") is None else Path(manifest["base"])
+    try:
+        plan = make_plan(config, base)
+    except ConfigError as error:
+        yield f"no run can be integrated again: {error.messages[0]}"
+        return
+    if identity(plan, base) != manifest["config_hash"]:
+        yield "no run can be integrated again: the table of bodies has changed"
+        return
+    chosen = _choose([borders(manifest, index) for index in whole], count, seed)
+    for case, sample, columns in differing_rows(store, plan, manifest, chosen, threads):
+        yield (
+            f"case {case}, sample {sample} comes out otherwise when integrated again, in "
+            f"{', '.join(columns[:4])}{' and others' if len(columns) > 4 else ''}"
+        )
+    verdict.recomputed = len(chosen)
+
+
+def _choose(spans: list[tuple[int, int]], count: int, seed: int | None) -> NDArray[np.int64]:
+    """So many numbers out of some spans of run numbers at random, ascending, each once."""
+    if not spans:
+        return np.zeros(0, dtype=np.int64)
+    first, stop = np.array(spans, dtype=np.int64).T
+    # Places in the spans laid end to end, of which there is no list: they may be a billion.
+    ends = np.cumsum(stop - first)
+    total = int(ends[-1])
+    places = np.sort(np.random.default_rng(seed).choice(total, min(count, total), replace=False))
+    span = np.searchsorted(ends, places, side="right")
+    numbers: NDArray[np.int64] = stop[span] - (ends[span] - places)
+    return numbers
+
+
+def _listed(spans: list[tuple[int, int]]) -> str:
+    words = [str(a) if b == a + 1 else f"{a} to {b - 1}" for a, b in spans[:8]]
+    one = len(spans) == 1 and spans[0][1] == spans[0][0] + 1
+    more = " and others" if len(spans) > 8 else ""
+    return f"block{'' if one else 's'} {', '.join(words)}{more}"

@@ -1,0 +1,1 @@
+"""Whether a config makes physical sense."""

@@ -1,0 +1,202 @@
+"""Files that appear in one step, complete, or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import re
+import secrets
+import stat
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+from rattlesweep.errors import OutputError
+
+# A leading dot and another ending: no `*.parquet` or `*.json` pattern matches, and readers that
+# take a whole directory skip hidden files.
+_TEMPORARY = re.compile(
+    r"\.(probe|manifest\.json|summary\.parquet|block-\d+\.parquet)\.[0-9a-f]{8}\.tmp"
+)
+
+
+def replace_file(path: Path, data: bytes, check: Callable[[Path], None] | None = None) -> None:
+    """Put `data` at `path` in one step.
+
+    Parameters
+    ----------
+    path
+        Whatever is there stays there, whole, until the new file is on the disk.
+    check
+        Called with the finished temporary file; whatever it raises keeps that from its place.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written; names the file and the reason.
+    """
+    temporary = _temporary(path)
+    try:
+        _write(temporary, data)
+        if check is not None:
+            check(temporary)
+        os.replace(temporary, path)
+        _sync_directory(path.parent)
+    except OSError as error:
+        raise OutputError(f"cannot write {path}: {reason(error)}") from error
+    finally:
+        # After the rename there is nothing left; after anything else, Ctrl-C too, there may be.
+        _discard(temporary)
+
+
+def rename_file(path: Path, target: Path) -> None:
+    """Give a file another name in its directory, for good once this returns."""
+    os.replace(path, target)
+    _sync_directory(target.parent)
+
+
+@contextlib.contextmanager
+def streamed_file(path: Path) -> Iterator[BinaryIO]:
+    """Like `replace_file`, for data that comes in parts: a file to write them to.
+
+    It takes its place when the body has ended; if that raises, nothing is left of it.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written; names the file and the reason.
+    """
+    temporary = _temporary(path)
+    try:
+        handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
+        with os.fdopen(handle, "wb") as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+        _sync_directory(path.parent)
+    except OSError as error:
+        raise OutputError(f"cannot write {path}: {reason(error)}") from error
+    finally:
+        _discard(temporary)
+
+
+class NotAFile(OSError):
+    """Something else in the place of a file of ours: a FIFO, a device, far too many bytes."""
+
+
+def read_file(path: Path, most: int) -> bytes:
+    """All of a regular file; what is none is not waited for.
+
+    Parameters
+    ----------
+    path
+    most
+        Size in bytes above which it is not read.
+
+    Raises
+    ------
+    NotAFile
+        It is no regular file, or is larger.
+    OSError
+        It cannot be read.
+    """
+    # Without O_NONBLOCK, to open a FIFO is to wait for somebody who writes into it.
+    handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
+    try:
+        status = os.fstat(handle)
+        if not stat.S_ISREG(status.st_mode):
+            raise NotAFile("it is no regular file")
+        if status.st_size > most:
+            raise NotAFile(f"it is larger than the {most} bytes it can have")
+        with open(handle, "rb", closefd=False) as file:
+            return file.read(most)
+    finally:
+        os.close(handle)
+
+
+def probe_directory(path: Path) -> None:
+    """Create `path` where need be, and try out that files can be written in it.
+
+    Raises
+    ------
+    OutputError
+        They cannot: read-only, a file in the way, no space.
+    """
+    probe = _temporary(path / "probe")
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        try:
+            _write(probe, b"probe")
+        finally:
+            _discard(probe)
+    except (FileExistsError, NotADirectoryError) as error:
+        raise OutputError(f"cannot write in {path}: a file is in the way") from error
+    except OSError as error:
+        raise OutputError(f"cannot write in {path}: {reason(error)}") from error
+
+
+def remove_temporaries(folder: Path, older_than: float = 0.0) -> int:
+    """Remove temporary files at least `older_than` seconds old; returns how many.
+
+    Raises
+    ------
+    OutputError
+        The folder cannot be read.
+    """
+    now, removed = time.time(), 0
+    try:
+        found = [folder / name for name in os.listdir(folder) if is_temporary(folder / name)]
+    except OSError as error:
+        raise OutputError(f"cannot read {folder}: {reason(error)}") from error
+    for path in found:
+        with contextlib.suppress(OSError):  # its owner, or another process, was quicker
+            if now - path.stat().st_mtime >= older_than:
+                path.unlink()
+                removed += 1
+    return removed
+
+
+def is_temporary(path: Path) -> bool:
+    """Whether a file is one that a process of ours was still writing."""
+    return _TEMPORARY.fullmatch(path.name) is not None
+
+
+def reason(error: BaseException) -> str:
+    """Say in one line what went wrong."""
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror
+    return str(error).strip().split("\n")[0] or type(error).__name__
+
+
+def _temporary(path: Path) -> Path:
+    # The random part keeps two processes that write the same block out of each other's file.
+    return path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
+
+
+def _write(path: Path, data: bytes) -> None:
+    handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
+    with os.fdopen(handle, "wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _discard(path: Path) -> None:
+    with contextlib.suppress(OSError):
+        path.unlink()
+
+
+def _sync_directory(path: Path) -> None:
+    """Force the rename itself to the disk."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    except OSError as error:
+        # Some network file systems cannot; the file is in place all the same.
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):
+            raise
+    finally:
+        os.close(handle)

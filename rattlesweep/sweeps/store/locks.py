@@ -1,0 +1,196 @@
+"""Who works in an output directory.
+
+Locks are the operating system's (``flock``): they end with the process that holds them, however it
+ends, so no lock is ever stale. A whole sweep holds its directory alone; shards share it, and each
+holds its own share alone. Where a file system has no locks, two processes may do the
+same blocks twice; their files are the same, and each appears in one step.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import json
+import os
+import shlex
+import socket
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from rattlesweep.errors import OutputError
+from rattlesweep.sweeps.store.atomic import read_file, reason
+from rattlesweep.sweeps.store.provenance import now
+
+fcntl: Any
+try:
+    fcntl = import_module("fcntl")
+except ImportError:  # Windows
+    fcntl = None
+
+FOLDER = ".locks"
+_WHOLE, _TURN = "directory", "manifest"
+# Seconds for which a lock may be in the hands of somebody who only looks.
+PATIENCE = 0.3
+_MOST_WORDS = 1 << 20
+# What flock says where there are no locks, as on some network file systems.
+_NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS, errno.EINVAL)
+
+
+class Busy(OutputError):
+    """Another process works there; the message says which."""
+
+
+def holder(directory: Path) -> str | None:
+    """Who works in a directory, in words; None if nobody does."""
+    try:
+        names = sorted(os.listdir(directory / FOLDER))
+    except OSError:
+        return None
+    for path in (directory / FOLDER / name for name in names if name != _TURN):
+        with contextlib.suppress(OSError), open(path, "rb", opener=_at_once) as handle:
+            if not _try(handle.fileno(), shared=True):
+                return _words(path)
+    return None
+
+
+@contextmanager
+def hold(directory: Path, share: str | None = None) -> Iterator[None]:
+    """Hold a directory, or a share of it, while a block of code runs.
+
+    Parameters
+    ----------
+    directory : Path
+        Must exist.
+    share : str, optional
+        Name of the share, such as ``shard-0-of-7``; other shares can be held meanwhile.
+
+    Raises
+    ------
+    Busy
+        Another process holds it.
+    OutputError
+        The directory cannot be written.
+    """
+    if fcntl is None:
+        yield
+        return
+    folder = directory / FOLDER
+    with contextlib.ExitStack() as stack:
+        try:
+            if not stack.enter_context(_locked(folder / _WHOLE, shared=share is not None)):
+                raise Busy(f"{directory} is in use by {holder(directory) or 'another process'}")
+            if share is not None and not stack.enter_context(_locked(folder / share, shared=False)):
+                raise Busy(f"{directory}: {share} is in use by {_words(folder / share)}")
+        except (FileExistsError, NotADirectoryError) as error:
+            raise OutputError(f"cannot write in {folder}: a file is in the way") from error
+        except OSError as error:
+            raise OutputError(f"cannot write in {directory}: {reason(error)}") from error
+        yield
+
+
+@contextmanager
+def turn(directory: Path) -> Iterator[None]:
+    """Wait for this process's turn to change what shards share: a moment.
+
+    Raises
+    ------
+    OutputError
+        The directory cannot be written.
+    """
+    path = directory / FOLDER / _TURN
+    with contextlib.ExitStack() as stack:
+        try:
+            if fcntl is not None and path.parent.is_dir():
+                handle = stack.enter_context(open(path, "ab"))
+                with contextlib.suppress(OSError):
+                    fcntl.flock(handle, fcntl.LOCK_EX)
+        except OSError as error:
+            raise OutputError(f"cannot write {path}: {reason(error)}") from error
+        yield
+
+
+@contextmanager
+def _locked(path: Path, *, shared: bool) -> Iterator[bool]:
+    """Hold a lock file, if no other process does; its last holder removes it."""
+    handle = _open_locked(path, shared)
+    if handle is None:
+        yield False
+        return
+    try:
+        if not shared:
+            handle.truncate(0)
+            handle.write(json.dumps(_me()).encode())
+            handle.flush()
+        yield True
+    finally:
+        # Other shares may be at work; a file that cannot be removed locks nothing once closed.
+        # Where the directory was moved meanwhile, a file of this name is another's lock.
+        with contextlib.suppress(OSError):
+            mine = os.path.samestat(os.fstat(handle.fileno()), os.stat(path))
+            if mine and (not shared or _try(handle.fileno(), shared=False)):
+                path.unlink(missing_ok=True)
+                if path.name == _WHOLE:
+                    (path.parent / _TURN).unlink(missing_ok=True)
+                path.parent.rmdir()
+        with contextlib.suppress(OSError):  # it is to hold what could not be written before
+            handle.close()
+
+
+def _open_locked(path: Path, shared: bool) -> BinaryIO | None:
+    end = time.monotonic() + PATIENCE
+    while True:
+        path.parent.mkdir(exist_ok=True)
+        # Whoever leaves may remove the folder or the file meanwhile: a lock on what is no longer
+        # there locks nothing.
+        with contextlib.suppress(FileNotFoundError):
+            handle = open(path, "a+b")  # noqa: SIM115
+            if _try(handle.fileno(), shared=shared):
+                with contextlib.suppress(FileNotFoundError):
+                    if os.path.samestat(os.fstat(handle.fileno()), os.stat(path)):
+                        return handle
+            elif time.monotonic() >= end:
+                handle.close()
+                return None
+            else:
+                time.sleep(0.02)
+            handle.close()
+
+
+def _at_once(path: str, flags: int) -> int:
+    """Open without waiting, as for somebody at the other end of a FIFO."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+
+
+def _try(handle: int, *, shared: bool) -> bool:
+    if fcntl is None:
+        return True
+    try:
+        fcntl.flock(handle, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError as error:
+        if error.errno not in _NO_LOCKS:
+            raise
+    return True
+
+
+def _me() -> dict[str, Any]:
+    return {
+        "pid": os.getpid(),
+        "host": socket.gethostname(),
+        "command": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
+        "since": now(),
+    }
+
+
+def _words(path: Path) -> str:
+    try:
+        who = json.loads(read_file(path, _MOST_WORDS))
+        return f"`{who['command']}` (process {who['pid']} on {who['host']} since {who['since']})"
+    except (OSError, ValueError, KeyError, TypeError):
+        return "another process"

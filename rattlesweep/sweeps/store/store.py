@@ -1,0 +1,526 @@
+"""The output directory: where blocks come to rest, and how they prove whole.
+
+A file appears under its name in one step, complete, or not at all. It is written beside its
+place under a name no reader's pattern matches, forced to the disk, read back, renamed. Whatever
+kills the process, at whatever moment, `runs/*.parquet` matches complete blocks only.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import hashlib
+import os
+import re
+import stat
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from rattlesweep.errors import ConfigError, DamagedManifest, OutputError
+from rattlesweep.sweeps.store import sealed as sealedjson
+from rattlesweep.sweeps.store.atomic import (
+    NotAFile,
+    probe_directory,
+    read_file,
+    reason,
+    remove_temporaries,
+    rename_file,
+    replace_file,
+)
+from rattlesweep.sweeps.store.locks import turn
+from rattlesweep.sweeps.store.receipts import Note, Receipt
+from rattlesweep.sweeps.tables.arrow import (
+    NOTE,
+    DamagedError,
+    build_table,
+    encode,
+    open_sealed,
+)
+
+_BLOCK = re.compile(r"block-(\d{6,18})\.parquet")
+# Bytes that a file can have: a block with so many rows, and any other.
+MOST_ROWS = 200_000
+_ROW, _REST = 1 << 14, 1 << 20
+MOST_BYTES = 1 << 31
+# In every manifest, and in the footer of every table.
+_MARKS = (b'"config_hash"', b"rattlesweep.sha256")
+
+
+@dataclass(frozen=True)
+class Found:
+    """A block that is in place and undamaged."""
+
+    schema: pa.Schema
+    note: Note | None
+    receipt: Receipt
+
+    @property
+    def complete(self) -> bool:
+        """Whether it has all its rows; what a stopped session leaves of a block has fewer."""
+        return self.note is None or self.receipt.rows >= self.note.stop - self.note.first
+
+
+class Store:
+    """The files of one output directory.
+
+    Parameters
+    ----------
+    directory
+        Need not exist until `prepare`.
+
+    Attributes
+    ----------
+    rows : int
+        Rows that a block can have; set by those who know the sweep, it bounds what is read.
+    """
+
+    def __init__(self, directory: Path | str) -> None:
+        self.directory = Path(directory)
+        self.runs = self.directory / "runs"
+        self.manifest_path = self.directory / "manifest.json"
+        self.summary_path = self.directory / "summary.parquet"
+        self.rows = MOST_ROWS
+        self._opened = self._folders()
+
+    def prepare(self) -> None:
+        """Create the directories and try out that files can be written there.
+
+        Raises
+        ------
+        ConfigError
+            The directory is somebody else's.
+        OutputError
+            They cannot: read-only, a file in the way, no space.
+        """
+        self.check_ours()
+        probe_directory(self.directory)
+        probe_directory(self.runs)
+        self._opened = self._folders()
+
+    def check_ours(self) -> None:
+        """Refuse a directory that holds something, but nothing of this program.
+
+        Raises
+        ------
+        ConfigError
+            It does; its files might be overwritten.
+        OutputError
+            It cannot be listed.
+        """
+        try:
+            names = sorted(os.listdir(self.directory))
+        except (FileNotFoundError, NotADirectoryError):
+            return
+        except OSError as error:
+            raise OutputError(f"cannot read {self.directory}: {reason(error)}") from error
+        # Hidden files are not in the way, and among them is what a killed process leaves.
+        shown = [name for name in names if not name.startswith(".") and name != "runs"]
+        if not shown or self.block_indices():
+            return
+        for name in shown:
+            if name == self.manifest_path.name or name.endswith(".parquet"):
+                try:
+                    data = read_file(self.directory / name, MOST_BYTES)
+                except (NotAFile, FileNotFoundError):
+                    continue
+                except OSError as error:
+                    raise OutputError(
+                        f"cannot read {self.directory / name}: {reason(error)}"
+                    ) from error
+                if any(mark in data for mark in _MARKS):
+                    return
+        raise ConfigError(
+            f"{self.directory}: it is not empty, and what it holds ({shown[0]}"
+            f"{' and others' if len(shown) > 1 else ''}) is no sweep; choose a new directory"
+        )
+
+    def _folders(self) -> dict[Path, os.stat_result]:
+        """Which directories there are by these names now."""
+        found = {}
+        for folder in (self.directory, self.runs):
+            with contextlib.suppress(OSError, ValueError):
+                found[folder] = os.stat(folder)
+        return found
+
+    def _check_in_place(self) -> None:
+        """Refuse to write where another directory has taken the place of the one opened."""
+        for folder, opened in self._opened.items():
+            try:
+                same = os.path.samestat(os.stat(folder), opened)
+            except (FileNotFoundError, NotADirectoryError):
+                same = False
+            except OSError as error:
+                raise OutputError(f"cannot read {folder}: {reason(error)}") from error
+            if not same:
+                raise OutputError(
+                    f"{folder} has been moved, removed or replaced while it was in use; nothing "
+                    "more is written there"
+                )
+
+    def remove_stale_temporaries(self, older_than: float = 0.0) -> int:
+        """Remove what killed processes left half-written.
+
+        Parameters
+        ----------
+        older_than
+            Age in seconds below which a file may still be in the hands of another process.
+
+        Returns
+        -------
+        int
+            Number of files removed.
+        """
+        return sum(remove_temporaries(f, older_than) for f in (self.directory, self.runs))
+
+    # ------------------------------------------------------------------ blocks
+
+    def block_path(self, index: int) -> Path:
+        """Where block `index` has its place."""
+        return self.runs / _name(index)
+
+    def is_block(self, path: Path) -> bool:
+        """Whether a file has the name of a block."""
+        return _number(path.name) is not None
+
+    def block_indices(self) -> list[int]:
+        """Numbers of the blocks in place, ascending; other files in `runs` are ignored.
+
+        Raises
+        ------
+        OutputError
+            The directory exists but cannot be listed.
+        """
+        try:
+            names = os.listdir(self.runs)
+        except FileNotFoundError:
+            return []
+        except NotADirectoryError as error:
+            raise OutputError(f"cannot use {self.directory}: a file is in the way") from error
+        except OSError as error:
+            raise OutputError(f"cannot read {self.runs}: {reason(error)}") from error
+        return sorted(number for name in names if (number := _number(name)) is not None)
+
+    def strays(self, blocks: int) -> Iterator[Path]:
+        """Files that readers of ``runs/*.parquet`` take for runs, but none of so many blocks."""
+        for name in sorted(os.listdir(self.runs)):
+            if name.startswith(".") or not name.endswith(".parquet"):
+                continue
+            number = _number(name)
+            if number is None or number >= blocks:
+                yield self.runs / name
+
+    def rename(self, path: Path, target: Path) -> None:
+        """Move a block to its place.
+
+        Raises
+        ------
+        OSError, OutputError
+            It cannot be moved.
+        """
+        self._check_in_place()
+        rename_file(path, target)
+
+    def write_block(
+        self,
+        index: int,
+        columns: Mapping[str, Any],
+        schema: pa.Schema,
+        note: Note | None = None,
+    ) -> Receipt:
+        """Write one block from plain arrays; see `tables.build_table` for what they may be.
+
+        Raises
+        ------
+        OutputError
+            The file cannot be written; what was there before still is.
+        ValueError
+            The columns do not make a table of `schema`: a mistake of the calling code.
+        """
+        return self._write_table(self.block_path(index), build_table(columns, schema), note)
+
+    def rewrite_block(self, index: int, table: pa.Table, note: Note | None = None) -> Receipt:
+        """Put `table` in the place of block `index`, as safely as `write_block`.
+
+        Raises
+        ------
+        OutputError
+            The file cannot be written; the old block is still there.
+        ValueError
+            A column that must have a value in every row lacks one.
+        """
+        columns = {name: table.column(name) for name in table.schema.names}
+        return self.write_block(index, columns, table.schema, note)
+
+    def inspect_block(self, index: int) -> Found:
+        """What block `index` holds, proved undamaged to the bit.
+
+        Raises
+        ------
+        DamagedError
+            It is not there, or not whole.
+        OutputError
+            The file may not be read, which says nothing about what it holds.
+        """
+        return inspect_file(self.block_path(index), self.rows)
+
+    def is_complete(self, index: int) -> bool:
+        """Whether block `index` has all its rows, by its own account; nothing is proved."""
+        try:
+            with pq.ParquetFile(self.block_path(index)) as file:
+                return _complete(file)
+        except (pa.ArrowException, OSError):
+            return False
+
+    def read_block(self, index: int, columns: Sequence[str] | None = None) -> pa.Table:
+        """Read a block, having proved that it is whole.
+
+        Raises
+        ------
+        OutputError
+            It is missing, unreadable or damaged.
+        """
+        path = self.block_path(index)
+        try:
+            data = read_file(path, _most_bytes(self.rows))
+            table = open_sealed(data).read(columns=_listed(columns))
+        except OSError as error:
+            raise OutputError(f"cannot read {path}: {reason(error)}") from error
+        except (DamagedError, pa.ArrowException) as error:
+            raise OutputError(f"{path} is damaged: {error}") from error
+        return table.replace_schema_metadata(None)
+
+    def iter_blocks(self, columns: Sequence[str] | None = None) -> Iterator[tuple[int, pa.Table]]:
+        """Yield (number, table) of the blocks in place, in order; errors as for `read_block`."""
+        for index in self.block_indices():
+            yield index, self.read_block(index, columns)
+
+    def iter_batches(
+        self, columns: Sequence[str] | None = None, *, complete: bool = False
+    ) -> Iterator[pa.RecordBatch]:
+        """Yield all rows in order, in pieces of bounded size, reading only these columns.
+
+        With `complete`, blocks of which a stopped session has left only a part are left out.
+
+        Page checksums are verified; the seal of the whole file, which takes a read of all of
+        it, is not.
+
+        Raises
+        ------
+        OutputError
+            A block is unreadable or damaged, or lacks one of the columns.
+        """
+        for index in self.block_indices():
+            path = self.block_path(index)
+            try:
+                if not stat.S_ISREG(os.stat(path).st_mode):
+                    raise NotAFile("it is no regular file")
+                with pq.ParquetFile(path, page_checksum_verification=True) as file:
+                    if complete and not _complete(file):
+                        continue
+                    absent = set(columns or ()).difference(file.schema_arrow.names)
+                    if absent:
+                        raise OutputError(f"{path} has no column {', '.join(sorted(absent))}")
+                    # One row group at a time: ParquetFile.iter_batches holds a whole block.
+                    for group in range(file.num_row_groups):
+                        yield from file.read_row_group(group, _listed(columns)).to_batches()
+            except (pa.ArrowException, OSError) as error:
+                raise OutputError(f"cannot read {path}: {reason(error)}") from error
+
+    # -------------------------------------------------- summary and manifest
+
+    def write_summary(self, table: pa.Table) -> None:
+        """Write `summary.parquet`, as safely as a block.
+
+        Raises
+        ------
+        OutputError
+            The file cannot be written.
+        """
+        self._write_table(self.summary_path, table)
+
+    def read_summary(self) -> pa.Table:
+        """Read `summary.parquet`.
+
+        Raises
+        ------
+        OutputError
+            It is missing, unreadable or damaged.
+        """
+        try:
+            table = open_sealed(read_file(self.summary_path, MOST_BYTES)).read()
+        except OSError as error:
+            raise OutputError(f"cannot read {self.summary_path}: {reason(error)}") from error
+        except (DamagedError, pa.ArrowException) as error:
+            raise OutputError(f"{self.summary_path} is damaged: {error}") from error
+        return table.replace_schema_metadata(None)
+
+    def write_manifest(self, manifest: Mapping[str, Any]) -> None:
+        """Write `manifest.json`, as safely as a block; see `sealedjson.dump`.
+
+        Raises
+        ------
+        OutputError
+            The file cannot be written.
+        ValueError, TypeError
+            It holds NaN, infinity, or something JSON has no word for.
+        """
+        self._put(self.manifest_path, sealedjson.dump(manifest))
+
+    def has_manifest(self) -> bool:
+        """Whether there is a `manifest.json`, damaged or not.
+
+        Raises
+        ------
+        OutputError
+            The system does not say.
+        """
+        try:
+            return self.manifest_path.exists()
+        except OSError as error:
+            raise OutputError(f"cannot read {self.manifest_path}: {reason(error)}") from error
+
+    def read_manifest(self) -> dict[str, Any]:
+        """Read `manifest.json`, having proved that it is whole.
+
+        Raises
+        ------
+        ConfigError
+            There is none, so this is no output directory.
+        DamagedManifest
+            It is not what `write_manifest` writes.
+        OutputError
+            It cannot be read.
+        """
+        try:
+            return sealedjson.load(read_file(self.manifest_path, MOST_BYTES))
+        except (FileNotFoundError, NotADirectoryError):
+            raise ConfigError(
+                f"{self.directory} is not an output directory: it has no manifest.json"
+            ) from None
+        except (NotAFile, ValueError) as error:
+            raise DamagedManifest(f"{self.manifest_path} is damaged: {error}") from error
+        except OSError as error:
+            raise OutputError(f"cannot read {self.manifest_path}: {reason(error)}") from error
+
+    def update_manifest(
+        self,
+        change: Callable[[dict[str, Any]], None],
+        blank: Callable[[], dict[str, Any]] | None = None,
+    ) -> dict[str, Any]:
+        """Change `manifest.json` in one step that no other process can come between.
+
+        Parameters
+        ----------
+        change
+            Called with the manifest as it is now.
+        blank
+            Makes the one to begin with where there is none.
+
+        Returns
+        -------
+        dict
+            The manifest as written.
+
+        Raises
+        ------
+        ConfigError, OutputError
+            As for `read_manifest` and `write_manifest`.
+        """
+        self._check_in_place()
+        with turn(self.directory):
+            begin = blank is not None and not self.has_manifest()
+            manifest = blank() if blank is not None and begin else self.read_manifest()
+            change(manifest)
+            self.write_manifest(manifest)
+        return manifest
+
+    def _write_table(self, path: Path, table: pa.Table, note: Note | None = None) -> Receipt:
+        def reads_back(temporary: Path) -> None:
+            try:
+                with pq.ParquetFile(temporary) as file:
+                    rows = file.metadata.num_rows
+            except pa.ArrowException as error:
+                raise OSError(errno.EIO, f"does not read back: {reason(error)}") from error
+            if rows != table.num_rows:
+                raise OSError(errno.EIO, f"reads back {rows} of {table.num_rows} rows")
+
+        data = encode(table, None if note is None else note.dump())
+        self._put(path, data, reads_back)
+        return _receipt(data, table.column("status") if "status" in table.schema.names else None)
+
+    def _put(
+        self, path: Path, data: bytes, check: Callable[[Path], None] = lambda temporary: None
+    ) -> None:
+        def checked(temporary: Path) -> None:
+            check(temporary)
+            # Now that the temporary file is there: after a move from here on, the rename finds
+            # nothing to rename.
+            self._check_in_place()
+
+        self._check_in_place()
+        try:
+            replace_file(path, data, checked)
+        except OutputError:
+            self._check_in_place()  # which says why a file was not found
+            raise
+
+
+def inspect_file(path: Path, rows: int = MOST_ROWS) -> Found:
+    """What a file of so many rows at most holds, as `Store.inspect_block`, by whatever name.
+
+    Raises
+    ------
+    DamagedError, OutputError
+        As there.
+    """
+    try:
+        data = read_file(path, _most_bytes(rows))
+        file = open_sealed(data)
+        status = file.read(columns=["status"]).column("status")
+    except PermissionError as error:
+        raise OutputError(f"cannot read {path}: {reason(error)}") from error
+    except OSError as error:
+        raise DamagedError(reason(error)) from error
+    except (pa.ArrowException, KeyError) as error:
+        raise DamagedError(f"it has no status: {reason(error)}") from error
+    schema = file.schema_arrow
+    note = Note.load((schema.metadata or {}).get(NOTE))
+    return Found(schema, note, _receipt(data, status))
+
+
+def _complete(file: pq.ParquetFile) -> bool:
+    note = Note.load((file.schema_arrow.metadata or {}).get(NOTE))
+    return note is None or file.metadata.num_rows >= note.stop - note.first
+
+
+def _receipt(data: bytes, status: pa.ChunkedArray | None) -> Receipt:
+    rows, failed = 0, {}
+    if status is not None:
+        rows = len(status)
+        counts = {entry["values"]: entry["counts"] for entry in status.value_counts().to_pylist()}
+        failed = {word: count for word, count in sorted(counts.items()) if word != "ok"}
+    return Receipt(hashlib.sha256(data).hexdigest(), rows, len(data), failed)
+
+
+def _name(index: int) -> str:
+    return f"block-{index:06d}.parquet"
+
+
+def _number(name: str) -> int | None:
+    """Number of the block that has its place by this name."""
+    match = _BLOCK.fullmatch(name)
+    number = None if match is None else int(match[1])
+    return number if number is not None and _name(number) == name else None
+
+
+def _most_bytes(rows: int) -> int:
+    return _REST + rows * _ROW
+
+
+def _listed(columns: Sequence[str] | None) -> list[str] | None:
+    return None if columns is None else list(columns)

@@ -1,0 +1,1 @@
+"""Columns, Arrow tables and types of runs."""

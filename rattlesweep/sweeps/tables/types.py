@@ -1,0 +1,56 @@
+"""Types of runs: R, SS, SW, unclassified (the paper, "Steady initial spin direction").
+
+R: the spin reached zero by the horizon.  Otherwise SS: the amplitude of the relevant oscillation
+decayed monotonically.  Otherwise SW: the spin left its plateau.  Otherwise unclassified: the
+oscillation grew, yet the spin had not visibly changed.
+
+Both questions are answered from two stored numbers, so that runs can be typed again without
+integrating: ``amp_growth``, the largest ratio of the amplitude in a window to its smallest value in
+an earlier window, minus 1, and ``n_departure``, the largest fractional loss of spin.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from rattlesweep.sweeps.config.load import Classify
+
+TYPES = ("R", "SS", "SW", "unclassified")
+R, SS, SW, UNCLASSIFIED = range(4)
+
+
+def classify(
+    ok: NDArray[np.bool_],
+    t_r: NDArray[np.float64],
+    amp_growth: NDArray[np.float64],
+    n_departure: NDArray[np.float64],
+    thresholds: Classify,
+) -> NDArray[np.int8]:
+    """Codes of the types, places in :data:`TYPES`; -1 where a run is not ok.
+
+    Parameters
+    ----------
+    ok : ndarray of bool
+        Whether the status of the run is ok.
+    t_r, amp_growth, n_departure : ndarray
+        The columns of the same names; NaN for null.  A run too short for two windows has no
+        ``amp_growth`` and cannot be SS.
+    thresholds : Classify
+        The config's ``classify``.
+    """
+    codes = np.select(
+        [
+            ~ok,
+            np.isfinite(t_r),
+            amp_growth <= thresholds.ss_growth,
+            n_departure > thresholds.sw_departure,
+        ],
+        [-1, R, SS, SW],
+        UNCLASSIFIED,
+    )
+    return codes.astype(np.int8)

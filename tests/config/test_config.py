@@ -1,0 +1,783 @@
+"""Configs: what is accepted, what is refused, and in which words."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+from pydantic import Field, create_model
+
+from rattlesweep.sweeps.config.fields import Base
+from rattlesweep.sweeps.config.load import (
+    Config,
+    ConfigError,
+    GridSource,
+    Integrator,
+    SdSource,
+    config_json_schema,
+    differences,
+    load_config,
+    locating,
+    parse_config,
+    physics_hash,
+    resolved,
+)
+from rattlesweep.sweeps.config.schema import ACCURACIES
+
+EXAMPLE = """\
+name: steady-kr-quick
+seed: 2017                  # every draw depends on (seed, case, sample) and on nothing else
+bodies:                     # where parameter sets come from
+  source: sd                # sd | preset | table | grid
+  samples: 1000             # per case
+  ranges: {gamma: [5, 15], f_sd: [0.05, 0.15], theta: [0.6, 0.95], phi: [0.01, 0.1], minus_xi_deg: [0, 6]}
+  target: {K_r: [0.01, 0.03, 0.1], rel_tol: 1e-3}   # optional
+spin:                       # cases are targets x n_i x omega_xy0
+  n_i: [-0.1, -0.3, -0.5]
+  omega_xy0: [0.001, 0.01, 0.1]
+  psi: relevant
+model: full                 # full | reduced | gh
+horizon: {t_rgh: 5}
+integrator: {method: dop853, tol: 1e-9}
+classify: {}
+record: []
+output: out/steady-kr-quick
+"""  # noqa: E501
+
+SPIN = "spin: {n_i: -0.1, omega_xy0: 0.01}\n"
+PRESET = "bodies: {source: preset, name: GH, overrides: {theta: 0.82}}\n" + SPIN
+TABLE = "bodies: {source: table, path: bodies.csv}\n"
+GRID = (
+    "bodies: {source: grid, base: {preset: GH}, "
+    "axes: {theta: {linspace: [0.6, 0.99, 200]}, phi: [0.02, 0.036]}}\n" + SPIN
+)
+SHELL = (
+    "bodies: {source: grid, base: {gamma: 10, f_sd: 0.1, theta: 0.7, phi: 0.05, xi_deg: -3}, "
+    "axes: {f_sd: [0.1, 0.2], minus_xi_deg: {logspace: [0.01, 1, 3]}}}\n"
+    "spin: {n_i: [0.1, -0.1], omega_xy0: 0.01, psi: 30}\n"
+    "integrator: {method: rk4, dt: 0.002}\nhorizon: {t: 3.0e4}\nrecord: [contact, energy]\n"
+)
+GOOD = {"sd": EXAMPLE, "preset": PRESET, "table": TABLE, "grid": GRID, "shell": SHELL}
+
+
+def write(directory: Path, text: str) -> Path:
+    path = directory / "c.yaml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def messages(path: Path, overrides: tuple[str, ...] = ()) -> list[str]:
+    with pytest.raises(ConfigError) as caught:
+        load_config(path, overrides)
+    assert str(caught.value) == "\n".join(caught.value.messages)
+    return [line.replace(str(path), "c.yaml") for line in caught.value.messages]
+
+
+def changed(old: str, new: str) -> str:
+    assert old in EXAMPLE
+    return EXAMPLE.replace(old, new)
+
+
+# -- what is accepted ---------------------------------------------------------------------------
+
+
+def test_the_example_of_the_contract_means_what_it_says(tmp_path: Path) -> None:
+    config = load_config(write(tmp_path, EXAMPLE))
+    assert isinstance(config.bodies, SdSource)
+    assert config.bodies.ranges.minus_xi_deg == [0, 6]
+    assert config.bodies.target is not None
+    assert config.bodies.target.name == "K_r"
+    assert config.bodies.target.values == [0.01, 0.03, 0.1]
+    assert config.spin is not None
+    assert config.spin.n_i == [-0.1, -0.3, -0.5]
+    assert config.integrator.tol == 1e-9
+    assert config.integrator.dt is None
+    assert config.horizon.t_rgh == 5
+    assert config.horizon.t is None
+    assert config.block_size == 4_000
+
+
+def test_defaults_are_table_one_and_the_papers_own_step() -> None:
+    config = parse_config({"bodies": {"source": "sd"}, "spin": {"n_i": 0.1, "omega_xy0": 0.01}})
+    assert resolved(config) == {
+        "name": "sweep",
+        "seed": 0,
+        "bodies": {
+            "source": "sd",
+            "samples": 1000,
+            "ranges": {
+                "gamma": [5, 15],
+                "f_sd": [0.05, 0.15],
+                "theta": [0.6, 0.95],
+                "phi": [0.01, 0.1],
+                "minus_xi_deg": [0, 6],
+            },
+        },
+        "spin": {"n_i": [0.1], "omega_xy0": [0.01], "psi": "relevant"},
+        "model": "full",
+        "horizon": {"t_rgh": 5},
+        "integrator": {"method": "dop853", "tol": 1e-9, "max_steps": 100_000_000},
+        "classify": {
+            "ss_growth": config.classify.ss_growth,
+            "sw_departure": config.classify.sw_departure,
+        },
+        "record": [],
+        "block_size": 4_000,
+        "output": "out/sweep",
+    }
+    rk4 = parse_config({**resolved(config), "integrator": {"method": "rk4"}})
+    assert rk4.integrator.dt == 0.002
+    assert rk4.integrator.tol is None
+
+
+@pytest.mark.parametrize("name", GOOD)
+def test_resolved_round_trips_and_fits_the_schema(name: str, tmp_path: Path) -> None:
+    config = load_config(write(tmp_path, GOOD[name]))
+    data = resolved(config)
+    assert json.loads(json.dumps(data, allow_nan=False)) == data
+    again = parse_config(json.loads(json.dumps(data, sort_keys=True)))
+    assert resolved(again) == data
+    assert list(resolved(again)) == list(data)
+    assert physics_hash(again) == physics_hash(config)
+    jsonschema.Draft202012Validator(config_json_schema()).validate(data)
+
+
+@pytest.mark.parametrize("word", ACCURACIES)
+def test_an_accuracy_is_another_spelling_of_a_method_and_its_tol(word: str, tmp_path: Path) -> None:
+    path = write(tmp_path, EXAMPLE)
+    preset = ACCURACIES[word]
+    short = load_config(path, [f"integrator={{accuracy: {word}, max_steps: 7}}"])
+    spelled = f"integrator={{method: {preset.method}, tol: {preset.tol}, max_steps: 7}}"
+    long = load_config(path, [spelled])
+    assert short == long
+    assert resolved(short)["integrator"] == {
+        "method": preset.method, "tol": preset.tol, "max_steps": 7
+    }  # fmt: skip
+    assert physics_hash(short) == physics_hash(long)
+    description = config_json_schema()["$defs"]["Integrator"]["properties"]["accuracy"]
+    assert f"{word}: {preset.words}" in description["description"]
+    assert f"{preset.p99:.0e}" in preset.words
+
+
+def test_the_standard_accuracy_is_the_default_and_better_ones_are_better(tmp_path: Path) -> None:
+    path = write(tmp_path, EXAMPLE.replace("integrator: {method: dop853, tol: 1e-9}\n", ""))
+    default = load_config(path)
+    assert load_config(path, ["integrator.accuracy=standard"]) == default
+    assert load_config(path, ["integrator={accuracy: null, tol: null}"]) == default
+    assert load_config(path, ["integrator={accuracy: draft, tol: null}"]).integrator.tol == 1e-6
+    for column in zip(*ACCURACIES.values(), strict=True):
+        if not isinstance(column[0], str):
+            assert list(column) == sorted(column, reverse=True)
+
+
+@pytest.mark.parametrize("other", ["method: dop853", "method: rk4", "tol: 1e-9", "dt: 0.1"])
+def test_an_accuracy_with_a_method_or_its_setting_is_refused(other: str, tmp_path: Path) -> None:
+    text = changed("method: dop853, tol: 1e-9", f"accuracy: draft, {other}")
+    expected = (
+        "c.yaml:14:14: integrator.accuracy: draft stands for a method and its tol, and method, tol "
+        "or dt is given too; keep the one or the other"
+    )
+    assert expected in messages(write(tmp_path, text))
+    name, _, value = other.partition(": ")
+    data = {"bodies": {"source": "sd"}, "spin": {"n_i": 1, "omega_xy0": 1}}
+    validator = jsonschema.Draft202012Validator(config_json_schema())
+    integrator = {"accuracy": "draft", name: value if name == "method" else float(value)}
+    assert validator.is_valid(data | {"integrator": {"accuracy": "draft"}})
+    assert not validator.is_valid(data | {"integrator": integrator})
+
+
+def test_grid_axes_give_their_values(tmp_path: Path) -> None:
+    config = load_config(write(tmp_path, GRID))
+    assert isinstance(config.bodies, GridSource)
+    values = config.bodies.axes.values()
+    assert list(values) == ["theta", "phi"]
+    np.testing.assert_allclose(values["theta"], np.linspace(0.6, 0.99, 200), rtol=1e-15)
+    assert (values["theta"][0], values["theta"][-1]) == (0.6, 0.99)
+    shell = load_config(write(tmp_path, SHELL))
+    assert isinstance(shell.bodies, GridSource)
+    np.testing.assert_allclose(shell.bodies.axes.values()["minus_xi_deg"], [0.01, 0.1, 1])
+
+
+def test_the_hash_is_of_the_physics_alone(tmp_path: Path) -> None:
+    path = write(tmp_path, EXAMPLE)
+    base = physics_hash(load_config(path))
+    same = ["name=x", "output=y", "classify.ss_growth=0.5", "spin.psi=relevant", "block_size=5"]
+    assert physics_hash(load_config(path, same)) == base
+    for other in ("seed=1", "integrator.tol=1e-8", "record=[energy]", "model=gh"):
+        assert physics_hash(load_config(path, [other])) != base
+    energy_first = load_config(path, ["record=[energy, contact]"])
+    assert physics_hash(energy_first) == physics_hash(
+        load_config(path, ["record=[contact,energy]"])
+    )
+
+
+def test_axes_in_another_order_are_the_same_grid() -> None:
+    def grid(axes: dict[str, list[float]]) -> Config:
+        bodies = {"source": "grid", "base": {"preset": "GH"}, "axes": axes}
+        return parse_config({"bodies": bodies, "spin": {"n_i": 0.1, "omega_xy0": 0.01}})
+
+    one, two = grid({"theta": [0.7], "phi": [0.1]}), grid({"phi": [0.1], "theta": [0.7]})
+    assert one == two
+    assert physics_hash(one) == physics_hash(two)
+
+
+def test_differences_name_keys_and_both_values(tmp_path: Path) -> None:
+    path = write(tmp_path, EXAMPLE)
+    a = resolved(load_config(path))
+    b = resolved(load_config(path, ["bodies.samples=10", "integrator={method: rk4, dt: 0.002}"]))
+    assert differences(a, a) == []
+    assert differences(a, b) == [
+        "bodies.samples: 1000 against 10",
+        'integrator.method: "dop853" against "rk4"',
+        "integrator.tol: 1e-09 against not set",
+        "integrator.dt: not set against 0.002",
+    ]
+
+
+def test_python_data_may_hold_tuples_and_numpy_numbers() -> None:
+    config = parse_config(
+        {
+            "bodies": {"source": "sd", "samples": np.int64(7), "ranges": {"gamma": (5, 6)}},
+            "spin": {"n_i": np.float64(0.1), "omega_xy0": tuple(np.array([0.1, 0.2]))},
+        }
+    )
+    assert isinstance(config.bodies, SdSource)
+    assert config.bodies.samples == 7
+    assert config.spin is not None
+    assert config.spin.omega_xy0 == [0.1, 0.2]
+
+
+def test_set_takes_yaml_values_and_the_last_one_wins(tmp_path: Path) -> None:
+    path = write(tmp_path, EXAMPLE)
+    config = load_config(
+        path, ["bodies.samples=10", "bodies.samples=20", "spin.n_i=[1e-2, 0.5]", "bodies.target="]
+    )
+    assert isinstance(config.bodies, SdSource)
+    assert config.bodies.samples == 20
+    assert config.bodies.target is None
+    assert config.spin is not None
+    assert config.spin.n_i == [0.01, 0.5]
+
+
+# -- what is refused ----------------------------------------------------------------------------
+
+BODIES = "bodies:\n  source: sd\n"
+
+BAD = {
+    "unknown key": (
+        changed("samples: 1000", "sampels: 1000"),
+        'c.yaml:5:3: bodies.sampels: unknown key "sampels"; did you mean "samples"?',
+    ),
+    "unknown key like no other": (
+        changed("model: full", "zzz: full"),
+        'c.yaml:12:1: zzz: unknown key "zzz"; the keys allowed here are name, seed, bodies, spin,',
+    ),
+    "unknown key with a tilde": (
+        changed("model: full", "~model: full"),
+        'c.yaml:12:1: ~model: unknown key "~model"; did you mean "model"?',
+    ),
+    "unknown key in other letters": (
+        changed("horizon: {t_rgh: 5}", "horizon: {T-rGH: 5}"),
+        'c.yaml:13:11: horizon.T-rGH: unknown key "T-rGH"; did you mean "t_rgh"?',
+    ),
+    "unknown key drawn out": (
+        changed("tol: 1e-9", "tolerance: 1e-9"),
+        'c.yaml:14:30: integrator.tolerance: unknown key "tolerance"; did you mean "tol"?',
+    ),
+    "key of a deeper section": (
+        changed("samples: 1000", "theta: [0.6, 0.95]"),
+        'c.yaml:5:3: bodies.theta: unknown key "theta" here; it belongs under bodies.ranges',
+    ),
+    "key of another section": (
+        changed("model: full", "samples: 10"),
+        'c.yaml:12:1: samples: unknown key "samples" here; it belongs under bodies',
+    ),
+    "key of another source": (
+        PRESET.replace("overrides: {theta: 0.82}", "theta: 0.82"),
+        'c.yaml:1:36: bodies.theta: unknown key "theta" here; it belongs under bodies.overrides',
+    ),
+    "key of the top level": (
+        changed("psi: relevant", "model: full"),
+        'c.yaml:11:3: spin.model: unknown key "model" here; it belongs at the top level',
+    ),
+    "misspelt key of another section": (
+        changed("model: full", "max_step: 10"),
+        'c.yaml:12:1: max_step: unknown key "max_step"; did you mean "max_steps", under integrator',
+    ),
+    "axis misspelt": (
+        GRID.replace("phi: [0.02", "phy: [0.02"),
+        'bodies.axes.phy: unknown key "phy"; did you mean "phi"?',
+    ),
+    "base misspelt": (
+        GRID.replace("preset: GH", "presett: GH"),
+        'bodies.base.presett: unknown key "presett"; did you mean "preset"?',
+    ),
+    "source misspelt": (
+        changed("source: sd", "souce: sd"),
+        'c.yaml:4:3: bodies.souce: unknown key "souce"; did you mean "source"?',
+    ),
+    "missing because misspelt": (
+        changed("omega_xy0:", "omega_xyO:"),
+        'c.yaml:10:3: spin.omega_xyO: unknown key "omega_xyO"; did you mean "omega_xy0"?',
+    ),
+    "preset in small letters": (
+        PRESET.replace("GH", "gh"),
+        'c.yaml:1:26: bodies.name: "gh" is not one of GH; did you mean "GH"?',
+    ),
+    "model misspelt": (
+        changed("model: full", "model: redused"),
+        'c.yaml:12:1: model: "redused" is not one of full, reduced, gh; did you mean "reduced"?',
+    ),
+    "recording misspelt": (
+        changed("record: []", "record: [energy, contacts]"),
+        'c.yaml:16:18: record[1]: "contacts" is not one of energy, contact, windows, lyapunov; ',
+    ),
+    "method in capitals": (
+        changed("method: dop853, tol: 1e-9", "method: RK4"),
+        'verner98, rk4; did you mean "rk4"?',
+    ),
+    "list as a key": (
+        "bodies: {[a]: 1}\n" + SPIN,
+        "c.yaml:1:10: bodies: a list, mapping or alias found where a key should be; write a name",
+    ),
+    "phi above theta for all": (
+        changed("phi: [0.01, 0.1]", "phi: [0.96, 0.97]"),
+        "bodies.ranges.phi: phi >= theta for all bodies, as phi is at least 0.96 and theta at most",
+    ),
+    "too many cases": (
+        f"bodies: {{source: sd}}\nspin:\n  n_i: {list(range(1, 402))}\n"
+        f"  omega_xy0: {list(range(1, 402))}\n",
+        "c.yaml:2:1: spin: 160801 cases (targets x n_i x omega_xy0); at most 100000 are possible",
+    ),
+    "too fast": (
+        changed("n_i: [-0.1,", "n_i: [-1e7,"),
+        "c.yaml:9:3: spin.n_i: -1e+07 is faster than any body turns; at most 1e+06",
+    ),
+    "values too close": (
+        GRID.replace("[0.6, 0.99, 200]", "[0.6, 0.60000000000001, 1000]"),
+        "1000 values from 0.6 to 0.60000000000001 would not all differ; give",
+    ),
+    "repeated key": (
+        changed("model: full", "seed: 3"),
+        "c.yaml:12:1: seed: the key is repeated (first in line 2); keep one of the two",
+    ),
+    "repeated key deep down": (
+        changed("rel_tol: 1e-3", "K_r: 3"),
+        "c.yaml:7:36: bodies.target.K_r: the key is repeated (first in line 7)",
+    ),
+    "wrong type": (
+        changed("samples: 1000", "samples: many"),
+        'c.yaml:5:3: bodies.samples: "many" (text) is given here; write a whole number',
+    ),
+    "boolean for a number": (
+        changed("seed: 2017", "seed: true"),
+        "c.yaml:2:1: seed: true (a truth value) is given here; write a whole number",
+    ),
+    "null for a number": (
+        changed("samples: 1000", "samples:"),
+        "c.yaml:5:3: bodies.samples: nothing (null) is given here; write a whole number",
+    ),
+    "date for a number": (
+        changed("seed: 2017", "seed: 2017-01-01"),
+        'c.yaml:2:1: seed: "2017-01-01" (text) is given here; write a whole number',
+    ),
+    "list for a mapping": (
+        changed("classify: {}", "classify: []"),
+        "c.yaml:15:1: classify: a list is given here; write a mapping",
+    ),
+    "number for text": (
+        changed("output: out/steady-kr-quick", "output: 12"),
+        "c.yaml:17:1: output: 12 is a number; put it in quotes to make it text",
+    ),
+    "quoted number": (
+        changed("tol: 1e-9", 'tol: "1e-9"'),
+        'c.yaml:14:30: integrator.tol: "1e-9" is text; remove the quotes',
+    ),
+    "underscores": (
+        changed("samples: 1000", "samples: 1_000"),
+        'c.yaml:5:3: bodies.samples: "1_000" is text in YAML 1.2; write 1000',
+    ),
+    "nan": (
+        changed("tol: 1e-9", "tol: .nan"),
+        "c.yaml:14:35: integrator.tol: .nan is not a finite number; write a finite one",
+    ),
+    "overflow": (
+        changed("0.001, 0.01, 0.1]", "0.001, 1e999]"),
+        "c.yaml:10:22: spin.omega_xy0[1]: 1e999 is too large for a number; write one below",
+    ),
+    "65 bits": (
+        changed("seed: 2017", "seed: 36893488147419103232"),
+        "c.yaml:2:7: seed: the integer 36893488147419103232 does not fit into 64 bits; write",
+    ),
+    "thousands of digits": (
+        changed("seed: 2017", "seed: " + "9" * 5000),
+        "c.yaml:2:7: seed: the integer 999999999999999999999... does not fit into 64 bits",
+    ),
+    "empty range": (
+        changed("gamma: [5, 15]", "gamma: []"),
+        "c.yaml:6:12: bodies.ranges.gamma: a range has two numbers, [low, high], and not 0",
+    ),
+    "reversed range": (
+        changed("gamma: [5, 15]", "gamma: [15, 5]"),
+        "c.yaml:6:12: bodies.ranges.gamma: the range [15, 5] is reversed; write [5, 15]",
+    ),
+    "theta of one": (
+        changed("theta: [0.6, 0.95]", "theta: [0.6, 1.2]"),
+        "c.yaml:6:48: bodies.ranges.theta: the upper end 1.2 is not below 1; "
+        "theta must satisfy 0 < phi < theta < 1",
+    ),
+    "phi above theta": (
+        changed("phi: [0.01, 0.1]", "phi: [0.01, 0.7]"),
+        "c.yaml:6:68: bodies.ranges.phi: phi >= theta is possible, as phi goes up to 0.7 and "
+        "theta down to 0.6, in 2.07 % of draws; the ranges must not meet",
+    ),
+    "phi of Table I above theta": (
+        BODIES + "  ranges: {theta: [0.05, 0.5]}\n" + SPIN,
+        "c.yaml:3:3: bodies.ranges.phi: phi >= theta is possible",
+    ),
+    "no skew": (
+        changed("minus_xi_deg: [0, 6]", "minus_xi_deg: [0, 0]"),
+        "c.yaml:6:86: bodies.ranges.minus_xi_deg: the range leaves only xi = 0",
+    ),
+    "target with both": (
+        changed("rel_tol: 1e-3", "K_p: 0.3"),
+        "c.yaml:7:3: bodies.target: both K_r and K_p are given; keep one of them",
+    ),
+    "target with neither": (
+        changed("K_r: [0.01, 0.03, 0.1], rel_tol: 1e-3", "rel_tol: 0.1"),
+        "c.yaml:7:3: bodies.target: neither K_r nor K_p is given; give one of them",
+    ),
+    "negative omega": (
+        changed("0.01, 0.1]\n  psi", "-0.01]\n  psi"),
+        "c.yaml:10:3: spin.omega_xy0: -0.01 is not above 0; every value must be positive",
+    ),
+    "spin of zero": (
+        changed("n_i: [-0.1,", "n_i: [0,"),
+        "c.yaml:9:3: spin.n_i: the spin 0 has no direction; every n_i must be positive or neg",
+    ),
+    "the same spin twice": (
+        changed("n_i: [-0.1,", "n_i: [-0.3,"),
+        "c.yaml:9:3: spin.n_i: -0.3 is repeated; give each value once",
+    ),
+    "no spins": (
+        changed("n_i: [-0.1, -0.3, -0.5]", "n_i: []"),
+        "c.yaml:9:3: spin.n_i: the list is empty; give at least one number",
+    ),
+    "psi misspelt": (
+        changed("psi: relevant", "psi: relevent"),
+        'c.yaml:11:3: spin.psi: "relevent" is not one of relevant, pitch, roll; '
+        'did you mean "relevant"?',
+    ),
+    "missing bodies": (SPIN, "c.yaml:1:1: bodies: the key is missing; say with it where"),
+    "missing spin": (
+        BODIES,
+        "c.yaml:1:1: spin: missing; bodies of source sd need a spin with n_i and omega_xy0",
+    ),
+    "missing source": (
+        "bodies: {samples: 3}\n" + SPIN,
+        "c.yaml:1:1: bodies.source: the key is missing; it must be one of sd, preset, table, grid",
+    ),
+    "wrong source": (
+        changed("source: sd ", "source: sdd "),
+        'c.yaml:4:3: bodies.source: "sdd" is not one of sd, preset, table, grid; did you mean "sd"',
+    ),
+    "samples of a preset": (
+        "bodies: {source: preset, name: GH, samples: 3}\n" + SPIN,
+        'c.yaml:1:36: bodies.samples: unknown key "samples"; the keys allowed here are source',
+    ),
+    "tol with rk4": (
+        changed("method: dop853", "method: rk4"),
+        "c.yaml:14:27: integrator.tol: rk4 has steps of one size and takes no tol; leave it out",
+    ),
+    "dt with dop853": (
+        changed("tol: 1e-9", "dt: 0.1"),
+        "c.yaml:14:30: integrator.dt: dop853 chooses its own steps and takes no dt; leave",
+    ),
+    "unknown method": (
+        changed("dop853", "dop835"),
+        'c.yaml:14:14: integrator.method: "dop835" is not one of ',
+    ),
+    "unknown accuracy": (
+        changed("method: dop853, tol: 1e-9", "accuracy: drft"),
+        'c.yaml:14:14: integrator.accuracy: "drft" is not one of draft, standard, reference; did',
+    ),
+    "accuracy in numbers": (
+        changed("method: dop853, tol: 1e-9", "accuracy: 1e-9"),
+        "c.yaml:14:14: integrator.accuracy: 1e-09 is not one of draft, standard, reference",
+    ),
+    "accuracy and a method": (
+        changed("method: dop853, tol: 1e-9", "method: rk4, accuracy: draft"),
+        "c.yaml:14:27: integrator.accuracy: draft stands for a method and its tol, and",
+    ),
+    "tol out of range": (
+        changed("tol: 1e-9", "tol: 1"),
+        "c.yaml:14:30: integrator.tol: 1 is out of range; it must be at most 0.01",
+    ),
+    "no horizon": (
+        changed("t_rgh: 5", ""),
+        "c.yaml:13:1: horizon: neither t_rgh nor t is given; give one of them, or both",
+    ),
+    "record twice": (
+        changed("record: []", "record: [energy, energy]"),
+        "c.yaml:16:1: record: energy is repeated; give each value once",
+    ),
+    "name with a slash": (
+        changed("name: steady-kr-quick", "name: a/b"),
+        "c.yaml:1:1: name: the name has a slash or a control character; write a plain word",
+    ),
+    "axis out of limits": (
+        GRID.replace("0.99, 200", "1.0, 200"),
+        "c.yaml:1:51: bodies.axes.theta: the value 1 is not below 1; theta must satisfy",
+    ),
+    "axes that meet": (
+        GRID.replace("0.036]", "0.7]"),
+        "c.yaml:1:44: bodies.axes: phi >= theta is possible, as phi goes up to 0.7",
+    ),
+    "axis of no base": (
+        GRID.replace("phi: [0.02", "f_sd: [0.02"),
+        "c.yaml:1:44: bodies.axes: f_sd cannot vary over this base; f_sd is for a shell-dumbbell",
+    ),
+    "axis with one value too many": (
+        GRID.replace("0.99, 200", "0.99, 2.5"),
+        "bodies.axes.theta.linspace: n is 2.5; it must be a whole number from 1 to 1000000",
+    ),
+    "two skew angles": (
+        SHELL.replace("xi_deg: -3", "xi_deg: -3, xi: -0.1"),
+        "bodies.base: both xi and xi_deg are given; keep one of them",
+    ),
+    "alias": (
+        "a: &x [1, 2]\nb: *x\n",
+        "c.yaml:2:4: b: aliases (*name) are not supported; write the value out",
+    ),
+    "tag": (changed("seed: 2017", "seed: !!int 7"), "c.yaml:2:7: seed: tags (!name) are not"),
+    "tab": ("bodies:\n\tsource: sd\n", "c.yaml:2:1: a tab found where YAML requires spaces"),
+    "syntax": ("a: [1, 2\nb: 3\n", "c.yaml:2:2: not valid YAML ("),
+    "YAML 1.1": ("%YAML 1.1\n---\n" + EXAMPLE, "c.yaml:2:1: the %YAML line asks for another"),
+    "two documents": (EXAMPLE + "---\na: 1\n", "c.yaml:18:1: a second YAML document begins; keep"),
+    "empty": ("# nothing\n", "c.yaml:1:1: the file is empty; it needs at least bodies and spin"),
+    "a list": ("- 1\n", "c.yaml:1:1: a list found where a mapping is needed; write key: value"),
+    "endless": (
+        "record: [" + "1, " * 30_000 + "]",
+        "c.yaml:1:59995: more than 20000 keys and values up to here; a config is a short YAML",
+    ),
+    "deep": ("a: " + "[" * 500, "more than 30 levels are nested"),
+    "escape": ('a: "\\UFFFFFFFF"\n', "the text is not valid YAML (OverflowError"),
+    "control character": ("a: 1\nb: \x01\n", "c.yaml:2:4: the character U+0001 is not allowed"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_a_bad_config_is_told_where_what_and_what_instead(name: str, tmp_path: Path) -> None:
+    text, expected = BAD[name]
+    lines = messages(write(tmp_path, text))
+    assert any(expected in line for line in lines), lines
+    for line in lines:
+        assert line.startswith("c.yaml:")
+        assert ";" in line
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_one_mistake_makes_one_message(name: str, tmp_path: Path) -> None:
+    if name == "alias":
+        pytest.skip("holds an anchor and no bodies as well")
+    lines = messages(write(tmp_path, BAD[name][0]))
+    assert len(lines) == 1, lines
+
+
+def test_all_mistakes_are_told_at_once_in_the_order_of_the_file(tmp_path: Path) -> None:
+    text = changed("seed: 2017", "seed: x").replace("tol: 1e-9", "tol: 5")
+    text = text.replace("gamma: [5, 15]", "gamma: [15, 5]").replace("model: full", "seed: 1")
+    places = [line.split(":")[1] for line in messages(write(tmp_path, text))]
+    assert places == ["2", "6", "12", "14"]
+
+
+def test_many_mistakes_are_counted(tmp_path: Path) -> None:
+    keys = "".join(f"zzz{i}: 1\n" for i in range(50))
+    lines = messages(write(tmp_path, EXAMPLE.replace("seed: 2017", "seed: x") + keys))
+    assert len(lines) == 21
+    assert lines[0].startswith("c.yaml:2:1: seed: ")
+    assert lines[1].startswith('c.yaml:18:1: zzz0: unknown key "zzz0"; the keys allowed here are')
+    assert lines[19].startswith("c.yaml:36:1: zzz18: ")
+    assert lines[20] == "c.yaml: and 31 more; fix these first"
+    repeated = messages(write(tmp_path, EXAMPLE + "seed: 1\n" * 30 + keys))
+    assert repeated[-1] == "c.yaml: and 60 more; fix these first"
+    assert repeated[0].startswith("c.yaml:18:1: seed: the key is repeated")
+
+
+def test_repeated_keys_are_told_with_a_syntax_error(tmp_path: Path) -> None:
+    lines = messages(write(tmp_path, EXAMPLE + "seed: 1\nzz: [energy\nzzz: 1\n"))
+    assert [line.split(";")[0] for line in lines] == [
+        "c.yaml:18:1: seed: the key is repeated (first in line 2)",
+        "c.yaml:20:4: not valid YAML (expected ',' or ']', but got ':')",
+    ]
+
+
+def test_errors_of_others_get_the_place_of_their_key(tmp_path: Path) -> None:
+    path = write(tmp_path, EXAMPLE)
+    config = load_config(path, ["spin.psi=pitch"])
+    for message, place in {
+        "bodies.target.K_r: no": f"{path}:7:12: bodies.target.K_r: no",
+        "bodies.target.max_draws: no": f"{path}:7:3: bodies.target.max_draws: no",
+        "spin.omega_xy0[1]: no": f"{path}:10:22: spin.omega_xy0[1]: no",
+        "spin.psi: no": "--set spin.psi=pitch: spin.psi: no",
+        "bodies.path: a.csv: row 1: no": f"{path}:3:1: bodies.path: a.csv: row 1: no",
+        "steady: it holds runs": "steady: it holds runs",
+        "no key at all": "no key at all",
+    }.items():
+        with pytest.raises(ConfigError) as caught, locating(config.model_copy()):
+            raise ConfigError(message)
+        assert caught.value.messages == [place]
+    with pytest.raises(ConfigError) as caught, locating(parse_config(resolved(config))):
+        raise ConfigError("seed: no")
+    assert caught.value.messages == ["seed: no"]
+
+
+@pytest.mark.parametrize(
+    ("override", "expected"),
+    [
+        ("bodies.samples", "is not KEY=VALUE; write it as in bodies.samples=10"),
+        ("=3", "is not KEY=VALUE; write it as in bodies.samples=10"),
+        ("bodies..samples=3", "is not KEY=VALUE; write it as in bodies.samples=10"),
+        ("bodies.samples=-1", "bodies.samples: -1 is out of range; it must be at least 1"),
+        ("bodies.sampels=1", 'bodies.sampels: unknown key "sampels"; did you mean "samples"?'),
+        ("spin.n_i.x=1", "spin.n_i is not a mapping; set it as a whole"),
+        ("seed=[1", "seed: not valid YAML (expected ',' or ']', but got the end of the text"),
+        ("seed=.inf", "seed: .inf is not a finite number; write a finite one"),
+    ],
+)
+def test_a_bad_set_is_named_in_place_of_a_line(
+    override: str, expected: str, tmp_path: Path
+) -> None:
+    lines = messages(write(tmp_path, EXAMPLE), (override,))
+    assert lines[0].startswith(f"--set {override}: {expected}")
+    assert len(lines) == 1
+
+
+def test_files_that_cannot_be_read(tmp_path: Path) -> None:
+    assert "there is no such file" in messages(tmp_path / "no.yaml")[0]
+    assert "is a directory" in messages(tmp_path)[0]
+    path = tmp_path / "c.yaml"
+    path.write_bytes(b"name: caf\xe9\n")
+    assert messages(path) == [
+        "c.yaml:1:10: byte 0xe9 is not UTF-8 text; a config is a YAML file in UTF-8"
+    ]
+    path.write_bytes(b"# " + b"x" * 2_000_000)
+    assert "is larger than 250 kB" in messages(path)[0]
+    path.write_bytes(b"\xef\xbb\xbf" + EXAMPLE.encode())
+    assert load_config(path).seed == 2017
+
+
+def test_python_data_is_refused_without_file_or_line() -> None:
+    with pytest.raises(ConfigError) as caught:
+        parse_config({"bodies": {"source": "sd", "samples": float("nan")}, "spn": 1})
+    assert caught.value.messages == [
+        "bodies.samples: nan is not a finite number; write a finite one",
+        'spn: unknown key "spn"; did you mean "spin"?',
+    ]
+    with pytest.raises(ConfigError, match="give a dict"):
+        parse_config([])  # type: ignore[arg-type]
+    endless: dict[str, object] = {}
+    endless["a"] = endless
+    with pytest.raises(ConfigError, match="nested too deeply"):
+        parse_config(endless)
+
+
+# -- the schema ---------------------------------------------------------------------------------
+
+
+def test_the_schema_is_one_and_describes_every_key() -> None:
+    schema = config_json_schema()
+    jsonschema.Draft202012Validator.check_schema(schema)
+    json.dumps(schema)
+
+    def described(node: dict[str, object]) -> bool:
+        inner = [n for n in node.get("anyOf", []) if isinstance(n, dict)]  # type: ignore[attr-defined]
+        return "description" in node or any("description" in n for n in inner)
+
+    models = {"Config": schema, **schema["$defs"]}
+    for name, model in models.items():
+        assert model["description"], name
+        assert model["additionalProperties"] is False
+        for key, node in model["properties"].items():
+            assert described(node), f"{name}.{key}"
+    assert "rk4" in schema["$defs"]["Integrator"]["properties"]["method"]["enum"]
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        {"bodies": {"source": "sdd"}},
+        {"bodies": {"source": "sd"}, "sede": 3},
+        {"bodies": {"source": "sd"}, "integrator": {"method": "euler"}},
+        {"bodies": {"source": "sd"}, "spin": {"n_i": 0, "omega_xy0": 1}},
+    ],
+)
+def test_the_schema_refuses(data: dict[str, object]) -> None:
+    assert not jsonschema.Draft202012Validator(config_json_schema()).is_valid(data)
+
+
+def test_reading_a_config_loads_nothing_heavy() -> None:
+    code = (
+        "import sys, rattlesweep.sweeps.config.load;"
+        "print([m for m in ('numpy', 'numba', 'scipy', 'pandas', 'pyarrow') if m in sys.modules])"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "[]"
+
+
+# -- hashes that stay ----------------------------------------------------------------------------
+
+# As manifests have them today: directories of these configs resume as long as these hold.
+HASHES = {
+    "gh": "75346ca0d96aaeb90fe8d893d73738bf35a7b1ef14d578ad1eed2f70171b0fc0",
+    "map_theta_spin": "c5bff926ceb37c5105f44142eb118400524794b3d7f4c3976b3a9075b45a36cd",
+    "million": "2efc77cfb21d98c3e302f1865c5f7c9afc7cd718f25b5822b4e50a7958079222",
+    "quickstart": "8045b7cf7329f9f2f192cb917c8a74e3a102c5fa17a541f519d27fb532db0aad",
+    "steady": "699559801ff9cee8c70db23481ed4da9ba4ab0924cbdd94fa6a89510928d7a77",
+    "tradeoff": "d5cc43bb6fa0013b5fb1c5b4fb1d3a47c158bd517a310211c0737352e4f1e1a5",
+    "unsteady": "93a08059ced0f40238a705dfae933cf2f0381e4f24fff203ef07f9efb3c82c62",
+}
+CONFIGS = Path(__file__).parents[1] / "configs"
+
+
+def test_the_hash_of_every_shipped_config_stays():
+    from rattlesweep.sweeps.cases.plan import make_plan
+    from rattlesweep.sweeps.store.provenance import identity
+
+    assert {path.stem for path in CONFIGS.glob("*.yaml")} >= set(HASHES)
+    for name, wanted in HASHES.items():
+        plan = make_plan(load_config(CONFIGS / f"{name}.yaml"), CONFIGS)
+        assert identity(plan, CONFIGS) == wanted, name
+
+
+class _Dissipation(Base):
+    sigma: float = 0.0
+    rolling: float = 0.0
+
+
+@pytest.mark.parametrize("name", HASHES)
+def test_a_key_that_is_added_changes_no_hash_while_it_has_its_default(name):
+    """On every level: a number, a word, a mapping of its own."""
+    integrator = create_model("Integrator", __base__=Integrator, safety=(float, 0.9))
+    later = create_model(
+        "Config",
+        __base__=Config,
+        integrator=(integrator, Field(default_factory=integrator)),
+        surface=(str, "paraboloid"),
+        dissipation=(_Dissipation, Field(default_factory=_Dissipation)),
+    )
+    today = load_config(CONFIGS / f"{name}.yaml")
+    data = resolved(today)
+    for given in ({}, {"surface": "paraboloid"}, {"dissipation": {"sigma": 0.0}}):
+        assert physics_hash(later.model_validate(data | given)) == physics_hash(today)
+    others = [
+        {"surface": "ellipsoid"},
+        {"dissipation": {"sigma": 0.1}},
+        {"dissipation": {"rolling": 0.1}},
+        {"integrator": data["integrator"] | {"safety": 0.8}},
+    ]
+    hashes = {physics_hash(later.model_validate(data | given)) for given in others}
+    assert len(hashes - {physics_hash(today)}) == len(others)

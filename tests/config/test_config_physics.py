@@ -1,0 +1,340 @@
+"""Configs that are well written and make no physical sense: what is refused, what is warned of."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numba.core import event
+from scipy.optimize import differential_evolution
+from test_config import EXAMPLE, GRID, PRESET, SHELL, SPIN
+
+import rattlesweep as rs
+from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.physics import theory
+from rattlesweep.sweeps.cases.sources import SdBodies
+from rattlesweep.sweeps.config.bodies import _overlap
+from rattlesweep.sweeps.config.load import (
+    ConfigError,
+    SdRanges,
+    SdSource,
+    load_config,
+    parse_config,
+)
+from rattlesweep.sweeps.sense.sample import POOL, body_of, coefficient, limits, pool
+from rattlesweep.sweeps.sense.sense import (
+    check_physics,
+    checked_plan,
+    slowest_pitch,
+    stability_limit,
+)
+from rattlesweep.sweeps.sense.targets import _chance, _ridge, extremes
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+TABLE_ONE = SdRanges()
+RANGES = {
+    "Table I": TABLE_ONE,
+    "narrow": SdRanges(gamma=[9, 10], theta=[0.8, 0.85], minus_xi_deg=[2, 3]),
+    "skew": SdRanges(minus_xi_deg=[10, 80], phi=[0.3, 0.5]),
+    "modes that cross": SdRanges(
+        gamma=[20, 30], f_sd=[0.01, 0.1], theta=[0.6, 0.7], phi=[0.1, 0.4], minus_xi_deg=[0, 1e-4]
+    ),
+    "one body": SdRanges(
+        gamma=[9, 9], f_sd=[0.1, 0.1], theta=[0.8, 0.8], phi=[0.1, 0.1], minus_xi_deg=[1, 1]
+    ),
+}
+
+
+def sd(old: str, new: str) -> str:
+    assert old in EXAMPLE
+    return EXAMPLE.replace(old, new)
+
+
+DRAWN = "bodies: {source: sd}\n" + SPIN
+RK4 = "integrator: {method: rk4, dt: DT}\n"
+
+# name: (config, refused, words)
+CASES = {
+    "step beyond stability": (
+        PRESET + RK4.replace("DT", "3"), True,
+        "c.yaml:3:27: integrator.dt: 3 is beyond the stability of rk4 for every body: dt omega_p "
+        "must be below 2.83, and omega_p is at least 1.44",
+    ),
+    "step beyond stability in ranges": (
+        DRAWN + RK4.replace("DT", "4"), True,
+        "c.yaml:3:27: integrator.dt: 4 is beyond the stability of rk4 for every body: dt omega_p "
+        "must be below 2.83, and omega_p is at least 0.768 anywhere in the ranges; dt 0.1 would",
+    ),
+    "step too coarse": (
+        PRESET.replace("-0.1", "0.1") + RK4.replace("DT", "1"), False,
+        "c.yaml:3:27: integrator.dt: 1 is too coarse for the only run: up to their horizons "
+        "rk4 damps or feeds the oscillation by more than 10 %, and they end as coarse_step or ",
+    ),
+    "step too coarse for some": (
+        DRAWN + RK4.replace("DT", "0.3"), False,
+        " of 4096 runs drawn from the ranges: up to their horizons rk4 damps or feeds the",
+    ),
+    "step of the reduced model": (
+        PRESET + "model: reduced\n" + RK4.replace("DT", "1000"), False,
+        "c.yaml:4:27: integrator.dt: 1000 is longer than the oscillation's energy takes to grow",
+    ),
+    "step too small": (
+        PRESET + RK4.replace("DT", "1e-9"), True,
+        "c.yaml:3:1: integrator.max_steps: 100000000 steps of dt 1e-09 end at 0.1, before the "
+        "horizon and before a tenth of t_rGH",
+    ),
+    "too few steps": (
+        PRESET + "integrator: {max_steps: 3}\n", True,
+        "c.yaml:3:14: integrator.max_steps: 3 steps of a whole pitch period each end at",
+    ),
+    "too few steps for some": (
+        DRAWN + "integrator: {max_steps: 300}\n", False,
+        "c.yaml:3:14: integrator.max_steps: 300 steps of a whole pitch period each end before the "
+        "horizon and before t_rGH in ",
+    ),
+    "a horizon beyond all steps": (
+        PRESET + "horizon: {t: 1e12}\n", False,
+        "c.yaml:1:1: integrator.max_steps: 100000000 steps of a whole pitch period each do not "
+        "reach the horizon, 1e+12, in the only run",
+    ),
+    "a horizon before any reversal": (
+        PRESET + "horizon: {t_rgh: 0.5}\n", False,
+        "c.yaml:3:11: horizon.t_rgh: the horizon comes before t_rGH, the time of reversal by "
+        "theory, in the only run, and few will be of type R; give t_rgh above 1",
+    ),
+    "a horizon before most reversals": (
+        DRAWN + "horizon: {t: 100}\n", False,
+        "c.yaml:3:11: horizon.t: the horizon comes before t_rGH, the time of reversal by theory, "
+        "in all of 4096 runs drawn from the ranges",
+    ),
+    "a horizon below one oscillation": (
+        PRESET + "horizon: {t: 3}\n", False,
+        "c.yaml:3:11: horizon.t: the horizon of 3 is shorter than one pitch oscillation, 4.37, in",
+    ),
+    "an endless horizon": (
+        PRESET + "horizon: {t_rgh: 1e308}\n", True,
+        "c.yaml:3:11: horizon.t_rgh: t_rgh times t_rGH is not a finite time in the only run",
+    ),
+    "a target out of reach": (
+        sd("K_r: [0.01, 0.03, 0.1]", "K_r: [0.01, 7]"), True,
+        "c.yaml:7:12: bodies.target.K_r: 7 is out of reach: of 65536 bodies drawn from the ranges,"
+        " the best refined, K_r lies between 0 and 0.386",
+    ),
+    "a target below reach": (
+        sd("minus_xi_deg: [0, 6]", "minus_xi_deg: [3, 6]").replace("0.01, 0.03", "1e-4"), True,
+        "bodies.target.K_r: 0.0001 is out of reach: ",
+    ),
+    "a target for ever": (
+        sd("rel_tol: 1e-3", f"rel_tol: 1e-12, max_draws: {2**62}"), True, "hours for each; give",
+    ),
+    "a target never met": (
+        sd("rel_tol: 1e-3", "max_draws: 10"), True, "e+03 draws a body, by 65536 bodies drawn from "
+        "the ranges, but max_draws is 10; give",
+    ),
+    "a target sometimes missed": (
+        sd("rel_tol: 1e-3", "max_draws: 10000"), False, "and one miss ends the sweep; give",
+    ),
+    "a target that takes hours": (
+        sd("rel_tol: 1e-3", f"rel_tol: 1e-9, max_draws: {10**12}"), False,
+        " in all: hours; give other ranges",
+    ),
+    "inertia of no body": (
+        PRESET.replace("theta: 0.82", "gamma: 14"), True,
+        "c.yaml:1:36: bodies.overrides: no body has this inertia: I_zz = gamma = 14 exceeds I_xx + "
+        "I_yy = 12.562",
+    ),
+    "inertia of no body in a grid": (
+        GRID.replace("phi: [0.02, 0.036]", "alpha: [13, 20]"), True,
+        "c.yaml:1:44: bodies.axes: at alpha 20, beta 1.522, gamma 12.28, theta 0.6, phi 0.036, ",
+    ),
+    "no table": (
+        "bodies: {source: table, path: nowhere.csv}\n" + SPIN, True,
+        "c.yaml:1:25: bodies.path: nowhere.csv: no such file",
+    ),
+    "a recording of another model": (
+        SHELL + "model: reduced\n", True, "c.yaml:5:1: record: the model 'reduced' has no",
+    ),
+}  # fmt: skip
+
+
+def judged(path: Path) -> tuple[bool, list[str]]:
+    try:
+        plan, warnings = checked_plan(load_config(path), path.parent)
+    except ConfigError as error:
+        return True, error.messages
+    assert plan.runs > 0
+    return False, warnings
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_what_makes_no_sense_is_told_with_place_and_numbers(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text, refused, words = CASES[name]
+    monkeypatch.chdir(tmp_path)
+    Path("c.yaml").write_text(text)
+    with event.install_recorder("numba:compile") as compiled:
+        config = load_config("c.yaml")
+        if isinstance(config.bodies, SdSource):
+            # As far as nothing is drawn by the compiled sampler.
+            try:
+                lines, fatal = check_physics(config), False
+            except ConfigError as error:
+                lines, fatal = error.messages, True
+        else:
+            fatal, lines = judged(Path("c.yaml"))
+    assert not compiled.buffer
+    assert fatal is refused, lines
+    assert any(words in line for line in lines), lines
+    for line in lines:
+        assert line.startswith("c.yaml:")
+        assert line.isprintable()
+        assert len(line) < 500
+
+
+@pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.yaml")), ids=lambda path: path.stem)
+def test_the_projects_own_configs_make_sense(path: Path) -> None:
+    config = load_config(path)
+    source = None if isinstance(config.bodies, SdSource) else checked_plan(config)[0].source
+    assert check_physics(config, source) == []
+
+
+def test_rows_of_a_table_are_judged_by_their_own_horizons(tmp_path: Path) -> None:
+    body = "13.04,1.522,12.28,0.6429,0.036,-0.03"
+    (tmp_path / "t.csv").write_text(
+        f"alpha,beta,gamma,theta,phi,xi,n_i,omega_xy0,t_end\n{body},0.1,0.01,2\n{body},-0.1,0.01,1\n"
+    )
+    (tmp_path / "c.yaml").write_text("bodies: {source: table, path: t.csv}\n")
+    fatal, [line] = judged(tmp_path / "c.yaml")
+    assert not fatal
+    assert line.endswith(
+        "c.yaml:1:25: bodies.path: the horizon of 1 to 2 is shorter than one pitch oscillation, "
+        "4.37, in all of the 2 runs, and no type can be told; give a longer one"
+    )
+    (tmp_path / "t.csv").write_text(
+        f"alpha,beta,gamma,theta,phi,xi,n_i,omega_xy0\n{body},0.1,0.01\n{body},1e160,0.01\n"
+    )
+    fatal, [line] = judged(tmp_path / "c.yaml")
+    assert fatal
+    assert "c.yaml:1:25: bodies.path: t.csv: row 2: n_i is 1e+160; at most 1e+06 is allowed" in line
+    (tmp_path / "t.csv").write_text(f"alpha,beta,gamma,theta,phi,xi\n{body}\n")
+    fatal, [line] = judged(tmp_path / "c.yaml")
+    assert fatal
+    assert "c.yaml:1:1: spin: missing; the table has no columns n_i and omega_xy0" in line
+
+
+# -- against the runs themselves, the sampler, and other ways to compute --------------------------
+
+
+@pytest.mark.parametrize(("dt", "expected"), [(0.2, "ok"), (1.0, "coarse_step"), (3.0, "never")])
+def test_steps_are_judged_as_the_runs_are(dt: float, expected: str, tmp_path: Path) -> None:
+    data: dict[str, Any] = {
+        "bodies": {"source": "preset", "name": "GH"},
+        "spin": {"n_i": [0.1, -0.1], "omega_xy0": 0.01},
+        "horizon": {"t_rgh": 2},
+        "integrator": {"method": "rk4", "dt": dt},
+        "output": str(tmp_path / "out"),
+    }
+    config = parse_config(data)
+    if expected == "never":
+        with pytest.raises(ConfigError, match="beyond the stability"):
+            checked_plan(config)
+        return
+    warned = checked_plan(config)[1]
+    assert bool(warned) == (expected == "coarse_step")
+    # Either may be noticed first.
+    allowed = {"ok"} if expected == "ok" else {"coarse_step", "energy"}
+    assert set(rs.sweep(data).runs["status"]) <= allowed
+
+
+def test_the_stability_of_rk4_is_the_textbooks() -> None:
+    # Hairer and Wanner, Solving ODEs II, IV.2: 2 sqrt(2) on the imaginary axis.
+    assert stability_limit(METHODS["rk4"]) == pytest.approx(2 * np.sqrt(2), abs=2e-3)
+
+
+@pytest.mark.parametrize("name", RANGES)
+def test_no_body_is_slower_than_the_bound(name: str) -> None:
+    bodies = body_of(pool(RANGES[name]))
+    omega_p = theory.modes(bodies.alpha, bodies.beta, bodies.theta, bodies.phi, bodies.xi).omega_p
+    bound = slowest_pitch(RANGES[name])
+    assert 0.9 * omega_p.min() < bound <= omega_p.min() * (1 + 1e-12)
+
+
+@pytest.mark.parametrize("name", [name for name in RANGES if name != "modes that cross"])
+@pytest.mark.parametrize("which", ["K_p", "K_r"])
+def test_extremes_are_those_that_another_search_finds(name: str, which: str) -> None:
+    ranges = RANGES[name]
+    ends = limits(ranges)
+    low, high = extremes(ranges, which, pool(ranges))
+    for sign, mine in ((1, low), (-1, high)):
+
+        def cost(point: np.ndarray, sign: int = sign) -> float:
+            return sign * float(coefficient(point[:, None], which)[0])
+
+        free = np.where(ends[:, 0] < ends[:, 1], ends[:, 1], ends[:, 1] + 1e-12)
+        other = differential_evolution(
+            cost, list(zip(ends[:, 0], free, strict=True)), seed=1, popsize=8, maxiter=60
+        )
+        found = sign * other.fun
+        if sign < 0 and _ridge(ends, which):
+            # A bound there: never below, and not far above what is there.
+            assert found * (1 - 1e-9) <= mine < 5 * found
+        else:
+            assert mine == pytest.approx(found, rel=2e-3, abs=1e-9)
+
+
+@pytest.mark.parametrize("which", ["K_p", "K_r"])
+def test_the_ridge_of_crossing_modes_is_seen(which: str) -> None:
+    """No draw finds it at a skew angle of 1e-4 degrees, but there K is large."""
+    ranges = RANGES["modes that cross"]
+    points = pool(ranges)
+    assert _ridge(limits(TABLE_ONE), which) == 0
+    bodies = body_of(points)
+    # H_11 = H_22 without skew.
+    roll = (1 - bodies.phi) / bodies.phi * bodies.beta / bodies.alpha
+    there = points.copy()
+    there[2] = 1 / (1 + roll)
+    there = there[:, (there[2] > 0.6) & (there[2] < 0.7)]
+    highest = coefficient(there, which).max()
+    low, high = extremes(ranges, which, points)
+    assert highest > 10 * np.quantile(coefficient(points, which), 0.99)
+    assert highest <= high < 3 * highest
+    assert 0 <= low < 1e-3
+
+
+@pytest.mark.parametrize("value", [0.01, 0.1])
+def test_the_chance_of_a_draw_is_the_samplers(value: float) -> None:
+    data = {"source": "sd", "samples": 400, "target": {"K_r": value, "rel_tol": 1e-3}}
+    source = parse_config({"bodies": data, "spin": {"n_i": 1, "omega_xy0": 1}}).bodies
+    assert isinstance(source, SdSource)
+    from rattlesweep.sweeps.cases.sampler import draw_bodies
+
+    _, draws, _ = draw_bodies(
+        5, 0, np.arange(400), SdBodies(5, source)._ranges, 2, value, 1e-3, 10**6
+    )
+    chance, most = _chance(coefficient(pool(TABLE_ONE), "K_r"), value, 1e-3)
+    assert not most
+    # 400 draws of a geometric law scatter by 5 %, the estimate from a few dozen bodies by 18 %.
+    assert 1 / chance == pytest.approx(draws.mean(), rel=0.6)
+
+
+@pytest.mark.parametrize(
+    ("phi", "theta"),
+    [([0.1, 0.7], [0.6, 0.9]), ([0.1, 0.5], [0.2, 0.4]), ([0.3, 0.5], [0.2, 0.9]),
+     ([0.3, 0.3], [0.2, 0.9]), ([0.3, 0.5], [0.4, 0.4])],
+)  # fmt: skip
+def test_the_share_of_impossible_draws(phi: list[float], theta: list[float]) -> None:
+    u, v = np.random.default_rng(1).random((2, 400_000))
+    low = phi[0] + (phi[1] - phi[0]) * u >= theta[0] + (theta[1] - theta[0]) * v
+    assert _overlap(phi, theta) == pytest.approx(low.mean(), abs=4e-3)
+
+
+def test_the_same_answer_every_time_and_for_any_seed(tmp_path: Path) -> None:
+    path = tmp_path / "c.yaml"
+    path.write_text(DRAWN + RK4.replace("DT", "0.3"))
+    first = check_physics(load_config(path))
+    assert first == check_physics(load_config(path))
+    assert first == check_physics(load_config(path, ["seed=5"]))
+    assert pool(TABLE_ONE).shape == (5, POOL)

@@ -1,0 +1,159 @@
+"""Batches built by hand and the pieces of the kernels, for the tests of the integrators."""
+
+from functools import cache
+from unittest import mock
+
+import numpy as np
+
+from rattlesweep.integrate import batch
+from rattlesweep.integrate.lanes import build as built
+from rattlesweep.integrate.lanes import step as stages
+from rattlesweep.integrate.model import FULL, MODELS
+from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.physics import full, launch, reduced, steady, theory
+from rattlesweep.physics.body import PARAMETERS
+
+N_WINDOWS = 64
+
+
+def _columns(body, *others):
+    """The six parameters (a mapping of numbers or arrays) and ``others``, of one length."""
+    columns = np.broadcast_arrays(*(body[name] for name in PARAMETERS), *others)
+    columns = [np.atleast_1d(np.asarray(x, dtype=float)) for x in columns]
+    return dict(zip(PARAMETERS, columns[:6], strict=True)), columns[6:]
+
+
+def _modes(body):
+    return theory.modes(*(body[name] for name in ("alpha", "beta", "theta", "phi", "xi")))
+
+
+def full_batch(body, n_i, omega_xy0=0.01, psi="relevant", t_end=1000.0):
+    """A batch of the full model; ``psi`` in radians or a word of `launch.direction`."""
+    body, (n_i, omega_xy0, t_end) = _columns(body, n_i, omega_xy0, t_end)
+    modes = _modes(body)
+    psi = launch.direction(modes, n_i, psi) if isinstance(psi, str) else psi
+    constants = full.constants(**body)
+    found = steady.steady_modes(constants, n_i)
+    pitch = (modes.K_p * n_i > 0)[:, None]
+    probe = np.where(pitch, found.pitch_probe, found.roll_probe)
+    return batch.Batch(
+        y0=launch.full_state(n_i, omega_xy0, psi),
+        constants=constants.T,
+        probe=np.concatenate([probe.real, probe.imag], axis=1),
+        t_end=t_end,
+        swing=2 * np.maximum(np.abs(found.pitch.imag), modes.omega_p),
+        relevant=np.where(pitch[:, 0], found.pitch.imag, found.roll.imag),
+        rate=30 * theory.oscillation_speed(body["alpha"], body["beta"], body["gamma"],
+                                           omega_xy0, psi) ** 2,
+        window=t_end / N_WINDOWS,
+        first_mark=t_end,
+    )  # fmt: skip
+
+
+def reduced_batch(body, n_i, e_p, e_r, t_end=1000.0):
+    """A batch of the reduced model with the energies of pitch and roll."""
+    body, (n_i, e_p, e_r, t_end) = _columns(body, n_i, e_p, e_r, t_end)
+    modes = _modes(body)
+    inertia = body["gamma"]
+    n_0 = np.sqrt(n_i**2 + 2 * (e_p + e_r) / inertia)
+    fastest = np.maximum(np.abs(modes.K_p), np.abs(modes.K_r))
+    pitch = (modes.K_p * n_i > 0).astype(float)
+    return batch.Batch(
+        y0=np.stack([n_i, e_p, e_r], axis=1),
+        constants=np.stack([modes.K_p, modes.K_r, inertia], axis=1),
+        probe=np.stack([pitch, 1 - pitch], axis=1),
+        t_end=t_end,
+        swing=fastest * n_0,
+        relevant=np.zeros(len(t_end)),
+        rate=fastest * n_0**2,
+        window=t_end / N_WINDOWS,
+        first_mark=t_end,
+    )
+
+
+def take(runs, which):
+    """The runs ``which`` of a batch, in that order."""
+    return batch.Batch(
+        **{name: np.ascontiguousarray(getattr(runs, name)[which]) for name in vars(runs)}
+    )
+
+
+def join(*batches):
+    """Batches one after another."""
+    names = vars(batches[0])
+    return batch.Batch(
+        **{name: np.concatenate([getattr(b, name) for b in batches]) for name in names}
+    )
+
+
+def columns(outcome):
+    """The arrays of an outcome by name."""
+    return {name: value for name, value in vars(outcome).items() if name != "stopped"}
+
+
+def assert_same(a, b, skip=()):
+    """Every column of two outcomes is the same, bit for bit."""
+    for name, value in columns(a).items():
+        if name not in skip:
+            other = getattr(b, name)
+            assert value.shape == other.shape, name
+            assert value.tobytes() == other.tobytes(), name
+
+
+def pick(outcome, which):
+    """The rows ``which`` of an outcome."""
+    parts = {
+        name: value[which] if len(value) else value for name, value in columns(outcome).items()
+    }
+    return batch.Outcome(**parts, stopped=outcome.stopped)
+
+
+def full_energy(runs, states):
+    """Energies of states, shape (runs, 5)."""
+    return np.array([full.energy(*y, *q) for y, q in zip(states, runs.constants, strict=True)])
+
+
+def mode_energies(body, n_i, omega_xy0):
+    """Energies of pitch and roll in a launch along the relevant mode."""
+    modes = _modes(body)
+    psi = launch.direction(modes, n_i, "relevant")
+    return reduced.mode_energies(
+        body["alpha"], body["beta"], modes.psi_p, modes.psi_r, omega_xy0, psi
+    )
+
+
+@cache
+def attempt(method, model):
+    """The generated step of a method and a model, compiled by its first call."""
+    return stages.compile_attempt(METHODS[method], MODELS[model])
+
+
+@cache
+def pieces(method, model):
+    """What the kernel of a method and a model is built of, by name, not yet compiled."""
+    with mock.patch.object(built, "cached") as cached:
+        built.build(METHODS[method], MODELS[model])
+    return cached.call_args.args[0].__globals__
+
+
+def workspace(method, model, lanes=stages.LANES):
+    """A lane workspace, flat and as (row, lane), and its layout; at rest with GH-like numbers."""
+    layout = stages.Layout.of(MODELS[model])
+    rows = layout.rows(METHODS[method], MODELS[model])
+    flat = built.aligned(1, rows * lanes)[0][: rows * lanes]
+    return flat, flat.reshape(rows, lanes), layout
+
+
+def lane_steps(method, constants, y0, h, steps):
+    """Steps of the generated code alone, all lanes alike; the state after them."""
+    flat, rows, at = workspace(method, "full")
+    n = FULL.n_state
+    rows[at.constants : at.constants + FULL.n_constants] = np.reshape(constants, (-1, 1))
+    rows[at.y : at.y + n] = np.reshape(y0, (-1, 1))
+    rows[at.f : at.f + n] = np.reshape(full.rhs(*y0, *constants), (-1, 1))
+    rows[at.h] = h
+    for _ in range(steps):
+        attempt(method, "full")(flat, 1.0)
+        rows[at.y : at.y + 2 * n] = rows[at.y1 : at.y1 + 2 * n]
+    assert (rows[at.y : at.y + n] == rows[at.y : at.y + n, :1]).all()
+    return rows[at.y : at.y + n, 0].copy()

@@ -1,0 +1,457 @@
+"""Compiled kernels on disk: found again by a fresh process, each method its own."""
+
+import errno
+import json
+import multiprocessing
+import os
+import pickle
+import pwd
+import subprocess
+import sys
+import tempfile
+import threading
+from pathlib import Path
+
+import kernels
+import llvmlite
+import numba
+import numpy as np
+import oracle
+import pytest
+
+from rattlesweep.integrate import cache as storage
+from rattlesweep.integrate.batch import integrate
+from rattlesweep.integrate.cache import cached, directory, source_hash, specialise
+from rattlesweep.integrate.lanes import build as built
+from rattlesweep.integrate.model import MODELS
+from rattlesweep.integrate.tableau import METHODS
+
+# The reduced model compiles fastest; what is cached and how is the same.
+MODEL = "reduced"
+NAMES = ("rk4", "dop853")
+
+
+def batch():
+    return kernels.reduced_batch(oracle.GH, [0.1, -0.2, 0.3], [1e-3, 1e-4, 1e-5], 1e-4, 50.0)
+
+
+def states(name):
+    out = integrate(batch(), METHODS[name], MODELS[MODEL], tol=1e-5, dt=0.5, threads=1)
+    return {"y_end": out.y_end.tobytes().hex(), "n_steps": out.n_steps.tolist()}
+
+
+def child(names):
+    """Run in a fresh process: what the kernels give and where they came from."""
+    from rattlesweep.integrate.lanes.build import example, loaded
+
+    report = {}
+    for name in names:
+        found = states(name)
+        stats = loaded(example, name, MODEL).stats
+        found["hits"] = sum(stats.cache_hits.values())
+        found["misses"] = sum(stats.cache_misses.values())
+        found["path"] = stats.cache_path
+        report[name] = found
+    print(json.dumps(report))
+
+
+def numbers(found):
+    return np.frombuffer(bytes.fromhex(found["y_end"]))
+
+
+def run(home, names, **environment):
+    env = {k: v for k, v in os.environ.items() if not k.startswith("NUMBA_")}
+    env |= {"XDG_CACHE_HOME": str(home), "PYTHONPATH": str(Path(__file__).parent), **environment}
+    code = f"import test_kernel_cache as t; t.child({names!r})"
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code], env=env, capture_output=True, text=True,
+        timeout=900, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory):
+    return tmp_path_factory.mktemp("cache")
+
+
+@pytest.fixture(scope="module")
+def first(home):
+    return run(home, NAMES)
+
+
+def test_every_process_runs_the_kernel_that_a_child_compiled(home, first):
+    files = sorted(home.rglob("*.kernel"))
+    assert [len([p for p in files if f"work_{n}_{MODEL}" in p.name]) for n in NAMES] == [1, 1]
+    # One driver for all of them.
+    assert len([p for p in files if ".drive-" in p.name]) == 1
+    # In the other order: the first to come must not give its kernel to the second.
+    second = run(home, NAMES[::-1])
+    for name in NAMES:
+        for found in (first[name], second[name]):
+            assert (found["hits"], found["misses"]) == (1, 0)
+            assert Path(found["path"]).is_relative_to(home)
+        assert second[name]["n_steps"] == first[name]["n_steps"]
+        assert second[name]["y_end"] == first[name]["y_end"]
+    assert sorted(home.rglob("*.kernel")) == files
+
+
+@pytest.mark.slow
+def test_a_kernel_compiled_again_gives_the_same_bits(first, tmp_path):
+    again = run(tmp_path, NAMES)
+    for name in NAMES:
+        assert again[name]["y_end"] == first[name]["y_end"]
+
+
+def test_methods_are_not_mixed_up(first):
+    difference = np.abs(numbers(first["rk4"]) - numbers(first["dop853"])).max()
+    assert 1e-9 < difference < 1e-3
+    for name in NAMES:
+        here = states(name)
+        assert first[name]["n_steps"] == here["n_steps"]
+        assert here["y_end"] == first[name]["y_end"]
+
+
+def test_numba_cache_dir_is_respected(home, tmp_path):
+    # Of a kernel that is not compiled here: only the place is asked for.
+    code = (
+        "from rattlesweep.integrate import cache; print(cache.directory(cache.__file__));"
+        "import numba; print(numba.config.CACHE_DIR)"
+    )
+    env = {**os.environ, "XDG_CACHE_HOME": str(home), "NUMBA_CACHE_DIR": str(tmp_path / "numba")}
+    done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True)
+    ours, theirs = done.stdout.split()
+    assert Path(ours).parent == tmp_path / "numba" == Path(theirs)
+
+
+def test_the_hash_depends_on_the_file_itself():
+    assert source_hash(__file__) != source_hash(kernels.__file__)
+    assert source_hash(__file__) == source_hash.__wrapped__(__file__)
+    assert directory(__file__).name == source_hash(__file__)
+
+
+def _template(x):
+    return _inner(x) + OFFSET
+
+
+OFFSET = 1
+_inner = abs
+
+
+@pytest.fixture
+def place(monkeypatch, tmp_path):
+    """A new cache directory for this process, and its user's other ones out of reach."""
+    home = tmp_path / "cache"
+    home.mkdir(mode=0o700)
+    use(monkeypatch, home, tmp_path / "other")
+    yield home
+    directory.cache_clear()
+
+
+def use(monkeypatch, numba_dir, user_dir):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(numba_dir))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(user_dir))
+    directory.cache_clear()
+
+
+def test_specialised_copies_see_their_own_globals(place):
+    one = specialise(_template, "one", OFFSET=10)
+    two = specialise(_template, "two", OFFSET=20, _inner=float)
+    assert (_template(-3), one(-3), two(-3)) == (4, 13, 17.0)
+    compiled = [cached(f) for f in (one, two)]
+    assert [f(-3) for f in compiled] == [13, 17.0]
+    assert {p.name.split("-")[0] for p in place.rglob("*.kernel")} == {
+        "test_kernel_cache.one",
+        "test_kernel_cache.two",
+    }
+
+
+# -- what is loaded is whole, and ours -------------------------------------------------------------
+
+
+def small(name):
+    """As kernels have it: a function not yet compiled, and arguments to call it with."""
+    if name == "wrong":
+        raise ValueError("this one does not compile")
+    return cached(specialise(_template, name, OFFSET=10)), (-3,)
+
+
+def used():
+    """Result of a function in the cache, and whether it was found there."""
+    compiled, arguments = small("small")
+    return compiled(*arguments), bool(compiled.stats.cache_hits)
+
+
+def only(place):
+    (path,) = place.rglob("*.kernel")
+    return path
+
+
+class Planted:
+    """A pickle that makes a file when it is loaded."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return Path.touch, (self.path,)
+
+
+DAMAGES = {
+    "empty": lambda path, blob: path.write_bytes(b""),
+    "short": lambda path, blob: path.write_bytes(blob[:-100]),
+    "only a checksum": lambda path, blob: path.write_bytes(blob[:32]),
+    "a flipped bit": lambda path, blob: path.write_bytes(
+        blob[:2000] + bytes([blob[2000] ^ 1]) + blob[2001:]
+    ),
+    "not ours to read": lambda path, blob: path.write_bytes(
+        pickle.dumps(Planted(path.with_name("executed")))
+    ),
+    "a pipe": lambda path, blob: (path.unlink(), os.mkfifo(path)),
+    "another's link": lambda path, blob: (
+        path.rename(path.with_name("moved")),
+        path.symlink_to("moved"),
+    ),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_damaged_file_is_compiled_again(damage, place):
+    assert used() == (13, False)
+    assert used() == (13, True)
+    path = only(place)
+    whole = path.read_bytes()
+    DAMAGES[damage](path, whole)
+    assert used() == (13, False)
+    assert used() == (13, True)
+    assert path.is_file()
+    assert not path.is_symlink()
+    assert not path.with_name("executed").exists()
+
+
+def test_code_of_another_function_is_not_taken(place):
+    assert used() == (13, False)
+    mine = only(place)
+    other, arguments = small("larger")
+    other(*arguments)
+    (theirs,) = set(place.rglob("*.kernel")) - {mine}
+    theirs.rename(mine)
+    assert used() == (13, False)
+
+
+def plant(path):
+    """Put a well-formed file in place that is executed if it is loaded; what that would make."""
+    mark = path.with_name("executed")
+    path.write_bytes(storage._sealed(path.name, pickle.dumps(Planted(mark))))
+    return mark
+
+
+def give_away(path):
+    if os.geteuid() != 0:
+        pytest.skip("only root can give a file to another user")
+    os.chown(path, 65534, 65534)
+
+
+@pytest.mark.parametrize("whose", ["all may write", "a group may write", "another user's"])
+@pytest.mark.parametrize("what", ["file", "directory"])
+def test_what_others_can_change_is_not_loaded(whose, what, place, monkeypatch):
+    used()
+    path = only(place)
+    mark = plant(path)
+    target = path if what == "file" else path.parent
+    if whose == "another user's":
+        give_away(target)
+    else:
+        target.chmod(0o777 if whose.startswith("all") else 0o770)
+        # A group that no user has to himself.
+        os.chown(target, -1, 65534) if os.geteuid() == 0 else None
+        if os.geteuid() and whose.startswith("a group"):
+            pytest.skip("only root can choose the group")
+    directory.cache_clear()
+    assert used() == (13, False)
+    assert not mark.exists()
+    # It works somewhere else, or in place of the foreign file.
+    assert used() == (13, True)
+
+
+def test_a_planted_file_would_be_executed(place):
+    # The test above is worth something: ours are.
+    used()
+    mark = plant(only(place))
+    with pytest.raises(TypeError):
+        used()
+    assert mark.exists()
+
+
+def test_a_sticky_directory_for_all_is_shared_safely(place, monkeypatch, tmp_path):
+    place.chmod(0o1777)
+    used()
+    found = only(place)
+    assert found.parent.stat().st_mode & 0o777 == 0o700
+    # Somebody else was there first.
+    give_away(found.parent)
+    directory.cache_clear()
+    assert used() == (13, False)
+    assert directory(__file__) == tmp_path / "other" / "rattlesweep" / source_hash(__file__)
+
+
+def test_a_directory_in_which_all_can_rename_is_not_used(place, monkeypatch, tmp_path):
+    (place / "mine").mkdir(mode=0o700)
+    place.chmod(0o777)
+    use(monkeypatch, place / "mine", place / "too")
+    assert directory(__file__) is None
+    assert not (place / "too").exists()
+
+
+def test_root_leaves_the_home_of_another_user_alone(place, monkeypatch):
+    # As under sudo, which keeps HOME.
+    give_away(place)
+    use(monkeypatch, "", place / ".cache")
+    assert directory(__file__) is None
+    assert not list(place.iterdir())
+
+
+def test_odd_homes_lead_to_no_odd_places(monkeypatch, tmp_path):
+    home = os.path.join(pwd.getpwuid(os.geteuid()).pw_dir, ".cache")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_CACHE_HOME", "relative")
+    for odd in ("", "relative"):
+        monkeypatch.setenv("HOME", odd)
+        assert storage._user_directory() == home
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert storage._user_directory() == str(tmp_path / ".cache")
+    monkeypatch.setenv("XDG_CACHE_HOME", "/caches")
+    assert storage._user_directory() == "/caches"
+
+
+@pytest.mark.parametrize("what", ["full disk", "no locks", "read-only"])
+def test_where_nothing_can_be_kept_it_works_all_the_same(what, place, monkeypatch):
+    import fcntl
+
+    def fail(*args, **kwargs):
+        raise OSError({"no locks": errno.ENOLCK, "full disk": errno.ENOSPC}[what], "refused")
+
+    if what == "no locks":
+        monkeypatch.setattr(fcntl, "flock", fail)
+    elif what == "full disk":
+        monkeypatch.setattr(tempfile, "mkstemp", fail)
+    else:
+        use(monkeypatch, "/proc/nowhere", "/proc/nowhere")
+        assert directory(__file__) is None
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent))
+    compiled = built.loaded(small, what.replace(" ", "_").replace("-", "_"))
+    assert compiled(-3) == 13
+    assert (len(compiled.stats.cache_hits), len(compiled.stats.cache_misses)) == (1, 0)
+    assert len(list(place.rglob("*.kernel"))) == (what == "no locks")
+
+
+def test_nothing_is_left_behind_where_nothing_can_be_kept(tmp_path):
+    blocked = tmp_path / "file"
+    blocked.write_text("not a directory")
+    code = (
+        "from rattlesweep.integrate.lanes.build import loaded; import test_kernel_cache as t;"
+        "print(loaded(t.small, 'alone')(-3))"
+    )
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    done = python(
+        code, NUMBA_CACHE_DIR=blocked, XDG_CACHE_HOME=blocked, TMPDIR=temporary
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (0, "13\n"), done.stderr
+    assert not list(temporary.iterdir())
+
+
+def test_a_kernel_that_does_not_compile_says_so(place, monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent))
+    with pytest.raises(RuntimeError, match=r"(?s)kernel wrong could not be .*this one"):
+        built.compile_in_child(small, "wrong")
+
+
+def test_code_of_other_versions_has_other_names(place, monkeypatch):
+    compiled, (argument,) = small("small")
+    context = compiled.targetctx
+    context.refresh()
+
+    def name():
+        return compiled._cache.name((numba.typeof(argument),), context)
+
+    names = {name()}
+    for module, key in ((sys, "version"), (numba, "__version__"), (llvmlite, "__version__")):
+        with monkeypatch.context() as patch:
+            patch.setattr(module, key, "3.14")
+            names.add(name())
+    with monkeypatch.context() as patch:
+        patch.setattr(numba.config, "CPU_NAME", "generic")
+        names.add(name())
+    assert len(names) == 5
+
+
+# -- processes and threads -------------------------------------------------------------------------
+
+
+def python(code, **environment):
+    """Run code in a fresh process that can import this file."""
+    path = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
+    return subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=900, check=False,
+        env={**os.environ, "PYTHONPATH": path, **{k: str(v) for k, v in environment.items()}},
+    )  # fmt: skip
+
+
+def pool(layer):
+    """In a fresh process: results before a fork, and of a pool of forked processes."""
+    before = states("rk4")
+    assert numba.threading_layer() == layer
+    with multiprocessing.get_context("fork").Pool(2) as workers:
+        after = workers.map(states, ["rk4"] * 4)
+    assert after == [before] * 4
+    assert states("rk4") == before
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
+@pytest.mark.parametrize("layer", ["omp", "workqueue"])
+def test_a_pool_that_is_forked_after_the_first_use_works(layer):
+    done = python(f"import test_kernel_cache as t; t.pool({layer!r})", NUMBA_THREADING_LAYER=layer)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def side_by_side():
+    """In a fresh process: several threads that integrate."""
+    whole, found = states("rk4"), []
+    threads = [
+        threading.Thread(target=lambda: found.extend(states("rk4") for _ in range(20)))
+        for _ in range(4)
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert found == [whole] * 80
+
+
+@pytest.mark.parametrize("layer", ["omp", "workqueue"])
+def test_threads_integrate_side_by_side(layer):
+    done = python("import test_kernel_cache as t; t.side_by_side()", NUMBA_THREADING_LAYER=layer)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("setting", "said"),
+    [
+        ("NUMBA_NUM_THREADS=0", "it must be a whole number from 1 to 4096"),
+        ("NUMBA_NUM_THREADS=many", "it must be a whole number from 1 to 4096"),
+        ("NUMBA_THREADING_LAYER=nonsense", "The threading layer requested 'nonsense' is unknown"),
+    ],
+)
+def test_a_setting_that_cannot_be_is_one_sentence(setting, said, tmp_path):
+    config = Path(__file__).parents[2] / "configs" / "quickstart.yaml"
+    code = (
+        f"import sys; sys.argv = ['rattlesweep', 'run', {str(config)!r}, '--output', "
+        f"{str(tmp_path / 'out')!r}, '-q']; from rattlesweep.cli import main; main()"
+    )
+    done = python(code, **dict([setting.split("=")]))
+    assert done.returncode == 2, done.stderr
+    assert done.stderr.startswith(f"error: {setting}: ")
+    assert said in done.stderr
+    assert done.stderr.count("\n") == 1

@@ -1,0 +1,542 @@
+"""The lane kernel: reversal times, first zeros, identical bits, statuses, observations."""
+
+import dataclasses
+import math
+import threading
+import time
+
+import kernels
+import numpy as np
+import oracle
+import pytest
+from scipy.integrate import solve_ivp
+
+from rattlesweep.integrate.batch import RECORDS, Control, integrate
+from rattlesweep.integrate.lanes.runs import MAX_ENERGY_DRIFT
+from rattlesweep.integrate.lanes.step import LANES, SUBSTEPS
+from rattlesweep.integrate.model import FULL, REDUCED
+from rattlesweep.integrate.status import Status
+from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.physics import full, reduced, theory
+from rattlesweep.physics.body import shell_dumbbell
+
+GH = oracle.GH
+DOP853, RK4 = METHODS["dop853"], METHODS["rk4"]
+PSI_P = oracle.modes(GH)["psi_p"]
+# Of tests/physics/test_oracle.py and, the second, its slow part.
+T_UNSTEADY, T_STEADY = 112.093877963873, 809.857417847725
+# dopri5 compiles a kernel that nothing else in the quick suite needs.
+every_method = pytest.mark.parametrize(
+    "method",
+    [
+        pytest.param(m, marks=[pytest.mark.slow] if m.name == "dopri5" else [])
+        for m in METHODS.values()
+    ],
+    ids=METHODS,
+)
+
+
+def assert_status(outcome, status):
+    assert [Status(s) for s in outcome.status] == [status] * len(outcome.status)
+
+
+def shell_dumbbells(count, seed):
+    """Random bodies as a mapping of arrays; with them spins and launches."""
+    rng = np.random.default_rng(seed)
+    gamma = rng.uniform(5, 15, count)
+    alpha, beta = shell_dumbbell(gamma, rng.uniform(0.05, 0.15, count))
+    body = {
+        "alpha": alpha,
+        "beta": beta,
+        "gamma": gamma,
+        "theta": rng.uniform(0.6, 0.95, count),
+        "phi": rng.uniform(0.01, 0.1, count),
+        "xi": -np.radians(rng.uniform(0.5, 10, count)),
+    }
+    n_i = rng.choice([-1, 1], count) * rng.uniform(0.1, 0.5, count)
+    return body, n_i, rng.choice([0.01, 0.1], count)
+
+
+def one_body(body, k):
+    return {name: float(value[k]) for name, value in body.items()}
+
+
+def mixed(count, seed=7, t_end=40.0):
+    """Runs of different bodies and lengths, some with a reversal."""
+    rng = np.random.default_rng(seed)
+    return kernels.full_batch(*shell_dumbbells(count, seed), t_end=rng.uniform(2, t_end, count))
+
+
+# --- reversal times and conservation -------------------------------------------------------------
+
+
+@every_method
+def test_gh_reversal_times_at_defaults(method):
+    runs = kernels.full_batch(GH, [0.1, -0.1])
+    out = integrate(runs, method, FULL)
+    assert_status(out, Status.OK)
+    assert out.t_r == pytest.approx([T_UNSTEADY, T_STEADY], rel=1e-6)
+    assert np.array_equal(out.t_r, out.t_end)
+    assert out.n_end == pytest.approx([0, 0], abs=1e-14)
+    assert np.abs(out.energy_drift).max() < 1e-7
+    assert out.n_departure == pytest.approx([1, 1])
+    assert (out.amp_growth > 1).all()
+
+
+def test_gh_reversal_times_at_a_tight_tolerance():
+    out = integrate(kernels.full_batch(GH, [0.1, -0.1]), DOP853, FULL, tol=1e-11)
+    assert out.t_r == pytest.approx([T_UNSTEADY, T_STEADY], rel=1e-9)
+    assert np.abs(out.energy_drift).max() < 1e-9
+
+
+def test_energy_drift_of_fixed_steps():
+    out = integrate(kernels.full_batch(GH, [0.1, -0.1]), RK4, FULL, dt=0.002)
+    assert np.abs(out.energy_drift).max() < 1e-9
+
+
+@every_method
+def test_energy_drift_is_that_of_the_states(method):
+    runs = mixed(20)
+    out = integrate(runs, method, FULL, tol=1e-7, dt=0.01)
+    before, after = (kernels.full_energy(runs, y) for y in (runs.y0, out.y_end))
+    assert out.energy_0 == pytest.approx(before, rel=1e-14)
+    assert out.energy_drift == pytest.approx(after / before - 1, abs=1e-14)
+    assert [full.spin(*y) for y in out.y_end] == pytest.approx(out.n_end, abs=1e-16)
+
+
+def test_random_bodies_reverse_when_the_oracle_says():
+    count = 40
+    body, n_i, omega = shell_dumbbells(count, seed=11)
+    omega[: count // 2] = 0.1
+    e_p, e_r = kernels.mode_energies(body, n_i, omega)
+    modes = theory.modes(*(body[x] for x in ("alpha", "beta", "theta", "phi", "xi")))
+    speed = np.sqrt(2 * (e_p + e_r) / body["gamma"])
+    t_gh = theory.reversal_time(np.where(n_i > 0, modes.K_p, modes.K_r), n_i, speed)
+    # Early reversals are waited for; the others only show that none comes early.
+    t_end = np.where(t_gh < 40, 1.3 * t_gh, 10.0)
+    out = integrate(kernels.full_batch(body, n_i, omega, t_end=t_end), DOP853, FULL)
+    expected = np.full(count, np.nan)
+    for k in range(count):
+        one = one_body(body, k)
+        t_r, y = oracle.first_reversal(
+            one, n_i[k], omega[k], oracle.relevant_psi(one, n_i[k]), t_end[k], 1e-10, samples=12
+        )
+        expected[k] = np.nan if t_r is None else t_r
+        assert out.y_end[k] == pytest.approx(full.from_vectors(y[:3], y[3:]), abs=1e-7)
+    assert_status(out, Status.OK)
+    assert 5 < np.isfinite(expected).sum() < 35
+    assert out.t_r == pytest.approx(expected, rel=1e-6, nan_ok=True)
+    assert np.array_equal(out.t_end[np.isnan(expected)], t_end[np.isnan(expected)])
+
+
+# --- identical bits -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", [DOP853, RK4], ids=["dop853", "rk4"])
+def test_threads_order_and_company_do_not_matter(method):
+    runs = mixed(75)
+    whole = integrate(runs, method, FULL, threads=1, dt=0.01)
+    assert np.isfinite(whole.t_r).any()
+    assert np.isnan(whole.t_r).any()
+    kernels.assert_same(integrate(runs, method, FULL, threads=2, dt=0.01), whole)
+    shuffled = np.random.default_rng(3).permutation(75)
+    mixed_up = integrate(kernels.take(runs, shuffled), method, FULL, dt=0.01)
+    kernels.assert_same(mixed_up, kernels.pick(whole, shuffled))
+    for k in (0, 37, 74):
+        alone = integrate(kernels.take(runs, [k]), method, FULL, dt=0.01)
+        kernels.assert_same(alone, kernels.pick(whole, [k]))
+
+
+@pytest.mark.parametrize("method", [DOP853, RK4], ids=["dop853", "rk4"])
+def test_every_lane_gives_the_same_bits(method):
+    others = mixed(LANES, t_end=20.0)
+    run = kernels.full_batch(GH, 0.05, 0.1, t_end=20.0)
+    alone = integrate(run, method, FULL, dt=0.01)
+    assert np.isfinite(alone.t_r[0])
+    # Of equal cost, so the queue keeps the order: run k begins in lane k.
+    others = dataclasses.replace(others, t_end=run.t_end * run.swing / others.swing)
+    for parity in (0, 1):
+        which = np.arange(LANES)
+        which[parity::2] = LANES
+        out = integrate(
+            kernels.take(kernels.join(others, run), which), method, FULL, threads=1, dt=0.01
+        )
+        for k in range(parity, LANES, 2):
+            kernels.assert_same(kernels.pick(out, [k]), alone)
+
+
+@pytest.mark.parametrize("runs", [0, 1, LANES - 1, LANES, LANES + 1, 2 * LANES + 1])
+def test_idle_lanes(runs):
+    batch = mixed(2 * LANES + 1, t_end=10.0)
+    whole = integrate(batch, DOP853, FULL)
+    which = np.arange(runs)
+    for threads in (1, 2):
+        out = integrate(kernels.take(batch, which), DOP853, FULL, threads=threads)
+        assert len(out.status) == runs
+        assert not out.stopped
+        kernels.assert_same(out, kernels.pick(whole, which))
+
+
+@every_method
+def test_mirrored_bodies_mirror(method):
+    body, n_i, omega = shell_dumbbells(40, seed=21)
+    runs = kernels.full_batch(body, n_i, omega, t_end=40.0)
+    # In the x-z plane: y and, an axial vector, omega_x and omega_z change sign.
+    mirrored = {**body, "xi": -body["xi"]}
+    image = dataclasses.replace(
+        runs,
+        y0=runs.y0 * [1, -1, -1, 1, -1],
+        constants=full.constants(**mirrored).T,
+        probe=runs.probe * ([1, -1, -1, 1] * 2),
+    )
+    a, b = (integrate(r, method, FULL, dt=0.01) for r in (runs, image))
+    assert np.isfinite(a.t_r).any()
+    assert b.t_r == pytest.approx(a.t_r, rel=1e-13, nan_ok=True)
+    assert b.n_end == pytest.approx(-a.n_end, abs=1e-13)
+    assert b.y_end * [1, -1, -1, 1, -1] == pytest.approx(a.y_end, abs=1e-13)
+    assert b.amp_growth == pytest.approx(a.amp_growth, abs=1e-12, nan_ok=True)
+    assert np.array_equal(a.n_steps, b.n_steps)
+    # The helper finds the image's modes itself.
+    c = integrate(kernels.full_batch(mirrored, -n_i, omega, t_end=40.0), method, FULL, dt=0.01)
+    assert c.t_r == pytest.approx(a.t_r, rel=1e-7, nan_ok=True)
+
+
+@every_method
+def test_backwards_leads_to_the_start(method):
+    body, n_i, omega = shell_dumbbells(40, seed=5)
+    there = kernels.full_batch(body, n_i, omega, t_end=15.0)
+    out = integrate(there, method, FULL, tol=1e-12)
+    some = np.isnan(out.t_r)
+    assert some.sum() > 10
+    flip = [1, 1, -1, -1, -1]
+    error = 1e-10 if method.adaptive else 1e-8
+    back = dataclasses.replace(kernels.take(there, some), y0=out.y_end[some] * flip)
+    again = integrate(back, method, FULL, tol=1e-12)
+    assert np.isnan(again.t_r).all()
+    assert again.y_end * flip == pytest.approx(there.y0[some], abs=error)
+
+
+# --- the first zero -------------------------------------------------------------------------------
+
+# GH launched with 0.1 along the pitch: the spin just touches zero (tests/physics/test_oracle.py).
+TOUCH, T_TOUCH, T_NEXT = 0.00663381740279008, 1.967217, 3.13791070912
+
+
+@pytest.mark.parametrize(("method", "options"), [(DOP853, {"tol": 1e-12}), (RK4, {})])
+def test_grazing_spin_just_reverses_and_just_does_not(method, options):
+    n_i = TOUCH + np.array([-1e-4, -1e-7, -1e-11, 1e-11])
+    out = integrate(kernels.full_batch(GH, n_i, 0.1, t_end=6.0), method, FULL, **options)
+    expected = [oracle.first_reversal(GH, n, 0.1, PSI_P, 6.0)[0] for n in n_i]
+    assert expected == pytest.approx([1.85117222647, 1.96356847665, T_TOUCH, T_NEXT], abs=1e-6)
+    # Near the touch the time of the zero goes like the square root of the error.
+    assert np.abs(out.t_r - expected)[[0, 1, 3]].max() < 1e-8
+    assert out.t_r[2] == pytest.approx(T_TOUCH, abs=1e-5)
+
+
+@pytest.mark.parametrize("name", ["dop853", pytest.param("dopri5", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("tol", [1e-6, 1e-8, 1e-9, 1e-12])
+def test_no_first_zero_is_missed_around_the_touch(name, tol):
+    # Both sides on a logarithmic scale, dips from 1e-4 to 1e-15 deep.
+    away = np.logspace(-13, -2, 100) * TOUCH
+    n_i = np.concatenate([TOUCH - away, TOUCH + away])
+    out = integrate(kernels.full_batch(GH, n_i, 0.1, t_end=6.0), METHODS[name], FULL, tol=tol)
+    assert_status(out, Status.OK)
+    late = out.t_r > 2.5
+    wrong = late != (n_i > TOUCH)
+    # Where the method's own error decides, the run must be counted among the doubtful.
+    assert (out.near_tangencies[wrong] > 0).all()
+    assert np.abs(n_i - TOUCH)[wrong].max(initial=0) < 10 * tol
+    assert min(late.sum(), (~late).sum()) > 30
+    # Clear cases are not counted.
+    assert tol > 1e-9 or not out.near_tangencies[np.abs(n_i - TOUCH) > 1e-5].any()
+
+
+@pytest.mark.parametrize("dt", [0.1, 0.05, 0.02, 0.002])
+def test_a_pair_of_zeros_much_shorter_than_a_step(dt):
+    # Where RK4's own error puts the touch: between the last early and the first late reversal.
+    low, high = 0.9 * TOUCH, 1.1 * TOUCH
+    for _ in range(3):
+        n_i = np.linspace(low, high, 101)
+        out = integrate(kernels.full_batch(GH, n_i, 0.1, t_end=6.0), RK4, FULL, dt=dt)
+        assert_status(out, Status.OK)
+        late = out.t_r > 2.5
+        # Every run below it reverses early: no pair is missed, however short.
+        assert np.count_nonzero(np.diff(late)) == 1
+        low, high = n_i[late.argmax() - 1], n_i[late.argmax()]
+    assert low == pytest.approx(TOUCH, abs=2 * dt**4 + 1e-8)
+    # The zeros of the last early run lie about the touch, closer than a step; one look at the
+    # lanes spans eight.
+    assert 2 * (T_TOUCH - out.t_r[~late][-1]) < max(dt, 0.02)
+
+
+# --- horizons and statuses ------------------------------------------------------------------------
+
+
+@every_method
+def test_horizons_are_reached_exactly(method):
+    t_end = np.array([1e-6, 1e-3, 0.002, 0.016, 0.1, 1 / 3, math.pi, 10.0, 47.11, 100.0])
+    out = integrate(kernels.full_batch(GH, 0.5, 0.001, t_end=t_end), method, FULL)
+    assert_status(out, Status.OK)
+    assert np.array_equal(out.t_end, t_end)
+    assert np.isnan(out.t_r).all()
+    assert (out.n_steps > 0).all()
+    for k in (0, 2, 6):
+        y = oracle.advance(GH, oracle.launch(GH, 0.5, 0.001, PSI_P), t_end[k])
+        assert out.y_end[k] == pytest.approx(full.from_vectors(y[:3], y[3:]), abs=1e-9)
+
+
+def test_a_step_much_too_long_is_not_ok():
+    out = integrate(kernels.full_batch(GH, [0.1, -0.1, 0.5], t_end=1000.0), RK4, FULL, dt=5.0)
+    assert set(out.status) <= {Status.NONFINITE, Status.ENERGY}
+    assert np.isnan(out.t_r).all()
+
+
+def test_energy_off_by_more_than_a_hundredth_has_a_status():
+    dt = np.array([0.05, 0.2, 0.3, 0.4, 0.5])
+    runs = kernels.full_batch(GH, 0.5, 0.3, t_end=400.0)
+    found = [integrate(runs, RK4, FULL, dt=x) for x in dt]
+    for out in found:
+        off = abs(out.energy_drift[0])
+        if out.status[0] == Status.OK:
+            assert off <= MAX_ENERGY_DRIFT
+        elif out.status[0] == Status.ENERGY:
+            assert off > MAX_ENERGY_DRIFT
+            assert np.isnan(out.t_r[0])
+    assert {int(out.status[0]) for out in found} >= {int(Status.OK), int(Status.ENERGY)}
+
+
+@every_method
+def test_runs_end_at_the_most_steps(method):
+    out = integrate(kernels.full_batch(GH, [0.1, -0.1]), method, FULL, max_steps=80)
+    assert_status(out, Status.STEP_LIMIT)
+    assert np.isnan(out.t_r).all()
+    assert (out.n_steps + out.n_rejected <= 80 + SUBSTEPS).all()
+    assert (out.t_end < 100).all()
+
+
+@pytest.mark.parametrize("name", ["dop853", pytest.param("dopri5", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("tol", [1e-15, 1e-25, 1e-60, 1e-150])
+def test_impossible_tolerances_end(name, tol):
+    runs = kernels.full_batch(GH, [0.1, -2.0, 5.0], [0.1, 1e-6, 1e-12], t_end=50.0)
+    out = integrate(runs, METHODS[name], FULL, tol=tol, max_steps=100_000)
+    allowed = {Status.OK, Status.STEP_LIMIT, Status.STEP_TOO_SMALL, Status.NONFINITE}
+    assert set(out.status) <= allowed
+    if tol < 1e-50:
+        assert Status.OK not in set(out.status)
+
+
+def test_nonfinite_states_end_at_once_and_leave_the_neighbours_alone():
+    runs = mixed(LANES)
+    alone = integrate(runs, DOP853, FULL)
+    y0 = runs.y0.copy()
+    y0[5, 2], y0[9, 4], y0[11, 0] = np.nan, np.inf, 1e200
+    for method in (DOP853, RK4):
+        out = integrate(dataclasses.replace(runs, y0=y0), method, FULL, dt=0.01)
+        assert [Status(s) for s in out.status[[5, 9, 11]]] == [Status.NONFINITE] * 3
+        assert np.isnan(out.t_r[[5, 9, 11]]).all()
+        if method is DOP853:
+            rest = np.delete(np.arange(LANES), [5, 9, 11])
+            kernels.assert_same(kernels.pick(out, rest), kernels.pick(alone, rest))
+
+
+# --- what is observed -----------------------------------------------------------------------------
+
+
+def test_recording_changes_nothing_else():
+    runs = mixed(70)
+    extra = ("energy_drift_max", "contact_ratio_max", "contact_normal_min", "windows", "growth")
+    for method in (DOP853, RK4):
+        plain = integrate(runs, method, FULL, dt=0.01)
+        for record in (*RECORDS, RECORDS):
+            names = frozenset([record] if isinstance(record, str) else record)
+            out = integrate(runs, method, FULL, dt=0.01, record=names)
+            kernels.assert_same(out, plain, skip=extra)
+            shape = (70 if "windows" in names else 0, kernels.N_WINDOWS, 3)
+            assert out.windows.shape == shape
+
+
+@pytest.mark.parametrize("method", [DOP853, RK4], ids=["dop853", "rk4"])
+def test_records_are_those_of_the_trajectory(method):
+    t_end, n_windows = 12.8, 8
+    launches = [(0.5, 0.03), (-0.3, 0.03), (0.3, 0.02), (0.1, 0.01)]
+    n_i, omega = np.array(launches).T
+    runs = kernels.full_batch(GH, n_i, omega, t_end=t_end)
+    runs = dataclasses.replace(runs, window=runs.t_end / n_windows)
+    out = integrate(runs, method, FULL, record=frozenset(RECORDS))
+    assert_status(out, Status.OK)
+    assert (out.t_end == t_end).all()
+    # Only the ends of steps are seen; adaptive steps are a good part of a swing long.
+    force, amplitude, spin = (0.01, 0.005, 0.02) if method is RK4 else (0.15, 0.08, 0.2)
+    t = np.linspace(0, t_end, 1601)
+    for k in range(len(launches)):
+        y0 = oracle.launch(GH, n_i[k], omega[k], oracle.relevant_psi(GH, n_i[k]))
+        y = solve_ivp(
+            oracle.rhs, (0, t_end), y0, "DOP853", args=(GH,), rtol=1e-11, atol=1e-14, t_eval=t
+        ).y
+        normal, tangential = np.array([oracle.force_components(x, GH) for x in y.T]).T
+        ratio = (tangential / normal).max()
+        assert out.contact_ratio_max[k] == pytest.approx(ratio, rel=force)
+        assert out.contact_ratio_max[k] <= ratio * (1 + 1e-4)
+        assert 1 - out.contact_normal_min[k] == pytest.approx(1 - normal.min(), rel=force)
+        n = np.sum(y[:3] * y[3:], axis=0)
+        small = np.concatenate([y[:2] / y[2], y[3:5]])
+        size = np.hypot(runs.probe[k, :4] @ small, runs.probe[k, 4:] @ small)
+        seen = out.windows[k]
+        assert np.isfinite(seen[:n_windows]).all()
+        assert np.isnan(seen[n_windows:]).all()
+        for i in range(n_windows):
+            inside = slice(i * 200, (i + 1) * 200 + 1)
+            near = spin * np.ptp(n)
+            assert seen[i, 0] == pytest.approx(size[inside].max(), rel=amplitude)
+            assert seen[i, 1] == pytest.approx(n[inside].min(), abs=near)
+            assert seen[i, 2] == pytest.approx(n[inside].max(), abs=near)
+    assert (out.energy_drift_max >= np.abs(out.energy_drift)).all()
+    assert out.energy_drift_max.max() < 1e-8
+    assert out.energy_0 == pytest.approx(
+        [oracle.energy(oracle.launch(GH, n, w, oracle.relevant_psi(GH, n)), GH)
+         for n, w in launches], rel=1e-12,
+    )  # fmt: skip
+
+
+# --- a running kernel -----------------------------------------------------------------------------
+
+
+class Running:
+    """A batch in a thread of its own."""
+
+    def __init__(self, batch, *args, **options):
+        self.control = Control()
+        self.outcome = None
+        self.thread = threading.Thread(target=self._run, args=(batch, *args), kwargs=options)
+        self.thread.start()
+
+    def _run(self, *args, **options):
+        self.outcome = integrate(*args, control=self.control, **options)
+
+
+@pytest.mark.parametrize("method", [DOP853, RK4], ids=["dop853", "rk4"])
+def test_stop_ends_a_long_batch_soon(method):
+    # Stable in its steady direction: no reversal for ever.
+    t_end = np.where(np.arange(100) % 4 == 0, 1.0, 1e7)
+    runs = kernels.full_batch(GH, -1.5, 0.001, t_end=t_end)
+    integrate(kernels.take(runs, [0]), method, FULL)  # compiled before the clock runs
+    job = Running(runs, method, FULL)
+    time.sleep(0.3)
+    assert job.thread.is_alive()
+    assert not job.control.stopping
+    asked = time.monotonic()
+    job.control.stop()
+    job.thread.join(10)
+    assert time.monotonic() - asked < 1
+    assert job.control.stopping
+    out = job.outcome
+    assert out.stopped
+    # The longest go first: none has ended.
+    assert_status(out, Status.STOPPED)
+    assert np.isnan(out.t_end).all()
+    assert np.isnan(out.t_r).all()
+
+
+def test_a_stopped_batch_keeps_what_was_done():
+    t_end = np.where(np.arange(40) < 3, 1e7, 5.0)
+    runs = kernels.full_batch(GH, -1.5, 0.001, t_end=t_end)
+    job = Running(runs, DOP853, FULL)
+    while job.control.runs_done < 37 and job.thread.is_alive():
+        time.sleep(0.01)
+    job.control.stop()
+    job.thread.join(10)
+    out = job.outcome
+    assert out.stopped
+    assert [Status(s) for s in out.status] == [Status.STOPPED] * 3 + [Status.OK] * 37
+    assert (out.t_end[3:] == 5).all()
+
+
+def test_progress_rises_to_the_total():
+    runs = kernels.full_batch(GH, -1.5, 0.001, t_end=np.linspace(100, 4000, 2000))
+    job = Running(runs, DOP853, FULL)
+    seen = []
+    while job.thread.is_alive():
+        if job.control.total:
+            seen.append((job.control.done, job.control.runs_done))
+        time.sleep(0.005)
+    total = job.control.total
+    done, ended = np.array(seen).T
+    assert job.control.done == pytest.approx(total, rel=1e-12)
+    assert job.control.runs_done == 2000
+    assert not job.outcome.stopped
+    assert len(set(done)) > 10
+    # A run that has ended is counted twice until its thread's next report: as done, and as under
+    # way.  No more than all lanes' runs, but progress can fall by so much.
+    twice = 2 * LANES * float((runs.t_end * runs.swing).max())
+    assert np.diff(done).min() >= -twice
+    assert done.max() <= total + twice
+    assert (np.diff(ended) >= 0).all()
+
+
+# --- the reduced model ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "method", [DOP853, pytest.param(RK4, marks=pytest.mark.slow)], ids=["dop853", "rk4"]
+)
+def test_reduced_model_with_one_mode_is_the_formula(method):
+    body, n_i, omega = shell_dumbbells(60, seed=31)
+    e_p, e_r = kernels.mode_energies(body, n_i, omega)
+    modes = theory.modes(*(body[x] for x in ("alpha", "beta", "theta", "phi", "xi")))
+    assert np.array_equal(e_r == 0, n_i > 0)
+    assert np.array_equal(e_p == 0, n_i < 0)
+    speed = np.sqrt(2 * (e_p + e_r) / body["gamma"])
+    expected = theory.reversal_time(np.where(n_i > 0, modes.K_p, modes.K_r), n_i, speed)
+    runs = kernels.reduced_batch(body, n_i, e_p, e_r, t_end=2 * expected)
+    out = integrate(runs, method, REDUCED, dt=0.02)
+    assert_status(out, Status.OK)
+    assert out.t_r == pytest.approx(expected, rel=1e-9)
+    assert np.abs(out.energy_drift).max() < 1e-9
+    # A fraction of the time: the spin of the formula.
+    half = dataclasses.replace(runs, t_end=0.8 * expected)
+    out = integrate(half, method, REDUCED, dt=0.02)
+    assert np.isnan(out.t_r).all()
+    assert out.n_end == pytest.approx(
+        theory.spin_gh(0.8 * expected, np.where(n_i > 0, modes.K_p, modes.K_r), n_i, speed),
+        rel=1e-8,
+    )
+
+
+def test_reduced_model_with_both_modes_keeps_its_invariants():
+    body, n_i, omega = shell_dumbbells(60, seed=32)
+    e = 0.5 * body["alpha"] * omega**2
+    runs = kernels.reduced_batch(body, n_i, 0.3 * e, 0.01 * e, t_end=300.0)
+    out = integrate(runs, DOP853, REDUCED, tol=1e-12)
+    assert_status(out, Status.OK)
+    k_p, k_r, inertia = runs.constants.T
+    before, after = (
+        (
+            reduced.energy.py_func(*y.T, *runs.constants.T),
+            reduced.casimir(*np.abs(y.T[1:]), k_p, k_r),
+        )
+        for y in (runs.y0, out.y_end)
+    )
+    assert out.energy_drift == pytest.approx(after[0] / before[0] - 1, abs=1e-14)
+    assert after[0] == pytest.approx(before[0], rel=1e-10)
+    # The error of an energy below 1e-140 is not controlled.
+    seen = out.y_end[:, 1:].min(axis=1) > 1e-140
+    assert seen.sum() > 50
+    assert after[1][seen] == pytest.approx(before[1][seen], rel=1e-9)
+    k = int(np.argmin(np.where(np.isfinite(out.t_r), out.t_r, np.inf)))
+    found = solve_ivp(
+        oracle.reduced_rhs, (0, out.t_end[k]), runs.y0[k], "DOP853",
+        args=tuple(runs.constants[k]), rtol=1e-12, atol=1e-18,
+    )  # fmt: skip
+    assert out.y_end[k] == pytest.approx(found.y[:, -1], abs=1e-11)
+    assert inertia[k] == body["gamma"][k]
+
+
+def test_a_step_that_damps_the_oscillation_away_is_no_steady_spin():
+    """GH in the unsteady direction reverses; at dt = 1.5 RK4 would call it SS, energy in order."""
+    batch = kernels.full_batch(oracle.GH, 0.5, 1e-3, t_end=200.0)
+    found = {dt: integrate(batch, METHODS["rk4"], FULL, dt=dt) for dt in (0.002, 0.1, 1.5)}
+    assert found[0.002].t_r == pytest.approx(118.8854, rel=1e-4)
+    assert found[0.1].t_r == pytest.approx(118.8854, rel=1e-3)
+    assert found[1.5].status == Status.COARSE
+    assert np.isnan(found[1.5].t_r)
+    assert abs(found[1.5].energy_drift) < 1e-3

@@ -1,0 +1,441 @@
+"""One run as a time series: the sweep's own steps and reversals, states at any times."""
+
+import dataclasses
+import math
+import tracemalloc
+
+import kernels
+import numpy as np
+import oracle
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+import rattlesweep as rs
+from rattlesweep.errors import ConfigError
+from rattlesweep.integrate.batch import integrate
+from rattlesweep.integrate.follow.trajectory import Follower
+from rattlesweep.integrate.model import FULL, REDUCED
+from rattlesweep.integrate.status import Status
+from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.physics import full, theory
+from rattlesweep.study.onerun.channels import CHANNELS
+from rattlesweep.study.onerun.course import CHUNK, Course, EvenTimes
+
+GH = rs.Rattleback.gh()
+DOP853, RK4 = METHODS["dop853"], METHODS["rk4"]
+# The others compile kernels that nothing else here needs.
+every_method = pytest.mark.parametrize(
+    "method",
+    [
+        pytest.param(m, marks=[] if m.name in ("dop853", "rk4") else [pytest.mark.slow])
+        for m in METHODS.values()
+    ],
+    ids=METHODS,
+)
+
+
+def follow(batch, method=DOP853, model=FULL, **options):
+    """All accepted steps: the follower at its end, times and states."""
+    follower = Follower(batch, method, model, **options)
+    parts = [follower.launch()]
+    while not follower.ended:
+        parts.append(follower.steps())
+    return (
+        follower,
+        np.concatenate([p.t for p in parts]),
+        np.concatenate([p.y for p in parts]),
+    )
+
+
+# --- the steps are the sweep's -------------------------------------------------------------------
+
+
+@every_method
+@pytest.mark.parametrize(("n_i", "omega"), [(0.1, 0.01), (-0.1, 0.1), (0.5, 0.01), (-0.3, 0.1)])
+def test_first_reversal_is_that_of_the_sweep_bit_for_bit(method, n_i, omega):
+    batch = kernels.full_batch(oracle.GH, [n_i], omega, t_end=900.0)
+    out = integrate(batch, method, FULL, dt=0.01, tol=1e-8)
+    follower, t, _ = follow(batch, method, dt=0.01, tol=1e-8)
+    assert follower.status == Status.OK
+    assert out.t_r[0] == follower.zeros[0]
+    assert t[-1] == 900.0
+    assert np.all(np.diff(t) > 0)
+
+
+@every_method
+@pytest.mark.parametrize("t_end", [7.3, 90.0])
+def test_the_last_step_is_that_of_the_sweep_bit_for_bit(method, t_end):
+    batch = kernels.full_batch(oracle.GH, [0.3], 0.001, psi=1.1, t_end=t_end)
+    out = integrate(batch, method, FULL, dt=0.01)
+    assert np.isnan(out.t_r[0])
+    follower, _, y = follow(batch, method, dt=0.01)
+    assert follower.n_steps == out.n_steps[0]
+    assert y[-1].tobytes() == out.y_end[0].tobytes()
+    assert follower.zeros == []
+
+
+@pytest.mark.parametrize(
+    "method",
+    [DOP853, *(pytest.param(m, marks=pytest.mark.slow) for m in METHODS.values() if m != DOP853)],
+    ids=lambda m: m.name,
+)
+def test_reduced_runs_are_the_sweeps_too(method):
+    batch = kernels.reduced_batch(oracle.GH, [0.1], 6e-4, 3e-5, 3000.0)
+    out = integrate(batch, method, REDUCED, dt=0.5)
+    follower, _, y = follow(batch, method, REDUCED, dt=0.5)
+    assert out.t_r[0] == follower.zeros[0]
+    assert len(follower.zeros) == 3
+    assert follower.energy_0 == pytest.approx(REDUCED.energy(*y[-1], *batch.constants[0]))
+
+
+def test_simulate_and_trajectory_agree_bit_for_bit():
+    for n_i in (0.1, -0.2, 0.45):
+        run = rs.simulate(GH, n_i=n_i, omega_xy0=0.01)
+        course = rs.trajectory(GH, n_i=n_i, omega_xy0=0.01, points=5)
+        assert course.zeros[0] == run.t_r
+        assert course.t_end > run.t_r
+
+
+def test_rows_do_not_change_the_steps():
+    batch = kernels.full_batch(oracle.GH, [0.4], t_end=150.0)
+    plain, t, y = follow(batch)
+    rng = np.random.default_rng(3)
+    for times in (np.linspace(0, 150, 7), np.sort(rng.uniform(0, 150, 5000)), t):
+        follower = Follower(batch, DOP853, FULL, attitude=True)
+        found = follower.at(times)
+        while not follower.ended:
+            follower.steps()
+        assert follower.zeros == plain.zeros
+        assert follower.n_steps == plain.n_steps
+        assert len(found.t) == len(times)
+    # The last grid was the steps themselves; h is known but for the rounding of t.
+    assert found.y == pytest.approx(y, abs=1e-13)
+
+
+def test_pieces_of_a_grid_give_the_same_bits():
+    batch = kernels.full_batch(oracle.GH, [0.4], t_end=150.0)
+    times = np.linspace(0, 150, 1000)
+    whole = Follower(batch, DOP853, FULL, attitude=True).at(times)
+    pieces = Follower(batch, DOP853, FULL, attitude=True)
+    parts = [pieces.at(part) for part in np.array_split(times, 37)]
+    assert np.concatenate([p.y for p in parts]).tobytes() == whole.y.tobytes()
+    assert np.concatenate([p.extra for p in parts]).tobytes() == whole.extra.tobytes()
+
+
+# --- against others ------------------------------------------------------------------------------
+
+
+def oracle_run(n_i, omega, t_end, t_eval):
+    """States (6, times) and zeros of the spin by SciPy, from the paper's equations."""
+    psi = oracle.relevant_psi(oracle.GH, n_i)
+    return solve_ivp(
+        oracle.rhs, (0, t_end), oracle.launch(oracle.GH, n_i, omega, psi), method="DOP853",
+        t_eval=t_eval, args=(oracle.GH,), rtol=1e-11, atol=1e-13, max_step=0.2,
+        events=lambda t, y, body: oracle.spin(y),
+    )  # fmt: skip
+
+
+def test_states_and_all_reversals_agree_with_scipy():
+    times = np.linspace(0, 20, 81)
+    other = oracle_run(0.2, 0.5, 20.0, times)
+    run = rs.trajectory(
+        GH, n_i=0.2, omega_xy0=0.5, t_end=20.0, times=times, tol=1e-12,
+        channels=["t", "n", "u_x", "u_y", "u_z", "omega_x", "omega_y", "omega_z"],
+    )  # fmt: skip
+    assert run.table.iloc[:, 2:].to_numpy() == pytest.approx(other.y.T, abs=1e-8)
+    assert len(run.zeros) == 7
+    assert run.zeros == pytest.approx(other.t_events[0], abs=1e-8)
+
+
+def test_no_reversal_is_missed_on_a_fine_grid():
+    course = rs.trajectory(GH, n_i=0.5, omega_xy0=0.01, t_end=600.0, points=60_001)
+    n, t = course.table["n"].to_numpy(), course.table["t"].to_numpy()
+    crossings = np.flatnonzero(n[:-1] * n[1:] < 0)
+    assert len(course.zeros) > 60
+    assert np.all(np.diff(course.zeros) > 0)
+    # A pair of zeros between two rows is found by the search alone.
+    inside = np.searchsorted(course.zeros, t)
+    counted = np.diff(inside)
+    assert np.all(counted[crossings] % 2 == 1)
+    assert np.all(np.delete(counted, crossings) % 2 == 0)
+    spin = rs.trajectory(GH, n_i=0.5, omega_xy0=0.01, t_end=600.0, times=course.zeros)
+    assert np.abs(spin.table["n"]).max() < 1e-13
+
+
+def test_pairs_of_zeros_inside_one_step_are_found():
+    """Steps of eight dt, each time in other places, against zeros 0.2 and 0.8 apart."""
+    batch = kernels.full_batch(oracle.GH, [0.2], 0.3, t_end=25.0)
+    fine, _, _ = follow(batch, tol=1e-12)
+    gaps = np.diff(fine.zeros)
+    assert len(gaps) == 4
+    assert gaps.min() < 0.25
+    pairs = 0
+    for dt in np.linspace(0.02, 0.1, 41):
+        rough, t, _ = follow(batch, RK4, dt=dt)
+        assert rough.zeros == pytest.approx(fine.zeros, abs=0.02), dt
+        pairs += (np.diff(np.searchsorted(rough.zeros, t)) == 2).sum()
+    assert pairs > 10
+
+
+def test_backwards_in_time():
+    batch = kernels.full_batch(oracle.GH, [0.1], t_end=200.0)
+    _, _, there = follow(batch, tol=1e-12)
+    turned = there[-1] * [1, 1, -1, -1, -1]
+    back = dataclasses.replace(batch, y0=turned[None])
+    _, _, home = follow(back, tol=1e-12)
+    assert home[-1] * [1, 1, -1, -1, -1] == pytest.approx(batch.y0[0], abs=1e-9)
+
+
+def test_energy_stays():
+    run = rs.trajectory(GH, n_i=0.1, omega_xy0=0.01, t_end=1000.0, tol=1e-11,
+                        channels=["energy", "energy_drift"])  # fmt: skip
+    assert run.table["energy_drift"].abs().max() < 1e-9
+    assert run.table["energy"].iloc[0] == pytest.approx(0.5 * 12.28 * 0.1**2, rel=0.02)
+    drift = run.table["energy"] / run.table["energy"].iloc[0] - 1
+    assert drift.to_numpy() == pytest.approx(run.table["energy_drift"].to_numpy(), abs=1e-14)
+
+
+def test_rows_between_steps_converge_at_the_methods_order():
+    times = np.linspace(0, 19.97, 400)
+    batch = kernels.full_batch(oracle.GH, [0.2], 0.1, t_end=20.0)
+    truth = Follower(batch, DOP853, FULL, tol=1e-13).at(times).y
+    errors = [
+        np.abs(Follower(batch, RK4, FULL, dt=dt).at(times).y - truth).max() for dt in (0.04, 0.02)
+    ]
+    assert errors[0] / errors[1] == pytest.approx(16, rel=0.15)
+    # Of the eighth order: what a step aside adds is no more than what the steps have.
+    _, t, y = follow(batch, tol=1e-5)
+    at_steps = np.abs(y - Follower(batch, DOP853, FULL, tol=1e-13).at(t).y).max()
+    between = np.abs(Follower(batch, DOP853, FULL, tol=1e-5).at(times).y - truth).max()
+    assert 1e-12 < between < 2 * at_steps
+
+
+# --- channels ------------------------------------------------------------------------------------
+
+
+def everything(**options):
+    return rs.trajectory(GH, channels=list(CHANNELS), **options).table
+
+
+def test_channels_of_the_state_agree_with_the_oracle():
+    table = everything(n_i=-0.3, omega_xy0=0.1, t_end=60.0, points=61)
+    modes = rs.modes(GH)
+    assert list(table) == list(CHANNELS)
+    assert table.drop(columns="C_I").notna().all(axis=None)
+    for row in table.itertuples():
+        u = np.array([row.u_x, row.u_y, row.u_z])
+        y = np.concatenate([u, [row.omega_x, row.omega_y, row.omega_z]])
+        assert row.n == pytest.approx(oracle.spin(y), abs=1e-15)
+        assert row.energy == pytest.approx(oracle.energy(y, oracle.GH), rel=1e-12)
+        r = oracle.contact_point(u, oracle.GH)
+        assert [row.contact_x, row.contact_y, row.contact_z] == pytest.approx(r, abs=1e-14)
+        force = oracle.force_components(y, oracle.GH)
+        assert (row.F_normal, row.F_tangential) == pytest.approx(force, abs=1e-12)
+        casimir = oracle.reduced_C_I([0, row.E_p, row.E_r], modes.K_p, modes.K_r)
+        assert abs(row.C_I / casimir - 1) < 1e-12
+
+
+def test_attitude_and_trace_agree_with_rigid_body_kinematics():
+    """SciPy turns a quaternion by omega and adds up the velocity of the contact point."""
+    t_end = 15.0
+
+    def rhs(t, y):
+        state, q = y[:6], y[6:10]
+        dy = oracle.rhs(t, state, oracle.GH)
+        turn = Rotation.from_quat(q, scalar_first=True)
+        w = state[3:]
+        dq = 0.5 * np.array(
+            [
+                -q[1:] @ w,
+                q[0] * w[0] + q[2] * w[2] - q[3] * w[1],
+                q[0] * w[1] + q[3] * w[0] - q[1] * w[2],
+                q[0] * w[2] + q[1] * w[1] - q[2] * w[0],
+            ]
+        )
+        # The centre moves with r x omega; the contact point is r away from it.
+        r = oracle.contact_point(state[:3], oracle.GH)
+        dr = oracle.contact_point_dot(state[:3], dy[:3], oracle.GH)
+        place = turn.apply(np.cross(r, w) + dr + np.cross(w, r))
+        return np.concatenate([dy, dq, place])
+
+    table = everything(n_i=0.3, omega_xy0=0.1, t_end=t_end, points=31, tol=1e-12)
+    q0 = table.loc[0, ["q0", "q1", "q2", "q3"]].to_numpy()
+    start = oracle.launch(oracle.GH, 0.3, 0.1, oracle.relevant_psi(oracle.GH, 0.3))
+    found = solve_ivp(
+        rhs, (0, t_end), np.concatenate([start, q0, [0, 0, 0]]), method="DOP853",
+        t_eval=table["t"], rtol=1e-11, atol=1e-13,
+    ).y  # fmt: skip
+    quaternions = table[["q0", "q1", "q2", "q3"]].to_numpy()
+    assert quaternions == pytest.approx(found[6:10].T, abs=1e-8)
+    assert table[["trace_x", "trace_y"]].to_numpy() == pytest.approx(found[10:12].T, abs=1e-8)
+    assert np.abs(found[12]).max() < 1e-9
+    assert np.linalg.norm(quaternions, axis=1) == pytest.approx(1, abs=1e-14)
+    # The vertical, taken back into the body's frame, is u.
+    turns = Rotation.from_quat(quaternions, scalar_first=True)
+    up = turns.apply([0, 0, 1], inverse=True)
+    assert up == pytest.approx(table[["u_x", "u_y", "u_z"]].to_numpy(), abs=1e-14)
+    # The heading is that of the x axis in the plane.
+    ahead = turns.apply([1, 0, 0])
+    heading = np.unwrap(np.arctan2(ahead[:, 1], ahead[:, 0]))
+    assert table["yaw"].to_numpy() == pytest.approx(heading, abs=1e-12)
+
+
+def test_attitude_does_not_depend_on_the_rows():
+    options = {"n_i": 0.5, "omega_xy0": 0.01, "t_end": 400.0, "channels": ["t", "yaw", "trace_x"]}
+    steps = rs.trajectory(GH, steps=True, **options).table
+    assert len(steps) > 3000  # more than one table of steps
+    rows = rs.trajectory(GH, times=steps["t"], **options).table
+    assert rows.to_numpy() == pytest.approx(steps.to_numpy(), abs=1e-10)
+
+
+def test_mode_energies_are_those_of_the_launch_and_nearly_those_of_the_reduced_model():
+    table = everything(n_i=0.02, omega_xy0=0.01, t_end=50.0, points=501)
+    assert table["E_p"].iloc[0] == pytest.approx(table["E_p_reduced"].iloc[0], rel=1e-12)
+    assert table["E_p"].to_numpy() == pytest.approx(table["E_p_reduced"].to_numpy(), rel=0.02)
+    # The modes of a spinning body are not quite those without spin.
+    assert table["E_r"].max() < 0.03 * table["E_p"].min()
+    assert table["n"].to_numpy() == pytest.approx(table["n_reduced"].to_numpy(), abs=2e-4)
+    assert table["n_gh"].to_numpy() == pytest.approx(table["n_reduced"].to_numpy(), abs=1e-10)
+
+
+def test_reduced_model_conserves_what_it_should_and_agrees_with_scipy():
+    run = rs.trajectory(
+        GH, n_i=0.1, omega_xy0=0.01, model="reduced", t_end=3000.0, e_r0=3e-5, points=301,
+        tol=1e-12, channels=["t", "n", "E_p", "E_r", "energy_drift", "C_I"],
+    )  # fmt: skip
+    assert run.table["energy_drift"].abs().max() < 1e-8
+    assert np.ptp(run.table["C_I"]) < 1e-6
+    m = rs.modes(GH)
+    start = run.table[["n", "E_p", "E_r"]].iloc[0].to_numpy()
+    assert start[2] == 3e-5
+    other = solve_ivp(
+        lambda t, y: oracle.reduced_rhs(t, y, m.K_p, m.K_r, GH.gamma), (0, 3000), start,
+        t_eval=run.table["t"], rtol=1e-11, atol=1e-20, method="DOP853",
+        events=lambda t, y: y[0], max_step=2.0,
+    )  # fmt: skip
+    assert run.table[["n", "E_p", "E_r"]].to_numpy() == pytest.approx(other.y.T, abs=1e-7)
+    assert run.zeros == pytest.approx(other.t_events[0], abs=1e-4)
+
+
+def test_closed_solution():
+    run = rs.trajectory(GH, n_i=0.1, omega_xy0=0.01, model="gh", channels=["t", "n", "n_gh"])
+    assert run.zeros == [rs.reversal_time_gh(GH, 0.1, 0.01)]
+    assert run.table["n"].equals(run.table["n_gh"])
+    zero = rs.trajectory(GH, n_i=0.1, omega_xy0=0.01, model="gh", times=run.zeros)
+    assert zero.table["n"].item() == pytest.approx(0, abs=1e-16)
+    assert theory.spin_gh(0.0, rs.modes(GH).K_p, 0.1, 0.01) == pytest.approx(0.1)
+
+
+# --- rows, chunks, memory ------------------------------------------------------------------------
+
+
+def test_rows_that_are_asked_for():
+    options = {"n_i": 0.1, "omega_xy0": 0.01, "t_end": 10.0}
+    assert len(rs.trajectory(GH, **options).table) == 2001
+    assert rs.trajectory(GH, points=3, **options).table["t"].tolist() == [0, 5, 10]
+    by_dt = rs.trajectory(GH, dt=0.1, **options).table["t"].to_numpy()
+    assert (len(by_dt), by_dt[-1]) == (101, 10.0)
+    assert len(rs.trajectory(GH, dt=3, **options).table) == 4
+    steps = rs.trajectory(GH, steps=True, **options)
+    assert steps.table["t"].iloc[[0, -1]].tolist() == [0, 10]
+    assert len(steps.table) == 1 + steps.n_steps
+    assert steps.units == {"t": "sqrt(a/g)", "n": "sqrt(g/a)"}
+
+
+def test_even_times_are_cut_out_of_the_whole():
+    times = EvenTimes(100_001, 0.7, 100_000)
+    assert times[:][-1] == 0.7
+    assert np.array_equal(np.concatenate([times[:5000], times[5000:]]), times[:])
+
+
+def test_a_run_can_be_left_and_watched():
+    seen = []
+    course = Course(GH, n_i=0.1, omega_xy0=0.01, t_end=3000.0, points=50_000, watch=seen.append)
+    first = next(iter(course))
+    assert len(first["n"]) == CHUNK
+    assert 0 < course.t < 1500
+    assert seen == sorted(seen)
+
+    class Stop(Exception):
+        pass
+
+    def stop(share):
+        raise Stop
+
+    with pytest.raises(Stop):
+        list(Course(GH, n_i=0.1, omega_xy0=0.01, t_end=3e6, points=2, watch=stop))
+
+
+def test_a_million_points_in_bounded_memory():
+    course = Course(GH, n_i=0.1, omega_xy0=0.01, t_end=2e4, points=1_000_000,
+                    channels=["t", "n", "F_normal"])  # fmt: skip
+    rows = 0
+    tracemalloc.start()
+    for chunk in course:
+        rows += len(chunk["n"])
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert rows == 1_000_000
+    # One column of a million numbers alone would be 8 MB.
+    assert peak < 6e6
+
+
+def test_a_run_that_fails_says_so_and_keeps_what_was_good():
+    batch = kernels.full_batch(oracle.GH, [0.1], t_end=100.0)
+    follower, t, y = follow(batch, max_steps=50)
+    assert follower.status == Status.STEP_LIMIT
+    assert 0 < t[-1] < 100
+    assert np.isfinite(y).all()
+    found = Follower(batch, DOP853, FULL, max_steps=50).at(np.linspace(0, 100, 201))
+    assert 0 < len(found.t) < 201
+    coarse = rs.trajectory(GH, n_i=-0.1, omega_xy0=0.01, method="rk4", dt_step=1.0, t_end=600.0)
+    sweep = integrate(kernels.full_batch(oracle.GH, [-0.1], t_end=600.0), RK4, FULL, dt=1.0)
+    assert coarse.status == Status(sweep.status[0]).label != "ok"
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"channels": ["t", "omga_x"]}, "'omga_x' is not one; omega_x is the nearest"),
+        ({"channels": ["n", "n"]}, "n is named 2 times"),
+        ({"channels": []}, "none is named"),
+        ({"channels": ["u_x"], "model": "reduced"}, "u_x is not of the model reduced"),
+        ({"points": 1}, "at least 2"),
+        ({"points": 5, "dt": 0.1}, "points and dt are both given"),
+        ({"dt": -1.0}, "must be positive"),
+        ({"dt": math.nan}, "must be positive"),
+        ({"times": [0, 2, 1]}, "they must increase"),
+        ({"times": [0, 11]}, "t_end = 10"),
+        ({"times": [[0, 1]]}, "a list of finite numbers"),
+        ({"steps": True, "model": "gh"}, "the model gh takes none"),
+        ({"e_r0": 1e-5}, "no channel asks for it"),
+        ({"e_r0": -1.0, "model": "reduced"}, "must be finite and not negative"),
+        ({"n_i": 0.0}, "the spin 0 has no direction"),
+        ({"method": "euler"}, "euler"),
+        ({"tol": -1.0}, "tol"),
+        ({"t_end": -1.0}, "-1"),
+        ({"psi": "sideways"}, "sideways"),
+    ],
+    ids=str,
+)
+def test_bad_arguments(wrong, words):
+    options = {"n_i": 0.1, "omega_xy0": 0.01, "t_end": 10.0} | wrong
+    with pytest.raises(ConfigError, match=words):
+        rs.trajectory(GH, **options)
+
+
+def test_more_than_one_run_is_refused():
+    with pytest.raises(ValueError, match="2 runs"):
+        Follower(kernels.full_batch(oracle.GH, [0.1, 0.2]), DOP853, FULL)
+
+
+def test_scalar_and_array_formulas_are_the_same():
+    from rattlesweep.study.onerun import channels
+
+    state, constants = np.array([0.1, -0.2, 0.3, 0.4, -0.5]), full.constants(**oracle.GH)
+    assert channels.spin_of(*state) == pytest.approx(full.spin(*state), rel=1e-15)
+    assert channels._energy(*state, *constants) == pytest.approx(full.energy(*state, *constants))
+    assert channels.force_of(*state, *constants) == pytest.approx(
+        full.contact_force(*state, *constants)
+    )

@@ -1,0 +1,260 @@
+"""The Python interface that the contract names."""
+
+from __future__ import annotations
+
+import doctest
+import inspect
+import math
+import subprocess
+import sys
+from typing import Any
+
+import numpy as np
+import oracle
+import pandas as pd
+import pyarrow as pa
+import pytest
+
+import rattlesweep as rs
+from rattlesweep.errors import ConfigError, ConfigWarning
+from rattlesweep.study.report.page import make_report
+from rattlesweep.sweeps.inspect.verify import verify
+from rattlesweep.sweeps.store.store import Store
+
+GH = rs.Rattleback.gh()
+CONFIG = {
+    "bodies": {"source": "sd", "samples": 5, "target": {"K_r": [0.03, 0.1], "rel_tol": 0.1}},
+    "spin": {"n_i": [-0.3], "omega_xy0": 0.01},
+    "horizon": {"t": 50},
+}
+
+
+def outcome(code: str) -> str:
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return done.stdout.strip()
+
+
+def test_importing_the_package_loads_nothing_heavy():
+    heavy = ("numpy", "numba", "scipy", "pandas", "pyarrow", "pydantic")
+    code = (
+        "import sys, rattlesweep as rs; rs.__version__;"
+        f"print([m for m in {heavy} if m in sys.modules])"
+    )
+    assert outcome(code) == "[]"
+
+
+def test_the_examples_in_the_package_are_true():
+    result = doctest.testmod(rs)
+    assert result.attempted >= 3
+    assert result.failed == 0
+
+
+def test_every_name_is_there():
+    for name in rs.__all__:
+        assert getattr(rs, name) is not None
+    assert set(rs.__all__) <= set(dir(rs)) | set(rs.__all__)
+    with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
+        _ = rs.nonsense
+    assert rs.__version__.count(".") == 2
+
+
+@pytest.mark.parametrize(
+    "before",
+    ["", "import rattlesweep.sweeps.config.load", "rs.simulate(rs.Rattleback.gh(), n_i=.1, omega_xy0=.1,"
+     " t_end=1.0)", "from rattlesweep.sweep import store"],
+)  # fmt: skip
+def test_sweep_is_a_function_whatever_was_imported_before(before, tmp_path):
+    """A room of the package has the same name."""
+    code = (
+        f"import rattlesweep as rs\n{before}\n"
+        "config = {'bodies': {'source': 'preset', 'name': 'GH'},"
+        "'spin': {'n_i': 0.1, 'omega_xy0': 0.01}, 'model': 'gh'}\n"
+        f"for k in range(2): print(len(rs.sweep(config, output={str(tmp_path / 'out')!r}).runs))\n"
+        "from rattlesweep import sweep; print(callable(sweep))"
+    )
+    assert outcome(code).split() == ["1", "1", "True"]
+
+
+def test_bodies():
+    assert (GH.alpha, GH.beta, GH.gamma, GH.theta, GH.phi) == (13.04, 1.522, 12.28, 0.6429, 0.036)
+    assert math.degrees(GH.xi) == pytest.approx(-1.72)
+    body = rs.Rattleback.shell_dumbbell(gamma=10, f_sd=0.1, theta=0.8, phi=0.05, xi=-0.05)
+    assert (body.alpha, body.beta, body.gamma) == (10.0, 2.0, 10)
+    with pytest.raises(TypeError):
+        rs.Rattleback.shell_dumbbell(10, 0.1, 0.8, 0.05, -0.05)
+    kinds = [p.kind for p in inspect.signature(rs.Rattleback.shell_dumbbell).parameters.values()]
+    assert set(kinds) == {inspect.Parameter.KEYWORD_ONLY}
+    for wrong in ({"theta": 1.0}, {"phi": 0.9}, {"f_sd": 0.6}, {"xi": 0.0}, {"gamma": -1}):
+        good = {"gamma": 10, "f_sd": 0.1, "theta": 0.8, "phi": 0.05, "xi": -0.05}
+        with pytest.raises(ValueError, match=r".+"):
+            rs.Rattleback.shell_dumbbell(**{**good, **wrong})
+    with pytest.raises(AttributeError):
+        GH.theta = 0.5
+
+
+def test_modes_are_those_of_the_oracle():
+    found = rs.modes(GH)
+    assert all(type(value) is float for value in vars(found).values())
+    wanted = oracle.modes(GH)
+    for name in ("omega_p", "omega_r", "psi_p", "psi_r", "K_p", "K_r"):
+        assert getattr(found, name) == pytest.approx(oracle.get(wanted, name), rel=1e-9), name
+
+
+def test_reversal_times():
+    for n_i, omega in ((0.1, 0.01), (-0.1, 0.01), (-0.5, 1e-8)):
+        time = rs.reversal_time_gh(GH, n_i, omega)
+        assert type(time) is float
+        assert time > 0
+    assert rs.reversal_time_gh(GH.mirrored(), 0.1, 0.01) == pytest.approx(
+        rs.reversal_time_gh(GH, -0.1, 0.01), rel=1e-13
+    )
+
+
+def test_simulate_one_run():
+    run = rs.simulate(GH, n_i=0.1, omega_xy0=0.01)
+    assert run.t_r == pytest.approx(112.0939, rel=1e-6)
+    assert (run.type, run.status, run.t_end) == ("R", "ok", run.t_r)
+    assert abs(run.energy_drift) < 1e-9
+    assert run.n_steps > 100
+    steady = rs.simulate(GH, n_i=-0.1, omega_xy0=0.01, t_end=100.0)
+    assert (steady.t_r, steady.t_end) == (None, 100.0)
+    assert steady.type in ("SS", "SW", "unclassified")
+    assert rs.simulate(GH, n_i=-0.1, omega_xy0=0.01).t_r == pytest.approx(809.857, rel=1e-6)
+
+
+def test_simulate_the_mirror_image():
+    run = rs.simulate(GH, n_i=0.1, omega_xy0=0.01)
+    other = rs.simulate(GH.mirrored(), n_i=-0.1, omega_xy0=0.01)
+    assert other.t_r == pytest.approx(run.t_r, rel=1e-9)
+    assert other.n_end == pytest.approx(-run.n_end, abs=1e-9)
+
+
+def test_simulate_takes_models_methods_and_directions():
+    reduced = rs.simulate(GH, n_i=0.1, omega_xy0=0.01, model="reduced", tol=1e-11)
+    assert reduced.t_r == pytest.approx(rs.reversal_time_gh(GH, 0.1, 0.01), rel=1e-8)
+    paper = rs.simulate(GH, n_i=0.1, omega_xy0=0.01, method="rk4", dt_step=0.002)
+    assert paper.t_r == pytest.approx(112.0939, rel=1e-6)
+    pitch = rs.simulate(GH, n_i=0.1, omega_xy0=0.01, psi="pitch", t_end=20.0)
+    degrees = math.degrees(rs.modes(GH).psi_p)
+    same = rs.simulate(GH, n_i=0.1, omega_xy0=0.01, psi=degrees, t_end=20.0)
+    assert same.n_end == pytest.approx(pitch.n_end, rel=1e-9)
+    failed = rs.simulate(GH, n_i=0.1, omega_xy0=0.01, method="rk4", dt_step=3.0)
+    assert failed.type is None
+    assert failed.status in ("nonfinite", "energy")
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"n_i": 0}, {"omega_xy0": -1}, {"psi": "yaw"}, {"model": "half"}, {"method": "euler"},
+     {"tol": 1.0}, {"t_end": -1.0}, {"t_end": float("nan")}, {"n_i": "a"}, {"model": "gh "}],
+)  # fmt: skip
+def test_simulate_refuses(wrong):
+    with pytest.raises(ConfigError, match=r".+"):
+        rs.simulate(GH, **{"n_i": 0.1, "omega_xy0": 0.01, **wrong})
+
+
+def test_step_has_one_name_and_its_old_one_still_works():
+    launch: dict[str, Any] = {"n_i": 0.1, "omega_xy0": 0.01, "t_end": 1.0, "method": "rk4"}
+    run = rs.simulate(GH, dt_step=0.01, **launch)
+    assert run.n_steps == rs.trajectory(GH, dt_step=0.01, dt=0.5, **launch).n_steps
+    assert 100 <= run.n_steps <= 110
+    with pytest.warns(DeprecationWarning, match="dt of simulate is called dt_step now"):
+        assert rs.simulate(GH, dt=0.01, **launch) == run
+    with pytest.raises(ConfigError, match="dt and dt_step are both given"):
+        rs.simulate(GH, dt=0.01, dt_step=0.01, **launch)
+
+
+def test_tolerance_of_a_fixed_step_is_refused():
+    for call in (rs.simulate, rs.trajectory):
+        with pytest.raises(ConfigError, match="rk4 has steps of one size and takes no tol"):
+            call(GH, n_i=0.1, omega_xy0=0.01, method="rk4", tol=1e-9)
+        with pytest.raises(ConfigError, match="dop853 chooses its own steps and takes no dt"):
+            call(GH, n_i=0.1, omega_xy0=0.01, dt_step=0.1)
+
+
+@pytest.mark.parametrize(
+    ("n_i", "omega", "words"),
+    [(0.0, 0.01, "n_i 0: the initial spin must be finite and not zero"),
+     (math.inf, 0.01, "n_i inf: the initial spin must be finite"),
+     (0.1, -1, "omega_xy0 -1: the oscillation must be finite and positive"),
+     (0.1, 0.0, "omega_xy0 0: "), (0.1, math.nan, "omega_xy0 nan: ")],
+)  # fmt: skip
+def test_reversal_time_of_no_launch_is_refused(n_i, omega, words):
+    with pytest.raises(ConfigError, match=words):
+        rs.reversal_time_gh(GH, n_i, omega)
+
+
+def test_summary_of_an_earlier_version_is_read_and_made_anew(tmp_path):
+    output = tmp_path / "out"
+    new = rs.sweep(CONFIG, output=output, threads=1).summary
+    store = Store(output)
+    old = store.read_summary().drop_columns(["t_r_over_t_rgh_mean", "t_r_over_t_rgh_sem"])
+    place = old.schema.get_field_index("fraction_bondi")
+    store.write_summary(old.set_column(place, old.schema.field(place), pa.array([0.5, 0.5])))
+    assert rs.load(output).summary.fraction_bondi.tolist() == [0.5, 0.5]
+    assert verify(output).problems == []
+    assert b"t_r/t_rGH" in make_report(output)
+    pd.testing.assert_frame_equal(rs.sweep(CONFIG, output=output).summary, new)
+
+
+def test_load_before_the_first_block(tmp_path):
+    done = rs.sweep({**CONFIG, "record": ["energy"]}, output=tmp_path / "out", threads=1)
+    for block in (tmp_path / "out" / "runs").iterdir():
+        block.unlink()
+    none = rs.load(tmp_path / "out").runs
+    assert len(none) == 0
+    assert list(none) == list(done.runs)
+
+
+def test_sweep_warns_of_what_makes_little_sense(tmp_path):
+    short = {**CONFIG, "horizon": {"t": 0.01}}
+    with pytest.warns(ConfigWarning, match="is shorter than one pitch oscillation") as told:
+        rs.sweep(short, output=tmp_path / "out")
+    assert told[0].filename == __file__
+
+
+def test_sweep_and_load(tmp_path):
+    done = rs.sweep(CONFIG, output=tmp_path / "out", threads=1)
+    assert done.directory == tmp_path / "out"
+    assert isinstance(done.runs, pd.DataFrame)
+    assert len(done.runs) == 10
+    assert len(done.summary) == 2
+    assert done.summary.runs.tolist() == [5, 5]
+    assert done.manifest["state"] == "complete"
+    assert repr(done) == f"<Sweep {tmp_path / 'out'}: 10 runs, complete>"
+    again = rs.load(str(tmp_path / "out"))
+    pd.testing.assert_frame_equal(again.runs, done.runs)
+    pd.testing.assert_frame_equal(again.summary, done.summary)
+    assert again.manifest == done.manifest
+    # One row is one call of simulate.
+    row = done.runs.iloc[3]
+    body = rs.Rattleback(*(float(row[n]) for n in ("alpha", "beta", "gamma", "theta", "phi", "xi")))
+    run = rs.simulate(body, n_i=-0.3, omega_xy0=0.01, t_end=50.0)
+    assert (run.n_end, run.type, run.n_steps) == (row.n_end, row.type, row.n_steps)
+    assert run.amp_growth is None
+    assert np.isnan(row.amp_growth)
+    assert row.psi == rs.modes(body).psi_r
+
+
+def test_sweep_takes_a_file_and_its_own_output(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "c.yaml").write_text(
+        "name: here\nbodies: {source: preset, name: GH}\nspin: {n_i: 0.1, omega_xy0: 0.01}\n"
+    )
+    done = rs.sweep("c.yaml")
+    assert str(done.directory) == "out/here"
+    assert done.runs.t_r[0] == pytest.approx(112.0939, rel=1e-6)
+    assert np.isfinite(done.summary.t_r_mean[0])
+
+
+def test_sweep_and_load_refuse(tmp_path):
+    with pytest.raises(ConfigError, match="unknown key"):
+        rs.sweep({**CONFIG, "sede": 1}, output=tmp_path / "out")
+    with pytest.raises(ConfigError, match="no such file"):
+        rs.sweep(tmp_path / "no.yaml")
+    with pytest.raises(ConfigError, match="is not an output directory"):
+        rs.load(tmp_path)
+    assert list(tmp_path.iterdir()) == []
+    rs.sweep(CONFIG, output=tmp_path / "out")
+    with pytest.raises(ConfigError, match="another config"):
+        rs.sweep({**CONFIG, "seed": 1}, output=tmp_path / "out")

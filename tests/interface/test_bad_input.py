@@ -1,0 +1,416 @@
+"""What is wrong is said in a sentence, with the right exit code, and leaves nothing behind."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from test_config import EXAMPLE, GRID, PRESET, SHELL
+from test_config_fuzz import keys, values
+from test_run import PROGRAM, invoke, tree
+
+from rattlesweep.sweeps.store import atomic as files
+
+HEAD = "alpha,beta,gamma,theta,phi,xi"
+GH = "13.04,1.522,12.28,0.6429,0.036,-0.03"
+TABLE = "bodies: {source: table, path: TABLE}\nspin: {n_i: 0.1, omega_xy0: 0.01}\n"
+
+
+def sd(old: str, new: str) -> str:
+    assert old in EXAMPLE
+    return EXAMPLE.replace(old, new)
+
+
+# name: (config, table, words); every item of the issue's list of bad input
+BAD = {
+    "unknown key": (sd("samples:", "sampels:"), "", 'did you mean "samples"?'),
+    "repeated key": (sd("model: full", "seed: 1"), "", "the key is repeated (first in line 2)"),
+    "wrong type": (sd("samples: 1000", "samples: many"), "", '"many" (text) is given here'),
+    "fraction of a sample": (sd("samples: 1000", "samples: 1.5"), "", "write a whole number"),
+    "number as text": (sd("tol: 1e-9", 'tol: "1e-9"'), "", '"1e-9" is text; remove the quotes'),
+    "empty range": (sd("gamma: [5, 15]", "gamma: []"), "", "a range has two numbers"),
+    "reversed range": (sd("gamma: [5, 15]", "gamma: [15, 5]"), "", "is reversed; write [5, 15]"),
+    "theta of 1": (sd("[0.6, 0.95]", "[0.6, 1]"), "", "theta must satisfy 0 < phi < theta < 1"),
+    "theta of a preset": (PRESET.replace("0.82", "1.0"), "", "1 is not below 1; theta must"),
+    "phi >= theta": (sd("[0.01, 0.1]", "[0.01, 0.6]"), "", "phi >= theta is possible"),
+    "phi of a preset": (PRESET.replace("theta: 0.82", "phi: 0.7"), "", "is not below theta"),
+    "phi of a grid": (GRID.replace("0.036]", "0.7]"), "", "phi >= theta is possible"),
+    "phi of a grid's base": (GRID.replace("theta: {linspace: [0.6, 0.99, 200]}, phi: [0.02, 0.036]",
+                             "phi: [0.02, 0.7]"), "", "phi 0.7 is not below theta"),
+    "impossible target": (sd("K_r: [0.01, 0.03, 0.1]", "K_r: 7, max_draws: 100000"), "",
+                          "7 is out of reach: of 65536 bodies drawn from the ranges"),
+    "impossible inertia": (PRESET.replace("theta: 0.82", "gamma: 13"), "", "no body has this"),
+    "no such table": (TABLE.replace("TABLE", "nowhere.csv"), "", "no such file"),
+    "missing column": (TABLE, "alpha,beta,gamma,theta,xi\n1,2,3,4,5\n", "column phi is missing"),
+    "bad row": (TABLE, f"{HEAD}\n{GH}\n13,1.5,12.3,0.5,0.6,-0.1\n", "row 2: phi 0.6 is not below"),
+    "bad cell": (TABLE, f"{HEAD}\n{GH}\n13,1.5,12,x,0.1,-0.1\n", "row 2: theta is 'x'"),
+    "no rows": (TABLE, f"{HEAD}\n", "the table has no rows"),
+    "no launch": (TABLE.split("spin")[0], f"{HEAD}\n{GH}\n", "spin: missing; the table has no"),
+    "not YAML": ("a: [1, 2\nb: 3\n", "", "not valid YAML ("),
+    "empty": ("", "", "the file is empty"),
+    "contact of the reduced model": (SHELL + "model: reduced\n", "", "has no 'contact' to record"),
+    "energy of the closed form": (PRESET + "model: gh\nrecord: [energy]\n", "", "no 'energy'"),
+}  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def handlers() -> Iterator[None]:
+    before = signal.getsignal(signal.SIGTERM)
+    yield
+    signal.signal(signal.SIGTERM, before)
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def refused(result: Any, code: int, words: str) -> None:
+    assert result.exit_code == code, result.output
+    assert result.stdout == ""
+    lines = result.stderr.splitlines()
+    assert lines
+    for line in lines:
+        assert line.startswith("error: ")
+        assert line.isprintable()
+        assert len(line) < 600
+    assert "Traceback" not in result.output
+    assert any(words in line for line in lines), lines
+
+
+@pytest.mark.parametrize("name", BAD)
+@pytest.mark.parametrize("options", [(), ("--dry-run",)], ids=["run", "dry"])
+def test_a_bad_config_ends_with_2_and_leaves_nothing(name, options, here):
+    text, table, words = BAD[name]
+    (here / "c.yaml").write_text(text.replace("TABLE", "t.csv"))
+    (here / "t.csv").write_text(table)
+    before = tree(here)
+    result = invoke("run", "c.yaml", *options)
+    refused(result, 2, words)
+    assert len(result.stderr.splitlines()) == 1
+    assert tree(here) == before
+
+
+def test_all_mistakes_are_told_at_once(here):
+    (here / "c.yaml").write_text(sd("seed: 2017", "seed: x").replace("tol: 1e-9", "tol: 5"))
+    result = invoke("run", "c.yaml")
+    refused(result, 2, "c.yaml:2:1: seed:")
+    assert len(result.stderr.splitlines()) == 2
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        (["run", "no.yaml"], "no.yaml: there is no such file"),
+        (["run", "."], "is a directory"),
+        (["run", "c.yaml", "--set", "bodies.samples"], "is not KEY=VALUE"),
+        (["run", "c.yaml", "--set", "bodies.sampels=3"], 'unknown key "sampels"'),
+        (["run", "c.yaml", "--set", "integrator.max_steps=0"], "0 is out of range"),
+        (
+            ["run", "c.yaml", "--set", "bodies={source: sd, samples: 100000000000}"],
+            "block_size: 100000000000 runs make 10000000 blocks of 10000 runs, each a file; at ",
+        ),
+        (["run", "c.yaml", "--output", ""], "--output: the directory has no name"),
+        (
+            ["run", "c.yaml", "--output", "o\udcff"],
+            r"--output o\udcff: the name is not UTF-8; give",
+        ),
+        (["merge", "c", "--output", "o\udcff"], r"--output o\udcff: the name is not UTF-8; give"),
+        (["classify", "nowhere"], "is not an output directory"),
+        (["classify", "c.yaml"], "is not an output directory"),
+    ],
+)
+def test_wrong_arguments(args, words, here):
+    (here / "c.yaml").write_text(PRESET)
+    before = tree(here)
+    refused(invoke(*args), 2, words)
+    assert tree(here) == before
+
+
+@pytest.mark.parametrize(
+    "args",
+    [[], ["run"], ["rnu"], ["run", "c.yaml", "--threads", "0"], ["run", "c.yaml", "--thread"],
+     ["run", "c.yaml", "--threads", "100000"], ["run", "c.yaml", "d.yaml"], ["body", "--xi", "a"]],
+)  # fmt: skip
+def test_usage_errors_end_with_2(args, here):
+    (here / "c.yaml").write_text(PRESET)
+    before = tree(here)
+    result = invoke(*args)
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    assert "Usage: " in result.stderr
+    assert tree(here) == before
+
+
+def test_a_config_whose_name_is_not_utf_8(here):
+    name = os.fsdecode(b"c\xff.yaml")
+    (here / name).write_text(PRESET)
+    # As a program: what it was called with goes into the manifest.
+    done = subprocess.run([PROGRAM, "run", name, "-q"], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    (manifest,) = here.glob("out/*/manifest.json")
+    assert json.loads(manifest.read_bytes())["command"][2] == r"c\udcff.yaml"
+
+
+# -- directories that cannot be written --------------------------------------------------------
+
+
+@pytest.mark.parametrize("place", ["file", "file/below", "file/below/deeper"])
+def test_a_file_in_the_way(place, here):
+    (here / "c.yaml").write_text(PRESET)
+    (here / "file").write_text("precious")
+    before = tree(here)
+    refused(invoke("run", "c.yaml", "--output", place), 1, "a file is in the way")
+    assert tree(here) == before
+
+
+def test_a_file_in_the_place_of_runs(here):
+    (here / "c.yaml").write_text(PRESET)
+    (here / "out").mkdir()
+    (here / "out" / "runs").write_text("precious")
+    before = tree(here)
+    refused(invoke("run", "c.yaml", "--output", "out"), 1, "a file is in the way")
+    assert tree(here) == before
+
+
+@pytest.mark.parametrize("place", ["/proc/rattlesweep/out", "/sys/rattlesweep"])
+def test_a_file_system_that_takes_no_files(place, here):
+    # Not even root can write there.
+    if not Path(place).parents[-2].is_dir():
+        pytest.skip("no such file system")
+    (here / "c.yaml").write_text(PRESET)
+    before = tree(here)
+    refused(invoke("run", "c.yaml", "--output", place), 1, f"cannot write in {place}: ")
+    assert tree(here) == before
+
+
+@pytest.mark.parametrize("number", [errno.EROFS, errno.EACCES, errno.ENOSPC])
+def test_a_directory_that_refuses(number, here, monkeypatch):
+    (here / "c.yaml").write_text(PRESET)
+    (here / "out").mkdir()
+    before = tree(here)
+    real = os.open
+
+    def refuse(path, flags, *rest, **kwargs):
+        if flags & os.O_CREAT:
+            raise OSError(number, os.strerror(number))
+        return real(path, flags, *rest, **kwargs)
+
+    monkeypatch.setattr(files.os, "open", refuse)
+    result = invoke("run", "c.yaml", "--output", "out")
+    monkeypatch.undo()
+    refused(result, 1, f"error: cannot write in out: {os.strerror(number)}")
+    assert tree(here) == before
+
+
+def test_a_disk_that_fills_up_keeps_what_was_whole(here, monkeypatch):
+    """The disk is full when the second block is written; afterwards the same command goes on."""
+    monkeypatch.chdir(here)
+    (here / "c.yaml").write_text(
+        "bodies: {source: sd, samples: 6}\nspin: {n_i: 0.5, omega_xy0: 0.1}\nhorizon: {t: 100}\n"
+        "block_size: 2\n"
+    )
+    real = os.replace
+    blocks = 0
+
+    def refuse(source, target, **kwargs):
+        nonlocal blocks
+        if str(target).endswith("block-000001.parquet"):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        blocks += 1
+        real(source, target, **kwargs)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(files.os, "replace", refuse)
+        result = invoke("run", "c.yaml", "--output", "out")
+    refused(result, 1, "block-000001.parquet: No space left on device")
+    assert sorted(p.name for p in (here / "out").rglob("*")) == [
+        "block-000000.parquet", "manifest.json", "runs",
+    ]  # fmt: skip
+    again = invoke("run", "c.yaml", "--output", "out")
+    assert again.exit_code == 0
+    assert "2 of them from before" in again.stderr
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root writes everywhere")
+def test_a_read_only_directory(here):
+    (here / "c.yaml").write_text(PRESET)
+    (here / "out").mkdir(mode=0o500)
+    before = tree(here)
+    refused(invoke("run", "c.yaml", "--output", "out"), 1, "Permission denied")
+    assert tree(here) == before
+
+
+@pytest.mark.parametrize("damage", [b"", b"{", b"[1]", b"\xff\xfe", b'{"config": 3}', b"{}"])
+def test_a_damaged_manifest(damage, here):
+    (here / "c.yaml").write_text(PRESET + "model: gh\n")
+    assert invoke("run", "c.yaml", "--output", "out", "-q").exit_code == 0
+    whole = tree(here / "out" / "runs")
+    (here / "out" / "manifest.json").write_bytes(damage)
+    before = tree(here)
+    refused(invoke("classify", "out"), 1, "manifest.json is damaged: ")
+    refused(invoke("status", "out"), 1, "manifest.json is damaged: ")
+    found = invoke("verify", "out")
+    assert (found.exit_code, found.stdout.count("\n")) == (1, 1)
+    assert "manifest.json is damaged: " in found.stdout
+    assert tree(here) == before
+    # The blocks know of which sweep they are.
+    result = invoke("run", "c.yaml", "--output", "out", "-q")
+    assert result.exit_code == 0
+    assert "it is rebuilt from the blocks" in result.stderr
+    assert tree(here / "out" / "runs") == whole
+    assert invoke("verify", "out").exit_code == 0
+
+
+def test_the_program_itself_shows_no_traceback(here):
+    (here / "c.yaml").write_text(sd("samples: 1000", "samples: many"))
+    done = subprocess.run(
+        [PROGRAM, "run", "c.yaml"], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr == (
+        'error: c.yaml:5:3: bodies.samples: "many" (text) is given here; write a whole number\n'
+    )
+    assert sys.executable
+
+
+# -- anything at all ---------------------------------------------------------------------------
+
+FUZZ = settings(
+    max_examples=120, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+# Without a target, whose search takes as long as it is told to.
+QUICK = {
+    "sd": "bodies: {source: sd, samples: 2, ranges: {gamma: [5, 15], phi: [0.01, 0.1]}}\n"
+    "spin: {n_i: [-0.1, 0.3], omega_xy0: [0.01], psi: relevant}\nhorizon: {t: 3}\n",
+    "preset": PRESET + "horizon: {t: 3, t_rgh: 5}\nrecord: [energy]\n",
+    "grid": GRID.replace("200]", "3]") + "horizon: {t: 3}\nintegrator: {method: rk4, dt: 0.01}\n",
+    "shell": SHELL.replace("3.0e4", "3").replace("0.002", "0.01"),
+    "table": "bodies: {source: table, path: t.csv}\nspin: {n_i: -0.1, omega_xy0: 0.1}\n"
+    "horizon: {t: 3}\nmodel: reduced\n",
+}
+
+
+SETTINGS = [
+    *("seed", "name", "model", "horizon", "record", "integrator", "classify", "bodies", "spin"),
+    *("spin.n_i", "spin.omega_xy0", "spin.psi", "horizon.t", "horizon.t_rgh", "integrator.tol"),
+    *("integrator.dt", "integrator.method", "classify.ss_growth", "bodies.overrides"),
+    *("bodies.overrides.theta", "bodies.ranges", "bodies.ranges.theta", "bodies.base"),
+    *("bodies.ranges.minus_xi_deg", "bodies.axes", "bodies.axes.phi", "bodies.path", "block_size"),
+]
+
+
+@pytest.fixture(scope="module")
+def place() -> Iterator[Path]:
+    with tempfile.TemporaryDirectory() as directory:
+        (Path(directory) / "t.csv").write_text(f"{HEAD}\n{GH}\n")
+        yield Path(directory)
+
+
+def check(place: Path, args: list[str]) -> int:
+    before = tree(place)
+    result = invoke("run", place / "c.yaml", "--output", place / "out", *args)
+    assert result.exit_code in (0, 2), result.output
+    if result.exit_code == 2:
+        refused(result, 2, "")
+    else:
+        assert all(line.startswith("warning: ") for line in result.stderr.splitlines())
+    assert tree(place) == before
+    return result.exit_code
+
+
+@FUZZ
+@given(st.sampled_from(sorted(QUICK)), st.data())
+def test_broken_text_through_the_command(place, name, data):
+    text = QUICK[name]
+    for _ in range(data.draw(st.integers(1, 3))):
+        start = data.draw(st.integers(0, len(text)))
+        end = data.draw(st.integers(start, min(len(text), start + 12)))
+        new = data.draw(st.text("{}[]:,-?&*!|>'\"%@`#~ \n\\.0e<1x", max_size=6) | keys)
+        text = text[:start] + new + text[end:]
+    (place / "c.yaml").write_text(text, encoding="utf-8")
+    check(place, ["--dry-run"])
+
+
+@FUZZ
+@given(st.sampled_from(sorted(QUICK)), st.data())
+def test_any_setting_through_the_command(place, name, data):
+    (place / "c.yaml").write_text(QUICK[name])
+    # Not max_draws, not samples: billions of them are no mistake.
+    where = data.draw(st.sampled_from(SETTINGS))
+    number = st.floats(allow_nan=False, allow_infinity=False) | st.floats(-2, 2)
+    value = data.draw(values | number | st.lists(number, max_size=3))
+    text = f"{where}={_yaml(value)}"
+    check(place, ["--dry-run", "--set", text])
+
+
+def _yaml(value: Any) -> str:
+    text = json.dumps(value, default=str)
+    return text.replace("NaN", ".nan").replace("Infinity", ".inf")
+
+
+body_number = st.floats(1e-6, 2) | st.floats(-2, 2) | st.floats(1e-300, 1e300)
+
+
+@settings(FUZZ, max_examples=60)
+@given(
+    st.sampled_from(["full", "reduced", "gh"]),
+    st.lists(st.tuples(*[body_number] * 6), min_size=1, max_size=3),
+    st.tuples(body_number, body_number, st.floats(1e-3, 5)),
+)
+def test_whatever_bodies_and_launches_run_or_are_refused(place, model, bodies, launch):
+    """Tables are checked by row; what passes the check is integrated, and no number is not one."""
+    n_i, omega, t_end = launch
+    lines = [",".join(map(repr, body)) for body in bodies]
+    (place / "t.csv").write_text("\n".join([HEAD, *lines, f"{GH}\n"]))
+    (place / "c.yaml").write_text(
+        f"bodies: {{source: table, path: t.csv}}\nspin: {{n_i: {n_i!r}, omega_xy0: {omega!r}}}\n"
+        f"horizon: {{t: {t_end!r}}}\nmodel: {model}\nintegrator: {{max_steps: 2000}}\n"
+    )
+    with tempfile.TemporaryDirectory() as directory:
+        result = invoke("run", place / "c.yaml", "--output", Path(directory) / "out", "-q")
+        assert result.exit_code in (0, 2, 3), result.output
+        if result.exit_code == 2:
+            refused(result, 2, "")
+            assert not list(Path(directory).iterdir())
+
+
+good_body = st.tuples(
+    st.floats(1.01, 50), st.floats(0.001, 0.499), st.floats(1e-3, 0.999), st.floats(1e-3, 0.999),
+    st.floats(-1.5, -1e-6) | st.floats(1e-6, 1.5),
+)  # fmt: skip
+
+
+@settings(FUZZ, max_examples=60)
+@given(
+    st.sampled_from(["full", "reduced", "gh"]),
+    st.lists(good_body, min_size=1, max_size=4),
+    st.floats(-3, 3).filter(bool),
+    st.floats(1e-12, 3),
+)
+def test_any_possible_body_runs(place, model, bodies, n_i, omega):
+    lines = []
+    for gamma, f_sd, theta, share, xi in bodies:
+        body = (1 + (1 - f_sd) * gamma, 1 + f_sd * gamma, gamma, theta, theta * share, xi)
+        lines.append(",".join(map(repr, body)))
+    (place / "t.csv").write_text("\n".join([HEAD, *lines]) + "\n")
+    (place / "c.yaml").write_text(
+        f"bodies: {{source: table, path: t.csv}}\nspin: {{n_i: {n_i!r}, omega_xy0: {omega!r}}}\n"
+        f"horizon: {{t: 20}}\nmodel: {model}\nintegrator: {{max_steps: 2000}}\n"
+    )
+    with tempfile.TemporaryDirectory() as directory:
+        result = invoke("run", place / "c.yaml", "--output", Path(directory) / "out", "-q")
+        assert result.exit_code in (0, 3), result.output

@@ -1,0 +1,327 @@
+"""The command `trajectory`: CSV, files, figures, and what it says when something is wrong."""
+
+from __future__ import annotations
+
+import errno
+import io
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+import pyarrow.csv as pcsv
+import pyarrow.parquet as pq
+import pytest
+from test_run import handlers, invoke
+
+import rattlesweep as rs
+from rattlesweep.errors import OutputError
+from rattlesweep.study.onerun import figure as trajectory_figure
+from rattlesweep.study.onerun import files as trajectory_file
+from rattlesweep.study.onerun.channels import CHANNELS
+from rattlesweep.study.onerun.course import Course, Seen
+from rattlesweep.sweeps.store.atomic import streamed_file
+
+__all__ = ["handlers"]
+GH = rs.Rattleback.gh()
+
+
+def read_csv(text: str) -> pd.DataFrame:
+    """Every digit of it."""
+    table: pd.DataFrame = pcsv.read_csv(io.BytesIO(text.encode())).to_pandas()
+    return table
+
+
+def command(*args: Any) -> Any:
+    return invoke("trajectory", "--preset", "GH", "--t-end", 130, *args)
+
+
+def test_prints_csv_that_gives_the_same_numbers_back():
+    result = command("--points", 14, "--channels", "t,n,C_I,u_x")
+    assert result.exit_code == 0
+    table = read_csv(result.stdout)
+    run = rs.trajectory(GH, n_i=0.1, omega_xy0=0.01, t_end=130, points=14,
+                        channels=["t", "n", "C_I", "u_x"])  # fmt: skip
+    pd.testing.assert_frame_equal(table, run.table, check_exact=True, check_dtype=False)
+    assert "1 reversal at 112.09387" in result.stderr
+    assert command("--points", 14, "-q").stderr == ""
+
+
+@pytest.mark.parametrize(
+    ("options", "wanted"),
+    [
+        (["--dt", 10], {"dt": 10.0}),
+        (["--steps"], {"steps": True}),
+        (["--psi", "30", "--points", 5], {"psi": 30.0, "points": 5}),
+        (["--accuracy", "draft"], {"tol": 1e-6}),
+        (["--method", "rk4", "--dt-step", 0.05], {"method": "rk4", "dt_step": 0.05}),
+        (["--model", "reduced", "--e-r0", 1e-4], {"model": "reduced", "e_r0": 1e-4}),
+        (["--model", "gh"], {"model": "gh"}),
+    ],
+    ids=str,
+)
+def test_options_mean_what_they_say(options, wanted):
+    printed = read_csv(command(*options).stdout)
+    run = rs.trajectory(GH, **({"n_i": 0.1, "omega_xy0": 0.01, "t_end": 130} | wanted))
+    assert np.array_equal(printed.to_numpy(), run.table.to_numpy())
+
+
+def test_files_hold_the_table_and_say_which_run_it_is(tmp_path: Path):
+    target = tmp_path / "new" / "run.parquet"
+    names = "t,n,energy_drift,E_r,C_I,n_reduced"
+    result = command("--output", target, "--channels", names)
+    assert (result.exit_code, result.stdout) == (0, "")
+    table = pq.read_table(target)
+    run = rs.trajectory(GH, n_i=0.1, omega_xy0=0.01, t_end=130, channels=names.split(","))
+    assert np.array_equal(table.to_pandas().to_numpy(), run.table.to_numpy(), equal_nan=True)
+    about = json.loads(table.schema.metadata[b"rattlesweep.run"])
+    assert (about["theta"], about["t_end"], about["integrator"]["tol"]) == (0.6429, 130.0, 1e-9)
+    assert table.schema.field("C_I").metadata[b"unit"] == b"1"
+    footer = pq.read_metadata(target).metadata
+    assert json.loads(footer[b"rattlesweep.reversals"]) == run.reversals.tolist()
+    command("--output", tmp_path / "run.csv", "--channels", names)
+    again = read_csv((tmp_path / "run.csv").read_text())
+    assert np.array_equal(again.to_numpy(), run.table.to_numpy(), equal_nan=True)
+    assert sorted(p.name for p in tmp_path.rglob("*")) == ["new", "run.csv", "run.parquet"]
+
+
+def test_infinity_and_nan_become_null(tmp_path: Path):
+    result = command("--model", "reduced", "--points", 2, "--channels", "C_I")
+    assert result.stdout == "C_I\n\n\n"
+    command(
+        "--model", "reduced", "--points", 2, "--channels", "C_I", "--output", tmp_path / "c.parquet"
+    )
+    assert pq.read_table(tmp_path / "c.parquet")["C_I"].null_count == 2
+
+
+def test_list_of_channels():
+    printed = command("--channels", "list").stdout
+    assert [line.split()[0] for line in printed.splitlines()] == list(CHANNELS)
+
+
+@pytest.mark.parametrize("kind", ["svg", "png", "pdf"])
+def test_figures(tmp_path: Path, kind: str):
+    for name in ("one", "two"):
+        assert command("--figure", tmp_path / f"{name}.{kind}").exit_code == 0
+    data = (tmp_path / f"one.{kind}").read_bytes()
+    assert data.startswith({"svg": b"<?xml", "png": b"\x89PNG", "pdf": b"%PDF"}[kind])
+    assert data == (tmp_path / f"two.{kind}").read_bytes()
+
+
+@pytest.mark.parametrize("model", ["full", "reduced", "gh"])
+def test_what_a_figure_shows(model: str):
+    launch = {"n_i": -0.1, "omega_xy0": 0.01, "t_end": 2000.0, "model": model}
+    if model != "gh":
+        launch["e_r0"] = 1e-4
+    course = trajectory_figure.course_for(GH, launch)
+    chunks = list(course)
+    columns = {k: np.concatenate([c[k] for c in chunks]) for k in chunks[0]}
+    axes = trajectory_figure.draw(columns, course, "a caption").axes
+    labels = [text.get_text() for text in axes[0].get_legend().get_texts()]
+    assert len(axes) == {"full": 3, "reduced": 2, "gh": 1}[model]
+    assert ("reduced model" in labels) == (model != "gh")
+    assert any("reversal" in label for label in labels)
+    assert axes[-1].get_xlim() == (0, 2000)
+    if model == "full":
+        height = trajectory_figure.envelope(columns["omega_y"], 300)
+        assert np.all(height >= np.abs(columns["omega_y"]) * (1 - 1e-12))
+        # Fig. 4: where the spin reverses omega_y is largest, omega_x has a local minimum.
+        assert abs(columns["t"][np.argmax(height)] - course.reversals[0]) < 20
+        other = trajectory_figure.envelope(columns["omega_x"], 300)
+        t = columns["t"]
+        middle = other[np.searchsorted(t, course.reversals[0])]
+        assert middle < 0.7 * other[t < 800].max()
+        assert middle < 0.7 * other[t > 820].max()
+
+
+@pytest.mark.parametrize(
+    ("args", "words", "code"),
+    [
+        (["--channels", "t,omga_x"], "'omga_x' is not one; omega_x is the nearest", 2),
+        (["--channels", ""], "none is named", 2),
+        (["--points", 5, "--steps"], "points and steps are both given", 2),
+        (["--output", "run.xlsx"], ".parquet or .csv is needed", 2),
+        (["--figure", "run.jpg"], ".svg, .png or .pdf is needed", 2),
+        (["--output", "/proc/nowhere/run.csv"], "cannot write in /proc/nowhere", 1),
+        (["--accuracy", "draft", "--tol", 1e-7], "integrator.accuracy", 2),
+        (["--method", "rk4", "--tol", 1e-7], "tol", 2),
+        (["--theta", 1.5], "theta", 2),
+        (["--n-i", 0], "the spin 0 has no direction", 2),
+        (["--e-r0", "nan", "--model", "reduced"], "must be finite", 2),
+    ],
+    ids=str,
+)
+def test_wrong_commands_say_so_in_one_line(tmp_path: Path, monkeypatch, args, words, code):
+    monkeypatch.chdir(tmp_path)
+    result = command(*args)
+    assert result.exit_code == code
+    assert result.stdout == ""
+    assert words in result.stderr
+    assert result.stderr.startswith("error: ")
+    assert result.stderr.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_run_that_fails_keeps_its_rows_and_says_so(tmp_path: Path):
+    target = tmp_path / "run.csv"
+    result = command("--method", "rk4", "--dt-step", 1.0, "--n-i", -0.1, "--t-end", 600,
+                     "--points", 2001, "--output", target)  # fmt: skip
+    assert result.exit_code == 3
+    assert "the run is not ok: energy, " in result.stderr
+    assert len(target.read_text().splitlines()) == 2002
+
+
+def test_a_file_that_breaks_off_leaves_the_old_one(tmp_path: Path):
+    target = tmp_path / "run.parquet"
+    target.write_bytes(b"old")
+
+    def stop(share: float) -> None:
+        if share > 0.1:
+            raise KeyboardInterrupt
+
+    course = Course(GH, n_i=0.1, omega_xy0=0.01, t_end=1e5, points=100_000, watch=stop)
+    with pytest.raises(KeyboardInterrupt):
+        trajectory_file.save(course, target)
+    assert [p.name for p in tmp_path.iterdir()] == ["run.parquet"]
+    assert target.read_bytes() == b"old"
+
+
+def test_a_disk_that_is_full_is_said_in_one_sentence(tmp_path: Path):
+    def fill() -> None:
+        with streamed_file(tmp_path / "run.csv") as file:
+            file.write(b"half")
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    with pytest.raises(OutputError, match=r"cannot write .*run\.csv: No space left"):
+        fill()
+    assert not list(tmp_path.iterdir())
+
+
+def test_zeros_of_one_swing_are_one_reversal():
+    """The spin crosses zero three times about 812 on its way from -0.1 to 0.1."""
+    launch = ("--preset", "GH", "--n-i", -0.1, "--t-end", 1500, "--points", 2)
+    words = "1 reversal at 809.8574179 (3 zero crossings at 809.8574179, 812.1474381, 814.036451);"
+    assert words in invoke("trajectory", *launch).stderr
+    run = rs.trajectory(GH, n_i=-0.1, omega_xy0=0.01, t_end=6000, channels=["t", "n"])
+    assert len(run.zeros) == 14
+    assert run.reversals[0] == run.zeros[0]
+    # Between its reversals the spin rests on one side.
+    t, n = run.table["t"].to_numpy(), run.table["n"].to_numpy()
+    middles = (run.reversals[1:] + run.reversals[:-1]) / 2
+    sides = np.sign(np.interp(np.array([0, *middles]), t, n))
+    assert sides.tolist() == [-1, 1, -1, 1, -1, 1]
+    # No reversal yet where the run ends on the way.
+    short = rs.trajectory(GH, n_i=-0.1, omega_xy0=0.01, t_end=813)
+    assert (len(short.reversals), len(short.zeros)) == (0, 2)
+
+
+def test_reversals_are_counted_by_the_quarter():
+    seen = Seen(plateau=1.0)
+    t = np.arange(9.0)
+    spins = np.array([1, 0.3, -0.2, 0.2, -0.3, -1, -0.2, 0.2, -1])
+    zeros = [1.4, 2.5, 3.4, 6.5, 7.1]
+    for part in (slice(0, 3), slice(3, 4), slice(4, 9)):
+        seen.spin(t[part], spins[part], zeros)
+    assert seen.reversals == [1.4]
+
+
+def test_contact_that_no_real_body_keeps_is_said():
+    lost = invoke("trajectory", "--preset", "GH", "--n-i", 1, "--omega-xy0", 3, "--t-end", 50,
+                  "--steps", "--channels", "t,F_normal")  # fmt: skip
+    assert lost.exit_code == 0
+    table = read_csv(lost.stdout)
+    first = table["t"][np.argmax(table["F_normal"] < 0)]
+    words = f"warning: contact would be lost at t = {first:.4g}, where the normal force becomes "
+    assert words + f"negative (least: {table['F_normal'].min():.2g} M g)" in lost.stderr
+    assert len(lost.stderr.splitlines()) == 2
+    slips = rs.trajectory(GH, n_i=0.5, omega_xy0=1, t_end=100, steps=True,
+                          channels=["t", "F_normal", "F_tangential"])  # fmt: skip
+    ratio = slips.table["F_tangential"] / slips.table["F_normal"]
+    assert f"from t = {slips.table['t'][np.argmax(ratio > 1)]:.4g} " in slips.warning
+    assert f"(largest: {ratio.max():.3g})" in slips.warning
+    assert "warning" not in command().stderr
+
+
+def test_the_look_at_the_contact_is_that_of_a_sweep(tmp_path: Path):
+    sweep = rs.sweep(
+        {"bodies": {"source": "preset", "name": "GH"}, "record": ["contact"],
+         "spin": {"n_i": -0.9, "omega_xy0": 0.05}, "horizon": {"t": 100}},
+        output=tmp_path / "sweep", threads=1,
+    ).runs.iloc[0]  # fmt: skip
+    assert sweep["t_end"] == 100
+    course = Course(GH, n_i=-0.9, omega_xy0=0.05, t_end=100)
+    list(course)
+    assert course.seen.normal_min == pytest.approx(sweep["contact_normal_min"], rel=1e-12)
+    assert course.seen.friction_max == pytest.approx(sweep["contact_ratio_max"], rel=1e-12)
+
+
+def test_a_long_table_is_printed_by_its_ends():
+    result = command("--points", 20_000_000_000)
+    assert result.exit_code == 0
+    lines = result.stdout.splitlines()
+    assert len(lines) == 42
+    assert lines[21] == "..."
+    run = rs.trajectory(GH, n_i=0.1, omega_xy0=0.01, t_end=130, points=2)
+    assert lines[-1].split(",")[0] == "130"
+    assert float(lines[-1].split(",")[1]) == run.table["n"].to_numpy()[-1]
+    assert "only the first and the last 20 rows are printed; for all of them give --output" in (
+        result.stderr
+    )
+    # Accepted steps are not known before they are taken.
+    steps = command("--n-i", -0.1, "--method", "rk4", "--dt-step", 0.001, "--steps")
+    whole = rs.trajectory(GH, n_i=-0.1, omega_xy0=0.01, t_end=130, steps=True, method="rk4",
+                          dt_step=0.001).table  # fmt: skip
+    assert len(whole) > 10_000
+    first, last = steps.stdout.split("...\n")
+    table = read_csv(first + last)
+    ends = pd.concat([whole[:20], whole[-20:]])
+    assert np.array_equal(table.to_numpy(), ends.to_numpy())
+
+
+def test_a_long_table_goes_whole_into_a_file(tmp_path: Path):
+    arguments = ["trajectory", "--preset", "GH", "--t-end", "130", "--points", "10001"]
+    program = "from rattlesweep.cli import main; main()"
+    with (tmp_path / "run.csv").open("wb") as file:
+        subprocess.run([sys.executable, "-c", program, *arguments], stdout=file, check=True)
+    assert len((tmp_path / "run.csv").read_text().splitlines()) == 10_002
+
+
+def test_default_rows_show_every_period_of_the_pitch():
+    assert len(rs.trajectory(GH, n_i=0.1, omega_xy0=0.01, t_end=130).table) == 2001
+    table = rs.trajectory(GH, n_i=-0.1, omega_xy0=0.01, t_end=3000).table
+    period = 2 * np.pi / rs.modes(GH).omega_p
+    assert np.diff(table["t"]).max() <= period / 20
+
+
+def test_a_figure_shows_the_channels_that_are_asked_for(tmp_path: Path):
+    def labels(*names: str) -> list[str]:
+        course = trajectory_figure.course_for(
+            GH, {"n_i": 0.1, "omega_xy0": 0.01, "t_end": 130.0, "model": "full"},
+            shown=names or None,
+        )  # fmt: skip
+        chunks = list(course)
+        columns = {k: np.concatenate([c[k] for c in chunks]) for k in chunks[0]}
+        return [axis.get_ylabel() for axis in trajectory_figure.draw(columns, course).axes]
+
+    assert len(labels()) == 3
+    assert [text.split()[0] for text in labels("t", "F_normal", "E_p", "E_r")] == [
+        "F_normal", "energy",
+    ]  # fmt: skip
+    chosen, default = tmp_path / "a.svg", tmp_path / "b.svg"
+    command("--figure", chosen, "--channels", "t,F_normal")
+    command("--figure", default)
+    assert "F_normal" in chosen.read_text()
+    assert "F_normal" not in default.read_text()
+
+
+def test_figures_do_not_obey_the_users_matplotlibrc(tmp_path: Path):
+    loud = {"font.size": 20, "savefig.facecolor": "yellow", "savefig.bbox": "tight",
+            "axes.facecolor": "red", "lines.linewidth": 9, "svg.fonttype": "none"}  # fmt: skip
+    command("--figure", tmp_path / "plain.svg")
+    with mpl.rc_context(loud):
+        command("--figure", tmp_path / "loud.svg")
+    assert (tmp_path / "plain.svg").read_bytes() == (tmp_path / "loud.svg").read_bytes()

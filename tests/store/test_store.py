@@ -1,0 +1,527 @@
+"""The output directory: what is written is whole, readable by all, and equal to what was meant."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import duckdb
+import numpy as np
+import pandas as pd
+import polars as pl
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.sweeps.inspect.content_hash import content_hash
+from rattlesweep.sweeps.store import atomic as files
+from rattlesweep.sweeps.store.store import Store
+from rattlesweep.sweeps.tables.arrow import (
+    DamagedError,
+    build_table,
+    encode,
+    open_sealed,
+    ragged,
+    same_schema,
+)
+from rattlesweep.sweeps.tables.columns import RUNS, SUMMARY, runs_schema, summary_schema
+
+RECORD = ("energy", "contact", "windows")
+SCHEMA = runs_schema(RECORD)
+STATUSES = ["ok", "diverged"]
+TYPES = ["R", "SS", "SW", "unclassified"]
+
+
+def random_columns(case: np.ndarray, sample: np.ndarray, seed: int = 1) -> dict[str, Any]:
+    """Columns of every kind, with nulls wherever the schema lets them be."""
+    rng = np.random.default_rng(seed)
+    n = len(case)
+    columns: dict[str, Any] = {"case": case, "sample": sample}
+    for field in SCHEMA:
+        if field.name in columns:
+            continue
+        if pa.types.is_floating(field.type):
+            values = rng.normal(size=n) * 10.0 ** rng.integers(-8, 8, n)
+            if field.nullable:
+                values[rng.random(n) < 0.2] = np.nan
+                values[rng.random(n) < 0.05] = np.inf
+            columns[field.name] = values
+        elif pa.types.is_integer(field.type):
+            columns[field.name] = rng.integers(0, 3, n)
+        elif pa.types.is_list(field.type):
+            columns[field.name] = ragged(rng.normal(size=(n, 5)), rng.integers(-1, 6, n))
+    status = (rng.random(n) < 0.1).astype(np.int8)
+    columns["status"] = (status, STATUSES)
+    columns["type"] = (np.where(status == 0, rng.integers(0, 4, n), -1), TYPES)
+    return columns
+
+
+def whole(store: Store, index: int, schema: pa.Schema, rows: int) -> bool:
+    """Whether a block is undamaged, and has these columns and rows."""
+    try:
+        found = store.inspect_block(index)
+    except DamagedError:
+        return False
+    return found.receipt.rows == rows and same_schema(found.schema, schema)
+
+
+def cut(columns: dict[str, Any], start: int, stop: int) -> dict[str, Any]:
+    """Rows of all columns."""
+    return {
+        name: (v[0][start:stop], v[1]) if isinstance(v, tuple) else v[start:stop]
+        for name, v in columns.items()
+    }
+
+
+def fill(directory: Path, size: int, rows: int = 1000, cases: int = 3, seed: int = 1) -> Store:
+    """Write the same rows in blocks of `size`."""
+    store = Store(directory)
+    store.prepare()
+    case = np.sort(np.random.default_rng(seed).integers(0, cases, rows))
+    sample = np.arange(rows) - np.searchsorted(case, case)
+    columns = random_columns(case, sample, seed)
+    for index, start in enumerate(range(0, rows, size)):
+        store.write_block(index, cut(columns, start, start + size), SCHEMA)
+    return store
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Store:
+    return fill(tmp_path / "out", 400)
+
+
+def temporaries(directory: Path) -> list[Path]:
+    return [p for p in directory.rglob("*") if p.name.endswith(".tmp")]
+
+
+# --------------------------------------------------------------------------- schemas
+
+
+def test_schema_is_the_contract() -> None:
+    base = (
+        "case sample alpha beta gamma theta phi xi f_sd n_i omega_xy0 psi omega_p omega_r K_p K_r "
+        "n_c1 n_0 t_rgh t_end t_r type status n_end n_steps energy_drift amp_growth n_departure "
+        "near_tangencies"
+    )
+    extra = " energy_0 energy_drift_max window_t window_amplitude window_n_min window_n_max"
+    assert " ".join(runs_schema().names) == base
+    assert " ".join(runs_schema(["windows", "energy"]).names) == base + extra
+    assert " ".join(summary_schema().names) == (
+        "case K_p K_r n_i omega_xy0 runs fraction_R fraction_SS fraction_SW "
+        "fraction_unclassified fraction_bondi t_r_mean t_r_std t_rgh_mean "
+        "t_r_over_t_rgh_mean t_r_over_t_rgh_sem failed near_tangencies"
+    )
+    kinds = {f.name: str(f.type) for f in runs_schema()}
+    assert {kinds.pop(n) for n in ("case", "near_tangencies")} == {"int32"}
+    assert {kinds.pop(n) for n in ("sample", "n_steps")} == {"int64"}
+    assert {kinds.pop(n) for n in ("type", "status")} == {"string"}
+    assert set(kinds.values()) == {"double"}
+
+
+@pytest.mark.parametrize("column", [*RUNS, *SUMMARY], ids=lambda c: c.name)
+def test_every_column_says_what_it_is(column: Any) -> None:
+    assert column.unit in {"1", "rad", "sqrt(a/g)", "sqrt(g/a)", "M g a", "M g"}
+    assert len(column.description) > 5
+
+
+def test_unknown_or_impossible_record_is_an_error() -> None:
+    with pytest.raises(ConfigError, match="none of energy, contact, windows"):
+        runs_schema(["forces"])
+    with pytest.raises(ConfigError, match="reduced"):
+        runs_schema(["contact"], model="reduced")
+
+
+def test_metadata_survives_the_file(store: Store) -> None:
+    read = pq.read_schema(store.block_path(0))
+    assert same_schema(read, SCHEMA)
+    for field in SCHEMA:
+        assert read.field(field.name).metadata == field.metadata
+
+
+# --------------------------------------------------------------------------- arrays to tables
+
+
+SMALL = pa.schema(
+    [
+        pa.field("k", pa.int32(), nullable=False),
+        pa.field("x", pa.float64()),
+        pa.field("s", pa.string()),
+        pa.field("w", pa.list_(pa.field("element", pa.float64()))),
+    ]
+)
+
+
+def test_not_finite_becomes_null() -> None:
+    x = np.array([1.0, np.nan, -np.inf, -0.0])
+    w = ragged(np.array([[1, np.nan], [3, 4], [5, np.inf], [7, 8.0]]), np.array([2, -1, 2, 0]))
+    table = build_table({"k": np.arange(4), "x": x, "s": ["a", None, "b", "a"], "w": w}, SMALL)
+    assert table.column("x").to_pylist() == [1.0, None, None, 0.0]
+    assert np.signbit(table.column("x")[3].as_py())
+    assert table.column("w").to_pylist() == [[1.0, None], None, [5.0, None], []]
+    arrow = {"k": pa.array(range(4)), "x": pa.array(x), "w": pa.chunked_array([w[:1], w[1:]])}
+    codes = (np.array([0, -1, 1, 0], dtype=np.int8), ["a", "b"])
+    assert build_table({**arrow, "s": codes}, SMALL).equals(table)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"k": None}, "missing"),
+        ({"z": np.zeros(2)}, r"not in the schema \['z'\]"),
+        ({"k": pa.array([1, None])}, "column k has 1 rows without"),
+        ({"k": np.array([1.5, 2.0])}, "column k"),
+        ({"k": np.array([0, 2**40])}, "column k"),
+        ({"x": np.zeros(3)}, "column x has 3 rows, k has 2"),
+        ({"s": (np.array([0, 7]), ["a"])}, "column s"),
+    ],
+)
+def test_wrong_columns_are_internal_errors(change: dict[str, Any], words: str) -> None:
+    columns = {"k": np.arange(2), "x": np.zeros(2), "s": ["a", "b"], "w": [[1.0], None], **change}
+    columns = {name: values for name, values in columns.items() if values is not None}
+    with pytest.raises(ValueError, match=f"internal error.*{words}"):
+        build_table(columns, SMALL)
+
+
+def test_nan_where_a_value_must_be(tmp_path: Path) -> None:
+    columns = random_columns(np.zeros(3, int), np.arange(3))
+    columns["alpha"][1] = np.nan
+    with pytest.raises(ValueError, match="internal error: column alpha has 1 rows without"):
+        fill(tmp_path, 1000).write_block(1, columns, SCHEMA)
+    assert Store(tmp_path).block_indices() == [0]
+
+
+def test_equal_data_equal_bytes(tmp_path: Path) -> None:
+    one, two = fill(tmp_path / "1", 400), fill(tmp_path / "2", 400)
+    assert one.block_path(1).read_bytes() == two.block_path(1).read_bytes()
+    whole = one.read_block(1)
+    one.rewrite_block(1, pa.concat_tables([whole[:7], whole[7:]]))
+    assert one.block_path(1).read_bytes() == two.block_path(1).read_bytes()
+
+
+# --------------------------------------------------------------------------- other readers
+
+
+def test_pandas_duckdb_and_polars_agree(store: Store) -> None:
+    pattern = f"{store.runs}/*.parquet"
+    by_pandas = pd.read_parquet(store.runs)
+    frames = {
+        "duckdb": duckdb.sql(f"select * from '{pattern}' order by \"case\", sample")
+        .to_arrow_table()
+        .cast(SCHEMA.remove_metadata()),
+        "polars": pl.scan_parquet(pattern).collect().to_arrow(),
+        "arrow": pa.concat_tables(table for _, table in store.iter_blocks()),
+    }
+    for field in SCHEMA:
+        lists = {name: t.column(field.name).to_pylist() for name, t in frames.items()}
+        assert lists["duckdb"] == lists["arrow"], field.name
+        assert lists["polars"] == lists["arrow"], field.name
+        assert by_pandas[field.name].isna().tolist() == [v is None for v in lists["arrow"]]
+        if not pa.types.is_list(field.type):
+            seen = by_pandas[field.name].dropna().tolist()
+            assert seen == [v for v in lists["arrow"] if v is not None]
+
+
+def test_no_reader_sees_a_temporary(store: Store) -> None:
+    (store.runs / ".block-000007.parquet.0123abcd.tmp").write_bytes(b"half")
+    assert len(pd.read_parquet(store.runs)) == 1000
+    assert pl.scan_parquet(f"{store.runs}/*.parquet").collect().height == 1000
+    assert duckdb.sql(f"from '{store.runs}/*.parquet'").shape[0] == 1000
+    assert store.block_indices() == [0, 1, 2]
+
+
+# --------------------------------------------------------------------------- what may go wrong
+
+
+KILLED = """
+import os, signal, sys
+from rattlesweep.sweeps.store.store import Store
+store = Store(sys.argv[1])
+table = store.read_block(0)
+os.replace = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
+store.rewrite_block(int(sys.argv[2]), table)
+"""
+
+
+@pytest.mark.parametrize("index", [1, 5], ids=["over an old block", "a new one"])
+def test_kill_before_the_rename(store: Store, index: int) -> None:
+    before = {p: p.read_bytes() for p in store.runs.glob("*.parquet")}
+    done = subprocess.run([sys.executable, "-c", KILLED, store.directory, str(index)], check=False)
+    assert done.returncode == -9
+    assert len(temporaries(store.directory)) == 1
+    assert {p: p.read_bytes() for p in store.runs.glob("*.parquet")} == before
+    (store.directory / ".mine.tmp").write_text("not ours")
+    assert store.remove_stale_temporaries(older_than=3600) == 0
+    assert store.remove_stale_temporaries() == 1
+    assert [p.name for p in temporaries(store.directory)] == [".mine.tmp"]
+
+
+def failing(number: int) -> Callable[..., Any]:
+    def fail(*_: Any, **__: Any) -> Any:
+        raise OSError(number, os.strerror(number))
+
+    return fail
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EACCES, errno.EIO, errno.EROFS])
+@pytest.mark.parametrize("call", ["open", "fsync", "replace"])
+def test_writing_fails(
+    store: Store, monkeypatch: pytest.MonkeyPatch, call: str, number: int
+) -> None:
+    before = {p: p.read_bytes() for p in store.directory.rglob("*") if p.is_file()}
+    table = store.read_block(0)
+    with monkeypatch.context() as patch:
+        patch.setattr(files.os, call, failing(number))
+        for write in (
+            lambda: store.rewrite_block(1, table[:5]),
+            lambda: store.rewrite_block(7, table),
+            lambda: store.write_summary(table),
+            lambda: store.write_manifest({"a": 1}),
+        ):
+            with pytest.raises(OutputError, match=f"cannot write .*: {os.strerror(number)}$"):
+                write()
+    assert {p: p.read_bytes() for p in store.directory.rglob("*") if p.is_file()} == before
+
+
+def test_disk_full_half_way(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    real = os.fdopen
+
+    def small_disk(*args: Any) -> Any:
+        file = real(*args)
+        wrapped = FullDisk(file)
+        return wrapped
+
+    class FullDisk:
+        def __init__(self, file: Any) -> None:
+            self.file = file
+
+        def __enter__(self) -> FullDisk:
+            return self
+
+        def __exit__(self, *_: Any) -> None:
+            self.file.close()
+
+        def write(self, data: bytes) -> None:
+            self.file.write(data[: len(data) // 2])
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    table = store.read_block(0)
+    monkeypatch.setattr(files.os, "fdopen", small_disk)
+    with pytest.raises(OutputError, match="No space left"):
+        store.rewrite_block(1, table)
+    assert not temporaries(store.directory)
+    assert whole(store, 1, SCHEMA, 400)
+
+
+def test_file_that_does_not_read_back(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    table = store.read_block(0)
+    real = files._write
+    monkeypatch.setattr(files, "_write", lambda path, data: real(path, data[:-9]))
+    with pytest.raises(OutputError, match="does not read back"):
+        store.rewrite_block(1, table)
+    assert not temporaries(store.directory)
+
+
+def test_ctrl_c_leaves_nothing(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupt(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    table = store.read_block(0)
+    monkeypatch.setattr(files.os, "replace", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        store.rewrite_block(1, table)
+    assert not temporaries(store.directory)
+
+
+def test_prepare(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    store = Store(tmp_path / "a" / "b")
+    store.prepare()
+    store.prepare()
+    assert [p.name for p in store.directory.rglob("*")] == ["runs"]
+    in_the_way = tmp_path / "file"
+    in_the_way.write_text("")
+    for directory in (in_the_way, in_the_way / "below"):
+        with pytest.raises(OutputError, match="a file is in the way"):
+            Store(directory).prepare()
+    (tmp_path / "c").mkdir()
+    (tmp_path / "c" / "runs").write_text("")
+    with pytest.raises(OutputError, match="runs: a file is in the way"):
+        Store(tmp_path / "c").prepare()
+    monkeypatch.setattr(files.os, "open", failing(errno.EROFS))
+    with pytest.raises(OutputError, match="Read-only file system"):
+        store.prepare()
+
+
+# --------------------------------------------------------------------------- whole or not
+
+
+def damage(path: Path) -> Iterator[bytes]:
+    """Yield copies of a file: cut short, or with one bit of it flipped."""
+    whole = path.read_bytes()
+    rng = np.random.default_rng(3)
+    for length in [0, 3, 11, 12, *rng.integers(0, len(whole), 20), len(whole) - 1]:
+        yield whole[:length]
+    footer = len(whole) - 8 - int.from_bytes(whole[-8:-4], "little")
+    spots = [0, footer, len(whole) - 1, *rng.integers(0, footer, 100)]
+    for spot in [*spots, *rng.integers(footer, len(whole), 300)]:
+        yield whole[:spot] + bytes([whole[spot] ^ 1 << rng.integers(8)]) + whole[spot + 1 :]
+
+
+def test_damage_anywhere_is_noticed(store: Store) -> None:
+    path = store.block_path(1)
+    original = path.read_bytes()
+    for damaged in damage(path):
+        path.write_bytes(damaged)
+        assert not whole(store, 1, SCHEMA, 400)
+        with pytest.raises(OutputError, match=r"block-000001.parquet is damaged"):
+            store.read_block(1)
+    path.write_bytes(original)
+    assert whole(store, 1, SCHEMA, 400)
+
+
+def test_streaming_notices_damaged_pages(store: Store) -> None:
+    path = store.block_path(1)
+    chunk = pq.ParquetFile(path).metadata.row_group(0).column(2)
+    data = bytearray(path.read_bytes())
+    data[chunk.data_page_offset + chunk.total_compressed_size // 2] ^= 4
+    path.write_bytes(data)
+    with pytest.raises(OutputError, match="block-000001"):
+        list(store.iter_batches(["alpha"]))
+    assert sum(batch.num_rows for batch in store.iter_batches(["case"])) == 1000
+
+
+def test_whole_but_not_what_was_asked(store: Store, tmp_path: Path) -> None:
+    assert not whole(store, 1, SCHEMA, 401)
+    assert not whole(store, 1, runs_schema(), 400)
+    assert not whole(store, 8, SCHEMA, 400)
+    described = SCHEMA.set(2, SCHEMA.field(2).with_metadata({"unit": "1", "description": "new"}))
+    assert whole(store, 1, described, 400)
+    foreign = store.read_block(1)
+    pq.write_table(foreign, store.block_path(1))
+    assert not whole(store, 1, SCHEMA, 400)
+
+
+def test_unreadable_is_not_the_same_as_damaged(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(os, "open", failing(errno.EACCES))
+    with pytest.raises(OutputError, match="Permission denied"):
+        whole(store, 1, SCHEMA, 400)
+
+
+def test_seal_of_text_that_looks_like_one() -> None:
+    words = ["rattlesweep.sha256\x18\x40" + "0" * 64, "PAR1"]
+    table = pa.table({"s": words})
+    assert open_sealed(encode(table)).read().column("s").to_pylist() == words
+
+
+def test_empty_block(tmp_path: Path) -> None:
+    store = fill(tmp_path, 10)
+    store.write_block(100, cut(random_columns(np.zeros(2, int), np.arange(2)), 0, 0), SCHEMA)
+    assert whole(store, 100, SCHEMA, 0)
+    assert content_hash(tmp_path)
+
+
+# --------------------------------------------------------------------------- reading in order
+
+
+def test_blocks_come_in_order_and_foreign_files_do_not(store: Store) -> None:
+    (store.runs / "notes.txt").write_text("mine")
+    (store.runs / "block-0000.parquet").write_text("mine")
+    table = store.read_block(2)
+    store.rewrite_block(1_000_000, table)  # one digit more than the names were made for
+    pairs = list(store.iter_blocks(["sample", "case"]))
+    assert [index for index, _ in pairs] == [0, 1, 2, 1_000_000]
+    assert pairs[0][1].column_names == ["sample", "case"]
+    with pytest.raises(OutputError, match="no column nonsense"):
+        list(store.iter_batches(["nonsense"]))
+    assert Store(store.directory / "absent").block_indices() == []
+
+
+# --------------------------------------------------------------------------- content hash
+
+
+def test_content_hash_does_not_see_blocks(tmp_path: Path) -> None:
+    hashes = {content_hash(fill(tmp_path / str(n), n).directory) for n in (1000, 999, 333, 70)}
+    assert len(hashes) == 1
+
+
+@pytest.mark.parametrize("name", SCHEMA.names[2:])
+def test_content_hash_sees_every_bit(store: Store, name: str) -> None:
+    before = content_hash(store.directory)
+    table = store.read_block(1)
+    rows = table.column(name).to_pylist()
+    spot = next(i for i, value in enumerate(rows) if value)
+    value = rows[spot]
+    if isinstance(value, list):
+        rows[spot] = [*value[:-1], float(np.nextafter(value[-1], 9.0))]
+    elif isinstance(value, str):
+        rows[spot] = "SS" if value != "SS" else "SW"
+    else:
+        rows[spot] = value + 1 if isinstance(value, int) else float(np.nextafter(value, 1e300))
+    field = table.schema.field(name)
+    column = table.schema.get_field_index(name)
+    store.rewrite_block(1, table.set_column(column, field, pa.array(rows, field.type)))
+    assert content_hash(store.directory) != before
+    if field.nullable:
+        rows[spot] = None
+        changed = content_hash(store.directory)
+        store.rewrite_block(1, table.set_column(column, field, pa.array(rows, field.type)))
+        assert content_hash(store.directory) not in (before, changed)
+
+
+def test_content_hash_tells_null_from_zero_and_zeros_apart(tmp_path: Path) -> None:
+    store = fill(tmp_path, 1000)
+    table = store.read_block(0)
+    seen = set()
+    for value in (0.0, -0.0, None):
+        column = pa.array([value] * 1000, pa.float64())
+        at = table.schema.get_field_index("t_r")
+        store.rewrite_block(0, table.set_column(at, table.schema.field(at), column))
+        seen.add(content_hash(tmp_path))
+    assert len(seen) == 3
+
+
+def test_content_hash_wants_order_and_one_schema(store: Store) -> None:
+    table = store.read_block(2)
+    store.rewrite_block(3, table[-1:])
+    with pytest.raises(OutputError, match="not in the order"):
+        content_hash(store.directory)
+    store.rewrite_block(3, table.drop_columns(["energy_0"]))
+    with pytest.raises(OutputError, match="differ in their columns"):
+        content_hash(store.directory)
+
+
+# --------------------------------------------------------------------------- manifest
+
+
+def test_manifest_round_trip(store: Store) -> None:
+    manifest = {"z": 0.1 + 0.2, "a": {"tol": np.float64(1e-9), "n": np.int64(3), "é": None}}
+    store.write_manifest({**manifest, "path": Path("x")})
+    assert store.read_manifest() == {**manifest, "path": "x"}
+    assert list(store.read_manifest()) == ["z", "a", "path"]
+    with pytest.raises(ValueError, match="JSON compliant"):
+        store.write_manifest({"x": float("nan")})
+    assert store.read_manifest()["path"] == "x"
+
+
+def test_manifest_missing_or_broken(tmp_path: Path) -> None:
+    for directory in (tmp_path, tmp_path / "absent"):
+        with pytest.raises(ConfigError, match=r"is not an output directory: it has no manifest"):
+            Store(directory).read_manifest()
+    for text in (b"{", b"[1]", b"\xff\xfe", b"", b"[" * 100_000):
+        (tmp_path / "manifest.json").write_bytes(text)
+        with pytest.raises(OutputError, match=r"manifest\.json is damaged") as caught:
+            Store(tmp_path).read_manifest()
+        assert "\n" not in str(caught.value)
+    (tmp_path / "manifest.json").write_text(json.dumps({"ok": 1}))
+    with pytest.raises(OutputError, match="its checksum does not match"):
+        Store(tmp_path).read_manifest()
+    Store(tmp_path).write_manifest({"ok": 1})
+    assert Store(tmp_path).read_manifest() == {"ok": 1}

@@ -1,0 +1,552 @@
+"""Pictures show what the runs say, fit the sweep they are of, and can be read."""
+
+from __future__ import annotations
+
+import math
+import shutil
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import matplotlib.image
+import numpy as np
+import oracle
+import pandas as pd
+import pytest
+import scipy.stats
+from matplotlib.colors import to_rgb
+from test_run import invoke, tree
+from theory_mp import n_c1_squared
+
+import rattlesweep as rs
+from rattlesweep.study.plots import scatter as plot_scatter
+from rattlesweep.study.plots.layout import Axis, Layout, read_layout
+from rattlesweep.study.plots.map import BONDI_LABEL, NO_REVERSAL
+from rattlesweep.study.plots.registry import choose_picture
+from rattlesweep.study.plots.table import EDGES, Moments, tally, wilson
+from rattlesweep.study.style import FAILED, MISSING, TYPE_STYLE, encode, styled
+from rattlesweep.sweeps.config.load import ConfigError, parse_config
+
+BODIES = {"source": "sd", "samples": 12, "target": {"K_r": [0.005, 0.02, 0.05, 0.1],
+                                                    "rel_tol": 0.05}}  # fmt: skip
+SWEEPS: dict[str, dict[str, Any]] = {
+    "steady": {
+        "bodies": BODIES,
+        "spin": {"n_i": [-0.5, -0.1], "omega_xy0": [0.01, 0.1]},
+        "block_size": 50,
+    },
+    "unsteady": {
+        "bodies": {**BODIES, "target": {"K_p": [0.1, 0.3, 1.0], "rel_tol": 0.1}},
+        "spin": {"n_i": [0.1, 0.4], "omega_xy0": 0.01},
+    },
+    "map": {
+        "bodies": {"source": "grid", "base": {"preset": "GH"},
+                   "axes": {"theta": {"linspace": [0.6, 0.98, 9]}}},
+        "spin": {"n_i": {"linspace": [-0.6, 0.6, 10]}, "omega_xy0": 0.01},
+        "horizon": {"t": 300},
+        "block_size": 30,
+    },
+    "plane": {
+        "bodies": {"source": "grid", "base": {"preset": "GH"},
+                   "axes": {"phi": {"logspace": [0.01, 0.1, 8]},
+                            "theta": {"linspace": [0.6, 0.98, 9]}}},
+        "spin": {"n_i": -0.3, "omega_xy0": 0.01},
+        "horizon": {"t": 200},
+    },
+    "one": {
+        "bodies": {"source": "preset", "name": "GH"},
+        "spin": {"n_i": 0.1, "omega_xy0": 0.01},
+    },
+    "stuck": {
+        "bodies": {"source": "grid", "base": {"preset": "GH"},
+                   "axes": {"theta": {"linspace": [0.6, 0.98, 8]}}},
+        "spin": {"n_i": {"linspace": [0.1, 0.8, 8]}, "omega_xy0": 0.01},
+        "integrator": {"max_steps": 400},
+    },
+}  # fmt: skip
+KINDS = {
+    "steady": "fractions",
+    "unsteady": "times",
+    "map": "map",
+    "plane": "map",
+    "one": "distribution",
+    "stuck": "map",
+}
+
+
+@pytest.fixture(scope="module")
+def sweeps(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A directory of small sweeps of every shape."""
+    root = tmp_path_factory.mktemp("sweeps")
+    for name, config in SWEEPS.items():
+        rs.sweep({"name": name, "seed": 5, **config}, output=root / name, threads=1)
+    return root
+
+
+def drawn(layout: Layout, kind: str | None = None, log: bool | None = None, **choice: Any) -> Any:
+    """A picture's figure, laid out."""
+    with styled():
+        figure = choose_picture(layout, kind, **choice).figure(log=log)
+        figure.canvas.draw()
+    return figure
+
+
+# ------------------------------------------------------------------------ numbers
+
+
+def test_counts_and_moments_against_pandas(sweeps: Path) -> None:
+    layout = read_layout(sweeps / "steady")
+    table = tally(layout, ["n_i", "K_r", "omega_xy0"]).table().to_pandas()
+    runs = rs.load(sweeps / "steady").runs
+    summary = rs.load(sweeps / "steady").summary
+    runs = runs.merge(summary[["case", "K_r"]], on="case", suffixes=("_body", ""))
+    assert len(table) == 16
+    for _, row in table.iterrows():
+        cell = runs[(runs["n_i"] == row["n_i"]) & (runs["omega_xy0"] == row["omega_xy0"])
+                    & (runs["K_r"] == row["K_r"])]  # fmt: skip
+        reversed_ = cell[cell["type"] == "R"]
+        ratio = reversed_["t_r"] / reversed_["t_rgh"]
+        assert row["runs"] == len(cell) == 12
+        for name in TYPE_STYLE:
+            assert row[f"fraction_{name}"] == pytest.approx((cell["type"] == name).mean())
+        assert row["fraction_bondi"] == (cell["n_c1"].abs() < cell["n_i"].abs()).mean()
+        for name, values in (("t_r", reversed_["t_r"]), ("ratio", ratio)):
+            assert row[f"{name}_mean"] == pytest.approx(values.mean(), rel=1e-12, nan_ok=True)
+            assert row[f"{name}_std"] == pytest.approx(values.std(), rel=1e-10, nan_ok=True)
+            assert row[f"{name}_sem"] == pytest.approx(values.sem(), rel=1e-10, nan_ok=True)
+        assert row["t_rgh_mean"] == pytest.approx(cell["t_rgh"].mean(), rel=1e-12)
+    # Bondi's threshold is one of the steady direction.
+    unsteady = tally(read_layout(sweeps / "unsteady"), ["n_i"]).table()
+    assert unsteady["fraction_bondi"].null_count == len(unsteady) > 0
+    assert table["fraction_SS"].max() > 0.2
+    assert table["fraction_SW"].max() > 0
+
+
+def test_moments_do_not_lose_digits_over_many_pieces() -> None:
+    rng = np.random.default_rng(3)
+    cell, values = rng.integers(0, 5, 3000), 1e7 + rng.normal(size=3000)
+    moments = Moments.empty(6)
+    for start in range(0, 3000, 37):
+        moments.add(cell[start : start + 37], values[start : start + 37])
+    for k in range(5):
+        assert moments.means()[k] == pytest.approx(values[cell == k].mean(), rel=1e-14)
+        assert moments.deviations()[k] == pytest.approx(values[cell == k].std(ddof=1), rel=1e-7)
+    assert math.isnan(moments.means()[5])
+    assert math.isnan(moments.deviations()[5])
+
+
+@pytest.mark.parametrize(("part", "whole"), [(0, 7), (7, 7), (1, 7), (245, 1000), (1, 1)])
+def test_wilson_against_scipy(part: int, whole: int) -> None:
+    low, high = wilson(np.array([part], float), np.array([whole], float))
+    expected = scipy.stats.binomtest(part, whole).proportion_ci(0.95, method="wilson")
+    assert (low[0], high[0]) == pytest.approx(tuple(expected), abs=1e-12)
+
+
+def test_distribution_counts_every_reversal_once(sweeps: Path) -> None:
+    picture = choose_picture(read_layout(sweeps / "steady"), "distribution")
+    runs = rs.load(sweeps / "steady").runs
+    ratio = (runs["t_r"] / runs["t_rgh"])[runs["type"] == "R"]
+    assert picture.data()["runs"].to_numpy().tolist() == np.histogram(ratio, EDGES)[0].tolist()
+
+
+def test_axes_are_sorted_and_know_their_scale() -> None:
+    axis = Axis.of("K_r", [0.1, 0.001, 0.01])
+    assert axis.values.tolist() == [0.001, 0.01, 0.1]
+    assert axis.rank.tolist() == [2, 0, 1]
+    assert axis.logarithmic
+    assert not Axis.of("n_i", [0.1, 0.2, 0.3, 0.4]).logarithmic
+    assert not Axis.of("n_i", [-0.4, -0.1, 0.3]).logarithmic
+
+
+# ----------------------------------------------------------------------- pictures
+
+
+@pytest.mark.parametrize("name", SWEEPS)
+def test_the_right_picture_by_default(sweeps: Path, tmp_path: Path, name: str) -> None:
+    outputs = [tmp_path / f"p.{kind}" for kind in ("svg", "png", "pdf")]
+    options = [word for path in outputs for word in ("--output", str(path))]
+    done = invoke("plot", str(sweeps / name), *options)
+    assert done.exit_code == 0, done.stderr
+    assert done.stderr.startswith(f"{KINDS[name]}: ")
+    for path, start in zip(outputs, (b"<?xml", b"\x89PNG", b"%PDF"), strict=True):
+        assert path.read_bytes().startswith(start)
+    assert sorted(tmp_path.iterdir()) == sorted(outputs)
+
+
+@pytest.mark.parametrize("kind", ["fractions", "times", "ratio", "map"])
+@pytest.mark.parametrize("x", ["K_r", "n_i", "omega_xy0"])
+@pytest.mark.parametrize("select", [[], ["n_i=-0.5"], ["omega_xy0=0.01"]])
+def test_nothing_that_varies_is_mixed(sweeps: Path, kind: str, x: str, select: list[str]) -> None:
+    layout = read_layout(sweeps / "steady")
+    if kind == "map" and select and select[0].startswith(x):
+        with pytest.raises(ConfigError, match=f"only one value of {x} is left"):
+            choose_picture(layout, kind, x=x, select=select)
+        return
+    picture = choose_picture(layout, kind, x=x, select=select)
+    left = {"K_r", "n_i", "omega_xy0"} - {text.split("=")[0] for text in select}
+    assert left <= set(picture.names)
+    assert picture.names[0] == x
+    assert picture.counted.runs.max() == 12
+
+
+def test_areas_are_the_shares(sweeps: Path) -> None:
+    layout = read_layout(sweeps / "steady")
+    picture = choose_picture(layout, "fractions", select=["n_i=-0.5", "omega_xy0=0.01"])
+    with styled():
+        (axes,) = picture.figure().axes
+    table = picture.data().to_pandas().sort_values("K_r")
+    below = np.zeros(4)
+    areas = {area.get_label(): area for area in axes.collections if area.get_label()}
+    for name, (colour, _, hatch, text) in TYPE_STYLE.items():
+        top = below + table[f"fraction_{name}"].to_numpy()
+        vertices = areas[text].get_paths()[0].vertices
+        for x, low, high in zip(table["K_r"], below, top, strict=True):
+            at = vertices[vertices[:, 0] == x, 1]
+            assert (at.min(), at.max()) == pytest.approx((low, high))
+        assert to_rgb(areas[text].get_facecolor()[0]) == to_rgb(colour)
+        assert (areas[text].get_hatch() or "") == hatch
+        below = top
+    (bondi,) = [line for line in axes.lines if "Bondi" in str(line.get_label())]
+    assert bondi.get_ydata() == pytest.approx(1 - table["fraction_bondi"].to_numpy())
+
+
+def test_times_are_the_means_and_the_theory_is_dashed(sweeps: Path) -> None:
+    layout = read_layout(sweeps / "unsteady")
+    picture = choose_picture(layout, "times", select=["n_i=0.1"])
+    with styled():
+        (axes,) = picture.figure().axes
+    table = picture.data().to_pandas().sort_values("K_p")
+    means = [line for line in axes.lines if line.get_linestyle() == "-"]
+    theory = [line for line in axes.lines if line.get_linestyle() == "--"]
+    assert means[0].get_ydata() == pytest.approx(table["t_r_mean"].to_numpy())
+    assert theory[0].get_ydata() == pytest.approx(table["t_rgh_mean"].to_numpy())
+    # The paper: at small spin and oscillation they agree.
+    assert table["t_r_mean"].to_numpy() == pytest.approx(table["t_rgh_mean"].to_numpy(), rel=0.2)
+    assert axes.get_xscale() == axes.get_yscale() == "log"
+    with styled():
+        assert picture.figure(log=False).axes[0].get_yscale() == "linear"
+
+
+def test_a_curve_does_not_join_the_two_directions(sweeps: Path) -> None:
+    figure = drawn(read_layout(sweeps / "map"), "ratio", x="n_i", select=["theta=0.6"])
+    for line in figure.axes[0].lines:
+        x = np.asarray(line.get_xdata(), float)
+        if line.get_linestyle() == "-" and line.get_marker() == "None" and len(x) > 1:
+            assert not (x.min() < 0 < x.max())
+
+
+def test_cells_of_a_map_are_the_runs(sweeps: Path) -> None:
+    layout = read_layout(sweeps / "map")
+    figure = drawn(layout)
+    types, ratio = figure.axes[:2]
+    runs = rs.load(sweeps / "map").runs
+    order = {name: code for code, name in enumerate(TYPE_STYLE)}
+    wanted = runs.assign(code=runs["type"].map(order), ratio=runs["t_r"] / runs["t_rgh"])
+    code, value = (
+        wanted.pivot(index="n_i", columns="theta", values=name).to_numpy()
+        for name in ("code", "ratio")
+    )
+    np.testing.assert_array_equal(types.collections[0].get_array(), code)
+    shown = ratio.collections[1].get_array()
+    np.testing.assert_array_equal(np.ma.getmaskarray(shown), np.isnan(value))
+    np.testing.assert_allclose(shown.compressed(), value[~np.isnan(value)])
+    assert len(np.unique(code)) > 2
+
+
+def threshold(theta: float, phi: float) -> float:
+    """Bondi's n_c1 of GH with other curvatures, from the paper."""
+    gh = oracle.GH
+    return -(float(n_c1_squared(gh["alpha"], gh["beta"], gh["gamma"], theta, phi)) ** 0.5)
+
+
+def test_bondis_line_is_exact_between_the_cells(sweeps: Path) -> None:
+    figure = drawn(read_layout(sweeps / "map"))
+    lines = [line for axes in figure.axes[:2] for line in axes.lines]
+    assert len(lines) == 4
+    for line in lines:
+        x, y = (np.asarray(data, float) for data in line.get_data())
+        seen = np.flatnonzero(np.isfinite(y))
+        assert len(seen) > 500
+        for k in seen[::97]:
+            assert y[k] == pytest.approx(threshold(x[k], 0.036), rel=1e-9)
+    assert BONDI_LABEL in [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def test_bondis_line_over_two_body_axes(sweeps: Path) -> None:
+    layout = read_layout(sweeps / "plane")
+    for x in ("theta", "phi"):
+        axes = drawn(layout, x=x).axes[0]
+        contour = [c for c in axes.collections if hasattr(c, "levels")]
+        assert len(contour) == 2
+        vertices = np.concatenate([path.vertices for path in contour[0].get_paths()])
+        assert len(vertices) > 100
+        for point in vertices[::50]:
+            theta, phi = point if x == "theta" else point[::-1]
+            assert threshold(theta, phi) == pytest.approx(-0.3, abs=2e-4)
+
+
+def test_failed_and_missing_cells_are_seen(sweeps: Path, tmp_path: Path) -> None:
+    figure = drawn(read_layout(sweeps / "stuck"))
+    words = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert "failed" in words
+    code = figure.axes[0].collections[0]
+    assert code.cmap(code.norm(4))[:3] == to_rgb(FAILED)
+    statuses = rs.load(sweeps / "stuck").runs["status"]
+    assert (code.get_array() == 4).sum() == (statuses != "ok").sum() > 0
+    part = tmp_path / "part"
+    shutil.copytree(sweeps / "map", part)
+    (part / "runs" / "block-000001.parquet").unlink()
+    figure = drawn(read_layout(part))
+    assert "not run yet" in [text.get_text() for text in figure.legends[0].get_texts()]
+    code = figure.axes[0].collections[0]
+    assert (code.get_array() == 5).sum() == 30
+    assert code.cmap(code.norm(5))[:3] == to_rgb(MISSING)
+
+
+@pytest.mark.parametrize("kind", ["fractions", "times", "ratio", "map", "distribution"])
+def test_nothing_lies_over_anything(sweeps: Path, kind: str) -> None:
+    select = [] if kind == "map" else ["omega_xy0=0.01"]
+    with styled():
+        picture = choose_picture(read_layout(sweeps / "steady"), kind, select=select)
+        figure = picture.figure(title="A title")
+        figure.canvas.draw()
+    words = [legend.get_title().get_text() for legend in figure.legends] or [figure.get_suptitle()]
+    assert words[0].startswith("A title")
+    assert ("omega" in words[0]) == bool(select)
+    whole = figure.bbox
+    for legend in figure.legends:
+        box = legend.get_window_extent()
+        assert whole.x0 - 1 <= box.x0
+        assert box.x1 <= whole.x1 + 1
+        assert box.y1 <= whole.y1 + 1
+        for axes in figure.axes:
+            assert not box.overlaps(axes.get_window_extent())
+            if axes.get_title():
+                assert not box.overlaps(axes.title.get_window_extent())
+    for axes in figure.axes:
+        for axis in (axes.xaxis, axes.yaxis):
+            low, high = sorted(axis.get_view_interval())
+            # Ticks outside of the view are not drawn.
+            boxes = [
+                tick.label1.get_window_extent()
+                for tick in axis.get_major_ticks()
+                if low <= tick.get_loc() <= high and tick.label1.get_visible()
+            ]
+            for one, other in pairwise(box for box in boxes if box.width > 1):
+                assert not one.overlaps(other)
+
+
+# Machado, Oliveira and Fernandes (2009), severity 1, for linear RGB.
+BLIND = {
+    "protan": [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216],
+               [-0.003882, -0.048116, 1.051998]],
+    "deutan": [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413],
+               [-0.011820, 0.042940, 0.968881]],
+    "tritan": [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602],
+               [0.004733, 0.691367, 0.303900]],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", BLIND)
+def test_types_are_told_apart_by_the_colour_blind(kind: str) -> None:
+    def lab(colour: str) -> np.ndarray:
+        rgb = np.asarray(to_rgb(colour))
+        linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+        seen = np.clip(np.asarray(BLIND[kind]) @ linear, 0, 1)
+        xyz = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722],
+                        [0.0193, 0.1192, 0.9505]]) @ seen / [0.9505, 1.0, 1.089]  # fmt: skip
+        f = np.where(xyz > 0.008856, np.cbrt(xyz), 7.787 * xyz + 16 / 116)
+        return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
+
+    colours = [style[0] for style in TYPE_STYLE.values()] + [FAILED, MISSING, NO_REVERSAL]
+    for k, one in enumerate(colours):
+        for other in colours[:k]:
+            # 2.3 is the least that anyone sees.
+            assert np.linalg.norm(lab(one) - lab(other)) > 15, (one, other)
+    assert len({style[1] for style in TYPE_STYLE.values()}) == len(TYPE_STYLE)
+    assert len({style[2] for style in TYPE_STYLE.values()}) == len(TYPE_STYLE)
+
+
+def test_equal_pictures_are_equal_files(sweeps: Path) -> None:
+    layout = read_layout(sweeps / "steady")
+    made = []
+    for _ in range(2):
+        with styled():
+            figure = choose_picture(layout).figure(title="twice")
+            made.append({kind: encode(figure, kind, 80) for kind in ("svg", "png", "pdf")})
+    assert made[0] == made[1]
+
+
+# ------------------------------------------------------------------- command line
+
+
+def test_data_style_title_size_and_defaults(sweeps: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "steady"
+    shutil.copytree(sweeps / "steady", copy)
+    style = tmp_path / "loud.mplstyle"
+    style.write_text("font.size: 14\naxes.facecolor: yellow\n")
+    before = dict(mpl.rcParams)
+    for ending in ("csv", "parquet"):
+        done = invoke(
+            "plot", str(copy), "--kind", "ratio", "--select", "K_r=0.005:0.02", "--select",
+            "n_i=-0.5", "--style", str(style), "--title", "Steady", "--size", "5,3", "--dpi", "100",
+            "--data", str(tmp_path / f"d.{ending}"),
+        )  # fmt: skip
+        assert done.exit_code == 0, done.stderr
+    assert dict(mpl.rcParams) == before
+    assert matplotlib.image.imread(copy / "ratio.png").shape[:2] == (300, 500)
+    assert (
+        "yellow" in (copy / "ratio.svg").read_text()
+        or "#ffff00" in (copy / "ratio.svg").read_text()
+    )
+    csv, parquet = pd.read_csv(tmp_path / "d.csv"), pd.read_parquet(tmp_path / "d.parquet")
+    pd.testing.assert_frame_equal(csv, parquet)
+    # Matplotlib notes beside each text, drawn as paths, what it says.
+    assert "<!-- Steady -->" in (copy / "ratio.svg").read_text()
+    assert set(csv["K_r"]) == {0.005, 0.02}
+    assert set(csv["n_i"]) == {-0.5}
+    # What was added to the directory is in nobody's way.
+    assert invoke("verify", str(copy)).exit_code == 0
+
+
+WRONG = {
+    "no directory": (["nowhere"], 2, "nowhere: there is no such directory"),
+    "no sweep": (["."], 2, "is not an output directory: it has no manifest.json"),
+    "unknown kind": (["steady", "--kind", "pie"], 2, '"pie" is not one of fractions, times'),
+    "title": (["steady", "--title", r"$\notacommand$"], 2, "cannot be read as a formula"),
+    "odd dollars": (["steady", "--title", "a $x_$ b"], 2, "cannot be read as a formula"),
+    "control": (["steady", "--title", "a\x1b[31m"], 2, r"\x1b in it is a control character"),
+    "limits": (["steady", "--xlim", "3"], 2, "give the lower and the upper end"),
+    "limits turned": (["steady", "--ylim", "3,1"], 2, "give the lower and the upper end"),
+    "limit of a logarithm": (["steady", "--kind", "times", "--ylim", "0,9"], 2, "add --linear"),
+    "scatter of words": (["steady", "--kind", "scatter", "--x", "type"], 2, "is not one of case"),
+    "unfit kind": (["one", "--kind", "map"], 2, "--kind map: does not fit this sweep"),
+    "shares of one": (["map", "--kind", "fractions"], 2, "ratio, map, distribution, scatter fit"),
+    "unknown axis": (["steady", "--x", "K_s"], 2, '"K_s" is not one of K_r, n_i, omega_xy0'),
+    "no selection": (["steady", "--select", "n_i"], 2, "is not NAME=VALUES"),
+    "no such value": (["steady", "--select", "n_i=-0.2"], 2, "no value -0.2; there are -0.5, -0.1"),
+    "no such range": (["map", "--select", "theta=0.1:0.2"], 2, "no value lies there"),
+    "not a number": (["steady", "--select", "n_i=a"], 2, "are not numbers"),
+    "size": (["steady", "--size", "7"], 2, "give width and height in inches"),
+    "style": (["steady", "--style", "none.mplstyle"], 2, "there is no such file"),
+    "bad style": (["steady", "--style", "bad.mplstyle"], 2, "it is no style file of Matplotlib"),
+    "ending": (["steady", "--output", "p.gif"], 2, "the name must end in .svg, .png or .pdf"),
+    "data ending": (["steady", "--data", "p.xls"], 2, "the name must end in .csv or .parquet"),
+    "log of a sign": (["map", "--log"], 2, "has values that are not positive"),
+    "no folder": (["steady", "--output", "no/p.svg"], 1, "cannot write no/p.svg: No such file"),
+    "under a file": (["steady", "--output", "bad.mplstyle/p.svg"], 1, "Not a directory"),
+    "damaged": (["broken"], 1, "is damaged"),
+    "empty": (["empty"], 1, "holds no runs yet"),
+}  # fmt: skip
+
+
+@pytest.fixture
+def here(sweeps: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A working directory with sweeps, a broken one, an empty one, and a bad style file."""
+    for name in ("steady", "map", "one"):
+        shutil.copytree(sweeps / name, tmp_path / name)
+    for name in ("broken", "empty"):
+        shutil.copytree(sweeps / "one", tmp_path / name)
+    (tmp_path / "broken" / "manifest.json").write_text("{}")
+    (tmp_path / "empty" / "runs" / "block-000000.parquet").unlink()
+    (tmp_path / "bad.mplstyle").write_text("font.sice: 3\n")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_what_is_wrong_is_one_sentence(here: Path, case: str) -> None:
+    arguments, code, words = WRONG[case]
+    before = tree(here)
+    done = invoke("plot", *arguments)
+    assert (done.exit_code, done.stdout) == (code, "")
+    assert words in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert done.stderr.startswith("error: ")
+    assert tree(here) == before
+
+
+@pytest.mark.parametrize("kind", ["times", "fractions"])
+def test_a_small_picture_keeps_its_legend(sweeps: Path, kind: str) -> None:
+    with styled():
+        picture = choose_picture(read_layout(sweeps / "steady"), kind, select=["omega_xy0=0.01"])
+        figure = picture.figure(size=(3.4, 2.6), title="A title that is longer than the picture "
+                                "is wide, as titles in papers tend to be")  # fmt: skip
+        figure.canvas.draw()
+    (legend,) = figure.legends
+    box = legend.get_window_extent()
+    assert figure.bbox.x0 <= box.x0
+    assert box.x1 <= figure.bbox.x1
+    assert box.y1 <= figure.bbox.y1
+    assert min(axes.get_window_extent().height for axes in figure.axes) > 0.15 * figure.bbox.height
+
+
+def test_points_that_are_moved_are_said_to_be(sweeps: Path) -> None:
+    def words(*select: str) -> str:
+        (legend,) = drawn(read_layout(sweeps / "steady"), "times", select=select).legends
+        return " ".join(text.get_text() for text in legend.get_texts())
+
+    assert "points moved sideways" in words("omega_xy0=0.01")
+    assert "sideways" not in words("omega_xy0=0.01", "n_i=-0.1")
+
+
+def test_limits_are_those_of_every_panel(sweeps: Path, tmp_path: Path) -> None:
+    with styled():
+        for kind in ("times", "ratio", "map"):
+            picture = choose_picture(read_layout(sweeps / "steady"), kind, x="K_r")
+            figure = picture.figure(xlim=(0.01, 0.06), log=False)
+            panels = [axes for axes in figure.axes if axes.get_label() != "<colorbar>"]
+            assert len(panels) > 1
+            assert {axes.get_xlim() for axes in panels} == {(0.01, 0.06)}
+    done = invoke("plot", str(sweeps / "steady"), "--xlim", "0.01,0.06", "--ylim=0.2,0.8",
+                  "--output", str(tmp_path / "p.svg"))  # fmt: skip
+    assert done.exit_code == 0, done.stderr
+
+
+def test_a_scatter_shows_each_reversal_once(sweeps: Path, tmp_path: Path) -> None:
+    target = tmp_path / "p.png", tmp_path / "d.parquet"
+    done = invoke("plot", str(sweeps / "steady"), "--x", "K_p", "--select", "n_i=-0.5",
+                  "--output", str(target[0]), "--data", str(target[1]))  # fmt: skip
+    assert done.exit_code == 0, done.stderr
+    assert done.stdout == f"{target[0]}\n{target[1]}\n"
+    runs = rs.load(sweeps / "steady").runs
+    wanted = runs[(runs["n_i"] == -0.5) & runs["t_r"].notna()][["K_p", "t_r", "omega_xy0"]]
+    assert done.stderr == f"scatter: {len(wanted)} of {len(wanted)} runs that reverse\n"
+    pd.testing.assert_frame_equal(pd.read_parquet(target[1]), wanted.reset_index(drop=True))
+    figure = drawn(read_layout(sweeps / "steady"), "scatter")
+    shown = np.concatenate([line.get_ydata() for line in figure.axes[0].lines[:-1]])
+    assert sorted(shown) == sorted(runs["t_r"].dropna())
+
+
+def test_a_large_scatter_is_thinned_evenly(sweeps: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(plot_scatter, "MOST_POINTS", 20)
+    layout = read_layout(sweeps / "steady")
+    points = plot_scatter.gather(layout, "K_r", {})
+    runs = rs.load(sweeps / "steady").runs
+    t_r = runs["t_r"].dropna().to_numpy()
+    assert points.total == len(t_r) > 40
+    stride = -(-len(t_r) // 20)
+    stride = 1 << (stride - 1).bit_length()
+    assert points.t_r.tolist() == t_r[::stride].tolist()
+
+
+# --------------------------------------------------------------- spins as an axis
+
+
+def test_spins_may_be_spaced_like_an_axis() -> None:
+    def spin(n_i: Any, omega: Any = 0.01) -> Any:
+        return parse_config({"bodies": {"source": "preset", "name": "GH"},
+                             "spin": {"n_i": n_i, "omega_xy0": omega}}).spin  # fmt: skip
+
+    assert spin({"linspace": [-0.5, 0.5, 4]}).n_i == pytest.approx([-0.5, -1 / 6, 1 / 6, 0.5])
+    assert spin(0.1, {"logspace": [0.001, 0.1, 3]}).omega_xy0 == pytest.approx([0.001, 0.01, 0.1])
+    for n_i, words in (
+        ({"linspace": [-0.5, 0.5, 3]}, "the spin 0 has no direction"),
+        ({"linspace": [-0.5, 0.5]}, "linspace: three numbers are wanted"),
+        ({"logspace": [-0.5, 0.5, 4]}, "logspace: no constant ratio leads"),
+        ({"linspace": [-0.5, 0.5, 4], "n": 3}, 'n: unknown key "n"'),
+        ({"lin": [1, 2, 3]}, "a mapping is given here; write a number or a list of numbers"),
+    ):
+        with pytest.raises(ConfigError, match=words):
+            spin(n_i)

@@ -1,0 +1,454 @@
+"""The page that moves: what it holds, what is drawn, and that its controls work in a browser."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import math
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from browser import NO_WEBGL, WEBGL, Browser, browser, find_browser
+from scipy.spatial.transform import Rotation
+from test_run import handlers, invoke, rows, run
+
+import rattlesweep as rs
+from rattlesweep.study.onerun.course import Course
+from rattlesweep.study.viewer import show
+
+__all__ = ["handlers"]
+GH = rs.Rattleback.gh()
+T_END = 130.0
+needs_browser = pytest.mark.skipif(find_browser() is None, reason="no Chromium is installed")
+
+
+def scene(t_end: float = T_END, points: int | None = None, **launch: Any) -> show.Scene:
+    course = Course(GH, channels=show.CHANNELS, t_end=t_end,
+                    **({"n_i": 0.1, "omega_xy0": 0.01} | launch))  # fmt: skip
+    return show.make_scene(course, points)
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("page") / "gh.html"
+    result = invoke("show", "--preset", "GH", "--t-end", T_END, "--output", path)
+    assert result.exit_code == 0
+    assert result.stdout == f"{path}\n"
+    assert re.match(r"\d+ rows, 0\.\d MB\n1 reversal at 112\.09387", result.stderr)
+    return path
+
+
+def held(text: str) -> dict[str, Any]:
+    """The data of a page."""
+    found = re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.DOTALL)
+    assert found is not None
+    data: dict[str, Any] = json.loads(found[1])
+    return data
+
+
+# The paraboloid of Eq. def-z in the paper's own form, z = 1 - s.R Theta R^-1.s / 2.
+COS, SIN = math.cos(GH.xi), math.sin(GH.xi)
+TURN = np.array([[COS, -SIN], [SIN, COS]])
+SURFACE = TURN @ np.diag([GH.theta, GH.phi]) @ TURN.T
+
+
+def turns(q: Any) -> Any:
+    """Rotation matrices of quaternions, scalar first."""
+    return Rotation.from_quat(np.asarray(q), scalar_first=True).as_matrix()
+
+
+def lowest(matrix: Any) -> Any:
+    """Lowest point of the paraboloid in the body's frame, where its height has no slope."""
+    s = np.linalg.solve(SURFACE, matrix[2, :2] / matrix[2, 2])
+    return np.array([*s, 1 - 0.5 * s @ SURFACE @ s])
+
+
+# -- the data ------------------------------------------------------------------------------------
+
+
+def test_quaternions_are_turns_without_jumps():
+    found = scene(points=4001)
+    q = np.stack([found.columns[f"q{k}"] for k in range(4)], axis=1)
+    assert np.abs(np.linalg.norm(q, axis=1) - 1).max() < 1e-14
+    assert np.abs(np.diff(q, axis=0)).max() < 0.02
+
+
+def test_the_body_rolls_without_slipping():
+    """The material point in contact stands still: by differences of the shown columns alone."""
+    found = scene(t_end=60.0, points=6001)
+    c, step = found.columns, found.t[1]
+    matrix = turns(np.stack([c[f"q{k}"] for k in range(4)], axis=1))
+    low = np.stack([lowest(m) for m in matrix])
+    touch = np.stack([c["trace_x"], c["trace_y"], np.zeros_like(found.t)], axis=1)
+    centre = touch - np.einsum("tij,tj->ti", matrix, low)
+    weights = np.array([-1, 9, -45, 0, 45, -9, 1]) / (60 * step)
+    rolling = []
+    for i in range(3, len(found.t) - 3, 97):
+        around = slice(i - 3, i + 4)
+        place = centre[around] + matrix[around] @ low[i]
+        assert np.abs(weights @ place).max() < 1e-9
+        rolling.append(np.linalg.norm(weights @ touch[around]))
+    # The contact itself wanders all the while.
+    assert max(rolling) > 1e-3
+
+
+def test_rows_are_those_of_the_trajectory():
+    found = scene()
+    names = ["t", *show.COLUMNS]
+    table = rs.trajectory(GH, n_i=0.1, omega_xy0=0.01, t_end=T_END, points=len(found.t),
+                          channels=names).table  # fmt: skip
+    for name in show.COLUMNS:
+        assert np.array_equal(found.columns[name], table[name].to_numpy())
+    np.testing.assert_allclose(found.t, table["t"], rtol=1e-15)
+    per_period = 2 * math.pi / rs.modes(GH).omega_p / found.t[1]
+    assert per_period >= show.PER_PERIOD
+    assert found.about["reversals"] == pytest.approx([112.093878], abs=1e-6)
+
+
+def test_the_body_is_cut_off_above_every_contact():
+    found = scene(t_end=400.0, n_i=0.5, omega_xy0=0.3)
+    c = found.columns
+    matrix = turns(np.stack([c[f"q{k}"] for k in range(4)], axis=1))
+    highest = max(1 - lowest(m)[2] for m in matrix)
+    assert found.rise >= 1.2 * highest
+    assert found.rise >= 1
+
+
+def test_dumbbells_are_those_of_the_moments():
+    body = rs.Rattleback.shell_dumbbell(gamma=10, f_sd=0.1, theta=0.8, phi=0.05, xi=-0.05)
+    course = Course(body, channels=show.CHANNELS, t_end=5.0, n_i=0.1, omega_xy0=0.01)
+    places = np.array(show.make_scene(course, 50).about["weights"])
+    assert np.sum(0.25 * places[:, 1] ** 2) == pytest.approx(body.alpha - 1, rel=1e-14)
+    assert np.sum(0.25 * places[:, 0] ** 2) == pytest.approx(body.beta - 1, rel=1e-14)
+    assert scene(t_end=5.0, points=50).about["weights"] == []
+
+
+def test_the_page_holds_the_columns_and_names_no_address(page: Path):
+    text = page.read_text()
+    data, found = held(text), scene()
+    table = np.frombuffer(base64.b64decode(data["table"]), dtype="<f4")
+    table = table.reshape(-1, len(data["columns"]))
+    for k, name in enumerate(data["columns"]):
+        assert np.array_equal(table[:, k], found.columns[name].astype(np.float32))
+    # The name of a language, which is no address.
+    assert set(re.findall(r"https?://[^\s\"'`)]+", text)) == {"http://www.w3.org/1999/xhtml"}
+    assert "default-src 'none'" in text
+    assert "The MIT License" in text
+    assert "@@" not in text
+
+
+def test_the_largest_page_is_below_5_mb():
+    found = scene(points=200)
+    many = {name: np.resize(column, show.MOST_ROWS) for name, column in found.columns.items()}
+    t = np.arange(show.MOST_ROWS, dtype=float)
+    large = show.Scene(t, many, found.theory, found.rise, found.about)
+    assert len(show.make_page(large, "a", "b")) < 5e6
+
+
+def test_words_cannot_become_markup(tmp_path: Path):
+    title = "</title><script>alert('1')</script> & @@data@@"
+    invoke(
+        "show", "--preset", "GH", "--t-end", 5, "--title", title, "--output", tmp_path / "p.html"
+    )
+    text = (tmp_path / "p.html").read_text()
+    assert "alert('1')" not in text
+    assert text.count("&lt;/title&gt;&lt;script&gt;") == 2
+    assert "&amp; @@data@@" in text
+    found = scene(t_end=5.0)
+    found.about["facts"] = [("a", "</script><script>")]
+    assert held(show.make_page(found, "a", "b").decode())["facts"] == [["a", "</script><script>"]]
+
+
+# -- the command ---------------------------------------------------------------------------------
+
+
+def test_a_stored_run_is_shown_and_proved(tmp_path: Path):
+    output = tmp_path / "out"
+    assert run("gh.yaml", output, "spin.n_i=[0.1]").exit_code == 0
+    t_r = float(rows(output)["t_r"].iloc[0])
+    result = invoke("show", "--from", output, "--where", "type = 'R'", "--output",
+                    tmp_path / "new" / "r.html", "--t-end", 150)  # fmt: skip
+    assert result.exit_code == 0
+    assert f"case 0, sample 0: t_r {t_r!r} and type R as stored, bit for bit" in result.stderr
+    data = held((tmp_path / "new" / "r.html").read_text())
+    assert data["reversals"] == [t_r]
+    result = invoke("show", "--from", output, "--case", 0, "--sample", 0, "--theta", 0.7,
+                    "--output", tmp_path / "r.html")  # fmt: skip
+    assert result.exit_code == 2
+    assert "--theta does not go with --from" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("args", "words", "code"),
+    [
+        (["--output", "a.htm"], ".html is needed", 2),
+        (["--output", "/proc/no/a.html"], "cannot write in /proc/no", 1),
+        (["--output", "a.html", "--case", 1], "go with --from", 2),
+        (["--output", "a.html", "--points", 1], "--points 1: 2 to 80000", 2),
+        (["--output", "a.html", "--t-end", 1e6], "is too long for one page; --t-end 349", 2),
+        (["--output", "a.html", "--theta", 1.5], "theta", 2),
+        (["--output", "a.html", "--psi", "up"], "psi", 2),
+    ],
+    ids=str,
+)
+def test_wrong_commands_say_so_in_one_line(tmp_path: Path, monkeypatch, args, words, code):
+    monkeypatch.chdir(tmp_path)
+    result = invoke("show", "--preset", "GH", *args)
+    assert (result.exit_code, result.stdout) == (code, "")
+    assert words in result.stderr
+    assert result.stderr.startswith("error: ")
+    assert result.stderr.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_other_models_have_no_body_to_show(tmp_path: Path):
+    output = tmp_path / "out"
+    assert run("gh.yaml", output, "model=gh", "record=[]").exit_code == 0
+    result = invoke("show", "--from", output, "--case", 0, "--sample", 0,
+                    "--output", tmp_path / "a.html")  # fmt: skip
+    assert result.exit_code == 2
+    assert "the model gh has no body that moves" in result.stderr
+    result = invoke("show", "--from", tmp_path, "--case", 0, "--sample", 0,
+                    "--output", tmp_path / "a.html")  # fmt: skip
+    assert result.exit_code == 2
+    assert "is not an output directory" in result.stderr
+
+
+# -- a real browser ------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def window() -> Iterator[Browser]:
+    with browser(*WEBGL) as one:
+        yield one
+
+
+def open_page(window: Browser, page: Path, **wishes: Any) -> Browser:
+    """The page anew, in a small window, since software draws slowly."""
+    window.console.clear()
+    window.requests.clear()
+    window.size(**({"width": 420, "height": 600, "still": True} | wishes))
+    window.open(page)
+    window.frame()
+    return window
+
+
+def pixels(window: Browser) -> Any:
+    """The drawn canvas, shape (height, width, 4)."""
+    import matplotlib.image
+
+    x, y, width, height = window.run(
+        "(() => { const b = document.querySelector('#view').getBoundingClientRect();"
+        "return [b.x, b.y, b.width, b.height]; })()"
+    )
+    image = matplotlib.image.imread(io.BytesIO(window.screenshot()))
+    return image[round(y) : round(y + height), round(x) : round(x + width)]
+
+
+def time_of(window: Browser) -> float:
+    return float(window.run("show.state.t"))
+
+
+@needs_browser
+def test_it_draws_and_asks_nothing_of_anyone(window: Browser, page: Path):
+    open_page(window, page)
+    first = pixels(window)
+    # A body of some size before a plane, not one colour.
+    assert first[..., :3].std() > 0.05
+    window.run("show.goTo(100)")
+    window.frame()
+    assert np.mean(np.abs(pixels(window) - first).max(axis=2) > 0.02) > 0.02
+    assert window.console == []
+    assert set(window.requests) == {page.resolve().as_uri()}
+    # The page forbids itself the network.
+    asked = "fetch('http://127.0.0.1:9/').then(() => 'sent', () => 'refused')"
+    assert window.run(asked) == "refused"
+    assert any("Content Security Policy" in line for line in window.console)
+
+
+@needs_browser
+def test_the_drawn_body_touches_the_plane_and_hardly_slips(window: Browser, page: Path):
+    open_page(window, page)
+    times = np.concatenate([scene().t[7:500:61], np.linspace(3.01, 128.9, 30)])
+    step = 1e-3
+    asked = np.concatenate([times, times - step, times + step]).tolist()
+    poses = window.run(
+        f"{json.dumps(asked)}.map((t) => {{ const p = show.pose(t); "
+        "return [...p.q, ...p.contact, ...p.centre]; })"
+    )
+    now, before, after = np.array(poses).reshape(3, len(times), 10)
+    exact = rs.trajectory(GH, n_i=0.1, omega_xy0=0.01, t_end=T_END, times=np.sort(times),
+                          channels=["trace_x", "trace_y"]).table  # fmt: skip
+    order = np.argsort(times)
+    wander = np.ptp(exact.to_numpy(), axis=0).max()
+    assert np.abs(now[order, 4:6] - exact.to_numpy()).max() < 1e-4 * wander
+    slips, speeds = [], []
+    for one, two, three in zip(now, before, after, strict=True):
+        m = turns(one[:4])
+        low = lowest(m)
+        # The lowest point of the true surface is on the plane, and where the trace is.
+        assert np.abs(one[7:] + m @ low - one[4:7]).max() < 1e-12
+        ends = [p[7:] + turns(p[:4]) @ low for p in (two, three)]
+        slips.append(np.linalg.norm(ends[1] - ends[0]))
+        speeds.append(np.linalg.norm(three[4:7] - two[4:7]))
+    assert max(slips) < 2e-4 * max(speeds)
+
+
+@needs_browser
+def test_the_drawn_surface_is_the_true_one(window: Browser, page: Path):
+    open_page(window, page)
+    for t in (0.0, 77.7):
+        window.run(f"show.goTo({t})")
+        window.frame()
+        points = np.array(window.run(
+            "(() => { const { lower, solid } = show.scene; solid.updateMatrixWorld(true);"
+            "const a = lower.geometry.attributes.position, out = [];"
+            "for (let i = 0; i < a.count; i++) {"
+            "const v = new THREE.Vector3(a.getX(i), a.getY(i), a.getZ(i));"
+            "out.push([v.x, v.y, v.z, ...v.applyMatrix4(lower.matrixWorld)]); } return out; })()"
+        ))  # fmt: skip
+        s, z = points[:, :2], points[:, 2]
+        depth = 1 - 0.5 * np.einsum("pi,ij,pj->p", s, SURFACE, s)
+        assert np.abs(z - depth).max() < 1e-6
+        # Its lowest corner is on the plane but for the distance of two corners.
+        assert -1e-6 < points[:, 5].min() < 2e-3
+        assert np.ptp(points[:, 5]) > 0.5
+
+
+@needs_browser
+def test_keys_and_buttons_work(window: Browser, page: Path):
+    open_page(window, page)
+    assert window.run("show.state.playing") is False  # less motion was asked for
+    window.key(" ", "Space")
+    window.until("show.state.playing && show.state.t > 0.2")
+    window.key(" ", "Space")
+    assert window.run("show.state.playing") is False
+    stopped = time_of(window)
+    window.frame()
+    assert time_of(window) == stopped
+    speed = window.run("show.state.speed")
+    window.key("Home")
+    assert time_of(window) == 0
+    window.key("ArrowRight")
+    window.key("ArrowRight")
+    window.key("ArrowLeft")
+    assert time_of(window) == pytest.approx(speed)
+    window.key("End")
+    assert time_of(window) == pytest.approx(T_END)
+    window.key(".")
+    assert window.run("show.state.speed") == pytest.approx(1.25 * speed)
+    window.key("x")
+    assert window.run("document.querySelector('#glass').getAttribute('aria-pressed')") == "true"
+    window.click("#play")
+    # From the end it begins again.
+    window.until("show.state.playing && show.state.t < 100")
+    window.click("#play")
+    x, y = window.centre("#scrub")
+    window.mouse((x, y))
+    assert time_of(window) == pytest.approx(T_END / 2, rel=0.05)
+    window.run("show.goTo(112)")
+    window.frame()
+    there = window.centre("#cursor")
+    window.key("Home")
+    window.mouse(there)
+    assert time_of(window) == pytest.approx(112, abs=T_END / 200)
+    window.frame()
+    shown = window.run("document.querySelector('#t').textContent")
+    assert float(shown) == pytest.approx(time_of(window), abs=0.06)
+    n = float(window.run("document.querySelector('#n').textContent").replace("−", "-"))
+    exact = rs.trajectory(GH, n_i=0.1, omega_xy0=0.01, t_end=T_END, times=[time_of(window)])
+    assert n == pytest.approx(float(exact.table["n"][0]), abs=1e-4)
+    window.click("#follow")
+    assert window.run("show.state.follow") is False
+    assert window.console == []
+
+
+@needs_browser
+def test_it_works_with_the_keyboard_alone(window: Browser, page: Path):
+    open_page(window, page)
+    seen = []
+    for _ in range(10):
+        window.key("Tab")
+        seen.append(window.run("document.activeElement.id || document.activeElement.tagName"))
+    assert seen[:7] == ["view", "play", "scrub", "speed", "follow", "glass", "reset"]
+    window.run("document.querySelector('#play').focus()")
+    window.key("Enter")
+    window.until("show.state.playing")
+    outline = "getComputedStyle(document.querySelector('#play')).outlineStyle"
+    assert window.run(outline) == "solid"
+    unnamed = window.run(
+        "[...document.querySelectorAll('button, input, canvas')].filter((e) => !(e.ariaLabel"
+        " || e.textContent.trim())).map((e) => e.outerHTML)"
+    )
+    assert unnamed == []
+
+
+@needs_browser
+def test_the_camera_turns_comes_nearer_and_returns(window: Browser, page: Path):
+    open_page(window, page)
+    at = "show.scene.camera.position.toArray()"
+    first = np.array(window.run(at))
+    x, y = window.centre("#view")
+    window.mouse((x, y), (x + 40, y + 10), (x + 90, y + 20))
+    dragged = np.array(window.run(at))
+    assert np.linalg.norm(dragged - first) > 1
+    assert np.linalg.norm(dragged) == pytest.approx(np.linalg.norm(first), rel=0.05)
+    window.key("ArrowRight", shift=True)
+    assert np.linalg.norm(np.array(window.run(at)) - dragged) > 0.5
+    before = np.linalg.norm(window.run(at))
+    window.key("+")
+    nearer = np.linalg.norm(window.run(at))
+    assert nearer < 0.95 * before
+    window.call("Input.dispatchMouseEvent", type="mouseWheel", x=x, y=y, deltaX=0, deltaY=240)
+    window.until(f"Math.hypot(...{at}) > {nearer * 1.05}")
+    window.click("#reset")
+    np.testing.assert_allclose(window.run(at), first, rtol=1e-9, atol=1e-9)
+    assert window.console == []
+
+
+@needs_browser
+def test_motion_begins_by_itself_unless_less_is_wanted(window: Browser, page: Path):
+    open_page(window, page, still=False)
+    assert window.run("show.state.playing") is True
+    window.until("show.state.t > 0.2")
+
+
+@needs_browser
+@pytest.mark.parametrize("width", [840, 420])
+def test_light_and_dark_wide_and_narrow(window: Browser, page: Path, width: int):
+    open_page(window, page, width=width, height=520)
+    # Nothing runs out of the window at the side.
+    assert window.run("document.documentElement.scrollWidth") <= width
+    side = window.run("document.querySelector('aside').getBoundingClientRect().left")
+    assert side > 400 if width == 840 else side < 30
+    grounds = []
+    for dark in (False, True):
+        # The page hears of the change while it is open.
+        window.size(width, 520, dark=dark, still=True)
+        window.frame()
+        grounds.append(pixels(window)[..., :3].mean())
+    assert grounds[0] > 2 * grounds[1]
+    assert window.console == []
+
+
+@needs_browser
+def test_without_webgl_the_spin_is_there_all_the_same(page: Path):
+    with browser(*NO_WEBGL) as window:
+        open_page(window, page)
+        message = window.run("document.querySelector('#message').textContent")
+        assert "no WebGL" in message
+        assert window.run("document.querySelector('#message').hidden") is False
+        window.key("ArrowRight")
+        window.frame()
+        assert float(window.run("document.querySelector('#t').textContent")) > 0
+        drawn = window.run(
+            "document.querySelector('#curve').getContext('2d').getImageData(0, 0, 300, 200)"
+            ".data.some((v) => v > 0)"
+        )
+        assert drawn is True
+        assert window.console == []

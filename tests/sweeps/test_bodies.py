@@ -1,0 +1,467 @@
+"""Where bodies come from: the random numbers, the four sources, and what they refuse."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+import time
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+import numba
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from scipy import stats
+
+import rattlesweep as rs
+from rattlesweep.errors import ConfigError
+from rattlesweep.physics import theory
+from rattlesweep.sweeps.cases.launches import prepare
+from rattlesweep.sweeps.cases.philox import uniforms
+from rattlesweep.sweeps.cases.plan import make_plan
+from rattlesweep.sweeps.cases.sampler import draw_bodies
+from rattlesweep.sweeps.cases.sources import CHUNK
+from rattlesweep.sweeps.config.load import parse_config
+from rattlesweep.sweeps.inspect.content_hash import content_hash
+
+NAMES = ("alpha", "beta", "gamma", "theta", "phi", "xi")
+SPIN = {"n_i": -0.1, "omega_xy0": 0.01}
+TABLE_I = {
+    "gamma": [5, 15], "f_sd": [0.05, 0.15], "theta": [0.6, 0.95], "phi": [0.01, 0.1],
+    "minus_xi_deg": [0, 6],
+}  # fmt: skip
+RANGES = np.array(list(TABLE_I.values()), dtype=float)
+GH = "13.04,1.522,12.28,0.6429,0.036,-0.03"
+HEAD = ",".join(NAMES)
+
+
+def plan(bodies: dict[str, Any], spin: dict[str, Any] | None = SPIN, **others: Any) -> Any:
+    data = {"bodies": bodies, **others}
+    return make_plan(parse_config(data if spin is None else {**data, "spin": spin}))
+
+
+def columns(bodies: Any) -> np.ndarray:
+    return np.array([getattr(bodies, name) for name in NAMES])
+
+
+def table(directory: Path, text: str, name: str = "b.csv", spin: Any = SPIN) -> Any:
+    path = directory / name
+    path.write_text(text, encoding="utf-8")
+    return plan({"source": "table", "path": str(path)}, spin)
+
+
+def refusal(call: Any) -> str:
+    with pytest.raises(ConfigError) as caught:
+        call()
+    assert len(caught.value.messages) == 1
+    line = caught.value.messages[0]
+    assert "\n" not in line
+    assert len(line) < 500
+    return line
+
+
+# -- random numbers ----------------------------------------------------------------------------
+
+words = st.integers(0, 2**63 - 1) | st.integers(0, 3) | st.integers(2**63 - 3, 2**63 - 1)
+
+
+@settings(max_examples=200, deadline=None)
+@given(words, st.integers(0, 2**31), words, st.integers(0, 2**61) | st.integers(0, 3))
+@example(0, 0, 0, 0)
+@example(2**63 - 1, 2**31, 2**63 - 1, 2**61)
+def test_the_bits_are_those_of_numpys_philox(seed, group, sample, draw):
+    # As one 256-bit integer: a list with numbers above 2^63 would become floats.
+    key, counter = seed + (group << 64), 2 * draw + (sample << 64)
+    generator = np.random.Generator(np.random.Philox(key=key, counter=counter))
+    assert uniforms(seed, group, sample, draw) == tuple(generator.random(8))
+
+
+def test_numpy_takes_the_same_key_and_counter_as_lists():
+    generator = np.random.Generator(np.random.Philox(key=[7, 2], counter=[6, 11, 0, 0]))
+    assert uniforms(7, 2, 11, 3) == tuple(generator.random(8))
+
+
+def test_draws_fill_the_ranges_uniformly_and_independently():
+    n = 20_000
+    drawn, _, _ = draw_bodies(2017, 0, np.arange(n), RANGES)
+    gamma, f_sd, theta, phi, xi, alpha, beta = drawn
+    minus_xi_deg = -np.degrees(xi)
+    unit = []
+    for values, (low, high) in zip((gamma, f_sd, theta, phi, minus_xi_deg), RANGES, strict=True):
+        assert values.min() >= low
+        assert values.max() <= high * (1 + 1e-15)
+        unit.append((values - low) / (high - low))
+        assert unit[-1].min() < 1e-3
+        assert unit[-1].max() > 1 - 1e-3
+        assert stats.kstest(unit[-1], "uniform").pvalue > 1e-3
+    assert np.abs(np.corrcoef(unit) - np.eye(5)).max() < 4 / math.sqrt(n)
+    assert (xi < 0).all()
+    assert np.array_equal(alpha, (1 - f_sd) * gamma + 1)
+    assert np.array_equal(beta, f_sd * gamma + 1)
+
+
+def test_the_skew_angle_is_never_zero():
+    # The draw 1 - u lies in (0, 1]: the smallest angle is 2^-53 of the range.
+    angles = draw_bodies(5, 0, np.arange(300_000), RANGES)[0][4]
+    assert angles.max() < 0
+    assert angles.min() >= -math.radians(6)
+
+
+# -- shell-dumbbell bodies ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "values"), [("K_r", [0.0041, 0.03, 0.1]), ("K_p", [0.05, 0.45, 2.34])]
+)
+def test_targets_are_met(name, values):
+    tolerance = 2e-3
+    bodies = {"source": "sd", "samples": 100, "target": {name: values, "rel_tol": tolerance}}
+    made = plan(bodies)
+    for group, value in enumerate(values):
+        b = made.source.bodies(group, np.arange(100))
+        found = getattr(theory.modes(b.alpha, b.beta, b.theta, b.phi, b.xi), name)
+        assert (np.abs(found - value) <= tolerance * value * (1 + 1e-12)).all()
+        assert np.ptp(found) > tolerance * value / 2
+        for values_, (low, high) in zip((b.gamma, b.f_sd, b.theta, b.phi), RANGES, strict=False):
+            assert values_.min() >= low
+            assert values_.max() <= high
+
+
+def test_cases_of_one_target_share_their_bodies():
+    target = {"K_r": [0.03, 0.1], "rel_tol": 0.05}
+    spin = {"n_i": [-0.1, -0.5], "omega_xy0": [0.001, 0.1]}
+    found = rs_runs({"source": "sd", "samples": 7, "target": target}, spin)
+    cases = [group[list(NAMES)].to_numpy() for _, group in found.groupby("case")]
+    assert len(cases) == 8
+    for first in (0, 4):
+        for other in range(first + 1, first + 4):
+            assert np.array_equal(cases[first], cases[other])
+    assert not np.isin(cases[0], cases[4]).any()
+    # Targets first, then spins, then oscillations: the order of the config.
+    order = found.groupby("case")[["n_i", "omega_xy0"]].first().to_numpy().tolist()
+    assert order == [[-0.1, 0.001], [-0.1, 0.1], [-0.5, 0.001], [-0.5, 0.1]] * 2
+
+
+def rs_runs(bodies: dict[str, Any], spin: Any = SPIN, **others: Any) -> pd.DataFrame:
+    """The rows of a sweep that integrates nothing."""
+    data = {"bodies": bodies, "spin": spin, "model": "gh", **others}
+    with tempfile.TemporaryDirectory() as directory:
+        return rs.sweep(data, output=Path(directory) / "out").runs
+
+
+@pytest.mark.parametrize("target", [None, {"K_r": [0.03, 0.1], "rel_tol": 0.05}])
+def test_a_body_depends_on_seed_group_and_sample_alone(target):
+    n = CHUNK + 50
+    bodies = {"source": "sd", "samples": n} | ({"target": target} if target else {})
+    groups = 2 if target else 1
+    whole = [columns(plan(bodies, seed=3).source.bodies(g, np.arange(n))) for g in range(groups)]
+    rng = np.random.default_rng(1)
+    for group in range(groups):
+        fresh = plan(bodies, seed=3)
+        for picks in (np.array([n - 1]), np.array([0]), np.sort(rng.choice(n, 200, replace=False))):
+            assert np.array_equal(
+                columns(fresh.source.bodies(group, picks)), whole[group][:, picks]
+            )
+    more = plan({**bodies, "samples": 2 * n}, seed=3).source.bodies(0, np.arange(n))
+    assert np.array_equal(columns(more), whole[0])
+    other = plan({**bodies, "samples": 20}, seed=4).source.bodies(0, np.arange(20))
+    assert not np.isin(columns(other), whole[0]).any()
+
+
+def test_a_body_does_not_depend_on_threads():
+    before = numba.get_num_threads()
+    results = []
+    try:
+        for threads in (1, 2, 3):
+            numba.set_num_threads(min(threads, before))
+            results.append(
+                draw_bodies(1, 2, np.arange(301), RANGES, 2, 0.05, 0.01, 10**6, threads=threads)
+            )
+    finally:
+        numba.set_num_threads(before)
+    for other in results[1:]:
+        for one, two in zip(results[0], other, strict=True):
+            assert one.tobytes() == two.tobytes()
+
+
+def test_bodies_do_not_depend_on_the_size_of_blocks():
+    target = {"K_r": [0.03, 0.1], "rel_tol": 0.05}
+    bodies = {"source": "sd", "samples": 33, "target": target}
+    spin = {"n_i": [-0.1, 0.2], "omega_xy0": 0.01}
+    frames = [rs_runs(bodies, spin, block_size=size) for size in (1, 7, 10_000)]
+    for frame in frames[1:]:
+        pd.testing.assert_frame_equal(frames[0], frame, check_exact=True)
+
+
+def test_samples_come_in_the_order_asked_for_from_any_chunk():
+    """A block may end one case and begin the next, and `verify` asks for runs here and there."""
+    samples = 2 * CHUNK + 100
+    bodies = {"source": "sd", "samples": samples, "target": {"K_r": 0.05, "rel_tol": 0.3}}
+    source = plan(bodies).source
+    every = source.bodies(0, np.arange(samples))
+    asked = np.random.default_rng(5).choice(samples, 500)
+    some = source.bodies(0, asked)
+    for name in ("alpha", "beta", "gamma", "theta", "phi", "xi", "f_sd"):
+        assert getattr(some, name).tobytes() == getattr(every, name)[asked].tobytes()
+    frames = [
+        rs_runs(bodies, {"n_i": [-0.1, 0.2], "omega_xy0": 0.01}, block_size=size)
+        for size in (1000, samples + 4321)
+    ]
+    pd.testing.assert_frame_equal(*frames, check_exact=True)
+
+
+@pytest.mark.parametrize(("name", "value"), [("K_r", 5.0), ("K_p", 1e-9)])
+def test_an_impossible_target_says_how_close_the_ranges_get(name, value):
+    start = time.perf_counter()
+    bodies = {"source": "sd", "samples": 10**6, "target": {name: [0.1, value], "max_draws": 20_000}}
+    line = refusal(lambda: plan(bodies))
+    assert time.perf_counter() - start < 10
+    assert line.startswith(f"bodies.target.{name}: {value:g} was not met to 0.001 in 20000 draws")
+    nearest = float(line.split("the nearest being ")[1].split(";")[0])
+    drawn = draw_bodies(0, 1, np.arange(200_000), RANGES)[0]
+    all_ = getattr(theory.modes(drawn[5], drawn[6], drawn[2], drawn[3], drawn[4]), name)
+    # The nearest of 20,000 draws of one sample: of the order of the nearest of all.
+    assert abs(math.log(nearest / (all_.max() if value > 1 else all_.min()))) < 3
+    assert min(all_) < nearest < max(all_) * 1.5
+
+
+def test_the_default_number_of_draws_is_bounded_in_time():
+    start = time.perf_counter()
+    refusal(lambda: plan({"source": "sd", "samples": 1000, "target": {"K_r": 5}}))
+    assert time.perf_counter() - start < 20
+
+
+# -- presets and grids -------------------------------------------------------------------------
+
+
+def test_a_preset_is_one_body_with_what_was_replaced():
+    gh = rs.Rattleback.gh()
+    made = plan({"source": "preset", "name": "GH", "overrides": {"theta": 0.82, "xi_deg": -2}})
+    b = made.source.bodies(0, np.array([0]))
+    assert made.samples == 1
+    assert np.isnan(b.f_sd).all()
+    expected = [gh.alpha, gh.beta, gh.gamma, 0.82, gh.phi, math.radians(-2)]
+    assert columns(b)[:, 0].tolist() == expected
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        ({"theta": 1.2}, "theta: 1.2 is not below 1"),
+        ({"theta": 0.03}, "phi 0.036 is not below theta 0.03"),
+        ({"phi": 0.7}, "phi 0.7 is not below theta 0.6429"),
+        ({"beta": 14}, "alpha 13.04 is not above beta 14"),
+        ({"alpha": 20}, "no body has this inertia: I_xx = alpha - 1 = 19 exceeds"),
+        ({"gamma": 13}, "no body has this inertia: I_zz = gamma = 13 exceeds"),
+        ({"xi": 0.1}, "0.1 is not below 0"),
+    ],
+)
+def test_overrides_out_of_range_are_refused(overrides, words):
+    line = refusal(lambda: plan({"source": "preset", "name": "GH", "overrides": overrides}))
+    assert line.startswith("bodies.overrides")
+    assert words in line
+
+
+def test_a_grid_goes_through_its_axes_the_first_one_slowest():
+    axes = {"theta": {"linspace": [0.6, 0.9, 4]}, "phi": [0.02, 0.036], "xi_deg": [-1, -3]}
+    made = plan({"source": "grid", "base": {"preset": "GH"}, "axes": axes})
+    assert made.samples == 16
+    b = made.source.bodies(0, np.arange(16))
+    theta, phi, xi = np.meshgrid(
+        [0.6, 0.7, 0.8, 0.9], [0.02, 0.036], np.radians([-1, -3]), indexing="ij"
+    )
+    np.testing.assert_allclose(b.theta, theta.ravel(), rtol=1e-15)
+    assert np.array_equal(b.phi, phi.ravel())
+    assert np.array_equal(b.xi, xi.ravel())
+    assert (b.alpha == 13.04).all()
+    assert np.array_equal(columns(made.source.bodies(0, np.array([3, 9]))), columns(b)[:, [3, 9]])
+
+
+def test_a_grid_over_a_shell_dumbbell_body_remakes_its_inertia():
+    base = {"gamma": 10, "f_sd": 0.1, "theta": 0.7, "phi": 0.05, "xi_deg": -3}
+    axes = {"gamma": [8, 10], "f_sd": [0.1, 0.2], "minus_xi_deg": {"logspace": [0.01, 1, 3]}}
+    b = plan({"source": "grid", "base": base, "axes": axes}).source.bodies(0, np.arange(12))
+    # The axes in the order in which a body lists its parameters.
+    assert b.gamma.tolist() == [8.0] * 6 + [10.0] * 6
+    assert b.f_sd.tolist() == ([0.1] * 3 + [0.2] * 3) * 2
+    np.testing.assert_allclose(-np.degrees(b.xi), [0.01, 0.1, 1] * 4, rtol=1e-14)
+    assert np.array_equal(b.beta, b.f_sd * b.gamma + 1)
+    assert np.array_equal(b.alpha, (1 - b.f_sd) * b.gamma + 1)
+
+
+def test_an_impossible_corner_of_a_grid_is_named():
+    # gamma 13 exceeds I_xx + I_yy = 12.562 of GH's alpha and beta, but only there.
+    axes = {"theta": [0.7, 0.8], "gamma": [12, 12.28, 13]}
+    line = refusal(lambda: plan({"source": "grid", "base": {"preset": "GH"}, "axes": axes}))
+    assert "bodies.axes: at alpha 13.04, beta 1.522, gamma 13, theta 0.7, phi 0.036" in line
+    assert "I_zz = gamma = 13 exceeds I_xx + I_yy = 12.562" in line
+    # Axes of a preset that pass its other curvature.
+    line = refusal(
+        lambda: plan({"source": "grid", "base": {"preset": "GH"}, "axes": {"phi": [0.02, 0.7]}})
+    )
+    assert "at alpha 13.04" in line
+    assert "phi 0.7 is not below theta 0.6429" in line
+
+
+# -- tables ------------------------------------------------------------------------------------
+
+
+def test_csv_and_parquet_tables_give_the_same_bodies(tmp_path):
+    text = f"{HEAD},comment\n{GH},first\n9.3,2.1,9.4,0.81,0.07,-0.02,second\n"
+    made = table(tmp_path, text)
+    assert made.samples == 2
+    b = made.source.bodies(0, np.arange(2))
+    assert columns(b)[:, 0].tolist() == [float(x) for x in GH.split(",")]
+    pd.read_csv(tmp_path / "b.csv").to_parquet(tmp_path / "b.parquet")
+    path = str(tmp_path / "b.parquet")
+    again = plan({"source": "table", "path": path}).source.bodies(0, np.arange(2))
+    assert np.array_equal(columns(again), columns(b))
+
+
+def test_a_table_is_found_beside_its_config(tmp_path, monkeypatch):
+    (tmp_path / "b.csv").write_text(f"{HEAD}\n{GH}\n")
+    (tmp_path / "c.yaml").write_text(
+        "bodies: {source: table, path: b.csv}\nspin: {n_i: 0.1, omega_xy0: 0.01}\nmodel: gh\n"
+    )
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    monkeypatch.chdir(elsewhere)
+    assert len(rs.sweep(tmp_path / "c.yaml", output=tmp_path / "out").runs) == 1
+
+
+def test_launches_and_horizons_of_a_table_replace_those_of_the_config(tmp_path):
+    text = f"{HEAD},n_i,omega_xy0,t_end\n{GH},0.1,0.01,30\n{GH},-0.2,0.001,40\n"
+    made = table(tmp_path, text, spin=None)
+    path = str(tmp_path / "b.csv")
+    data = {"bodies": {"source": "table", "path": path}, "integrator": {"tol": 1e-6}}
+    frame = rs.sweep(data, output=tmp_path / "out").runs
+    assert len(made.cases) == 1
+    assert frame.n_i.tolist() == [0.1, -0.2]
+    assert frame.omega_xy0.tolist() == [0.01, 0.001]
+    assert frame.t_end.tolist() == [30, 40]
+    summary = rs.load(tmp_path / "out").summary
+    assert summary[["n_i", "omega_xy0"]].isna().all(axis=None)
+
+
+BAD_TABLES = {
+    "missing column": ("alpha,beta,gamma,theta,phi\n1,2,3,4,5\n", "the column xi is missing"),
+    "text cell": (f"{HEAD}\n{GH}\n13,1.5,12,abc,0.1,-0.1\n", "row 2: theta is 'abc'; a finite"),
+    "empty cell": (f"{HEAD}\n{GH}\n13,1.5,12,,0.1,-0.1\n", "row 2: theta is empty; a finite"),
+    "not a number": (f"{HEAD}\n{GH}\n13,1.5,12,nan,0.1,-0.1\n", "row 2: theta is"),
+    "infinite": (f"{HEAD}\n13,1.5,inf,0.5,0.1,-0.1\n", "row 1: gamma is 'inf'; a finite"),
+    "too large": (f"{HEAD}\n13,1.5,1e999,0.5,0.1,-0.1\n", "row 1: gamma is '1e999'; a finite"),
+    "impossible body": (f"{HEAD}\n{GH}\n{GH}\n13,1.5,12.3,1.2,0.1,-0.1\n", "row 3: theta is 1.2;"),
+    "curvatures swapped": (f"{HEAD}\n13,1.5,12.3,0.1,0.2,-0.1\n", "row 1: phi 0.2 is not below"),
+    "no skew": (f"{HEAD}\n13,1.5,12.3,0.5,0.2,0\n", "row 1: xi is 0 rad"),
+    "n_i alone": (f"{HEAD},n_i\n{GH},0.1\n", "n_i stands alone; give both"),
+    "omega alone": (f"{HEAD},omega_xy0\n{GH},0.1\n", "omega_xy0 stands alone; give both"),
+    "n_i of zero": (f"{HEAD},n_i,omega_xy0\n{GH},0,0.1\n", "row 1: n_i is 0; it must not be zero"),
+    "omega below 0": (f"{HEAD},n_i,omega_xy0\n{GH},1,-1\n", "row 1: omega_xy0 is -1; it must be"),
+    "horizon of 0": (f"{HEAD},t_end\n{GH},0\n", "row 1: t_end is 0; it must be positive"),
+    "empty launch": (f"{HEAD},n_i,omega_xy0\n{GH},,0.1\n", "row 1: n_i is empty; a finite"),
+    "repeated": (f"{HEAD},theta\n{GH},0.7\n", "there are 2 columns theta; keep one of them"),
+    "a cell more in each row": (f"{HEAD}\n{GH},\n{GH},\n", "cannot be read as a table ("),
+    "truth": (f"{HEAD}\n13,True,12,0.5,0.1,-0.1\n", "row 1: beta is 'True'; a finite number"),
+    "no rows": (f"{HEAD}\n", "the table has no rows; give at least one body"),
+    "no text": ("", "cannot be read as a table (No columns to parse from file)"),
+    "too many cells": (f"{HEAD}\n{GH}\n{GH},1,2,3\n", "cannot be read as a table ("),
+}
+
+
+@pytest.mark.parametrize("name", BAD_TABLES)
+def test_a_bad_table_is_told_by_its_row(name, tmp_path):
+    text, words = BAD_TABLES[name]
+    line = refusal(lambda: table(tmp_path, text))
+    assert line.startswith("bodies.path: ")
+    assert words in line
+
+
+def test_files_that_are_no_tables(tmp_path):
+    (tmp_path / "b.parquet").write_bytes(b"PAR1 this is not one PAR1")
+    (tmp_path / "latin.csv").write_bytes(b"alpha,\xe9\n1,2\n")
+    (tmp_path / "zero.csv").write_bytes(b"\0" * 100)
+    (tmp_path / "notes.docx").write_bytes(b"PK\x03\x04" + bytes(range(256)))
+    (tmp_path / "empty").mkdir()
+    for name in ("b.parquet", "latin.csv", "zero.csv", "notes.docx", "empty"):
+        line = refusal(lambda name=name: plan({"source": "table", "path": str(tmp_path / name)}))
+        assert name in line
+        assert line.startswith("bodies.path: ")
+    line = refusal(lambda: plan({"source": "table", "path": str(tmp_path / "no.csv")}))
+    assert line.endswith("no such file; give the path of a CSV or Parquet table")
+
+
+def test_wrong_types_inside_parquet_are_told(tmp_path):
+    frame = pd.DataFrame([[13.04, 1.522, 12.28, 0.6429, 0.036, -0.03]] * 3, columns=list(NAMES))
+    path = tmp_path / "b.parquet"
+    frame.assign(theta=["0.5", "x", "0.6"]).to_parquet(path)
+    line = refusal(lambda: plan({"source": "table", "path": str(path)}))
+    assert "row 2: theta is 'x'; a finite number is needed" in line
+    frame.assign(theta=[0.6, None, 0.6]).to_parquet(path)
+    line = refusal(lambda: plan({"source": "table", "path": str(path)}))
+    assert "row 2: theta is empty" in line
+    frame.assign(theta=[[1.0], [2.0], [3.0]]).to_parquet(path)
+    assert "theta" in refusal(lambda: plan({"source": "table", "path": str(path)}))
+    values: dict[str, Any] = {
+        "timestamp[us]": [pd.Timestamp("2020-01-01")] * 3, "binary": [b"0.5"] * 3,
+        "bool": [True, None, True], "duration[ns]": [pd.Timedelta(1)] * 3,
+    }  # fmt: skip
+    for kind, column in values.items():
+        frame.assign(alpha=column).to_parquet(path)
+        line = refusal(lambda: plan({"source": "table", "path": str(path)}))
+        assert f": the column alpha is of type {kind}; numbers are wanted" in line
+    # Any type of numbers is good, and columns that are not read may be of any type.
+    good = frame.assign(alpha=[Decimal("13.5")] * 3, beta=np.float32(1.5), note=[True] * 3)
+    good.assign(gamma=["12"] * 3).to_parquet(path)
+    bodies = plan({"source": "table", "path": str(path)}).source.bodies(0, np.arange(3))
+    assert columns(bodies)[:3].T.tolist() == [[13.5, 1.5, 12.0]] * 3
+    table_ = pa.table([pa.array([0.5])] * 7, names=[*NAMES, "theta"])
+    pq.write_table(table_, path)
+    line = refusal(lambda: plan({"source": "table", "path": str(path)}))
+    assert "there are 2 columns theta; keep one of them" in line
+
+
+def test_a_table_without_launch_needs_a_spin(tmp_path):
+    line = refusal(lambda: table(tmp_path, f"{HEAD}\n{GH}\n", spin=None))
+    assert line.startswith("spin: missing; the table has no columns n_i and omega_xy0")
+
+
+@pytest.mark.parametrize("psi", ["relevant", 30.0])
+def test_an_output_table_is_a_valid_input_and_gives_the_same_results(psi, tmp_path):
+    """Runs that reversed keep the config's horizon, and the others end where they ended."""
+    data = {
+        "bodies": {"source": "sd", "samples": 6, "target": {"K_r": [0.03, 0.1], "rel_tol": 0.05}},
+        "spin": {"n_i": [-0.4, 0.1], "omega_xy0": 0.01, "psi": psi},
+        "horizon": {"t_rgh": 3},
+    }
+    first = rs.sweep(data, output=tmp_path / "first").runs
+    assert 0 < first.t_r.notna().sum() < len(first)
+    assert (first.t_end[first.t_r.notna()] == first.t_r.dropna()).all()
+    block = tmp_path / "first" / "runs" / "block-000000.parquet"
+    assert pq.ParquetFile(block).metadata.num_rows == 24
+    for k, path in enumerate((block.parent, block)):
+        again = {"bodies": {"source": "table", "path": str(path)}, "horizon": {"t_rgh": 3}}
+        other = rs.sweep(again, output=tmp_path / f"again{k}").runs
+        same = [c for c in first.columns if c not in ("case", "sample")]
+        pd.testing.assert_frame_equal(first[same], other[same], check_exact=True)
+    assert content_hash(tmp_path / "again0") == content_hash(tmp_path / "again1")
+    # With a shorter horizon in the config, only rows that have a t_r are cut.
+    short = {"bodies": {"source": "table", "path": str(block)}, "horizon": {"t": 10}}
+    cut = rs.sweep(short, output=tmp_path / "short").runs
+    had = first.t_r.notna().to_numpy()
+    assert (cut.t_end[had] <= 10).all()
+    assert np.array_equal(cut.t_end[~had], first.t_end[~had])
+
+
+def test_runs_in_any_order_get_their_own_bodies():
+    made = plan({"source": "sd", "samples": 4, "target": {"K_r": [0.01, 0.1], "rel_tol": 0.1}})
+    case, sample = np.array([0, 0, 1, 1]), np.array([0, 3, 0, 3])
+    order = [2, 1, 3, 0]
+    whole, mixed = prepare(made, case, sample), prepare(made, case[order], sample[order])
+    assert np.array_equal(columns(mixed.bodies), columns(whole.bodies)[:, order])
+    assert np.array_equal(mixed.t_rgh, whole.t_rgh[order])

@@ -1,0 +1,388 @@
+"""What a sweep is said to take: structure, draws, bytes; times only where they cannot fail."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+
+from rattlesweep.cli import plan as command
+from rattlesweep.integrate.batch import most_threads
+from rattlesweep.integrate.status import Status
+from rattlesweep.sweeps.blocks.block import run_batch
+from rattlesweep.sweeps.cases.plan import Plan, make_plan
+from rattlesweep.sweeps.cases.pool import make_pool
+from rattlesweep.sweeps.cases.shards import Shard, deal
+from rattlesweep.sweeps.config.load import load_config
+from rattlesweep.sweeps.engines.engine import run_sweep
+from rattlesweep.sweeps.engines.progress import Costs
+from rattlesweep.sweeps.forecast import forecast as forecasting
+from rattlesweep.sweeps.forecast import pilot as pilots
+from rattlesweep.sweeps.forecast.forecast import Forecast, describe, expectation, forecast
+from rattlesweep.sweeps.forecast.pilot import Pilot, systematic, turns
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+SMALL = ("bodies.samples=40", "spin.n_i=[-0.1, -0.3]", "horizon={t_rgh: 5, t: 2000}")
+
+
+def plan_of(name: str, *overrides: str) -> Plan:
+    return make_plan(load_config(str(CONFIGS / name), overrides))
+
+
+def trial(plan: Plan, budget: float = 5.0, threads: int = 2) -> Pilot:
+    pilot = Pilot(plan.config, make_pool(plan), threads)
+    pilot.load()
+    pilot.run(budget)
+    return pilot
+
+
+@pytest.fixture(scope="module")
+def small() -> tuple[Plan, Forecast]:
+    plan = plan_of("quickstart.yaml", *SMALL)
+    return plan, forecast(plan, 2, budget=1.0, shards=2)
+
+
+def test_it_says_what_the_plan_says(small):
+    plan, f = small
+    assert (f.runs, f.cases, f.blocks, f.block_rows) == (240, 6, 1, 240)
+    assert f.threads == 2
+    assert 0 < f.low < f.seconds < f.high
+    assert 0 < f.kernel_seconds < f.seconds
+    assert 0 < f.units <= f.units_most
+    assert f.million < f.billion
+    assert 0 < f.pilot_runs <= plan.runs
+
+
+def test_as_data_is_json_and_comes_back(small):
+    _, f = small
+    data = json.loads(json.dumps(f.as_data(), allow_nan=False))
+    assert data["seconds"] == pytest.approx(f.seconds, rel=1e-3)
+    assert data["low"] < data["seconds"] < data["high"]
+    assert isinstance(data["bytes"], int)
+    assert "compile_seconds" not in replace(f, compile_seconds=None).as_data()
+
+
+def test_a_table_for_people(small):
+    _, f = small
+    text = describe(replace(f, seconds=190.0, low=170.0, high=210.0, pilot_cut=3))
+    assert "3 min 10 s (2 min 50 s to 3 min 30 s) on 2 threads" in text
+    assert "240 in 6 cases" in text
+    assert "3 of them cut short" in text
+    assert len({line.index("  ") for line in text.splitlines() if line.startswith("blocks")}) == 1
+    long = describe(replace(f, seconds=9.6e5))
+    assert "11 d 2 h" in long
+
+
+def test_a_pool_holds_all_of_a_small_sweep_as_it_will_run():
+    plan = plan_of("quickstart.yaml", *SMALL)
+    pool = make_pool(plan)
+    assert pool.whole
+    assert pool.cost.shape == (6, 40)
+    case, sample = plan.runs_of(plan.block(0))
+    assert np.array_equal(pool.launches.case, case)
+    assert np.array_equal(pool.launches.sample, sample)
+
+
+def test_a_pool_of_a_large_sweep_is_small_and_its_first_bodies_are_the_sweeps():
+    plan = plan_of("quickstart.yaml", "bodies.samples=3000")
+    pool = make_pool(plan)
+    assert not pool.whole
+    assert pool.per_case == 666
+    bodies = plan.source.bodies(2, np.arange(5))
+    rows = (len(plan.cases) - 1) * pool.per_case + np.arange(5)
+    assert np.array_equal(pool.launches.bodies.theta[rows], bodies.theta)
+
+
+def test_samples_of_a_grid_come_from_all_over_it():
+    plan = plan_of(
+        "gh.yaml",
+        "bodies={source: grid, base: {preset: GH}, axes: {theta: {linspace: [0.6, 0.9, 400]}, "
+        "phi: {linspace: [0.02, 0.036, 400]}}}",
+    )
+    pool = make_pool(plan)
+    assert pool.per_case == 10_000
+    theta = pool.launches.bodies.theta
+    assert theta.min() < 0.605
+    assert theta.max() > 0.895
+    again = make_pool(plan)
+    assert np.array_equal(theta, again.launches.bodies.theta)
+
+
+def test_turns_of_queues_worked_out_by_hand():
+    ones = np.ones(4)
+    assert turns(np.array([3.0, 2.0, 2.0, 1.0]), np.array([4.0, 3.0, 2.0, 1.0]), 2) == 4
+    # The dearest by expectation is not the longest, and the long one comes last.
+    assert turns(np.array([1.0, 1.0, 1.0, 9.0]), np.array([4.0, 3.0, 2.0, 1.0]), 2) == 10
+    assert turns(ones, ones, 64) == 1
+    assert turns(ones[:0], ones[:0], 64) == 0
+
+
+def test_systematic_draws_go_with_cost():
+    cost = np.array([1.0, 0.0, 2.0, 5.0, 0.0])
+    rows = systematic(cost, 800, 0.5)
+    assert np.bincount(rows, minlength=5).tolist() == [100, 0, 200, 500, 0]
+
+
+def test_the_pilot_draws_the_same_runs_each_time_and_knows_their_steps():
+    plan = plan_of("quickstart.yaml", *SMALL)
+    one, two = trial(plan), trial(plan, threads=1)
+    # How many stages there are is a matter of time; the first is there always.
+    assert np.array_equal(one.stages[0], two.stages[0])
+    both = ~np.isnan(one.work) & ~np.isnan(two.work)
+    assert both.sum() >= 50
+    assert np.array_equal(one.work[both], two.work[both])
+    rows = np.flatnonzero(both)
+    outcome = run_batch(plan.config, pilots.take(one.pool.batch, rows))
+    assert np.array_equal(outcome.n_steps + outcome.n_rejected, one.work[rows])
+
+
+def test_the_estimate_meets_the_steps_of_all_runs():
+    plan = plan_of("quickstart.yaml", "bodies.samples=100", "horizon={t_rgh: 5, t: 5000}")
+    pilot = trial(plan, budget=60.0)
+    outcome = run_batch(plan.config, pilot.pool.batch)
+    steps = (outcome.n_steps + outcome.n_rejected).sum()
+    rows = np.concatenate(pilot.stages)
+    guess = pilot.cost.sum() * (pilot.work[rows] / pilot.cost[rows]).mean()
+    assert 0 < pilot.error() < 0.05
+    assert guess == pytest.approx(steps, rel=4 * pilot.error())
+
+
+def test_a_sweep_of_few_runs_is_known_exactly():
+    pilot = trial(plan_of("gh.yaml"))
+    assert pilot.all_known
+    assert pilot.error() == 0
+    f = forecast(plan_of("gh.yaml"), 1, budget=1.0)
+    # t_r = 112.09 and 809.86, from the comment in the config.
+    assert f.units == pytest.approx(112.0939 + 809.857, rel=0.05)
+    assert f.pilot_runs == 2
+
+
+def test_runs_that_take_too_long_are_cut_and_counted_as_unknown():
+    # 2e9 steps in all: the budget is spent on any machine.
+    plan = plan_of("gh.yaml", "bodies.overrides.theta=0.9", "horizon={t: 3.0e9}", "spin.n_i=-0.9")
+    pilot = trial(plan, budget=0.2)
+    assert pilot.censored == 1
+    row = np.flatnonzero(~np.isnan(pilot.work))
+    assert (pilot.low[row] < pilot.work[row]).all()
+    assert (pilot.work[row] <= pilot.high[row]).all()
+    f = forecast(plan, 1, budget=0.2)
+    assert f.pilot_cut == 1
+    assert f.low < f.seconds / 2
+    assert f.seconds > 60
+
+
+def test_what_was_cut_is_judged_by_what_has_ended():
+    """A batch stopped at will: of 40 runs, half have ended, the others are past a quarter."""
+    plan = plan_of("quickstart.yaml", *SMALL)
+    pool = make_pool(plan)
+    pilot = Pilot(plan.config, pool, 1)
+    rows = np.arange(40)
+    outcome = run_batch(plan.config, pilots.take(pool.batch, rows))
+    swings = pool.batch.t_end[rows] * pool.batch.swing[rows]
+    stopped = np.argsort(-swings)[:20]
+    status = outcome.status.copy()
+    status[stopped] = Status.STOPPED
+    ended = status != Status.STOPPED
+    done = swings[ended].sum() + swings[stopped].sum() / 4
+
+    class Stopped:
+        total = swings.sum()
+
+    Stopped.done = done
+    pilot._learn(rows, replace(outcome, status=status), 1.0, Stopped())
+    assert pilot.censored == 20
+    at = rows[stopped]
+    assert pilot.low[at] == pytest.approx(pilot.high[at] / 4)
+    assert (pilot.low[at] < pilot.work[at]).all()
+    assert (pilot.work[at] <= pilot.high[at]).all()
+    truth = (outcome.n_steps + outcome.n_rejected)[stopped].sum()
+    assert pilot.low[at].sum() < truth < 2 * pilot.high[at].sum()
+
+
+def test_fixed_steps_are_counted_not_taken():
+    plan = plan_of(
+        "gh.yaml", "integrator={method: rk4, dt: 0.002}", "horizon={t: 300}", "record=[]"
+    )
+    pilot = trial(plan)
+    outcome = run_batch(plan.config, pilot.pool.batch)
+    assert pilot.work == pytest.approx(outcome.n_steps, rel=0.01)
+
+
+def test_the_closed_form_needs_no_kernel():
+    plan = plan_of("quickstart.yaml", "model=gh", "bodies.samples=20")
+    f = forecast(plan, 1)
+    assert f.kernel_seconds == 0
+    assert f.pilot_runs == 0
+    assert f.units == 0
+    assert 0 < f.low < f.seconds < f.high
+
+
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        ("quickstart.yaml", "bodies.samples=200", "horizon={t_rgh: 5, t: 1000}"),
+        ("gh.yaml", "horizon={t: 500}", f"spin.omega_xy0={np.linspace(0.001, 0.1, 200).tolist()}"),
+        ("gh.yaml", "model=gh", "record=[]"),
+        ("quickstart.yaml", "bodies={source: sd, samples: 100}", "horizon={t: 500}",
+         "record=[windows]", "block_size=300"),
+    ],
+    ids=["shared bodies", "one body", "closed form", "windows"],
+)  # fmt: skip
+def test_bytes_are_those_of_the_files(overrides, tmp_path):
+    plan = plan_of(*overrides)
+    f = forecast(plan, 2, budget=0.5)
+    run_sweep(plan, tmp_path / "out", threads=2)
+    real = sum(p.stat().st_size for p in (tmp_path / "out").rglob("*") if p.is_file())
+    assert f.bytes == pytest.approx(real, rel=0.15)
+
+
+def test_a_table_of_bodies(tmp_path):
+    pool = make_pool(plan_of("quickstart.yaml", *SMALL))
+    names = ("alpha", "beta", "gamma", "theta", "phi", "xi")
+    rows = {name: getattr(pool.launches.bodies, name) for name in names}
+    rows |= {"n_i": pool.launches.n_i, "omega_xy0": pool.launches.omega_xy0}
+    pd.DataFrame(rows).to_csv(tmp_path / "bodies.csv", index=False)
+    (tmp_path / "c.yaml").write_text(
+        "bodies: {source: table, path: bodies.csv}\nhorizon: {t_rgh: 5, t: 2000}\n"
+    )
+    plan = make_plan(load_config(str(tmp_path / "c.yaml"), ()), tmp_path)
+    f = forecast(plan, 2, budget=0.5)
+    assert (f.runs, f.cases) == (240, 1)
+    assert 0 < f.units < f.units_most
+
+
+def test_the_longest_share_is_that_of_the_deal():
+    overrides = ("bodies.samples=64", "block_size=48", "horizon={t: 100}")
+    plan = plan_of("quickstart.yaml", *overrides)
+    whole = forecast(plan, 1, budget=0.5, shards=1)
+    assert whole.shard_seconds == pytest.approx(whole.seconds)
+    four = forecast(plan, 1, budget=0.5, shards=4)
+    costs = Costs(plan)
+    dealt = [sum(map(costs.of, deal(plan, Shard(i, 4), costs))) for i in range(4)]
+    assert max(dealt) / sum(dealt) == pytest.approx(0.25, rel=0.1)
+    part = (four.shard_seconds - four.start_seconds) / (four.seconds - four.start_seconds)
+    # Balanced by expectation, and a little less by what was seen.
+    assert 0.25 <= part < 0.4
+    assert forecast(plan, 1, budget=0.5, shards=1000).shard_seconds < four.shard_seconds * 2
+
+
+def test_memory_grows_with_the_block_and_not_with_the_sweep():
+    few = forecast(plan_of("quickstart.yaml", "model=gh", "block_size=1000"), 1).memory
+    many = "bodies.samples=100000"
+    same = forecast(plan_of("quickstart.yaml", "model=gh", "block_size=1000", many), 1).memory
+    large = forecast(plan_of("quickstart.yaml", "model=gh", "block_size=200000", many), 1).memory
+    assert same < few + 30e6
+    assert same + 100e6 < large < 2e9
+
+
+def test_only_long_sweeps_get_a_pilot_of_their_own(monkeypatch):
+    asked = []
+    monkeypatch.setattr(forecasting, "forecast", lambda plan, threads: asked.append(plan))
+    for name, *sets in (("quickstart.yaml",), ("gh.yaml",), ("quickstart.yaml", "model=gh")):
+        assert expectation(plan_of(name, *sets), 2) is None
+    # One that is to stop before it would pay.
+    assert expectation(plan_of("quickstart.yaml", "bodies.samples=1000000"), 2, 30.0) is None
+    assert not asked
+    small = forecast(plan_of("gh.yaml"), 1)
+    monkeypatch.setattr(forecasting, "forecast", lambda plan, threads: small)
+    for name, *sets in (
+        ("quickstart.yaml", "bodies.samples=1000000"),
+        ("steady.yaml", "integrator={method: rk4, dt: 0.002}"),
+    ):
+        assert expectation(plan_of(name, *sets), 2) == small.as_data()
+
+
+def listing(folder: Path) -> dict[str, int]:
+    return {str(p): p.stat().st_mtime_ns for p in sorted(folder.rglob("*"))}
+
+
+def invoke(*arguments: str) -> Any:
+    return CliRunner().invoke(command.plan, list(arguments))
+
+
+def test_the_command_prints_a_table_and_writes_nothing(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    before = listing(tmp_path)
+    overrides = [word for text in SMALL for word in ("--set", text)]
+    done = invoke(
+        str(CONFIGS / "quickstart.yaml"), *overrides, "--budget", "0.5s", "--shards", "3",
+        "--threads", "1",
+    )  # fmt: skip
+    assert done.exit_code == 0
+    words = [line.split("  ")[0] for line in done.stdout.splitlines()]
+    assert words[:4] == ["runs", "blocks", "time", "done at"]
+    assert "3 shards" in words
+    assert {"disk", "memory", "pilot"} <= set(words)
+    assert listing(tmp_path) == before
+
+
+def test_the_command_prints_json():
+    done = invoke(str(CONFIGS / "gh.yaml"), "--json", "--budget", "0.5s")
+    assert done.exit_code == 0
+    data = json.loads(done.stdout)
+    assert data["runs"] == 2
+    assert data["low"] < data["seconds"] < data["high"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--budget", "2"], "--budget 2: is no length of time"),
+        (["--set", "bodies.samples=x"], "bodies.samples"),
+        (["--set", "horizn=3"], "horizn"),
+    ],
+)
+def test_what_is_wrong_is_said_in_a_sentence(arguments, words):
+    done = invoke(str(CONFIGS / "quickstart.yaml"), *arguments)
+    assert done.exit_code == 2
+    assert words in done.stderr
+    assert "Traceback" not in done.output
+
+
+def test_it_warns_of_what_the_machine_has_not(small, monkeypatch, tmp_path):
+    _, f = small
+    monkeypatch.setattr(command, "free_memory", lambda: 10**9)
+    assert command.warnings(f, tmp_path / "not" / "there") == []
+    lines = command.warnings(replace(f, memory=2 * 10**9, bytes=10**18), tmp_path / "not" / "there")
+    assert len(lines) == 2
+    assert "2.0 GB of memory, and 1.0 GB" in lines[0]
+    assert str(tmp_path) in lines[1]
+
+
+def test_free_memory_is_that_of_a_machine():
+    free = command.free_memory()
+    assert free is not None
+    assert 10**6 < free < os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+
+
+def test_the_budget_bounds_what_is_drawn():
+    """A stage is drawn for the time that is left, so no time left means no second stage."""
+    plan = plan_of("quickstart.yaml", "bodies.samples=100", "horizon={t: 200}")
+    pilot = Pilot(plan.config, make_pool(plan), 1)
+    pilot.load()
+    begin = time.perf_counter()
+    pilot.run(1e-3)
+    assert len(pilot.stages) == 1
+    assert pilot.stages[0].size <= pilots.FIRST_STAGE
+    assert time.perf_counter() - begin < 60
+
+
+def test_a_forecast_for_more_cores_than_there_are(tmp_path):
+    """What a forecast is for: the pilot uses what there is."""
+    many = 4 * most_threads()
+    found = forecast(plan_of("quickstart.yaml", "bodies.samples=200000"), many)
+    few = forecast(plan_of("quickstart.yaml", "bodies.samples=200000"), 1)
+    assert (found.threads, few.pilot_threads) == (many, 1)
+    assert found.pilot_threads <= most_threads()
+    assert found.kernel_seconds < few.kernel_seconds
+    assert f"on {many} threads of cores like those here" in describe(found)
+    done = CliRunner().invoke(command.plan, [str(CONFIGS / "gh.yaml"), "--threads", str(many)])
+    assert done.exit_code == 0

@@ -1,0 +1,1007 @@
+"""The main job through the command line: run, classify, body, schema, and what they leave."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import pty
+import re
+import shutil
+import signal
+import statistics
+import struct
+import subprocess
+import sys
+import termios
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import click
+import jsonschema
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from click.testing import CliRunner
+
+import rattlesweep as rs
+from rattlesweep import cli
+from rattlesweep.cli import common
+from rattlesweep.sweeps.cases.plan import make_plan
+from rattlesweep.sweeps.config.load import parse_config
+from rattlesweep.sweeps.engines.engine import Progress
+from rattlesweep.sweeps.inspect.content_hash import content_hash
+from rattlesweep.sweeps.tables.columns import runs_schema, summary_schema
+
+ROOT = Path(__file__).parents[2]
+CONFIGS = ROOT / "configs"
+PROGRAM = Path(sys.executable).with_name("rattlesweep")
+COMMANDS = ("run", "classify", "body", "schema")
+
+# The contract, apart from what the package says of itself.
+KEYS = {"case": pa.int32(), "sample": pa.int64()}
+FLOATS = (
+    "alpha beta gamma theta phi xi f_sd n_i omega_xy0 psi omega_p omega_r K_p K_r n_c1 n_0 t_rgh "
+    "t_end t_r n_end energy_drift"
+)
+NEVER_NULL = "case sample alpha beta gamma theta phi xi n_i omega_xy0 t_end status n_steps"
+ORDER = (
+    "case sample alpha beta gamma theta phi xi f_sd n_i omega_xy0 psi omega_p omega_r K_p K_r n_c1 "
+    "n_0 t_rgh t_end t_r type status n_end n_steps energy_drift"
+)
+SUMMARY_ORDER = (
+    "case K_p K_r n_i omega_xy0 runs fraction_R fraction_SS fraction_SW fraction_unclassified "
+    "fraction_bondi t_r_mean t_r_std t_rgh_mean t_r_over_t_rgh_mean t_r_over_t_rgh_sem failed"
+)
+
+SMALL = {
+    "gh.yaml": (),
+    "map_theta_spin.yaml": ("bodies.axes={theta: [0.7, 0.9]}", "spin.n_i=[-0.3, 0.3]"),
+    "million.yaml": ("bodies.samples=1", "bodies.target.rel_tol=0.05"),
+    "quickstart.yaml": ("bodies.samples=4",),
+    "steady.yaml": ("bodies.samples=1", "bodies.target.rel_tol=0.05"),
+    "unsteady.yaml": ("bodies.samples=2", "bodies.target.rel_tol=0.05"),
+}
+MIXED = (
+    "bodies.samples=40",
+    "bodies.target={K_r: [0.01, 0.1], rel_tol: 0.1}",
+    "spin.n_i=[-0.1, -0.3, -0.5]",
+)
+
+
+@pytest.fixture(autouse=True)
+def handlers() -> Iterator[None]:
+    """The commands set handlers of signals for the process they think is theirs."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+def invoke(*args: Any) -> Any:
+    """One command in this process; whatever it raises is not the way it may end."""
+    result = CliRunner().invoke(cli.main, [str(a) for a in args])
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    assert "Traceback" not in result.output
+    return result
+
+
+def run(config: str | Path, output: Path, *sets: str, options: tuple[Any, ...] = ()) -> Any:
+    """Run a shipped config, or one at a path."""
+    chosen = [part for text in sets for part in ("--set", text)]
+    return invoke("run", CONFIGS / config, "--output", output, *chosen, *options)
+
+
+def rows(output: Path) -> pd.DataFrame:
+    return pd.concat([pd.read_parquet(p) for p in sorted((output / "runs").glob("*.parquet"))])
+
+
+def manifest(output: Path) -> dict[str, Any]:
+    return json.loads((output / "manifest.json").read_text())
+
+
+def tree(directory: Path) -> dict[str, bytes]:
+    return {
+        str(p.relative_to(directory)): p.read_bytes() if p.is_file() else b""
+        for p in sorted(directory.rglob("*"))
+    }
+
+
+def start(*args: Any, **kwargs: Any) -> subprocess.Popen[str]:
+    """The program in a process of its own, without a terminal."""
+    kwargs = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "stdin": subprocess.DEVNULL,
+              "text": True, **kwargs}  # fmt: skip
+    return subprocess.Popen([PROGRAM, *map(str, args)], **kwargs)
+
+
+@pytest.fixture(scope="module")
+def mixed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A sweep with runs of every type, in several blocks."""
+    output = tmp_path_factory.mktemp("mixed") / "out"
+    result = run("quickstart.yaml", output, *MIXED, "block_size=50")
+    assert result.exit_code == 0
+    return output
+
+
+# -- what a run leaves -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_shipped_configs_run_and_leave_what_the_contract_says(name, tmp_path):
+    output = tmp_path / "out"
+    result = run(name, output, *SMALL[name])
+    assert result.exit_code == 0
+    assert sorted(p.name for p in output.iterdir()) == ["manifest.json", "runs", "summary.parquet"]
+    said = manifest(output)
+    blocks = sorted((output / "runs").iterdir())
+    assert [p.name for p in blocks] == [f"block-{k:06d}.parquet" for k in range(said["blocks"])]
+    table = pa.concat_tables([pq.read_table(p) for p in blocks])
+    schema = pq.read_schema(blocks[0])
+    assert [n for n in schema.names if n in ORDER.split()] == ORDER.split()
+    for field in schema:
+        assert field.metadata[b"unit"]
+        assert len(field.metadata[b"description"]) > 5
+        wanted = KEYS.get(field.name, pa.float64() if field.name in FLOATS.split() else None)
+        assert wanted is None or field.type == wanted
+        assert not (field.name in NEVER_NULL.split() and field.nullable)
+    assert schema.field("n_steps").type == pa.int64()
+    assert schema.field("type").type == pa.string()
+    for column in table.column_names:
+        values = table.column(column)
+        if column in NEVER_NULL.split():
+            assert values.null_count == 0
+        if pa.types.is_floating(values.type):
+            assert np.isfinite(values.drop_null().to_numpy()).all(), column
+    assert said["runs"] == table.num_rows == said["samples"] * len(said["cases"])
+    frame = table.to_pandas()
+    assert frame.equals(frame.sort_values(["case", "sample"], kind="stable"))
+    assert frame["sample"].tolist() == [*range(said["samples"])] * len(said["cases"])
+    assert (frame.status == "ok").all()
+    # At the configs' tolerance of 1e-9; the longest runs drift most.
+    assert (frame.energy_drift.abs() < (1e-9 if name == "gh.yaml" else 1e-6)).all()
+    reversed_ = frame.t_r.notna()
+    assert ((frame.type == "R") == reversed_).all()
+    assert (frame.t_r[reversed_] == frame.t_end[reversed_]).all()
+    summary = pq.read_table(output / "summary.parquet")
+    assert " ".join(summary.column_names).startswith(SUMMARY_ORDER)
+    assert summary.num_rows == len(said["cases"])
+    assert summary.column("runs").to_pylist() == [said["samples"]] * summary.num_rows
+    head, *lines = result.stdout.splitlines()
+    assert head.split()[:4] == ["case", "target", "n_i", "omega_xy0"]
+    assert len(lines) == len(said["cases"])
+
+
+def test_the_two_schemas_are_those_that_the_package_declares(mixed):
+    schema = pq.read_schema(mixed / "runs" / "block-000000.parquet")
+    assert schema.equals(runs_schema(), check_metadata=False)
+    assert pq.read_schema(mixed / "summary.parquet").equals(summary_schema(), check_metadata=False)
+
+
+def test_the_manifest_is_enough_to_run_it_again(mixed, tmp_path):
+    said = manifest(mixed)
+    assert said["state"] == "complete"
+    for key in ("config", "config_hash", "versions", "machine", "started", "finished", "seconds"):
+        assert said[key], key
+    assert said["versions"]["rattlesweep"] == rs.__version__
+    assert said["versions"]["numpy"] == np.__version__
+    assert {"cpu", "processors", "system"} <= said["machine"].keys()
+    again = rs.sweep(parse_config(said["config"]).model_dump(exclude_none=True),
+                     output=tmp_path / "again")  # fmt: skip
+    assert content_hash(again.directory) == content_hash(mixed)
+    assert again.manifest["config_hash"] == said["config_hash"]
+    assert again.manifest["config"] == said["config"] | {"output": said["config"]["output"]}
+
+
+def test_the_rows_depend_neither_on_threads_nor_on_blocks(mixed, tmp_path):
+    expected = content_hash(mixed)
+    for place, (threads, size) in enumerate(((1, 10_000), (2, 17))):
+        output = tmp_path / str(place)
+        result = run("quickstart.yaml", output, *MIXED, f"block_size={size}",
+                     options=("--threads", threads, "-q"))  # fmt: skip
+        assert result.exit_code == 0
+        assert content_hash(output) == expected
+
+
+def test_the_summary_is_what_pandas_makes_of_the_runs(mixed):
+    frame, summary = rows(mixed), pd.read_parquet(mixed / "summary.parquet")
+    assert set(frame.type) == {"R", "SS", "SW", "unclassified"}
+    groups = frame.groupby("case")
+    for kind in ("R", "SS", "SW", "unclassified"):
+        share = groups.type.apply(lambda t, kind=kind: (t == kind).mean())
+        np.testing.assert_allclose(summary[f"fraction_{kind}"], share, rtol=1e-15)
+    bondi = (frame.n_c1.abs() < frame.n_i.abs()).groupby(frame.case).mean()
+    np.testing.assert_allclose(summary.fraction_bondi, bondi, rtol=1e-15)
+    of_r = frame[frame.type == "R"].groupby("case").t_r
+    np.testing.assert_allclose(summary.t_r_mean, of_r.mean(), rtol=1e-13)
+    np.testing.assert_allclose(summary.t_r_std, of_r.std(), rtol=1e-12)
+    np.testing.assert_allclose(summary.t_rgh_mean, groups.t_rgh.mean(), rtol=1e-13)
+    ratio = (frame.t_r / frame.t_rgh)[frame.type == "R"].groupby(frame.case[frame.type == "R"])
+    np.testing.assert_allclose(summary.t_r_over_t_rgh_mean, ratio.mean(), rtol=1e-13)
+    np.testing.assert_allclose(summary.t_r_over_t_rgh_sem, ratio.sem(), rtol=1e-12)
+    assert (summary.failed == 0).all()
+    assert (summary.runs == 40).all()
+    assert summary.K_r.tolist() == [0.01] * 3 + [0.1] * 3
+    assert summary.K_p.isna().all()
+    assert summary.n_i.tolist() == [-0.1, -0.3, -0.5] * 2
+    assert (summary.omega_xy0 == 0.01).all()
+
+
+# -- numbers -----------------------------------------------------------------------------------
+
+
+def test_the_reversal_times_of_garcia_and_hubbards_body(tmp_path):
+    assert run("gh.yaml", tmp_path / "out").exit_code == 0
+    frame = rows(tmp_path / "out")
+    assert frame.n_i.tolist() == [0.1, -0.1]
+    assert frame.t_r.tolist() == pytest.approx([112.0939, 809.857], rel=1e-6)
+    assert frame.K_p.tolist() == pytest.approx([0.553] * 2, abs=5e-4)
+    assert frame.K_r.tolist() == pytest.approx([0.0967] * 2, abs=1e-4)
+    assert frame.f_sd.isna().all()
+    # record: [energy, contact] of the config
+    assert (frame.energy_0 > 0).all()
+    assert (frame.energy_drift_max >= frame.energy_drift.abs()).all()
+    assert (frame.energy_drift_max < 1e-9).all()
+    assert ((frame.contact_ratio_max > 0) & (frame.contact_ratio_max < 1)).all()
+    assert ((frame.contact_normal_min > 0.5) & (frame.contact_normal_min < 1)).all()
+
+
+@pytest.mark.parametrize("name", ["quickstart.yaml", "unsteady.yaml"])
+def test_along_one_mode_the_reduced_model_is_the_closed_form(name, tmp_path):
+    sets = ("bodies.samples=3", "bodies.target.rel_tol=0.1", "model=reduced")
+    assert run(name, tmp_path / "r", *sets, "integrator.tol=1e-11").exit_code == 0
+    frame = rows(tmp_path / "r")
+    assert frame.t_r.notna().all()
+    assert (frame.t_r / frame.t_rgh - 1).abs().max() < 1e-8
+    assert run(name, tmp_path / "g", *sets[:2], "model=gh").exit_code == 0
+    closed = rows(tmp_path / "g")
+    assert (closed.t_r == closed.t_rgh).all()
+    assert (closed.t_rgh == frame.t_rgh).all()
+    assert (closed.type == "R").all()
+    assert (closed.n_steps == 0).all()
+
+
+def test_horizons(tmp_path):
+    for name, horizon in (
+        ("both-t", "{t: 100, t_rgh: 5}"), ("t", "{t: 100}"), ("both-gh", "{t: 1e9, t_rgh: 0.1}"),
+    ):  # fmt: skip
+        assert run("gh.yaml", tmp_path / name, f"horizon={horizon}").exit_code == 0
+        frame = rows(tmp_path / name)
+        expected = np.full(2, 100.0) if name != "both-gh" else 0.1 * frame.t_rgh.to_numpy()
+        assert frame.t_end.tolist() == expected.tolist()
+        assert frame.t_r.isna().all()
+        assert (frame.type != "R").all()
+
+
+def test_windows_are_recorded_when_asked_for(tmp_path):
+    sets = ("bodies.samples=5", "bodies.target={K_r: 0.03, rel_tol: 0.1}", "record=[windows]")
+    assert run("quickstart.yaml", tmp_path / "out", *sets).exit_code == 0
+    frame = rows(tmp_path / "out")
+    assert "energy_0" not in frame
+    for row in frame.itertuples():
+        lists = [row.window_amplitude, row.window_n_min, row.window_n_max]
+        assert len({len(x) for x in lists}) == 1
+        assert 1 <= len(lists[0]) <= 64
+        assert len(lists[0]) * row.window_t <= row.t_end * (1 + 1e-9) + row.window_t
+        assert (lists[1] <= lists[2]).all()
+        assert np.isfinite(np.concatenate(lists)).all()
+        assert (lists[0] > 0).all()
+        # The columns that types are made of, from the windows.
+        departure = max(1 - min(abs(lists[1]).min(), abs(lists[2]).min()) / abs(row.n_i), 0)
+        if row.type != "R":
+            assert row.n_departure == pytest.approx(departure, rel=1e-6, abs=1e-9)
+
+
+def test_directions_of_the_launch(tmp_path):
+    frames = {}
+    for psi in ("relevant", "pitch", "roll", "30"):
+        output = tmp_path / psi
+        assert run("gh.yaml", output, f"spin.psi={psi}", "horizon={t: 1}").exit_code == 0
+        frames[psi] = rows(output)
+    modes = rs.modes(rs.Rattleback.gh())
+    assert frames["relevant"].psi.tolist() == [modes.psi_p, modes.psi_r]
+    assert frames["pitch"].psi.tolist() == [modes.psi_p] * 2
+    assert frames["roll"].psi.tolist() == [modes.psi_r] * 2
+    assert frames["30"].psi.tolist() == [np.radians(30.0)] * 2
+
+
+# -- failures ----------------------------------------------------------------------------------
+
+
+def test_runs_that_fail_are_rows_with_a_status_and_the_exit_code_says_so(tmp_path):
+    sets = ("bodies.samples=3", "bodies.target.rel_tol=0.1", "integrator={method: rk4, dt: 3}")
+    result = run("quickstart.yaml", tmp_path / "out", *sets, "record=[energy, contact, windows]")
+    assert result.exit_code == 3
+    frame = rows(tmp_path / "out")
+    failed = frame.status != "ok"
+    assert failed.all()
+    assert set(frame.status) <= {"nonfinite", "energy"}
+    assert frame.type.isna().all()
+    summary = pd.read_parquet(tmp_path / "out" / "summary.parquet")
+    assert (summary.failed == 3).all()
+    assert summary.fraction_R.isna().all()
+    assert f"{len(frame)} runs are not ok:" in result.stderr
+    for name in frame:
+        if frame[name].dtype == float:
+            assert not np.isinf(frame[name]).any()
+    said = manifest(tmp_path / "out")
+    assert sum(said["failed"].values()) == len(frame)
+    # The same command again finds everything there, and says the same.
+    again = run("quickstart.yaml", tmp_path / "out", *sets, "record=[energy, contact, windows]")
+    assert again.exit_code == 3
+    assert again.stdout == result.stdout
+
+
+def test_the_step_limit_is_a_status(tmp_path):
+    result = run("gh.yaml", tmp_path / "out", "integrator.max_steps=50")
+    assert result.exit_code == 3
+    assert rows(tmp_path / "out").status.tolist() == ["step_limit"] * 2
+    assert "2 step_limit" in result.stderr
+
+
+# -- the same directory again ------------------------------------------------------------------
+
+
+def test_a_finished_sweep_is_not_run_again(tmp_path):
+    output = tmp_path / "out"
+    first = run("gh.yaml", output)
+    before = tree(output / "runs")
+    again = run("gh.yaml", output)
+    assert again.stdout == first.stdout
+    assert "2 of them from before" in again.stderr
+    assert tree(output / "runs") == before
+
+
+def test_a_damaged_or_missing_block_is_run_again(tmp_path):
+    output = tmp_path / "out"
+    sets = ("bodies.samples=4", "bodies.target.rel_tol=0.1", "block_size=7")
+    run("quickstart.yaml", output, *sets)
+    before = tree(output / "runs")
+    blocks = sorted((output / "runs").iterdir())
+    blocks[1].unlink()
+    data = bytearray(blocks[3].read_bytes())
+    data[len(data) // 2] ^= 1
+    blocks[3].write_bytes(data)
+    (output / "runs" / ".block-000005.parquet.0123abcd.tmp").write_bytes(b"half")
+    result = run("quickstart.yaml", output, *sets)
+    assert "46 of them from before" in result.stderr
+    assert tree(output / "runs") == before
+
+
+def test_another_config_is_kept_out_of_a_directory(tmp_path):
+    output = tmp_path / "out"
+    run("gh.yaml", output)
+    before = tree(output)
+    for text, words in (
+        ("spin.omega_xy0=0.02", "spin.omega_xy0: [0.01] against [0.02]"),
+        ("integrator.tol=1e-8", "integrator.tol: 1e-09 against 1e-08"),
+        ("seed=1", "seed: 0 against 1"),
+        ("record=[]", 'record: ["energy", "contact"] against []'),
+    ):
+        for options in ((), ("--dry-run",)):
+            result = run("gh.yaml", output, text, options=options)
+            assert result.exit_code == 2
+            assert result.stdout == ""
+            assert result.stderr.startswith(f"error: {output}: it holds the runs of another config")
+            assert words in result.stderr
+            assert result.stderr.count("\n") == 1
+    assert tree(output) == before
+
+
+def test_a_changed_table_is_another_config(tmp_path):
+    path, output = tmp_path / "b.csv", tmp_path / "out"
+    head = "alpha,beta,gamma,theta,phi,xi\n"
+    path.write_text(head + "13.04,1.522,12.28,0.6429,0.036,-0.03\n")
+    sets = (f"bodies={{source: table, path: {path}}}", "horizon={t: 5}")
+    assert run("gh.yaml", output, *sets).exit_code == 0
+    path.write_text(head + "13.04,1.522,12.28,0.65,0.036,-0.03\n")
+    result = run("gh.yaml", output, *sets)
+    assert result.exit_code == 2
+    assert "the table of bodies has changed" in result.stderr
+
+
+def test_runs_whose_manifest_is_lost_know_their_config(tmp_path):
+    output = tmp_path / "out"
+    sets = ("bodies.samples=4", "bodies.target.rel_tol=0.1")
+    run("quickstart.yaml", output, *sets, "block_size=7")
+    before = tree(output / "runs")
+    for damage in (Path.unlink, lambda path: path.write_bytes(path.read_bytes()[:-40])):
+        damage(output / "manifest.json")
+        result = run("quickstart.yaml", output, *sets, "seed=1")
+        assert result.exit_code == 2
+        assert "it holds runs but no intact manifest.json" in result.stderr
+        assert tree(output / "runs") == before
+        result = run("quickstart.yaml", output, *sets)
+        assert result.exit_code == 0
+        assert "60 of them from before" in result.stderr
+        assert tree(output / "runs") == before
+        assert manifest(output)["config"]["block_size"] == 7
+        assert manifest(output)["state"] == "complete"
+
+
+def test_blocks_stay_as_the_directory_was_begun(tmp_path):
+    output = tmp_path / "out"
+    sets = ("bodies.samples=4", "bodies.target.rel_tol=0.1")
+    run("quickstart.yaml", output, *sets, "block_size=7")
+    before = tree(output / "runs")
+    (output / "runs" / "block-000003.parquet").unlink()
+    result = run("quickstart.yaml", output, *sets, "block_size=50")
+    assert "was begun in blocks of 7 runs, and keeps that size" in result.stderr
+    assert "53 of them from before" in result.stderr
+    assert tree(output / "runs") == before
+
+
+def test_name_output_thresholds_and_threads_may_differ(tmp_path):
+    output = tmp_path / "out"
+    sets = ("bodies.samples=15", "bodies.target={K_r: 0.01, rel_tol: 0.1}")
+    run("quickstart.yaml", output, *sets)
+    before = rows(output)
+    changed = ("name=other", "output=elsewhere", "classify={sw_departure: 0.5, ss_growth: 1e-9}")
+    result = run("quickstart.yaml", output, *sets, *changed, options=("--threads", 1))
+    assert result.exit_code == 0
+    assert "75 of them from before" in result.stderr
+    after = rows(output)
+    assert by_rule(after, 1e-9, 0.5).equals(after.type)
+    assert not after.type.equals(before.type)
+    pd.testing.assert_frame_equal(
+        after.drop(columns="type"), before.drop(columns="type"), check_exact=True
+    )
+    assert manifest(output)["config"]["classify"] == {"ss_growth": 1e-9, "sw_departure": 0.5}
+    summary = pd.read_parquet(output / "summary.parquet")
+    share = (after.type == "SW").groupby(after.case).mean()
+    np.testing.assert_allclose(summary.fraction_SW, share)
+
+
+def test_a_dry_run_writes_nothing(tmp_path):
+    result = run("steady.yaml", tmp_path / "a" / "b", options=("--dry-run",))
+    assert result.exit_code == 0
+    words = {line[:12].strip(): line[12:] for line in result.stdout.splitlines()}
+    assert words["runs"] == "120,000 in 120 cases"
+    assert words["blocks"] == "12 of 10,000 runs"
+    assert {"time", "done at", "disk", "memory"} <= set(words)
+    assert list(tmp_path.iterdir()) == []
+
+
+# -- types again -------------------------------------------------------------------------------
+
+
+def by_rule(frame: pd.DataFrame, ss_growth: float, sw_departure: float) -> pd.Series:
+    """The paper's types, straight from the columns."""
+    types = pd.Series("unclassified", index=frame.index, dtype=frame.type.dtype)
+    types[frame.n_departure > sw_departure] = "SW"
+    types[frame.amp_growth <= ss_growth] = "SS"
+    types[frame.t_r.notna()] = "R"
+    types[frame.status != "ok"] = None
+    return types.rename("type")
+
+
+def test_types_follow_their_thresholds_and_come_back(mixed, tmp_path):
+    output = tmp_path / "out"
+    for path, data in tree(mixed).items():
+        target = output / path
+        target.parent.mkdir(parents=True, exist_ok=True)
+        if data:
+            target.write_bytes(data)
+        else:
+            target.mkdir()
+    original, hash_ = tree(output), content_hash(output)
+    before = rows(output)
+    assert by_rule(before, 1e-3, 0.05).equals(before.type)
+    seen = []
+    for ss, sw in ((1e-3, 0.9), (1e3, 0.05), (1e-12, 1e-6), (0.05, 0.3)):
+        result = invoke("classify", output, "--set", f"classify.ss_growth={ss}",
+                        "--set", f"classify.sw_departure={sw}")  # fmt: skip
+        assert result.exit_code == 0
+        after = rows(output)
+        assert by_rule(after, ss, sw).equals(after.type)
+        pd.testing.assert_frame_equal(
+            after.drop(columns="type"), before.drop(columns="type"), check_exact=True
+        )
+        summary = pd.read_parquet(output / "summary.parquet")
+        for kind in ("R", "SS", "SW", "unclassified"):
+            share = (after.type == kind).groupby(after.case).mean()
+            np.testing.assert_allclose(summary[f"fraction_{kind}"], share)
+        assert manifest(output)["config"]["classify"] == {"ss_growth": ss, "sw_departure": sw}
+        last = seen[-1] if seen else before.type
+        changes = int((after.type != last).sum())
+        assert f"{changes} runs have changed their type" in result.stderr
+        seen.append(after.type)
+        assert content_hash(output) != hash_
+    result = invoke("classify", output, "--set", "classify={}")
+    assert result.exit_code == 2
+    result = invoke("classify", output, "--set", "classify.ss_growth=0.001",
+                    "--set", "classify.sw_departure=0.05")  # fmt: skip
+    assert result.exit_code == 0
+    assert content_hash(output) == hash_
+    assert tree(output / "runs") == tree(mixed / "runs")
+    assert tree(output)["summary.parquet"] == original["summary.parquet"]
+    assert manifest(output) == manifest(mixed)
+    # Without a change nothing changes, and a run goes on as if nothing had been.
+    assert "0 runs have changed" in invoke("classify", output).stderr
+    assert run("quickstart.yaml", output, *MIXED, "block_size=50").exit_code == 0
+
+
+def test_thresholds_of_classify_are_not_put_back_in_silence(tmp_path):
+    output = tmp_path / "out"
+    sets = ("model=gh", "bodies.samples=4", "bodies.target.rel_tol=0.1")
+    run("quickstart.yaml", output, *sets)
+    own = manifest(output)["config"]["classify"]
+    assert "classified" not in manifest(output)
+    again = invoke("classify", output)
+    assert "`rattlesweep run` would put back" not in again.stderr
+    result = invoke("classify", output, "--set", "classify.sw_departure=0.25")
+    assert f"written: 1 blocks, summary.parquet and manifest.json in {output}" in result.stderr
+    assert "types by ss_growth 0.001, sw_departure 0.25; before by ss_growth" in result.stderr
+    assert "`rattlesweep run` would put back those of the config" in result.stderr
+    said = manifest(output)
+    assert said["config"]["classify"] == own | {"sw_departure": 0.25}
+    assert said["classified"]["config"] == own
+    assert said["classified"]["now"] == own | {"sw_departure": 0.25}
+    # Once more: the config's are those of the config, and not those of the time before.
+    invoke("classify", output, "--set", "classify.sw_departure=0.5")
+    assert manifest(output)["classified"]["config"] == own
+    result = run("quickstart.yaml", output, *sets)
+    assert "had types by the thresholds of `rattlesweep classify`" in result.stderr
+    assert "classify.sw_departure: 0.5 against 0.05" in result.stderr
+    assert "classified" not in manifest(output)
+    assert manifest(output)["config"]["classify"] == own
+    # An edited config says so, too.
+    result = run("quickstart.yaml", output, *sets, "classify.sw_departure=0.25")
+    assert "had types by the thresholds of an earlier config" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("horizon.t=3", "only keys of classify can change without integrating"),
+        ("bodies.samples=3", "only keys of classify can change without integrating"),
+        ("classify.sw_depature=0.1", 'did you mean "sw_departure"?'),
+        ("classify.sw_departure=2", "2 is out of range; it must be below 1"),
+        ("classify.ss_growth=0", "0 is out of range; it must be above 0"),
+        ("classify.ss_growth", "is not KEY=VALUE"),
+        ("classify.ss_growth=big", '"big" (text) is given here; write a number'),
+    ],
+)
+def test_classify_refuses_other_keys_and_values(text, words, mixed):
+    before = tree(mixed)
+    result = invoke("classify", mixed, "--set", text)
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    assert result.stderr.startswith("error: ")
+    assert words in result.stderr
+    assert tree(mixed) == before
+
+
+def test_classify_wants_a_whole_output_directory(mixed, tmp_path):
+    result = invoke("classify", tmp_path)
+    assert result.exit_code == 2
+    assert "is not an output directory: it has no manifest.json" in result.stderr
+    output = tmp_path / "out"
+    run("gh.yaml", output)
+    block = output / "runs" / "block-000000.parquet"
+    block.write_bytes(block.read_bytes()[:-30])
+    result = invoke("classify", output)
+    assert result.exit_code == 1
+    assert f"error: {block} is damaged" in result.stderr
+
+
+# -- what is said, and where -------------------------------------------------------------------
+
+
+def test_quiet_says_nothing_and_the_table_goes_to_standard_output(tmp_path):
+    quiet = run("gh.yaml", tmp_path / "q", options=("-q",))
+    assert (quiet.exit_code, quiet.stdout, quiet.stderr) == (0, "", "")
+    loud = run("gh.yaml", tmp_path / "l")
+    assert re.search(r"^ *1 +- +-0.1 +0.01 +1 +1.000", loud.stdout, re.MULTILINE)
+    assert "112.09" in loud.stdout
+    assert "809.86" in loud.stdout
+    assert len(loud.stdout.splitlines()) == 3
+    assert re.fullmatch(
+        r"2 runs in \S+, 0 of them from before; .* runs a second\n"
+        r"see them: rattlesweep plot \S+, rattlesweep report \S+\n",
+        loud.stderr,
+    )
+    verbose = run("gh.yaml", tmp_path / "v", options=("-v",))
+    assert verbose.stdout == loud.stdout
+    assert re.search(r"^kernel .*[0-9.]+ s$", verbose.stderr, re.MULTILINE)
+
+
+def test_without_a_terminal_there_is_at_most_one_line_a_minute(monkeypatch, capfd):
+    clock = [0.0]
+    monkeypatch.setattr(common.time, "monotonic", lambda: clock[0])
+    with common.Meter(quiet=False) as meter:
+        for tick in range(6001):
+            clock[0] = tick / 10
+            meter(Progress(tick / 6000, tick, 6000, clock[0], 600 - clock[0]))
+    lines = capfd.readouterr().err.splitlines()
+    assert len(lines) == 10
+    assert lines[0] == "10.0 %, 600/6000 runs, 1:00, 9:00 left"
+    with common.Meter(quiet=True) as meter:
+        clock[0] = 1e6
+        meter(Progress(0.5, 1, 2, 1e6, None))
+    assert capfd.readouterr().err == ""
+
+
+def test_a_terminal_gets_a_bar_with_the_time_left(tmp_path):
+    master, slave = pty.openpty()
+    fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 25, 100, 0, 0))
+    sets = ("bodies.samples=400", "bodies.target={K_r: 0.01, rel_tol: 0.1}")
+    args = [part for text in sets for part in ("--set", text)]
+    child = start("run", CONFIGS / "quickstart.yaml", "--output", tmp_path / "out", *args,
+                  stderr=slave)  # fmt: skip
+    os.close(slave)
+    shown = b""
+    while True:
+        try:
+            data = os.read(master, 4096)
+        except OSError:  # how Linux says that the other end is closed
+            break
+        if not data:
+            break
+        shown += data
+    os.close(master)
+    table, _ = child.communicate(timeout=60)
+    assert child.returncode == 0
+    text = shown.decode()
+    assert re.search(r"\d+%\|.*\| \d+/2000 runs, 0:0\d", text)
+    assert "100%|" in text
+    assert re.search(r"0:\d\d left", text)
+    assert len(table.splitlines()) == 6
+    assert "%" not in table
+
+
+def test_elsewhere_standard_error_has_no_bar(tmp_path):
+    child = start("run", CONFIGS / "gh.yaml", "--output", tmp_path / "out")
+    _, said = child.communicate(timeout=60)
+    assert child.returncode == 0
+    assert "%" not in said
+    assert "\r" not in said
+    assert len(said.splitlines()) == 1
+
+
+def test_a_reader_that_goes_away_is_no_crash(tmp_path):
+    child = start("schema", stdout=subprocess.PIPE)
+    assert child.stdout is not None
+    child.stdout.close()
+    assert child.stderr is not None
+    with child.stderr:
+        said = child.stderr.read()
+    assert child.wait(30) in (0, 1)
+    assert "Traceback" not in said
+
+
+# -- interrupted -------------------------------------------------------------------------------
+
+LONG = (
+    "bodies.samples=3000",
+    "bodies.target={K_r: [0.02, 0.1], rel_tol: 0.1}",
+    "spin.n_i=[-0.3, -0.5]",
+    "block_size=1000",
+)
+
+
+@pytest.fixture(scope="module")
+def long_hash(tmp_path_factory: pytest.TempPathFactory) -> str:
+    output = tmp_path_factory.mktemp("long") / "out"
+    assert run("quickstart.yaml", output, *LONG, options=("-q",)).exit_code == 0
+    return content_hash(output)
+
+
+def begin(output: Path, *sets: str) -> subprocess.Popen[str]:
+    args = [part for text in (*LONG, *sets) for part in ("--set", text)]
+    return start("run", CONFIGS / "quickstart.yaml", "--output", output, *args)
+
+
+def wait_for(what: Any, child: subprocess.Popen[str], seconds: float = 60) -> None:
+    end = time.monotonic() + seconds
+    while not what():
+        assert child.poll() is None, child.communicate()
+        assert time.monotonic() < end
+        time.sleep(0.005)
+
+
+@pytest.mark.parametrize(
+    ("number", "code", "word"),
+    [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")],
+)
+def test_a_stopped_run_goes_on_to_the_same_rows(number, code, word, long_hash, tmp_path):
+    output = tmp_path / "out"
+    resumed = 0
+    for blocks in (1, 4, 7):
+        child = begin(output)
+        wait_for(lambda blocks=blocks: len([*output.glob("runs/*.parquet")]) >= blocks, child)
+        sent = time.monotonic()
+        child.send_signal(number)
+        table, said = child.communicate(timeout=30)
+        assert time.monotonic() - sent < 1.0
+        assert child.returncode == code
+        assert table == ""
+        kept = [pq.ParquetFile(p).metadata.num_rows for p in output.glob("runs/*.parquet")]
+        assert re.fullmatch(
+            f"{word}; {sum(kept):,} runs are kept, [0-9]+ in flight were lost, and the same "
+            "command goes on from there\n",
+            said,
+        )
+        assert not [*output.rglob(".*")]
+        # One block at most was under way.
+        assert sum(rows < 1000 for rows in kept) <= 1
+        assert blocks <= len(kept) <= 12
+        assert sum(kept) < 12_000
+        assert manifest(output)["state"] == "stopped"
+        resumed = sum(kept)
+    result = run("quickstart.yaml", output, *LONG)
+    assert result.exit_code == 0
+    assert f"{resumed} of them from before" in result.stderr
+    assert manifest(output)["state"] == "complete"
+    assert content_hash(output) == long_hash
+
+
+def test_a_killed_run_goes_on_to_the_same_rows(long_hash, tmp_path):
+    output = tmp_path / "out"
+    for blocks in (2, 5):
+        child = begin(output)
+        wait_for(lambda blocks=blocks: len([*output.glob("runs/*.parquet")]) >= blocks, child)
+        child.kill()
+        child.communicate(timeout=30)
+    assert run("quickstart.yaml", output, *LONG).exit_code == 0
+    assert not [*output.rglob(".*")]
+    assert content_hash(output) == long_hash
+
+
+def test_ctrl_c_is_heard_within_a_block_and_while_bodies_are_drawn(tmp_path):
+    # One block of several seconds, then hours of drawing before anything is written.
+    long_block = ("block_size=100000", "bodies.samples=20000")
+    hard = ("bodies.target={K_r: 0.1, rel_tol: 1e-9, max_draws: 4000000000000}",)
+    for place, (sets, started) in enumerate(
+        ((long_block, lambda o: (o / "manifest.json").exists()), (hard, lambda o: True))
+    ):
+        output = tmp_path / str(place)
+        child = begin(output, *sets)
+        wait_for(lambda started=started, output=output: started(output), child)
+        time.sleep(1.5)
+        sent = time.monotonic()
+        child.send_signal(signal.SIGINT)
+        _, said = child.communicate(timeout=30)
+        assert time.monotonic() - sent < 1.0
+        assert child.returncode == 130
+        assert said.startswith("interrupted;")
+    assert not (tmp_path / "1").exists()
+
+
+def test_bodies_can_be_drawn_while_a_kernel_runs():
+    """Numba's workqueue aborts the process if two threads use it at once.
+
+    It is the pool that Numba falls back to where there is neither OpenMP nor TBB.
+    """
+    code = f"""
+import sys, threading, time, numpy as np
+from rattlesweep.integrate.batch import Control
+from rattlesweep.sweeps.blocks.block import finish_block, prepare_block
+from rattlesweep.sweeps.config.load import load_config
+from rattlesweep.sweeps.cases.plan import make_plan
+
+config = load_config({str(CONFIGS / "quickstart.yaml")!r}, ["bodies.target.rel_tol=0.1"])
+plan = make_plan(config)
+control = Control()
+block = prepare_block(plan, plan.block(0))
+task = threading.Thread(
+    target=lambda: finish_block(config, *block, control=control), daemon=True
+)
+task.start()
+while not control.runs_done:
+    time.sleep(0.001)
+free = make_plan(load_config({str(CONFIGS / "quickstart.yaml")!r}, ["bodies.target="]))
+for k in range(20):
+    plan.source._draw(1, np.arange(100))
+    free.source.bodies(0, np.arange(10_000))
+assert task.is_alive()
+sys.stdout.write("drawn")
+sys.stdout.flush()
+control.stop()
+"""
+    environment = {**os.environ, "NUMBA_THREADING_LAYER": "workqueue"}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stdout) == (0, "drawn"), done.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("wait", [1.0, 2.5, 5.0])
+def test_ctrl_c_is_heard_while_kernels_compile(wait, tmp_path):
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    args = ["run", CONFIGS / "quickstart.yaml", "--output", tmp_path / "out"]
+    child = start(*args, "--set", "bodies.target=", env=environment)
+    time.sleep(wait)
+    sent = time.monotonic()
+    child.send_signal(signal.SIGINT)
+    _, said = child.communicate(timeout=60)
+    assert time.monotonic() - sent < 1.0
+    assert child.returncode == 130
+    assert said.startswith("interrupted;")
+
+
+# -- the command line itself -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "command", [(), *((name,) for name in COMMANDS)], ids=lambda c: " ".join(c)
+)
+def test_help_is_quick_and_has_an_example(command):
+    seconds, text = [], ""
+    for _ in range(3):
+        began = time.perf_counter()
+        text = subprocess.run(
+            [PROGRAM, *command, "--help"], capture_output=True, text=True, check=True
+        ).stdout
+        seconds.append(time.perf_counter() - began)
+    assert statistics.median(seconds) < 0.3
+    if command:
+        assert re.search(rf"Examples?:\n +rattlesweep {command[0]}\b", text)
+    else:
+        assert all(re.search(rf"^  {name} ", text, re.MULTILINE) for name in COMMANDS)
+        assert "Exit codes: 0 done" in text
+
+
+def test_the_module_is_the_program():
+    args = [sys.executable, "-m", "rattlesweep"]
+    for rest in (["--version"], ["body", "--help"]):
+        done = subprocess.run([*args, *rest], capture_output=True, text=True, check=True)
+        said = subprocess.run([PROGRAM, *rest], capture_output=True, text=True, check=True)
+        assert done.stdout == said.stdout
+        assert done.stdout.startswith(("rattlesweep", "Usage: rattlesweep body"))
+
+
+def test_every_command_is_tested_here():
+    assert set(COMMANDS) <= set(cli.COMMANDS)
+    for name in cli.COMMANDS:
+        command = cli.main.get_command(click.Context(cli.main), name)
+        assert command is not None
+        context = click.Context(command, info_name=f"rattlesweep {name}")
+        assert re.search(rf"Examples?:\n +rattlesweep {name}\b", command.get_help(context)), name
+
+
+def test_the_command_line_loads_nothing_heavy():
+    code = (
+        "import sys, rattlesweep.cli;"
+        "print([m for m in ('numpy', 'numba', 'scipy', 'pandas', 'pyarrow', 'pydantic', 'tqdm')"
+        " if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_version_and_completion():
+    result = invoke("--version")
+    assert result.stdout == f"rattlesweep, version {rs.__version__}\n"
+    environment = {**os.environ, "_RATTLESWEEP_COMPLETE": "bash_source"}
+    script = subprocess.run([PROGRAM], env=environment, capture_output=True, text=True, check=True)
+    assert "complete" in script.stdout
+    assert "_RATTLESWEEP_COMPLETE=bash_complete" in script.stdout
+    environment |= {
+        "_RATTLESWEEP_COMPLETE": "bash_complete", "COMP_WORDS": "rattlesweep cl", "COMP_CWORD": "1",
+    }  # fmt: skip
+    words = subprocess.run([PROGRAM], env=environment, capture_output=True, text=True, check=True)
+    assert words.stdout.split() == ["plain,classify"]
+
+
+def test_the_schema_is_one_and_takes_the_shipped_configs():
+    from ruamel.yaml import YAML
+
+    schema = json.loads(invoke("schema").stdout)
+    jsonschema.Draft202012Validator.check_schema(schema)
+    validator = jsonschema.Draft202012Validator(schema)
+    for path in CONFIGS.glob("*.yaml"):
+        data = YAML(typ="safe", pure=True).load(path.read_text())
+        validator.validate(data)
+        make_plan(parse_config(data | {"bodies": data["bodies"] | (
+            {"samples": 1} if data["bodies"]["source"] == "sd" else {})}))  # fmt: skip
+    assert not validator.is_valid({"bodies": {"source": "sd"}, "spin": {"n_i": 0}})
+
+
+# -- one body ----------------------------------------------------------------------------------
+
+
+def test_body_says_what_the_python_interface_says():
+    gh = rs.Rattleback.gh()
+    found = json.loads(invoke("body", "--preset", "GH", "--n-i", "-0.1", "--json").stdout)
+    modes = rs.modes(gh)
+    for name, value in vars(modes).items():
+        assert found[name] == value
+    for name in ("alpha", "beta", "gamma", "theta", "phi", "xi"):
+        assert found[name] == getattr(gh, name)
+    assert found["t_rgh"] == rs.reversal_time_gh(gh, -0.1, 0.01)
+    assert found["psi"] == modes.psi_r
+    table = invoke("body", "--preset", "GH", "--n-i", "-0.1").stdout.splitlines()
+    assert [line.split()[0] for line in table] == list(found)
+    for line in table:
+        name, value = line.split()[:2]
+        shown = None if value == "none" else pytest.approx(float(value), rel=1e-9)
+        assert found[name] == shown or (found[name] is None and value == "none")
+
+
+def test_body_of_a_shell_dumbbell():
+    args = ["--gamma", "10", "--f-sd", "0.1", "--theta", "0.8", "--phi", "0.05", "--xi-deg", "-3"]
+    found = json.loads(invoke("body", *args, "--json").stdout)
+    body = rs.Rattleback.shell_dumbbell(
+        gamma=10, f_sd=0.1, theta=0.8, phi=0.05, xi=float(np.radians(-3))
+    )
+    assert found["K_r"] == rs.modes(body).K_r
+    assert found["t_rgh"] == rs.reversal_time_gh(body, 0.1, 0.01)
+    six = [p for n in ("alpha", "beta", "gamma", "theta", "phi", "xi")
+           for p in (f"--{n}", repr(getattr(body, n)))]  # fmt: skip
+    assert json.loads(invoke("body", *six, "--json").stdout) == found
+    mirrored = json.loads(
+        invoke("body", "--preset", "GH", "--xi-deg", "1.72", "--n-i", "0.1", "--json").stdout
+    )
+    gh = json.loads(invoke("body", "--preset", "GH", "--n-i", "-0.1", "--json").stdout)
+    assert mirrored["t_rgh"] == pytest.approx(gh["t_rgh"], rel=1e-13)
+    assert mirrored["K_p"] == pytest.approx(-gh["K_p"], rel=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        ("", "--alpha, --beta, --gamma, --theta, --phi, --xi missing"),
+        ("--alpha 3 --gamma 5", "--beta, --theta, --phi, --xi missing"),
+        ("--f-sd 0.1 --gamma 5", "--theta, --phi, --xi missing"),
+        ("--preset XX", "--preset XX: no such body; GH is the one there is"),
+        ("--preset GH --f-sd 0.1", "--f-sd does not go with --preset"),
+        ("--preset GH --xi -0.1 --xi-deg -3", "--xi and --xi-deg are both given"),
+        ("--alpha 3 --f-sd 0.1", "--f-sd replaces --alpha and --beta"),
+        ("--preset GH --theta 1.2", "theta is 1.2; 0 < phi < theta < 1 is needed"),
+        ("--preset GH --phi 0.7", "phi 0.7 is not below theta 0.6429"),
+        ("--preset GH --gamma 13", "no body has this inertia: I_zz = gamma = 13 exceeds"),
+        ("--preset GH --theta nan", "a parameter is not a finite number"),
+        ("--preset GH --n-i 0", "--n-i 0: the initial spin must be finite and not zero"),
+        ("--preset GH --n-i inf", "--n-i inf: the initial spin must be finite and not zero"),
+        ("--preset GH --omega-xy0 -1", "--omega-xy0 -1: the oscillation must be finite and pos"),
+        ("--gamma 10 --f-sd 0.7 --theta 0.8 --phi 0.05 --xi -0.1", "f_sd is 0.7; it must lie"),
+    ],
+)  # fmt: skip
+def test_a_wrong_body_is_one_sentence(args, words):
+    result = invoke("body", *args.split())
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    assert result.stderr.startswith("error: ")
+    assert result.stderr.count("\n") == 1
+    assert words in result.stderr
+
+
+# -- many --------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_ten_million_bodies_of_the_closed_form_in_bounded_memory(tmp_path, capsys):
+    count = 10_000_000
+    (tmp_path / "c.yaml").write_text(
+        f"bodies: {{source: sd, samples: {count}}}\nspin: {{n_i: -0.1, omega_xy0: 0.01}}\n"
+        "model: gh\n"
+    )
+    # A process between, whose only child is the one that is measured.
+    code = (
+        "import resource, subprocess, sys;"
+        "code = subprocess.run(sys.argv[1:]).returncode;"
+        "print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss, file=sys.stderr);"
+        "sys.exit(code)"
+    )
+    command = [PROGRAM, "run", tmp_path / "c.yaml", "--output", tmp_path / "out", "-q"]
+    began = time.perf_counter()
+    done = subprocess.run(
+        [sys.executable, "-c", code, *command], capture_output=True, text=True, check=False
+    )
+    seconds = time.perf_counter() - began
+    assert done.returncode == 0, done.stderr
+    peak = int(done.stderr.split()[-1]) * (1 if sys.platform == "darwin" else 1024)
+    with capsys.disabled():
+        print(f"\n{count} bodies, model gh: {seconds:.1f} s, peak {peak / 1e9:.2f} GB")
+    assert peak < 1.5e9
+    summary = pd.read_parquet(tmp_path / "out" / "summary.parquet")
+    assert summary.runs.tolist() == [count]
+    assert summary.fraction_R.tolist() == [1.0]
+    assert manifest(tmp_path / "out")["failed"] == {}
+    shutil.rmtree(tmp_path / "out")  # over a gigabyte

@@ -1,0 +1,295 @@
+"""Ways to stop: a time that is up, and Ctrl-C at any moment and twice."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import re
+import shutil
+import signal
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+import pytest
+from hardship import (
+    Reference,
+    blocks_of,
+    check_finished,
+    check_whole,
+    everything_in,
+    manifest,
+    nursery,
+    tiny,
+    trace,
+    wait_until,
+)
+from syscalls import CHANGES
+
+from rattlesweep.errors import OutputError
+from rattlesweep.integrate.batch import available_threads
+from rattlesweep.sweeps.blocks import task
+from rattlesweep.sweeps.cases.plan import Plan, make_plan
+from rattlesweep.sweeps.config.load import parse_config
+from rattlesweep.sweeps.engines import local
+from rattlesweep.sweeps.engines.engine import Progress, Report, run_sweep
+from rattlesweep.sweeps.inspect.content_hash import content_hash
+from rattlesweep.sweeps.inspect.merge import merge
+from rattlesweep.sweeps.inspect.retype import retype
+from rattlesweep.sweeps.inspect.status import status_of
+from rattlesweep.sweeps.inspect.verify import verify
+
+
+@pytest.fixture(scope="module")
+def sweep(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Reference]:
+    """A config of four blocks, and its sweep."""
+    folder = tmp_path_factory.mktemp("sweep")
+    config = tiny(folder, block_size=6)
+    assert nursery().run("run", config, "--output", folder / "out", "-q").code == 0
+    return config, Reference.of(folder / "out")
+
+
+def test_the_time_is_up(sweep, tmp_path):
+    config, reference = sweep
+    output, kept, ends = tmp_path / "out", [0], []
+    while 0 not in ends:
+        done = nursery().run("run", config, "--output", output, "--max-time", "0.7s", pace=0.3)
+        ends.append(done.code)
+        kept.append(check_whole(output, reference))
+        if done.code:
+            assert done.code == 75
+            assert done.out == ""
+            assert done.err.splitlines()[-1] == (
+                f"stopped: the time is up; {6 * kept[-1]} runs are kept, 0 in flight were lost, "
+                "and the same command resumes from there"
+            )
+            assert manifest(output)["state"] == "stopped"
+            assert kept[-1] > kept[-2]
+            assert not [name for name in everything_in(output) if "/." in f"/{name}"]
+    assert len(ends) > 1
+    check_finished(output, reference)
+
+
+def test_a_time_too_short_for_one_run_says_so(sweep, tmp_path):
+    config, reference = sweep
+    output = tmp_path / "out"
+    began = time.monotonic()
+    done = nursery().run("run", config, "--output", output, "--max-time", "0.3s", pace=60)
+    assert time.monotonic() - began < 30  # it does not wait for the block
+    assert done.code == 75
+    assert done.err.splitlines()[-1] == (
+        "stopped: the time was up before one run had ended, give more; 0 runs are kept, 0 in "
+        "flight were lost, and the same command resumes from there"
+    )
+    assert blocks_of(output) == {}
+    done = nursery().run("run", config, "--output", output, "--max-time", "1h")
+    assert done.code == 0
+    check_finished(output, reference)
+    # What is done needs no time.
+    done = nursery().run("run", config, "--output", output, "--max-time", "0.001s", "-q")
+    assert (done.code, done.err) == (0, "")
+
+
+@pytest.mark.parametrize("text", ["2", "s", "-1s", "0s", "1 fortnight", "", "nan s"])
+def test_what_is_no_time(text, sweep, tmp_path):
+    done = nursery().run("run", sweep[0], "--output", tmp_path / "out", f"--max-time={text}")
+    assert done.code == 2
+    assert done.err.startswith(f"error: --max-time {text}: is ")
+    assert done.err.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("number", "code", "word", "stride"),
+    [
+        (signal.SIGINT, 130, "interrupted", 5),
+        (signal.SIGTERM, 143, "terminated", 9),
+        pytest.param(signal.SIGINT, 130, "interrupted", 1, marks=pytest.mark.slow),
+        pytest.param(signal.SIGTERM, 143, "terminated", 1, marks=pytest.mark.slow),
+    ],
+)
+def test_stopped_at_every_call(number, code, word, stride, sweep, tmp_path):
+    config, reference = sweep
+    output = tmp_path / "out"
+    args = ("run", config, "--output", output, "-q")
+    calls = trace(output, tmp_path / "log", *args, kinds=CHANGES)
+    assert len(calls) > 60
+    for at in range(0, len(calls), stride):
+        shutil.rmtree(output)
+        harm = {"root": output, "kinds": CHANGES, "at": at, "sent": number}
+        done = nursery().run(*args, calls=harm)
+        where = f"call {at}: {calls[at]}: {done}"
+        assert done.code == code, where
+        kept = re.fullmatch(
+            rf"{word}; (completed work is|(\d+) runs are) kept(, 0 in flight were lost)?, "
+            "and the same command resumes from there\n",
+            done.err,
+        )
+        assert kept, f"{where} {done.err}"
+        assert int(kept[2] or 0) <= 6 * check_whole(output, reference), where
+        assert nursery().run(*args).code == 0
+        check_finished(output, reference)
+
+
+def test_a_second_ctrl_c_is_obeyed_at_once(sweep, tmp_path):
+    """The first one waits for the manifest, which another process does not let go of."""
+    config, reference = sweep
+    output = tmp_path / "out"
+    child = nursery().start("run", config, "--output", output, "-q", pace=0.2)
+    wait_until(lambda: child.ended() or blocks_of(output))
+    with open(output / ".locks/manifest", "ab") as handle:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        child.kill(signal.SIGINT)
+        time.sleep(1)
+        assert not child.ended()
+        sent = time.monotonic()
+        child.kill(signal.SIGINT)
+        done = child.wait()
+        assert time.monotonic() - sent < 10
+    assert done.code in (130, -signal.SIGINT)
+    assert "Traceback" not in done.err
+    check_whole(output, reference)
+    assert nursery().run("run", config, "--output", output, "-q").code == 0
+    check_finished(output, reference)
+
+
+# -- inside a block ----------------------------------------------------------------------------
+
+RUNS = 600
+
+
+def plan_of(**changes: Any) -> Plan:
+    """A sweep of one block."""
+    config = {
+        "name": "one",
+        "bodies": {"source": "sd", "samples": RUNS // 2},
+        "spin": {"n_i": [-0.1, 0.2], "omega_xy0": 0.01},
+        "block_size": RUNS,
+    }
+    return make_plan(parse_config(config | changes))
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Reference:
+    """That sweep, never stopped."""
+    output = tmp_path_factory.mktemp("plain")
+    run_sweep(plan_of(), output)
+    return Reference.of(output)
+
+
+@pytest.fixture
+def often(monkeypatch):
+    """Looks at the kernel so often that it can be stopped where a test wants it."""
+    monkeypatch.setattr(task, "POLL", 0.01)
+
+
+def stop_after(more: int) -> Callable[[Progress], None]:
+    """Ctrl-C when so many runs have ended."""
+    first: list[int] = []
+
+    def report(progress: Progress) -> None:
+        first.append(progress.runs)
+        if progress.runs >= first[0] + more:
+            raise KeyboardInterrupt
+
+    return report
+
+
+def rows_in(output: Path) -> int:
+    return sum(pq.ParquetFile(path).metadata.num_rows for path in output.glob("runs/*"))
+
+
+def test_the_runs_of_a_stopped_block_are_kept(plain, often, tmp_path):
+    output, kept = tmp_path / "out", [0]
+    for more in (1, 150):
+        with pytest.raises(KeyboardInterrupt) as stopped:
+            run_sweep(plan_of(), output, report=stop_after(more))
+        kept.append(rows_in(output))
+        assert kept[-2] + more <= kept[-1] < RUNS
+        assert list(blocks_of(output)) == ["block-000000.parquet"]
+        (said,) = stopped.value.__notes__
+        lost = re.fullmatch(rf"{kept[-1]:,} runs are kept, (\d+) in flight were lost", said)
+        assert lost
+        assert 0 < int(lost[1]) <= 32 * available_threads()
+        # Every reader knows it for what it is.
+        found = status_of(output)
+        assert (found.runs_begun, found.runs_done, found.blocks_done) == (kept[-1], 0, 0)
+        assert (found.state, found.damaged) == ("stopped", [])
+        verdict = verify(output)
+        assert (verdict.problems, verdict.begun, verdict.missing) == ([], kept[-1], [0])
+        assert (verdict.blocks, verdict.runs) == (0, 0)
+        assert manifest(output)["receipts"] == {}
+        merged = merge([output], tmp_path / f"merged-{more}")
+        assert (merged.runs, merged.missing) == (0, [(0, RUNS)])
+    # Other types, which are put back when the block is completed.
+    _, summary = retype(output, ["classify.sw_departure=1e-6"])
+    assert summary.column("runs").to_pylist() == [0, 0]
+    assert manifest(output)["receipts"] == {}
+    done = run_sweep(plan_of(), output)
+    assert (done.resumed_runs, done.done, done.runs) == (kept[-1], RUNS - kept[-1], RUNS)
+    check_finished(output, plain)
+    assert content_hash(output) == plain.hash
+
+
+def stop_and_go(plan: Plan, output: Path, **how: Any) -> list[Report]:
+    """The same command with hardly any time, until it is through."""
+    reports = []
+    while not reports or reports[-1].stopped:
+        reports.append(run_sweep(plan, output, threads=1, max_time=1e-9, **how))
+        assert reports[-1].done > 0, reports[-1].stopped
+        assert len(reports) <= RUNS
+    return reports
+
+
+def test_ctrl_c_leaves_a_task_its_time_to_hand_over():
+    def call(control: Any) -> str:
+        while not control.stopping:
+            time.sleep(0.01)
+        time.sleep(1)
+        return "rest"
+
+    at_work = task.Task(call)
+    threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
+    with pytest.raises(KeyboardInterrupt):
+        at_work.wait()
+    at_work.stop(30)
+    assert at_work.value() == "rest"
+
+
+def test_any_time_however_short_makes_progress(plain, often, tmp_path):
+    reports = stop_and_go(plan_of(), tmp_path)
+    assert len(reports) > 1
+    assert sum(report.done for report in reports) == RUNS
+    assert reports[0].stopped == "the time is up"
+    check_finished(tmp_path, plain)
+
+
+def test_retrying_hears_the_time(plain, often, tmp_path):
+    limited = {"integrator": {"max_steps": 400}}
+    failed = run_sweep(plan_of(**limited), tmp_path).failed["step_limit"]
+    assert failed > 100
+    reports = stop_and_go(plan_of(), tmp_path, retry_failed=True)
+    assert len(reports) > 1
+    assert [report.runs for report in reports] == [RUNS] * len(reports)
+    assert sum(report.retried for report in reports) == failed
+    check_finished(tmp_path, plain)
+
+
+def test_blocks_that_vanish_are_no_success(tmp_path):
+    def vanishing(job: Any) -> None:
+        local.work_off(job)
+        job.session.store.block_path(1).unlink()
+
+    with pytest.raises(OutputError, match=r"block-000001.parquet was in place and has vanished"):
+        run_sweep(plan_of(block_size=400), tmp_path, engine=vanishing)
+    assert manifest(tmp_path)["state"] == "stopped"
+    assert run_sweep(plan_of(block_size=400), tmp_path).summary is not None
+    assert verify(tmp_path).problems == []
+
+
+def test_what_the_tests_leave_lying_is_in_pytests_own_directory(tmp_path_factory):
+    assert nursery().folder.is_relative_to(tmp_path_factory.getbasetemp())
+    assert nursery().folder.is_dir()

@@ -1,0 +1,195 @@
+"""The summary against pandas, and that it does not depend on how runs are cut into blocks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pytest
+from test_store import SCHEMA, fill, random_columns
+
+from rattlesweep.errors import OutputError
+from rattlesweep.sweeps.inspect.summary import closing_table, summarise
+from rattlesweep.sweeps.store.store import Store
+from rattlesweep.sweeps.tables.arrow import same_schema
+from rattlesweep.sweeps.tables.columns import summary_schema
+
+
+@dataclass
+class Case:
+    index: int
+    target_name: str | None = None
+    target: float | None = None
+    n_i: float | None = -0.1
+    omega_xy0: float | None = 0.01
+
+
+CASES = [Case(0, "K_r", 0.01), Case(1, "K_p", 0.3), Case(2, n_i=None, omega_xy0=None)]
+
+
+def oracle(runs: pd.DataFrame) -> dict[str, float]:
+    """Summary of one case's runs, the plain way."""
+    ok = runs[runs["status"] == "ok"]
+    reversed_ = ok[ok["type"] == "R"]
+    reversals = reversed_["t_r"]
+    ratio = (reversals / reversed_["t_rgh"])[reversed_["t_rgh"] > 0]
+    steady = runs["omega_p"].notna() & ~(runs["K_p"] * runs["n_i"] > 0)
+    bondi = runs["n_c1"].abs() < runs["n_i"].abs()
+    return {
+        "runs": len(runs),
+        **{f"fraction_{t}": (ok["type"] == t).mean() for t in ("R", "SS", "SW", "unclassified")},
+        "fraction_bondi": (bondi & steady).sum() / steady.sum(),
+        "t_r_mean": reversals.mean(),
+        "t_r_std": reversals.std(),
+        "t_rgh_mean": runs["t_rgh"].mean(),
+        "t_r_over_t_rgh_mean": ratio.mean(),
+        "t_r_over_t_rgh_sem": ratio.sem(),
+        "failed": (runs["status"] != "ok").sum(),
+        "near_tangencies": runs["near_tangencies"].sum(),
+    }
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_against_pandas(tmp_path: Path, seed: int) -> None:
+    store = fill(tmp_path, 300, rows=2000, seed=seed)
+    summary = summarise(store, CASES)
+    assert same_schema(summary.schema, summary_schema())
+    runs = pd.read_parquet(store.runs)
+    for row, (_, group) in zip(summary.to_pylist(), runs.groupby("case"), strict=True):
+        for name, value in oracle(group).items():
+            assert row[name] == pytest.approx(value, rel=1e-12), name
+    assert summary.column("case").to_pylist() == [0, 1, 2]
+    assert summary.column("K_r").to_pylist() == [0.01, None, None]
+    assert summary.column("K_p").to_pylist() == [None, 0.3, None]
+    assert summary.column("n_i").to_pylist() == [-0.1, -0.1, None]
+
+
+def test_block_size_does_not_show(tmp_path: Path) -> None:
+    tables = [summarise(fill(tmp_path / str(n), n, 3000), CASES) for n in (3000, 1024, 999, 100)]
+    for table in tables[1:]:
+        assert table.equals(tables[0])
+    for name in ("t_r_mean", "t_r_std", "t_rgh_mean", "t_r_over_t_rgh_mean", "t_r_over_t_rgh_sem"):
+        bits = {t.column(name).to_numpy().tobytes() for t in tables}
+        assert len(bits) == 1
+
+
+def test_case_larger_than_a_batch(tmp_path: Path) -> None:
+    rows = (1 << 17) + 5
+    store = Store(tmp_path)
+    store.prepare()
+    columns = random_columns(np.full(rows, 2), np.arange(rows))
+    store.write_block(0, columns, SCHEMA)
+    row = summarise(store, CASES).to_pylist()[2]
+    runs = pd.read_parquet(store.runs)
+    keep = runs[(runs["status"] == "ok") & (runs["type"] == "R")]["t_r"].dropna().to_numpy()
+    assert row["t_r_mean"] == np.mean(keep)
+    assert row["t_r_std"] == np.std(keep, ddof=1)
+
+
+def one_case(directory: Path, **change: object) -> dict[str, object]:
+    store = Store(directory)
+    store.prepare()
+    columns = random_columns(np.zeros(3, int), np.arange(3)) | {"K_p": np.full(3, 0.3)}
+    ok = {"status": ["ok"] * 3, "type": ["R", "SS", "SS"], "t_r": np.array([7.0, np.nan, np.nan])}
+    store.write_block(0, {**columns, **ok, **change}, SCHEMA)
+    row: dict[str, object] = summarise(store, CASES[:1]).to_pylist()[0]
+    return row
+
+
+def test_nothing_to_take_a_mean_of(tmp_path: Path) -> None:
+    row = one_case(tmp_path / "one reversal")
+    assert (row["t_r_mean"], row["t_r_std"]) == (7.0, None)
+    row = one_case(tmp_path / "failed", status=["diverged"] * 3, type=[None] * 3)
+    assert row["fraction_R"] is None
+    assert (row["failed"], row["t_r_mean"]) == (3, None)
+
+
+def test_bondi_share(tmp_path: Path) -> None:
+    nan = np.nan
+    n_c1 = np.array([-0.2, -0.4, nan])
+    n_i = np.array([-0.3, -0.3, -0.3])
+    row = one_case(tmp_path / "a", n_c1=n_c1, n_i=n_i, omega_p=np.ones(3))
+    assert row["fraction_bondi"] == 1 / 3
+    row = one_case(tmp_path / "b", n_c1=n_c1, n_i=n_i, omega_p=np.array([1, 1, nan]))
+    assert row["fraction_bondi"] == 1 / 2
+    row = one_case(tmp_path / "d", n_c1=n_c1, n_i=n_i, omega_p=np.array([nan, 1, 1]))
+    assert row["fraction_bondi"] == 0
+    row = one_case(tmp_path / "c", n_c1=np.full(3, nan), n_i=n_i, omega_p=np.full(3, nan))
+    assert row["fraction_bondi"] is None
+
+
+def test_bondi_share_is_of_the_steady_direction(tmp_path: Path) -> None:
+    n_c1, omega_p = np.full(3, -0.2), np.ones(3)
+    row = one_case(tmp_path / "unsteady", n_c1=n_c1, n_i=np.full(3, 0.6), omega_p=omega_p)
+    assert row["fraction_bondi"] is None
+    # Mirror images are steady where n is positive.
+    mirrored = {"n_c1": -n_c1, "K_p": np.full(3, -0.3), "omega_p": omega_p}
+    row = one_case(tmp_path / "mirrored", **mirrored, n_i=np.array([0.6, 0.1, -0.6]))
+    assert row["fraction_bondi"] == 1 / 2
+
+
+def test_ratio_is_the_mean_over_the_runs_that_reverse(tmp_path: Path) -> None:
+    # Those that do not reverse have a theory too, and it must not count.
+    t_r, t_rgh = np.array([20.0, 6.0, np.nan]), np.array([10.0, 4.0, 1000.0])
+    row = one_case(tmp_path, type=["R", "R", "SS"], t_r=t_r, t_rgh=t_rgh)
+    assert row["t_r_over_t_rgh_mean"] == 1.75
+    assert row["t_r_over_t_rgh_sem"] == pytest.approx(0.25)
+    assert (row["t_r_mean"], row["t_rgh_mean"]) == (13.0, 338.0)
+
+
+def test_failed_runs_do_not_count_as_reversals(tmp_path: Path) -> None:
+    row = one_case(
+        tmp_path,
+        status=["ok", "diverged", "ok"],
+        type=["R", None, "SS"],
+        t_r=np.array([7.0, 9.0, np.nan]),
+    )
+    assert (row["t_r_mean"], row["fraction_R"], row["failed"]) == (7.0, 0.5, 1)
+
+
+def test_case_not_yet_run(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    store.prepare()
+    summary = summarise(store, CASES)
+    assert summary.column("runs").to_pylist() == [0, 0, 0]
+    assert summary.column("fraction_R").null_count == 3
+    store.write_summary(summary)
+    assert store.read_summary().equals(summary)
+    assert "NaN" not in closing_table(summary)
+
+
+def test_runs_that_do_not_belong(tmp_path: Path) -> None:
+    store = fill(tmp_path, 300)
+    with pytest.raises(OutputError, match="case 2, which"):
+        summarise(store, CASES[:2])
+    store.rewrite_block(9, store.read_block(0))
+    with pytest.raises(OutputError, match="not in the order"):
+        summarise(store, CASES)
+
+
+def test_summary_is_written_as_it_was_made(tmp_path: Path) -> None:
+    store = fill(tmp_path, 300)
+    summary = summarise(store, CASES)
+    store.write_summary(summary)
+    assert pd.read_parquet(store.summary_path).equals(summary.to_pandas())
+    metadata = store.read_summary().schema.field("t_r_mean").metadata
+    assert metadata[b"unit"] == b"sqrt(a/g)"
+
+
+def test_closing_table() -> None:
+    values = [0, None, 0.0041, -0.5, 0.001, 10_000_000, 0.5, 0.25, 0.25, 0.0, 0.125]
+    values += [812.4567, 3.0, 1600.0, 1.01557, 0.003, 12, 0]
+    first = dict(zip(summary_schema().names, values, strict=True))
+    second = dict.fromkeys(first, None) | {"case": 11, "runs": 0, "failed": 0, "near_tangencies": 0}
+    text = closing_table(pa.Table.from_pylist([first, second], summary_schema()))
+    head, one, two = text.split("\n")
+    assert head.split()[:4] == ["case", "target", "n_i", "omega_xy0"]
+    assert " ".join(one.split()) == (
+        "0 K_r=0.0041 -0.5 0.001 10000000 0.500 0.250 0.250 0.000 0.125 812.46 1.0156 12"
+    )
+    assert two.split()[:3] == ["11", "-", "-"]
+    assert len({len(line) for line in (head, one, two)}) == 1
+    assert len(head) <= 104
