@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -333,10 +332,8 @@ def sweep(
     loaded = load_config(config) if isinstance(config, str | Path) else parse_config(config)
     base = Path(str(config)).resolve().parent if file else None
     plan, doubts = checked_plan(loaded, base)
-    # Called through the room of its name, it is one level further from the user.
-    through = sys._getframe(1).f_globals.get("__name__") == "rattlesweep.sweep"
     for doubt in doubts:
-        warnings.warn(doubt, ConfigWarning, stacklevel=3 if through else 2)
+        warnings.warn(doubt, ConfigWarning, stacklevel=2)
     directory = Path(output if output is not None else loaded.directory)
     run_sweep(plan, directory, base=base, threads=threads)
     return Sweep(directory)

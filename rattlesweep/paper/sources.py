@@ -11,8 +11,8 @@ import hashlib
 from functools import cache
 from pathlib import Path
 
-PACKAGE = Path(__file__).resolve().parents[2]
-ROOM = "rattlesweep.study.paper"
+PACKAGE = Path(__file__).resolve().parents[1]
+ROOM = "rattlesweep.paper"
 # What only pictures depend on.
 PICTURES = f"{ROOM}.style"
 
@@ -29,7 +29,7 @@ def code_key(name: str, *, pictures: bool = False) -> str:
         Whether functions called ``draw`` and the style of the figures count.
     """
     digest = hashlib.sha256()
-    left, seen = [f"{ROOM}.{name}"], set()
+    left, seen = [f"{ROOM}.{name}" if name == "sweeps" else f"{ROOM}.figures.{name}"], set()
     while left:
         module = left.pop()
         if module in seen or (module == PICTURES and not pictures):

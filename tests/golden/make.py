@@ -1,8 +1,8 @@
 """Make the golden sweep anew: `python tests/golden/make.py`.
 
 To be done only where numbers are meant to change, with the reason in the changelog; what is
-compared is in `tests/sweeps/test_golden.py`. `NUMBA_CPU_NAME=generic python tests/golden/make.py FILE`
-makes it for another type of processor.
+compared is in `tests/sweeps/test_golden.py`.
+`NUMBA_CPU_NAME=generic python tests/golden/make.py FILE` makes it for another type of processor.
 """
 
 import json

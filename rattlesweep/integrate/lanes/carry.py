@@ -1,8 +1,8 @@
 """A run that carries a tangent: what is added to how runs begin, are watched and end.
 
-Templates that stand in for those of the same names in :mod:`rattlesweep.integrate.lanes.runs`, do what
-these do, and look after the tangent.  Barriers keep the two apart: the state's last bits are those
-of a run without tangent.
+Templates that stand in for those of the same names in :mod:`rattlesweep.integrate.lanes.runs`, do
+what these do, and look after the tangent.  Barriers keep the two apart: the state's last bits
+are those of a run without tangent.
 """
 
 # mypy: ignore-errors

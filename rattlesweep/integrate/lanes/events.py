@@ -71,8 +71,8 @@ def search(l, h, n, r, w):  # type: ignore[no-untyped-def]
     h, n, r : float
         Step just tried, the spin and its rate at its end.
     w : ndarray
-        Workspace, with the rows of :mod:`rattlesweep.integrate.lanes.rows`.  FUZZ is the depth of an
-        extremum, relative to the swing, below which the method cannot tell whether the spin
+        Workspace, with the rows of :mod:`rattlesweep.integrate.lanes.rows`.  FUZZ is the depth of
+        an extremum, relative to the swing, below which the method cannot tell whether the spin
         touched zero; such extrema are counted.
 
     Returns

@@ -197,7 +197,8 @@ def work(thread, w, lane_run, shared, order, y0, constants, probe, plan, options
     y0, constants, probe : ndarray, shape (runs, ...)
         Initial states, the bodies' constants and the amplitudes' coefficients.
     plan, options : ndarray
-        See :mod:`rattlesweep.integrate.lanes.columns`, as for ``record``, ``result`` and ``counts``.
+        See :mod:`rattlesweep.integrate.lanes.columns`, as for ``record``, ``result`` and
+        ``counts``.
     record : bool ndarray, shape (3,)
         Which extra observations to make.
     result, counts, windows : ndarray

@@ -1,7 +1,7 @@
 """What happens to a single lane: a run begins, a window closes, a run ends.
 
-Templates like those of :mod:`rattlesweep.integrate.lanes.kernel`, which calls them for the few lanes where
-something is due.
+Templates like those of :mod:`rattlesweep.integrate.lanes.kernel`, which calls them for the few
+lanes where something is due.
 """
 
 # mypy: ignore-errors

@@ -94,9 +94,9 @@ def make_plan(config: Config, base: Path | None = None) -> Plan:
     Raises
     ------
     ConfigError
-        If the source cannot deliver (see :func:`rattlesweep.sweeps.cases.sources.make_source`), if nothing
-        says how to launch, if the model and the recordings do not go together, or if there would
-        be too many blocks.
+        If the source cannot deliver (see :func:`rattlesweep.sweeps.cases.sources.make_source`), if
+        nothing says how to launch, if the model and the recordings do not go together, or if
+        there would be too many blocks.
     """
     from rattlesweep.sweeps.tables.columns import runs_columns
 

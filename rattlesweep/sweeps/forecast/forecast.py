@@ -307,8 +307,8 @@ def _means(pilot: Pilot, pool: Pool, values: Floats) -> Floats:
 def _largest_share(plan: Plan, pool: Pool, steps: Floats, shards: int) -> float:
     """Part of the sweep that falls to the longest share.
 
-    Blocks are dealt by what theory expects, as :func:`rattlesweep.sweeps.cases.shards.deal` does, and the
-    shares weighed by what the pilot has seen.
+    Blocks are dealt by what theory expects, as :func:`rattlesweep.sweeps.cases.shards.deal`
+    does, and the shares weighed by what the pilot has seen.
     """
     edges = np.minimum(np.arange(plan.n_blocks + 1) * plan.block_size, plan.runs)
     at = np.arange(len(plan.cases) + 1) * plan.samples
