@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 import io
 import json
 import math
 import re
+import shutil
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -162,6 +165,34 @@ def test_words_cannot_become_markup(tmp_path: Path):
     found = scene(t_end=5.0)
     found.about["facts"] = [("a", "</script><script>")]
     assert held(show.make_page(found, "a", "b").decode())["facts"] == [["a", "</script><script>"]]
+
+
+# -- what it is made of --------------------------------------------------------------------------
+
+PAGE = Path(show.__file__).parent / "page"
+
+
+def test_the_bundle_is_what_is_recorded():
+    data = (PAGE / "three.min.js").read_bytes()
+    recorded, name = (PAGE / "three.min.js.sha256").read_text().split()
+    assert (name, hashlib.sha256(data).hexdigest()) == ("three.min.js", recorded)
+    wanted = json.loads((PAGE / "package.json").read_text())["devDependencies"]
+    locked = json.loads((PAGE / "package-lock.json").read_text())["packages"]
+    assert locked[""]["devDependencies"] == wanted
+    assert {name: locked[f"node_modules/{name}"]["version"] for name in wanted} == wanted
+    assert data.startswith(f"/*! three.js {wanted['three']}\n".encode())
+    # By checksum alone, wherever one has packages from.
+    pinned = [package for name, package in locked.items() if name]
+    assert all(package["integrity"].startswith("sha512-") for package in pinned)
+    assert not any("resolved" in package for package in pinned)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("npm") is None, reason="npm is not installed")
+def test_the_pinned_version_bundles_to_it(tmp_path: Path):
+    subprocess.run([PAGE / "bundle.sh", tmp_path], check=True)
+    for name in ("three.min.js", "three.min.js.sha256"):
+        assert (tmp_path / name).read_bytes() == (PAGE / name).read_bytes()
 
 
 # -- the command ---------------------------------------------------------------------------------

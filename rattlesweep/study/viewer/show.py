@@ -239,7 +239,7 @@ def make_page(scene: Scene, title: str, subtitle: str) -> bytes:
         "theory": encode(scene.theory),
     }
     text = {
-        name: (files("rattlesweep.study") / "page" / file).read_text(encoding="utf-8")
+        name: (files("rattlesweep.study.viewer") / "page" / file).read_text(encoding="utf-8")
         for name, file in (
             ("page", "page.html"), ("style", "page.css"), ("three", "three.min.js"),
             ("scene", "scene.js"), ("player", "player.js"),
