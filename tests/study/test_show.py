@@ -21,8 +21,8 @@ from scipy.spatial.transform import Rotation
 from test_run import handlers, invoke, rows, run
 
 import rattlesweep as rs
-from rattlesweep.study.onerun.course import Course
 from rattlesweep.study.viewer import show
+from rattlesweep.sweeps.blocks.single import Launch
 
 __all__ = ["handlers"]
 GH = rs.Rattleback.gh()
@@ -31,9 +31,8 @@ needs_browser = pytest.mark.skipif(find_browser() is None, reason="no Chromium i
 
 
 def scene(t_end: float = T_END, points: int | None = None, **launch: Any) -> show.Scene:
-    course = Course(GH, channels=show.CHANNELS, t_end=t_end,
-                    **({"n_i": 0.1, "omega_xy0": 0.01} | launch))  # fmt: skip
-    return show.make_scene(course, points)
+    run = Launch(GH, t_end=t_end, **({"n_i": 0.1, "omega_xy0": 0.01} | launch))
+    return show.make_scene(show.course_of(run, points))
 
 
 @pytest.fixture(scope="module")
@@ -124,8 +123,8 @@ def test_the_body_is_cut_off_above_every_contact():
 
 def test_dumbbells_are_those_of_the_moments():
     body = rs.Rattleback.shell_dumbbell(gamma=10, f_sd=0.1, theta=0.8, phi=0.05, xi=-0.05)
-    course = Course(body, channels=show.CHANNELS, t_end=5.0, n_i=0.1, omega_xy0=0.01)
-    places = np.array(show.make_scene(course, 50).about["weights"])
+    course = show.course_of(Launch(body, 0.1, 0.01, 5.0), 50)
+    places = np.array(show.make_scene(course).about["weights"])
     assert np.sum(0.25 * places[:, 1] ** 2) == pytest.approx(body.alpha - 1, rel=1e-14)
     assert np.sum(0.25 * places[:, 0] ** 2) == pytest.approx(body.beta - 1, rel=1e-14)
     assert scene(t_end=5.0, points=50).about["weights"] == []
