@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rattlesweep.study.plots.panels import Panel, draw_panels
-from rattlesweep.study.plots.table import Moments, Tally, shares
+from rattlesweep.study.plots.table import Tally
 from rattlesweep.study.style import (
     GREY,
     SERIES,
@@ -20,6 +20,7 @@ from rattlesweep.study.style import (
     symbol,
     value_text,
 )
+from rattlesweep.sweeps.tables.cells import Moments, share
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -112,7 +113,7 @@ def _draw(
     mean, spread, error = (
         counted.grid(part) for part in (moments.means(), moments.deviations(), moments.errors())
     )
-    kept = counted.grid(shares(moments.count, counted.ok))
+    kept = counted.grid(share(moments.count, counted.ok))
     panels = draw_panels(figure, (), counted.axes[2:])
     at = _side_by_side(x.values, len(places), x.logarithmic if log is None else log)
     for panel in panels:
@@ -165,7 +166,7 @@ def _finish(figure: Any, panels: list[Panel], counted: Tally, ordinate: str, the
         handles.append(Line2D([], [], color=GREY, linewidth=0.9, label=text))
     if len(places) > 1 and 2 <= len(x.values) <= MOST_MARKERS:
         handles.append(Line2D([], [], linestyle="", label="points moved sideways\nto stay apart"))
-    kept = shares(counted.t_r.count, counted.ok)
+    kept = share(counted.t_r.count, counted.ok)
     if len(x.values) <= MOST_MARKERS and (kept < 0.5).any():
         handles.append(Line2D([], [], color=GREY, marker="o", mfc="white", ms=4.5, linestyle="",
                               label="hollow: fewer than half reverse"))  # fmt: skip
