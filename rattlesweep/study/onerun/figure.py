@@ -11,7 +11,21 @@ from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.study.onerun.channels import CHANNELS
 from rattlesweep.study.onerun.course import Course
 from rattlesweep.study.onerun.rows import Rows
-from rattlesweep.study.style import RATE, SERIES, TIME, encode, new_figure, styled, symbol
+from rattlesweep.study.style import (
+    BLUE,
+    FORMATS,
+    GREY,
+    INK,
+    RATE,
+    TIME,
+    UNITS,
+    VERMILION,
+    encode,
+    light_grid,
+    new_figure,
+    styled,
+    symbol,
+)
 from rattlesweep.sweeps.blocks.single import Launch
 from rattlesweep.sweeps.store.atomic import replace_file
 
@@ -26,11 +40,8 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-ENDINGS = (".svg", ".png", ".pdf")
+ENDINGS = tuple(f".{kind}" for kind in FORMATS)
 WIDTH, DPI = 7.2, 160
-(BLUE, _), (ORANGE, _) = SERIES[:2]
-BLACK, GREY = "#222222", "#666666"
-UNITS = {"1": "", "sqrt(a/g)": TIME, "sqrt(g/a)": RATE, "rad": "rad"}
 # Every period of the pitch is to be seen, as far as the points are not too many.
 ROWS = Rows(per_period=24, most=400_001)
 # More than so many points become the least and the largest of each of so many bins.
@@ -117,7 +128,7 @@ def draw(columns: dict[str, Floats], course: Course, caption: str = "") -> Figur
         if panel == ("n",):
             _draw_spin(axis, columns, CURVES[course.model])
         elif panel == ("E_p", "E_r"):
-            for mode, colour, dash in (("E_p", BLUE, "-"), ("E_r", ORANGE, "--")):
+            for mode, colour, dash in (("E_p", BLUE, "-"), ("E_r", VERMILION, "--")):
                 axis.plot(t, columns[mode], color=colour, linestyle=dash, linewidth=1.3,
                           label=f"${mode}$")  # fmt: skip
             axis.set_ylim(top=1.3 * float(max(columns["E_p"].max(), columns["E_r"].max())))
@@ -152,7 +163,7 @@ def _draw_spin(axis: Any, columns: dict[str, Floats], label: str) -> None:
     _line(axis, t, columns["n"], BLUE, label)
     most = float(np.max(np.abs(columns["n"])))
     for name, model, colour, dash in (
-        ("n_gh", "gh", BLACK, "--"), ("n_reduced", "reduced", ORANGE, "-.")
+        ("n_gh", "gh", INK, "--"), ("n_reduced", "reduced", VERMILION, "-.")
     ):  # fmt: skip
         if name in columns:
             axis.plot(t, columns[name], color=colour, linestyle=dash, linewidth=1.1,
@@ -167,7 +178,7 @@ def _draw_oscillation(axis: Any, t: Floats, values: Floats, width: int) -> None:
     _line(axis, t, values, BLUE)
     height = envelope(values, width)
     for sign, label in ((1, "envelope"), (-1, None)):
-        axis.plot(t, sign * height, color=ORANGE, linewidth=1.1, label=label)
+        axis.plot(t, sign * height, color=VERMILION, linewidth=1.1, label=label)
     most = float(height.max()) or 1.0
     axis.set_ylim(-1.1 * most, 1.45 * most)
 
@@ -181,9 +192,7 @@ def _finish(axes: Any, course: Course) -> None:
     text = f"{word} at " if one else f"{len(times)} {word}s, the first at "
     explained: set[str] = set()
     for axis in axes:
-        axis.grid(visible=True, color="#e4e4e4", linewidth=0.6)
-        axis.set_axisbelow(True)
-        axis.spines[["top", "right"]].set_visible(False)
+        light_grid(axis)
         low, high = axis.get_ylim()
         if low <= 0 <= high:
             axis.axhline(0, color=GREY, linewidth=0.7, zorder=1)
