@@ -11,9 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rattlesweep.errors import OutputError
-from rattlesweep.sweeps.config.load import Config, ConfigError, GridSource, SdSource, parse_config
+from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.sweeps.config.bodies import SdSource
+from rattlesweep.sweeps.config.grid import GridSource
+from rattlesweep.sweeps.config.load import parse_config
 from rattlesweep.sweeps.config.messages import not_one_of
+from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.store.provenance import read_manifest
 from rattlesweep.sweeps.store.store import Store
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rattlesweep.sweeps.cases.plan import Block, Plan
-    from rattlesweep.sweeps.config.load import Config
+    from rattlesweep.sweeps.config.schema import Config
 
 T = TypeVar("T")
 STATUS_WORDS = [status.label for status in Status]

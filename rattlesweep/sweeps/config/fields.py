@@ -1,12 +1,14 @@
 """The kinds of values that configs are made of: numbers with limits, lists, closed intervals."""
 
 import math
+import sys
 from collections.abc import Callable
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema
 from pydantic_core import PydanticCustomError
 
+from rattlesweep.sweeps.config.messages import out_of_range
 from rattlesweep.sweeps.config.yamlfile import is_number
 
 
@@ -18,28 +20,21 @@ class Base(BaseModel):
     )
 
 
-class Limits(NamedTuple):
-    """The open interval a body parameter lives in, and the same in words."""
-
-    low: float
-    high: float
-    words: str
-
-
 MAX_SPEED = 1e6
 """Of spins and oscillations, in sqrt(g/a): 5e6 turns a second of a body of 1 cm."""
 
 LIMITS = {
-    "alpha": Limits(1, 1e6, "1 < beta < alpha < 1e6"),
-    "beta": Limits(1, 1e6, "1 < beta < alpha < 1e6"),
-    "gamma": Limits(0, 1e6, "0 < gamma < 1e6"),
-    "theta": Limits(0, 1, "0 < phi < theta < 1"),
-    "phi": Limits(0, 1, "0 < phi < theta < 1"),
-    "xi": Limits(-math.pi / 2, 0, "-pi/2 < xi < 0"),
-    "xi_deg": Limits(-90, 0, "-90 < xi_deg < 0"),
-    "minus_xi_deg": Limits(0, 90, "0 < minus_xi_deg < 90"),
-    "f_sd": Limits(0, 0.5, "0 < f_sd < 0.5"),
+    "alpha": (1, 1e6),
+    "beta": (1, 1e6),
+    "gamma": (0, 1e6),
+    "theta": (0, 1),
+    "phi": (0, 1),
+    "xi": (-math.pi / 2, 0),
+    "xi_deg": (-90, 0),
+    "minus_xi_deg": (0, 90),
+    "f_sd": (0, 0.5),
 }
+"""The open interval each body parameter lives in; how they go together is for `physics.body`."""
 
 DESCRIPTIONS = {
     "alpha": "I_xx / (M a^2) + 1, moment of inertia about the x axis; no unit, above beta.",
@@ -55,60 +50,106 @@ DESCRIPTIONS = {
 """What each body parameter means. Symbols are those of Kondo and Nakanishi (2017)."""
 
 
-def limit_problem(name: str, value: float, what: str = "") -> str | None:
-    """Why `value` is no value of the body parameter `name`; None if it is one."""
-    limits = LIMITS[name]
-    subject = f"{what} {value:g}".strip()
-    if value >= limits.high:
-        return f"{subject} is not below {limits.high:.6g}; {name} must satisfy {limits.words}"
-    if value <= limits.low:
-        return f"{subject} is not above {limits.low:.6g}; {name} must satisfy {limits.words}"
-    return None
+def check_limits(name: str, value: float, what: str) -> None:
+    """Raise ValueError if `value`, which is `what`, is no value of the body parameter `name`."""
+    low, high = LIMITS[name]
+    if value <= low:
+        raise ValueError(out_of_range(f"{what} {value:g}", "above", low))
+    if value >= high:
+        raise ValueError(out_of_range(f"{what} {value:g}", "below", high))
 
 
-def _limited(name: str) -> Callable[[float], float]:
-    def check(value: float) -> float:
-        if problem := limit_problem(name, value):
-            raise ValueError(problem)
-        return value
-
-    return check
+def _limited(name: str) -> Any:
+    low, high = LIMITS[name]
+    return Field(gt=low, lt=high)
 
 
-def _limit_schema(name: str) -> dict[str, Any]:
-    limits = LIMITS[name]
-    return {
-        "type": "number",
-        "exclusiveMinimum": limits.low,
-        "exclusiveMaximum": limits.high,
-    }
+Alpha = Annotated[float, _limited("alpha")]
+Beta = Annotated[float, _limited("beta")]
+Gamma = Annotated[float, _limited("gamma")]
+Theta = Annotated[float, _limited("theta")]
+Phi = Annotated[float, _limited("phi")]
+Xi = Annotated[float, _limited("xi")]
+XiDeg = Annotated[float, _limited("xi_deg")]
+FSd = Annotated[float, _limited("f_sd")]
 
 
-def _parameter(name: str) -> Any:
-    return (
-        AfterValidator(_limited(name)),
-        WithJsonSchema(_limit_schema(name)),
-        Field(description=DESCRIPTIONS[name]),
-    )
+MAX_AXIS = 10**6
+_TOO_CLOSE = "{n:g} values from {low!r} to {high!r} would not all differ; give fewer of them"
 
 
-Alpha = Annotated[float, *_parameter("alpha")]
-Beta = Annotated[float, *_parameter("beta")]
-Gamma = Annotated[float, *_parameter("gamma")]
-Theta = Annotated[float, *_parameter("theta")]
-Phi = Annotated[float, *_parameter("phi")]
-Xi = Annotated[float, *_parameter("xi")]
-XiDeg = Annotated[float, *_parameter("xi_deg")]
-FSd = Annotated[float, *_parameter("f_sd")]
+def _checked_ends(ends: list[float]) -> list[float]:
+    if len(ends) != 3:
+        raise ValueError(f"three numbers are wanted, [low, high, n], and not {len(ends)}")
+    low, high, n = ends
+    if n != int(n) or not 1 <= n <= MAX_AXIS:
+        raise ValueError(f"n is {n:g}; it must be a whole number from 1 to {MAX_AXIS}")
+    if (n == 1) != (low == high):
+        raise ValueError(
+            f"{n:g} values from {low:g} to {high:g} cannot be spaced; "
+            "give equal ends with n = 1 and different ones with more"
+        )
+    return ends
+
+
+def _checked_step(ends: list[float]) -> list[float]:
+    low, high, n = ends
+    # Neighbours closer than this may round to one number.
+    if n > 1 and not abs(high / (n - 1) - low / (n - 1)) > 4 * math.ulp(max(abs(low), abs(high))):
+        raise ValueError(_TOO_CLOSE.format(n=n, low=low, high=high))
+    return ends
+
+
+def _checked_ratio(ends: list[float]) -> list[float]:
+    low, high, n = ends
+    if low == 0 or not 0 < high / low < math.inf:
+        raise ValueError(
+            f"no constant ratio leads from {low:g} to {high:g}; "
+            "both ends must have the same sign and neither be 0"
+        )
+    if n > 1 and not abs(math.log(high / low)) / (n - 1) > 4 * sys.float_info.epsilon:
+        raise ValueError(_TOO_CLOSE.format(n=n, low=low, high=high))
+    return ends
+
+
+_ENDS: Any = Field(
+    description="[low, high, n]: n values between and including low and high.",
+    json_schema_extra={"minItems": 3, "maxItems": 3},
+)
+Ends = Annotated[list[float], AfterValidator(_checked_ends)]
+
+
+class Linspace(Base):
+    """Evenly spaced values."""
+
+    linspace: Annotated[Ends, AfterValidator(_checked_step)] = _ENDS
+
+    def values(self) -> list[float]:
+        """The values along the axis."""
+        low, high, n = self.linspace
+        inner = [low + (high - low) * (i / (n - 1)) for i in range(1, int(n) - 1)]
+        return [low, *inner, high] if n > 1 else [low]
+
+
+class Logspace(Base):
+    """Values with a constant ratio; the ends are values, not exponents."""
+
+    logspace: Annotated[Ends, AfterValidator(_checked_ratio)] = _ENDS
+
+    def values(self) -> list[float]:
+        """The values along the axis."""
+        low, high, n = self.logspace
+        inner = [low * (high / low) ** (i / (n - 1)) for i in range(1, int(n) - 1)]
+        return [low, *inner, high] if n > 1 else [low]
 
 
 def _as_list(value: Any) -> Any:
     if isinstance(value, int | float) and not isinstance(value, bool):
         return [value]
-    if isinstance(value, dict) and ("linspace" in value or "logspace" in value):
-        from rattlesweep.sweeps.config.grid import spaced  # it imports this module
-
-        return spaced(value)
+    if isinstance(value, dict) and "logspace" in value:
+        return Logspace.model_validate(value).values()
+    if isinstance(value, dict) and "linspace" in value:
+        return Linspace.model_validate(value).values()
     if not isinstance(value, list):
         raise PydanticCustomError("number_or_list", "a number or a list of numbers is needed")
     return value
@@ -130,24 +171,27 @@ def no_repeats(values: list[Any]) -> None:
         seen.add(value)
 
 
-def _positive(values: list[float]) -> list[float]:
-    for value in values:
-        if value <= 0:
-            raise ValueError(f"{value:g} is not above 0; every value must be positive")
-    return values
+def _each(good: Callable[[float], bool], sentence: str) -> AfterValidator:
+    """Refuses lists with a value that is not `good`, in a sentence about that value."""
+
+    def check(values: list[float]) -> list[float]:
+        for value in values:
+            if not good(value):
+                raise ValueError(sentence.format(value))
+        return values
+
+    return AfterValidator(check)
 
 
-def _slow(values: list[float]) -> list[float]:
-    for value in values:
-        if not abs(value) <= MAX_SPEED:
-            raise ValueError(f"{value:g} is faster than any body turns; at most {MAX_SPEED:g}")
-    return values
-
-
-def _nonzero(values: list[float]) -> list[float]:
-    if 0 in values:
-        raise ValueError("the spin 0 has no direction; every n_i must be positive or negative")
-    return values
+_POSITIVE = _each(lambda value: value > 0, "{:g} is not above 0; every value must be positive")
+_NONZERO = _each(
+    lambda value: value != 0,
+    "the spin {:g} has no direction; every n_i must be positive or negative",
+)
+_SLOW = _each(
+    lambda value: abs(value) <= MAX_SPEED,
+    f"{{:g}} is faster than any body turns; at most {MAX_SPEED:g}",
+)
 
 
 def number_list_schema(**item: Any) -> dict[str, Any]:
@@ -165,20 +209,20 @@ def number_list_schema(**item: Any) -> dict[str, Any]:
 
 Numbers = Annotated[list[float], BeforeValidator(_as_list), AfterValidator(_listed)]
 PositiveNumbers = Annotated[
-    Numbers, AfterValidator(_positive), WithJsonSchema(number_list_schema(exclusiveMinimum=0))
+    Numbers, _POSITIVE, WithJsonSchema(number_list_schema(exclusiveMinimum=0))
 ]
 SpinNumbers = Annotated[
     Numbers,
-    AfterValidator(_nonzero),
-    AfterValidator(_slow),
+    _NONZERO,
+    _SLOW,
     WithJsonSchema(
         number_list_schema(minimum=-MAX_SPEED, maximum=MAX_SPEED, **{"not": {"const": 0}})
     ),
 ]
 OscillationNumbers = Annotated[
     Numbers,
-    AfterValidator(_positive),
-    AfterValidator(_slow),
+    _POSITIVE,
+    _SLOW,
     WithJsonSchema(number_list_schema(exclusiveMinimum=0, maximum=MAX_SPEED)),
 ]
 
@@ -202,8 +246,7 @@ def _within(name: str) -> Callable[[list[float]], list[float]]:
         for value, what in zip(ends, ("the lower end", "the upper end"), strict=True):
             if value == 0 and low_is_open:
                 continue
-            if problem := limit_problem(name, value, what):
-                raise ValueError(problem)
+            check_limits(name, value, what)
         return ends
 
     return check
@@ -223,4 +266,4 @@ def interval(name: str) -> Any:
 
 def tag_number(value: Any) -> str:
     """Union branch of something that is a word or a number; quoted numbers count as numbers."""
-    return "~word" if isinstance(value, str) and not is_number(value) else "~number"
+    return "word" if isinstance(value, str) and not is_number(value) else "number"

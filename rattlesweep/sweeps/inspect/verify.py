@@ -30,7 +30,7 @@ from rattlesweep.sweeps.tables.types import TYPES
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from rattlesweep.sweeps.config.load import Config
+    from rattlesweep.sweeps.config.schema import Config
 
 
 @dataclass

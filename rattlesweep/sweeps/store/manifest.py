@@ -17,7 +17,9 @@ from pydantic import (
 )
 
 from rattlesweep.errors import ConfigError, one_line
-from rattlesweep.sweeps.config.load import Config, SdSource, TableSource, override_config
+from rattlesweep.sweeps.config.bodies import SdSource, TableSource
+from rattlesweep.sweeps.config.load import override_config
+from rattlesweep.sweeps.config.schema import Config
 
 FORMAT = 2
 

@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rattlesweep.errors import ConfigError, DamagedManifest
-from rattlesweep.sweeps.config.load import TableSource, physics_hash, resolved
+from rattlesweep.sweeps.config.bodies import TableSource
+from rattlesweep.sweeps.config.load import physics_hash, resolved
 from rattlesweep.sweeps.store.manifest import FORMAT, check
 
 if TYPE_CHECKING:
