@@ -10,6 +10,7 @@ from rattlesweep.sweeps.config.fields import (
     Alpha,
     Base,
     Beta,
+    FSd,
     Gamma,
     Phi,
     PositiveNumbers,
@@ -26,13 +27,21 @@ MAX_BODIES = 10**12
 class SdRanges(Base):
     """Ranges that shell-dumbbell bodies are drawn from; the paper's Table I unless given."""
 
-    gamma: Annotated[list[float], *interval("gamma")] = Field(default=[5.0, 15.0])
-    f_sd: Annotated[list[float], *interval("f_sd")] = Field(default=[0.05, 0.15])
-    theta: Annotated[list[float], *interval("theta")] = Field(default=[0.6, 0.95])
-    phi: Annotated[list[float], *interval("phi")] = Field(
-        default=[0.01, 0.1], validate_default=True
-    )
-    minus_xi_deg: Annotated[list[float], *interval("minus_xi_deg")] = Field(default=[0.0, 6.0])
+    gamma: Annotated[list[Gamma], *interval("gamma")] = Field(default=[5.0, 15.0])
+    f_sd: Annotated[list[FSd], *interval("f_sd")] = Field(default=[0.05, 0.15])
+    theta: Annotated[list[Theta], *interval("theta")] = Field(default=[0.6, 0.95])
+    phi: Annotated[list[Phi], *interval("phi")] = Field(default=[0.01, 0.1], validate_default=True)
+    # Drawn from (low, high]: zero may bound the skew angle, but is never drawn.
+    minus_xi_deg: Annotated[
+        list[Annotated[float, Field(ge=0, lt=90)]], *interval("minus_xi_deg")
+    ] = Field(default=[0.0, 6.0])
+
+    @field_validator("minus_xi_deg")
+    @classmethod
+    def _skewed(cls, minus_xi_deg: list[float]) -> list[float]:
+        if minus_xi_deg[1] == 0:
+            raise ValueError("the range leaves only xi = 0, which never reverses; raise its end")
+        return minus_xi_deg
 
     @field_validator("phi")
     @classmethod

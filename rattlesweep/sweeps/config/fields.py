@@ -1,14 +1,19 @@
 """The kinds of values that configs are made of: numbers with limits, lists, closed intervals."""
 
 import math
-import sys
-from collections.abc import Callable
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    WithJsonSchema,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
 
-from rattlesweep.sweeps.config.messages import out_of_range
 from rattlesweep.sweeps.config.yamlfile import is_number
 
 
@@ -50,15 +55,6 @@ DESCRIPTIONS = {
 """What each body parameter means. Symbols are those of Kondo and Nakanishi (2017)."""
 
 
-def check_limits(name: str, value: float, what: str) -> None:
-    """Raise ValueError if `value`, which is `what`, is no value of the body parameter `name`."""
-    low, high = LIMITS[name]
-    if value <= low:
-        raise ValueError(out_of_range(f"{what} {value:g}", "above", low))
-    if value >= high:
-        raise ValueError(out_of_range(f"{what} {value:g}", "below", high))
-
-
 def _limited(name: str) -> Any:
     low, high = LIMITS[name]
     return Field(gt=low, lt=high)
@@ -75,40 +71,23 @@ FSd = Annotated[float, _limited("f_sd")]
 
 
 MAX_AXIS = 10**6
-_TOO_CLOSE = "{n:g} values from {low!r} to {high!r} would not all differ; give fewer of them"
 
 
-def _checked_ends(ends: list[float]) -> list[float]:
+def _whole_n(ends: list[float]) -> list[float]:
     if len(ends) != 3:
         raise ValueError(f"three numbers are wanted, [low, high, n], and not {len(ends)}")
-    low, high, n = ends
-    if n != int(n) or not 1 <= n <= MAX_AXIS:
-        raise ValueError(f"n is {n:g}; it must be a whole number from 1 to {MAX_AXIS}")
-    if (n == 1) != (low == high):
-        raise ValueError(
-            f"{n:g} values from {low:g} to {high:g} cannot be spaced; "
-            "give equal ends with n = 1 and different ones with more"
-        )
+    if ends[2] != int(ends[2]) or not 1 <= ends[2] <= MAX_AXIS:
+        raise ValueError(f"n is {ends[2]:g}; it must be a whole number from 1 to {MAX_AXIS}")
     return ends
 
 
-def _checked_step(ends: list[float]) -> list[float]:
-    low, high, n = ends
-    # Neighbours closer than this may round to one number.
-    if n > 1 and not abs(high / (n - 1) - low / (n - 1)) > 4 * math.ulp(max(abs(low), abs(high))):
-        raise ValueError(_TOO_CLOSE.format(n=n, low=low, high=high))
-    return ends
-
-
-def _checked_ratio(ends: list[float]) -> list[float]:
-    low, high, n = ends
+def _of_one_sign(ends: list[float]) -> list[float]:
+    low, high, _ = ends
     if low == 0 or not 0 < high / low < math.inf:
         raise ValueError(
             f"no constant ratio leads from {low:g} to {high:g}; "
             "both ends must have the same sign and neither be 0"
         )
-    if n > 1 and not abs(math.log(high / low)) / (n - 1) > 4 * sys.float_info.epsilon:
-        raise ValueError(_TOO_CLOSE.format(n=n, low=low, high=high))
     return ends
 
 
@@ -116,31 +95,77 @@ _ENDS: Any = Field(
     description="[low, high, n]: n values between and including low and high.",
     json_schema_extra={"minItems": 3, "maxItems": 3},
 )
-Ends = Annotated[list[float], AfterValidator(_checked_ends)]
+Ends = Annotated[list[float], AfterValidator(_whole_n)]
 
 
-class Linspace(Base):
+class Spaced(Base):
+    """Values between two ends that follow a law."""
+
+    @property
+    def ends(self) -> tuple[float, float, int]:
+        """The first value, the last one, and how many there are."""
+        low, high, n = next(iter(self.__dict__.values()))
+        return low, high, int(n)
+
+    def between(self, low: float, high: float, share: float) -> float:
+        """The value at a share of the way."""
+        raise NotImplementedError
+
+    def values(self) -> list[float]:
+        """All values, in their order."""
+        low, high, n = self.ends
+        inner = [self.between(low, high, i / (n - 1)) for i in range(1, n - 1)]
+        return [low, *inner, high] if n > 1 else [low]
+
+    @model_validator(mode="after")
+    def _differ(self) -> "Spaced":
+        low, high, n = self.ends
+        if (n == 1) != (low == high):
+            raise ValueError(
+                f"{n} values from {low:g} to {high:g} cannot be spaced; "
+                "give equal ends with n = 1 and different ones with more"
+            )
+        if n > 1:
+            # Values are closest at an end; neighbours closer than this may round to one number.
+            second, last = (self.between(low, high, i / (n - 1)) for i in (1, n - 2))
+            for one, other in ((low, second), (last, high)):
+                if not abs(one - other) > 4 * math.ulp(max(abs(one), abs(other))):
+                    raise ValueError(
+                        f"{n} values from {low!r} to {high!r} would not all differ; give fewer"
+                    )
+        return self
+
+
+class Linspace(Spaced):
     """Evenly spaced values."""
 
-    linspace: Annotated[Ends, AfterValidator(_checked_step)] = _ENDS
+    linspace: Ends = _ENDS
 
-    def values(self) -> list[float]:
-        """The values along the axis."""
-        low, high, n = self.linspace
-        inner = [low + (high - low) * (i / (n - 1)) for i in range(1, int(n) - 1)]
-        return [low, *inner, high] if n > 1 else [low]
+    def between(self, low: float, high: float, share: float) -> float:
+        """The value at a share of the way."""
+        return low + (high - low) * share
 
 
-class Logspace(Base):
+class Logspace(Spaced):
     """Values with a constant ratio; the ends are values, not exponents."""
 
-    logspace: Annotated[Ends, AfterValidator(_checked_ratio)] = _ENDS
+    logspace: Annotated[Ends, AfterValidator(_of_one_sign)] = _ENDS
 
-    def values(self) -> list[float]:
-        """The values along the axis."""
-        low, high, n = self.logspace
-        inner = [low * (high / low) ** (i / (n - 1)) for i in range(1, int(n) - 1)]
-        return [low, *inner, high] if n > 1 else [low]
+    def between(self, low: float, high: float, share: float) -> float:
+        """The value at a share of the way."""
+        return low * math.pow(high / low, share)
+
+
+def no_repeats(values: list[Any]) -> list[Any]:
+    """The values, if there are any and none stands twice."""
+    if not values:
+        raise ValueError("the list is empty; give at least one number")
+    seen = set()
+    for value in values:
+        if value in seen:
+            raise ValueError(f"{value} is repeated; give each value once")
+        seen.add(value)
+    return values
 
 
 def _as_list(value: Any) -> Any:
@@ -155,47 +180,8 @@ def _as_list(value: Any) -> Any:
     return value
 
 
-def _listed(values: list[float]) -> list[float]:
-    if not values:
-        raise ValueError("the list is empty; give at least one number")
-    no_repeats(values)
-    return values
-
-
-def no_repeats(values: list[Any]) -> None:
-    """Raise ValueError if a value stands twice in `values`."""
-    seen = set()
-    for value in values:
-        if value in seen:
-            raise ValueError(f"{value} is repeated; give each value once")
-        seen.add(value)
-
-
-def _each(good: Callable[[float], bool], sentence: str) -> AfterValidator:
-    """Refuses lists with a value that is not `good`, in a sentence about that value."""
-
-    def check(values: list[float]) -> list[float]:
-        for value in values:
-            if not good(value):
-                raise ValueError(sentence.format(value))
-        return values
-
-    return AfterValidator(check)
-
-
-_POSITIVE = _each(lambda value: value > 0, "{:g} is not above 0; every value must be positive")
-_NONZERO = _each(
-    lambda value: value != 0,
-    "the spin {:g} has no direction; every n_i must be positive or negative",
-)
-_SLOW = _each(
-    lambda value: abs(value) <= MAX_SPEED,
-    f"{{:g}} is faster than any body turns; at most {MAX_SPEED:g}",
-)
-
-
-def number_list_schema(**item: Any) -> dict[str, Any]:
-    """JSON schema of a number, a list of distinct ones, or numbers spaced like a grid's axis."""
+def _numbers(**item: Any) -> Any:
+    """Annotations of a list of distinct numbers that may be one number, or spaced ones."""
     number = {"type": "number", **item}
     ends = {"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3}
     spaced = [
@@ -204,26 +190,28 @@ def number_list_schema(**item: Any) -> dict[str, Any]:
         for name in ("linspace", "logspace")
     ]  # fmt: skip
     numbers = {"type": "array", "items": number, "minItems": 1, "uniqueItems": True}
-    return {"anyOf": [number, numbers, *spaced]}
+    return (
+        BeforeValidator(_as_list),
+        AfterValidator(no_repeats),
+        WithJsonSchema({"anyOf": [number, numbers, *spaced]}),
+    )
 
 
-Numbers = Annotated[list[float], BeforeValidator(_as_list), AfterValidator(_listed)]
-PositiveNumbers = Annotated[
-    Numbers, _POSITIVE, WithJsonSchema(number_list_schema(exclusiveMinimum=0))
+def _directed(spin: float) -> float:
+    if spin == 0:
+        raise ValueError("the spin 0 has no direction; every n_i must be positive or negative")
+    return spin
+
+
+Positive = Annotated[float, Field(gt=0)]
+PositiveNumbers = Annotated[list[Positive], *_numbers(exclusiveMinimum=0)]
+OscillationNumbers = Annotated[
+    list[Annotated[Positive, Field(le=MAX_SPEED)]],
+    *_numbers(exclusiveMinimum=0, maximum=MAX_SPEED),
 ]
 SpinNumbers = Annotated[
-    Numbers,
-    _NONZERO,
-    _SLOW,
-    WithJsonSchema(
-        number_list_schema(minimum=-MAX_SPEED, maximum=MAX_SPEED, **{"not": {"const": 0}})
-    ),
-]
-OscillationNumbers = Annotated[
-    Numbers,
-    _POSITIVE,
-    _SLOW,
-    WithJsonSchema(number_list_schema(exclusiveMinimum=0, maximum=MAX_SPEED)),
+    list[Annotated[float, Field(ge=-MAX_SPEED, le=MAX_SPEED), AfterValidator(_directed)]],
+    *_numbers(minimum=-MAX_SPEED, maximum=MAX_SPEED, **{"not": {"const": 0}}),
 ]
 
 
@@ -237,26 +225,10 @@ def _ordered(ends: list[float]) -> list[float]:
     return ends
 
 
-def _within(name: str) -> Callable[[list[float]], list[float]]:
-    def check(ends: list[float]) -> list[float]:
-        # The skew angle is drawn from (low, high]: zero may bound it, but is never drawn.
-        if name == "minus_xi_deg" and ends == [0, 0]:
-            raise ValueError("the range leaves only xi = 0, which never reverses; raise its end")
-        low_is_open = name == "minus_xi_deg" and ends[0] == 0
-        for value, what in zip(ends, ("the lower end", "the upper end"), strict=True):
-            if value == 0 and low_is_open:
-                continue
-            check_limits(name, value, what)
-        return ends
-
-    return check
-
-
 def interval(name: str) -> Any:
     """Annotations of a field that holds the range ``[low, high]`` of a body parameter."""
     return (
         AfterValidator(_ordered),
-        AfterValidator(_within(name)),
         WithJsonSchema(
             {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
         ),

@@ -17,10 +17,11 @@ from rattlesweep.sweeps.config.fields import (
     Linspace,
     Logspace,
     Phi,
+    Spaced,
     Theta,
-    check_limits,
     no_repeats,
 )
+from rattlesweep.sweeps.config.messages import out_of_range
 
 
 class PresetBase(Base):
@@ -80,20 +81,7 @@ Axis = (
     ]
     | None
 )
-Values = list[float] | Linspace | Logspace
-
-
-def axis_values(axis: Values) -> list[float]:
-    """The values along an axis, however it is written."""
-    return axis if isinstance(axis, list) else axis.values()
-
-
-def axis_ends(axis: Values) -> tuple[float, float, int]:
-    """Smallest and largest value of an axis, and how many there are; the others are not made."""
-    if isinstance(axis, list):
-        return min(axis), max(axis), len(axis)
-    low, high, n = axis.linspace if isinstance(axis, Linspace) else axis.logspace
-    return min(low, high), max(low, high), int(n)
+Values = list[float] | Spaced
 
 
 class Axes(Base):
@@ -115,22 +103,25 @@ class Axes(Base):
         if axis is None or info.field_name is None:
             return axis
         if isinstance(axis, list):
-            if not axis:
-                raise ValueError("the list is empty; give at least one number")
             no_repeats(axis)
-        for value in axis_ends(axis)[:2]:
-            check_limits(info.field_name, value, "the value")
+        low, high = LIMITS[info.field_name]
+        for value in (min(axis), max(axis)) if isinstance(axis, list) else axis.ends[:2]:
+            if not low < value < high:
+                bound = ("above", low) if value <= low else ("below", high)
+                raise ValueError(out_of_range(f"the value {value:g}", *bound))
         return axis
 
     @model_validator(mode="after")
     def _plausible(self) -> "Axes":
-        ends = self.ends()
-        if not ends:
+        given = self.given()
+        if not given:
             raise ValueError("no parameter varies; give at least one axis")
-        angles = [name for name in ends if "xi" in name]
+        angles = [name for name in given if "xi" in name]
         if len(angles) > 1:
             raise ValueError(f"both {' and '.join(angles)} are given; keep one of them")
-        bodies = math.prod(size for _, _, size in ends.values())
+        bodies = math.prod(
+            len(axis) if isinstance(axis, list) else axis.ends[2] for axis in given.values()
+        )
         if bodies > MAX_BODIES:
             raise ValueError(f"the grid has {bodies} bodies; at most {MAX_BODIES} are possible")
         return self
@@ -142,11 +133,8 @@ class Axes(Base):
 
     def values(self) -> dict[str, list[float]]:
         """The values of each axis that is given."""
-        return {name: axis_values(axis) for name, axis in self.given().items()}
-
-    def ends(self) -> dict[str, tuple[float, float, int]]:
-        """Smallest and largest value of each axis that is given, and how many there are."""
-        return {name: axis_ends(axis) for name, axis in self.given().items()}
+        given = self.given().items()
+        return {name: axis if isinstance(axis, list) else axis.values() for name, axis in given}
 
 
 class GridSource(Base):

@@ -337,7 +337,8 @@ class Config(Base):
     @field_validator("record")
     @classmethod
     def _once_and_in_order(cls, record: list[str]) -> list[str]:
-        no_repeats(record)
+        if record:
+            no_repeats(record)
         return [name for name in get_args(Record) if name in record]
 
     @property
