@@ -13,7 +13,9 @@ from rattlesweep.integrate.task import Task
 from rattlesweep.sweeps.blocks.block import run_batch
 from rattlesweep.sweeps.cases.launches import Launches, full_batch, prepare, reduced_batch
 from rattlesweep.sweeps.cases.plan import make_plan
-from rattlesweep.sweeps.config.load import Config, SdSource, override_config, resolved
+from rattlesweep.sweeps.config.bodies import SdSource
+from rattlesweep.sweeps.config.load import override_config, resolved
+from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.tables.types import classify
 
 if TYPE_CHECKING:

@@ -39,7 +39,8 @@ from rattlesweep.paper.settings import load_paper, shipped
 from rattlesweep.paper.sweeps import Place
 from rattlesweep.paper.symbols import symbols
 from rattlesweep.study import html
-from rattlesweep.sweeps.config.load import Classify, load_config, resolved
+from rattlesweep.sweeps.config.load import load_config, resolved
+from rattlesweep.sweeps.config.schema import Classify
 from rattlesweep.sweeps.tables.arrow import open_sealed
 
 ROOT = Path(__file__).parents[2]

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.study.work import Answer, Work, integrate
 
 if TYPE_CHECKING:
@@ -186,10 +187,7 @@ def confirm(work: Work, reference: Reference, *, units: float) -> Confirmation:
         spent += t_r[k]
         if spent > units and apart:
             break
-        body = {
-            name: float(getattr(launches.bodies, name)[k])
-            for name in ("alpha", "beta", "gamma", "theta", "phi", "xi")
-        }
+        body = {name: float(getattr(launches.bodies, name)[k]) for name in PARAMETERS}
         found = independent_reversal(
             body,
             float(launches.n_i[k]),
