@@ -19,8 +19,7 @@ from rattlesweep.study.onerun.course import Course
 from rattlesweep.study.onerun.replay import Replay, StoredRun, targets
 from rattlesweep.study.onerun.rows import Rows
 from rattlesweep.study.where import parse_condition
-from rattlesweep.sweeps.store.provenance import read_manifest
-from rattlesweep.sweeps.store.receipts import Note
+from rattlesweep.sweeps.store.blockfile import Note
 from rattlesweep.sweeps.store.store import Store
 from rattlesweep.sweeps.tables.columns import runs_schema
 
@@ -250,7 +249,7 @@ def test_a_stored_number_that_is_not_what_comes_out_is_told(sweep: Path, tmp_pat
     result = invoke("replay", output, "--case", one.case, "--sample", one.sample)
     assert result.exit_code == 1
     assert "is not stored yet" in result.stderr
-    assert read_manifest(store)["runs"] == 16
+    assert store.read_manifest().runs == 16
 
 
 def test_other_models_are_replayed_too(tmp_path: Path):
