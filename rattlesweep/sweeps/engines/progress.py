@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rattlesweep.sweeps.blocks.task import POLL
+from rattlesweep.integrate.task import POLL
 from rattlesweep.sweeps.cases.launches import prepare
 from rattlesweep.sweeps.cases.pool import few_samples
 
