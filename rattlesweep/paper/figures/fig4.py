@@ -109,7 +109,7 @@ def compute(place: Place, report: Report) -> dict[str, pa.Table]:
         t_r = float(found.zeros[0]) if len(found.zeros) else None
         row = {
             "run": name, "n_i": n_i, "omega_xy0": s.omega_xy0, "t_r": t_r,
-            "zeros": len(found.zeros), "t_rgh": float(course.launches.t_rgh[0]),
+            "zeros": len(found.zeros), "t_rgh": float(course.launches.gh.t_rgh[0]),
             "period": period, "omega_relevant": relevant,
         }  # fmt: skip
         for component in COMPONENTS:

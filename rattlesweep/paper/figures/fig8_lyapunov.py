@@ -18,7 +18,7 @@ from rattlesweep.integrate.follow.lyapunov import growth_along
 from rattlesweep.paper.follow import F64, column
 from rattlesweep.paper.style import decade_ticks, frame, new_figure
 from rattlesweep.paper.workers import side_by_side
-from rattlesweep.sweeps.blocks.single import single_run
+from rattlesweep.sweeps.blocks.single import Launch, single_run
 from rattlesweep.sweeps.config.fields import Base, PositiveNumbers
 from rattlesweep.sweeps.tables.columns import RATE, TIME
 
@@ -80,10 +80,7 @@ def compute(place: Place, report: Report) -> dict[str, pa.Table]:
     late = np.searchsorted(times, ends)
     pairs, tasks = [], []
     for body in runs.bodies():
-        _, _, batch = single_run(
-            body, n_i=runs.n_i, omega_xy0=runs.omega_xy0, t_end=own.t_end, psi="relevant",
-            model="full", integrator={},
-        )  # fmt: skip
+        _, _, batch = single_run(Launch(body, runs.n_i, runs.omega_xy0, own.t_end))
         assert batch is not None
         # Compiled here, and not in two threads at once.
         growth_along(batch.constants[0], batch.y0[0], [1.0])

@@ -65,7 +65,7 @@ class Costs:
         if plan.config.model == "full":
             cost = launches.t_end * launches.modes.omega_p
         else:
-            cost = launches.t_end * launches.n_0 * np.abs(launches.modes.K_p)
+            cost = launches.t_end * launches.gh.n_0 * np.abs(launches.modes.K_p)
         cost = np.where(np.isfinite(cost), cost, 0.0).reshape(len(plan.cases), -1)
         mean: np.ndarray[Any, np.dtype[np.float64]] = cost.mean(axis=1)
         return mean
