@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rattlesweep.paper.claims.claim import Claim, wilson
-from rattlesweep.paper.figures.fig2 import BOUND
-from rattlesweep.paper.figures.fig3 import DECADES, counts_of, grid_of
+from rattlesweep.paper.data.fig3 import DECADES, counts_of, grid_of
+from rattlesweep.paper.data.sd import BOUND
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

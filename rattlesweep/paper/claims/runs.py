@@ -8,7 +8,8 @@ import numpy as np
 
 from rattlesweep.paper.claims.checks import EDGE
 from rattlesweep.paper.claims.claim import Claim, wilson
-from rattlesweep.paper.figures.examples import LEAST_GROWTH, LONGER, SLOW
+from rattlesweep.paper.data.chaos import LONGER, SLOW
+from rattlesweep.sweeps.tables.chaos import LEAST_GROWTH
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

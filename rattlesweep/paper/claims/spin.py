@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rattlesweep.paper.claims.claim import EXACT, Claim
-from rattlesweep.paper.figures.sd import sd_bodies, wide_bodies
+from rattlesweep.paper.data.sd import sd_bodies, wide_bodies
 from rattlesweep.physics import full, reduced, steady, theory
 
 if TYPE_CHECKING:

@@ -15,9 +15,9 @@ import numpy as np
 
 from rattlesweep.paper.claims.bodies import coefficient_claim, frequency_claim
 from rattlesweep.paper.claims.claim import EXACT, Claim
+from rattlesweep.paper.claims.ellipsoid import ellipsoids
 from rattlesweep.paper.claims.spin import bondi, slow_spin
-from rattlesweep.paper.figures.ellipsoid import ellipsoids
-from rattlesweep.paper.figures.sd import sd_bodies, wide_bodies
+from rattlesweep.paper.data.sd import sd_bodies, wide_bodies
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import Rattleback
 
