@@ -33,7 +33,7 @@ from rattlesweep.sweeps.tables.arrow import encode
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from rattlesweep.paper.claims.claim import Claim
+    from rattlesweep.paper.claims.claim import Judgement
 
 TITLE = "Rattleback dynamics and its reversal time of rotation: recomputed"
 VERDICTS = ("agree", "partly", "disagree")
@@ -60,14 +60,14 @@ class Reproduction:
     """What the command came to."""
 
     directory: Path
-    claims: list[Claim]
+    claims: list[Judgement]
     seconds: dict[str, float]
     kept: list[str]
     failed: int
     record: dict[str, Any]
 
 
-def claims_table(claims: Sequence[Claim]) -> pa.Table:
+def claims_table(claims: Sequence[Judgement]) -> pa.Table:
     """The claims as they are stored in ``claims.parquet``."""
     schema = pa.schema(
         [
@@ -80,11 +80,7 @@ def claims_table(claims: Sequence[Claim]) -> pa.Table:
             for name, words in _DESCRIPTIONS.items()
         ]
     )
-    rows = [
-        {name: _plain(getattr(claim, name, None)) for name in _DESCRIPTIONS}
-        | {"checks": len(claim.checks), "headline": claim.checks[0][0]}
-        for claim in claims
-    ]
+    rows = [{name: _plain(getattr(claim, name)) for name in _DESCRIPTIONS} for claim in claims]
     return pa.Table.from_pylist(rows, schema=schema)
 
 
@@ -92,13 +88,13 @@ def _plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def tally(claims: Sequence[Claim]) -> str:
+def tally(claims: Sequence[Judgement]) -> str:
     """How many claims of each verdict there are."""
     counts: Counter[str] = Counter(claim.verdict for claim in claims)
     return ", ".join(f"{counts[word]} {word}" for word in VERDICTS if counts[word])
 
 
-def closing_table(claims: Sequence[Claim]) -> str:
+def closing_table(claims: Sequence[Judgement]) -> str:
     """The claims as text for a terminal: id, verdict, checks that hold, the measured figure."""
     lines = []
     for claim in claims:
@@ -154,7 +150,7 @@ def _head(outcome: Reproduction) -> list[Html]:
     ]
 
 
-def _claims(claims: Sequence[Claim]) -> Html:
+def _claims(claims: Sequence[Judgement]) -> Html:
     rows = [
         (
             Html(

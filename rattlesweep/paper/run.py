@@ -13,11 +13,7 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from rattlesweep.paper.claims import long as claims_long
-from rattlesweep.paper.claims import runs as claims_runs
-from rattlesweep.paper.claims import sweeps as claims_sweeps
-from rattlesweep.paper.claims import theory as claims_theory
-from rattlesweep.paper.claims.claim import Claim
+from rattlesweep.paper.claims.table import judge
 from rattlesweep.paper.data.progress import Progress
 from rattlesweep.paper.registry import FIGURES, SWEEPS, THEORY
 from rattlesweep.paper.report import Reproduction, write_report
@@ -28,8 +24,6 @@ from rattlesweep.sweeps.config.load import resolved
 from rattlesweep.sweeps.store.provenance import PACKAGES, machine, now, package_version
 
 DPI = 150
-# Order of the claims, by their first letter.
-GROUPS = "TGUSL"
 # Of the whole, seconds elapsed, and seconds left or None as long as there is nothing to judge by.
 Show = Callable[[float, str, float, float | None], None]
 
@@ -106,7 +100,7 @@ def reproduce(
             tables[name] = ws.load_or_make(name, partial(figure.data, ws, progress))
             _draw(ws, name, tables[name])
     with parts.part("claims"):
-        claims = all_claims(tables, theory=THEORY in names)
+        claims = judge(tables, theory=THEORY in names)
     ws.record |= {
         "quick": sizes != FULL,
         "settings": asdict(sizes) | {n: resolved(sweep_config(n, sizes)) for n in sweeps},
@@ -137,13 +131,3 @@ def _draw(ws: Workspace, name: str, tables: Mapping[str, pa.Table]) -> None:
             return {"svg": svg, "png": encode(figure, "png", DPI)}
 
     ws.draw_if_needed(name, pictures)
-
-
-def all_claims(figures: Mapping[str, Mapping[str, pa.Table]], *, theory: bool) -> list[Claim]:
-    """Rows of the claims table that these figures, and ``theory`` alone, can settle."""
-    needs = {"T4": "fig2", "T5": "fig3"}
-    rows = [c for c in claims_theory.claims(figures)
-            if (needs[c.id] in figures if c.id in needs else theory)]  # fmt: skip
-    for group in (claims_sweeps, claims_runs, claims_long):
-        rows += group.claims(figures)
-    return sorted(rows, key=lambda claim: (GROUPS.index(claim.id[0]), int(claim.id[1:])))

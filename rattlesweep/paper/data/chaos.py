@@ -32,6 +32,8 @@ from rattlesweep.sweeps.tables.columns import RATE, TIME, field
 
 Floats = NDArray[np.float64]
 
+# Spins and oscillations are compared with this margin, as they come from a file.
+EDGE = 1e-9
 # Runs called chaotic although they are slow are followed to this many horizons.
 LONGER = 6
 SLOW = 0.4
@@ -60,7 +62,7 @@ def exponents(ws: Workspace, progress: Progress) -> pd.DataFrame:
             "lyapunov", runs, columns, between(progress, 0.0, 0.7), record=["lyapunov"]
         )
     runs["chaotic"] = is_chaotic(runs["lyapunov_late"].to_numpy(), runs["t_end"].to_numpy())
-    slow = runs[runs["chaotic"] & (runs["n_i"].abs() <= SLOW * (1 + 1e-9))]
+    slow = runs[runs["chaotic"] & (runs["n_i"].abs() <= SLOW + EDGE)]
     found = growths(
         [
             (launch_of(run), float(run["t_end"]) * np.array([LONGER / 2, LONGER]), 1e-11)

@@ -9,7 +9,7 @@ import pandas as pd
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from rattlesweep.paper.data.chaos import CHAOS, exponents
+from rattlesweep.paper.data.chaos import CHAOS, EDGE, exponents
 from rattlesweep.paper.data.columns import count, number, schema, table, word
 from rattlesweep.paper.data.follow import FORCE_CHANNELS, FORCES, SPIN, follow, forces, thinned
 from rattlesweep.paper.data.integrators import basin, rk4
@@ -185,7 +185,7 @@ def choose(runs: pd.DataFrame, wobbling: pd.DataFrame) -> list[dict[str, Any]]:
 
 def at(runs: pd.DataFrame, values: dict[str, float]) -> NDArray[np.bool_]:
     """Which runs have these values, as they come from a file."""
-    same = [np.isclose(runs[name].to_numpy(float), value, rtol=1e-9, atol=0)
+    same = [np.isclose(runs[name].to_numpy(float), value, rtol=EDGE, atol=0)
             for name, value in values.items()]  # fmt: skip
     both: NDArray[np.bool_] = np.logical_and.reduce(same)
     return both
