@@ -45,7 +45,8 @@ _DESCRIPTIONS = {
     "value": "the figure that decides, where there is one",
     "low": "lower end of its 95 % confidence interval, or of its range",
     "high": "upper end of the same",
-    "verdict": "agree: all checks hold; disagree: the headline fails; partly: another one does",
+    "verdict": "agree: all checks hold; disagree: the headline fails; partly: another one does, or "
+    "the headline at one in ten at most where the paper's words leave room",
     "held": "number of checks that hold",
     "checks": "number of checks",
     "headline": "the check without which nothing is left of the claim",
@@ -173,9 +174,10 @@ def _claims(claims: Sequence[Judgement]) -> Html:
             paragraph(
                 "Each verdict follows from the checks in small print, the first of which is the "
                 "headline of the claim. Agree: all checks hold; disagree: the headline fails; "
-                "partly: the headline holds, but not every check. What stands between quotation "
-                "marks is the paper's own wording; equations have their printed numbers and, in "
-                "brackets, their labels in its source. Intervals are 95 %."
+                "partly: the headline holds, but not every check, or it fails for one point or run "
+                "in ten at most where the paper's own words leave room (“almost”, “roughly”). What "
+                "stands between quotation marks is the paper's own wording; equations have their "
+                "printed numbers and, in brackets, their labels in its source. Intervals are 95 %."
             ),
             table(("", "The paper says", "Measured"), rows, stack=True),
         ]

@@ -47,6 +47,20 @@ def test_a_verdict_is_made_of_checks_the_first_of_which_is_the_headline():
     assert (row["held"], row["checks"], row["headline"]) == (2, 3, "check 0")
 
 
+def test_words_of_the_paper_leave_room_for_one_in_ten():
+    def verdict(leeway, head):
+        claim = Claim(
+            id="U1", where="", words="", criteria=("all",), measure=lambda tables: ([head], {}),
+            measured="", leeway=leeway,
+        )  # fmt: skip
+        return claim.judge({}).verdict
+
+    assert verdict("“almost”", Count(9, 10)) == "partly"
+    assert verdict("", Count(9, 10)) == verdict("“almost”", Count(8, 10)) == "disagree"
+    assert verdict("“almost”", False) == verdict("“almost”", Count(0, 0)) == "disagree"
+    assert verdict("“almost”", Count(10, 10)) == "agree"
+
+
 def test_of_nothing_not_all_is_true():
     assert not every([])
     assert every([True]) + Count(0, 1) == Count(1, 2)
@@ -89,7 +103,7 @@ def test_verdicts_follow_the_measurement():
     assert u1(points()).verdict == "agree"
     off = u1(points(ratio=2.0))
     # The slopes and the scatter are as they should be; of the headline nothing is left.
-    assert (off.verdict, off.score) == ("disagree", "2 of 4")
+    assert (off.verdict, off.score) == ("disagree", "2 of 3")
     assert off.value == pytest.approx(2.0)
     assert u1(points(scatter=0.9)).verdict == "partly"
 
@@ -115,7 +129,7 @@ def fractions(wrong=0):
 
 def test_one_body_on_the_wrong_side_of_the_threshold_changes_s3():
     s3 = [BY_ID["S3"].judge({"fig6": {"fractions": fractions(wrong)}}) for wrong in (0, 1)]
-    assert [found.verdict for found in s3] == ["agree", "partly"]
+    assert [found.verdict for found in s3] == ["agree", "disagree"]
     assert s3[0].low == 0 < s3[1].low
 
 

@@ -209,7 +209,7 @@ def test_claims_and_what_they_need(fig2_tables, fig3_tables):
     rows = {c.id: c for c in judge(figures, theory=True)}
     verdicts = {name: row.verdict for name, row in rows.items()}
     assert verdicts == {
-        "T1": "partly", "T2": "partly", "T3": "agree", "T4": "partly", "T5": "agree",
+        "T1": "disagree", "T2": "partly", "T3": "agree", "T4": "partly", "T5": "agree",
         "T6": "agree", "T7": "agree", "S9": "partly",
     }  # fmt: skip
     assert [c.id for c in judge(figures, theory=False)] == ["T4", "T5"]

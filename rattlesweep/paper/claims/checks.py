@@ -72,11 +72,6 @@ def at_spin(frame: pd.DataFrame, n_i: float) -> pd.DataFrame:
     return frame[(frame["n_i"] - n_i).abs() < EDGE]
 
 
-def ends(frame: pd.DataFrame, by: str) -> pd.DataFrame:
-    """Rows of the smallest and the largest ``by`` alone."""
-    return frame[frame[by].isin([frame[by].min(), frame[by].max()])]
-
-
 def rises(frame: pd.DataFrame, value: str, by: str, within: Sequence[str]) -> Count:
     """In how many groups ``within`` the value rises strictly with abs(``by``)."""
     groups = [g.sort_values(by, key=np.abs)[value] for _, g in frame.groupby(list(within))]

@@ -11,6 +11,8 @@ import pyarrow as pa
 
 Tables = Mapping[str, Mapping[str, pa.Table]]
 Verdict = Literal["agree", "partly", "disagree"]
+# Share at which a headline must hold where the paper's words leave room, for `partly`.
+MOST = 0.9
 
 
 @dataclass(frozen=True)
@@ -60,6 +62,8 @@ class Claim:
         decides, ``low`` and ``high`` its confidence interval or range.
     measured, notes : str
         What was found; how it was found, and what explains it.  Numbers stand in braces.
+    leeway : str
+        The paper's word that leaves room in the headline, such as “almost”, if there is one.
     figures : tuple of str
         Figures whose tables are needed; none for a claim about formulas alone.
     """
@@ -71,6 +75,7 @@ class Claim:
     measure: Callable[..., Measured | None]
     measured: str
     notes: str = ""
+    leeway: str = ""
     figures: tuple[str, ...] = ()
 
     def judge(self, tables: Tables, **options: Any) -> Judgement | None:
@@ -79,21 +84,28 @@ class Claim:
         return None if found is None else self.verdict(*found)
 
     def verdict(self, checks: Sequence[object], numbers: Mapping[str, Any]) -> Judgement:
-        """What the checks, one for each criterion, and the numbers come to."""
+        """What the checks, one for each criterion, and the numbers come to.
+
+        A headline that fails makes it ``disagree``; where the paper's words leave room, and nine in
+        ten still meet the headline, ``partly``.
+        """
         told = [
             f"{words}: {'yes' if check else 'no'}"
             + (f", {check}" if isinstance(check, Count) else "")
             for words, check in zip(self.criteria, checks, strict=True)
         ]
         notes = self.notes.format(**numbers).strip()
-        held = sum(map(bool, checks))
+        head, held = checks[0], sum(map(bool, checks))
+        room = self.leeway and isinstance(head, Count) and head.hits >= MOST * head.total > 0
+        if room and not head:
+            notes = f"The headline fails, but the paper's words leave room: {self.leeway}. {notes}"
         return Judgement(
             id=self.id,
             where=self.where,
             words=self.words,
             measured=self.measured.format(**numbers),
             **{name: numbers.get(name) for name in ("value", "low", "high")},
-            verdict="agree" if held == len(checks) else "partly" if checks[0] else "disagree",
+            verdict="agree" if held == len(checks) else "partly" if head or room else "disagree",
             held=held,
             checks=len(checks),
             headline=self.criteria[0],
@@ -105,7 +117,7 @@ class Claim:
 class Judgement:
     """A judged claim, as the report and ``claims.parquet`` have it.
 
-    ``agree`` if all checks hold, ``disagree`` if the headline fails, else ``partly``.
+    The verdict is ``agree`` if all checks hold; see :meth:`Claim.verdict` for the others.
     """
 
     id: str

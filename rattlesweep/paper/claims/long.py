@@ -52,11 +52,12 @@ def three_kinds(tables: Tables) -> Measured | None:
     )
     chaotic = best["growth"] > LEAST_GROWTH
     checks = [
-        bool(chaotic[b] and not chaotic[a]),
-        scatter[a] < 0.05 and abs(mean[a] / whole[a] - 1) < 0.05,
+        bool(chaotic[b] and max(scatter[a], scatter[c]) < 0.05),
+        not chaotic[a],
+        abs(mean[a] / whole[a] - 1) < 0.05,
         abs(second / 3000 - 1) < 0.05,
         scatter[b] > 0.2,
-        scatter[c] < 0.05 and mean[c] < 0.5 * whole[c] and gaps[c][0] > 2 * mean[c],
+        mean[c] < 0.5 * whole[c] and gaps[c][0] > 2 * mean[c],
         not chaotic[c],
     ]
     named = "; ".join(

@@ -14,7 +14,6 @@ from rattlesweep.paper.claims.checks import (
     SYMBOL,
     beside_line,
     covers,
-    ends,
     farthest,
     fast,
     near,
@@ -40,8 +39,6 @@ if TYPE_CHECKING:
 
 # Fewest runs of a kind for a median.
 FEW = 5
-# Share of the points that "most" are.
-MOST = 0.9
 
 
 def span(values: Sequence[float] | pd.Series[float]) -> tuple[float, float]:
@@ -59,7 +56,7 @@ def unsteady_formula(tables: Tables) -> Measured | None:
         f"K_p = {r.K_p:g} at n_i = {r.n_i:g}, omega_xy0 = {r.omega_xy0:g} ({r.ratio:.2f})"
         for r in points[~inside].itertuples()
     )
-    checks = [bool(inside.mean() >= MOST), every(inside), max(abs(s + 1) for s in slope) < 0.1,
+    checks = [every(inside), max(abs(s + 1) for s in slope) < 0.1,
               every(points["scatter"] < 0.1)]  # fmt: skip
     return checks, {
         **farthest(points, "K_p"), "ten": every(np.abs(points["ratio"] - 1) < 0.1),
@@ -74,32 +71,21 @@ def large_spin(tables: Tables) -> Measured | None:
         return None
     points = beside_line(frame)
     beyond = fast(points, 0.4)
-    extremes = ends(points, "omega_xy0")
-    above, off = every(points["ratio_low"] > 1), every(beyond["ratio"] > SYMBOL)
     spin, found = swing(tables["fig5"]["spin"])
     within_size, within_spin = ("n_i", "K_p"), ("omega_xy0", "K_p")
     checks = [
-        above.hits >= MOST * above.total,
-        above,
+        every(points["ratio_low"] > 1),
         rises(points, "ratio", "omega_xy0", within_size),
         rises(points, "ratio", "n_i", within_spin),
-        rises(extremes, "scatter", "omega_xy0", within_size),
         rises(points, "scatter", "omega_xy0", within_size),
-        off.hits >= MOST * off.total,
+        every(beyond["ratio"] > SYMBOL),
         rises(beyond, "t_r_mean", "n_i", within_spin)
         + rises(beyond, "t_r_std", "n_i", within_spin),
-        min(abs(spin - k) / k for k in (1, 2)) < 0.1,
         abs(spin - 1) < 0.1,
     ]
-    calm = ", ".join(
-        f"n_i = {n:g}, K_p = {k:g}"
-        for (n, k), own in extremes.groupby(["n_i", "K_p"])
-        if not own.sort_values("omega_xy0")["scatter"].is_monotonic_increasing
-    )
     return checks, {
         **farthest(points, "K_p"), "value": float(points["ratio"].max()), "low": None,
         "high": None, "fast": span(beyond["ratio"]), **found,
-        "calm": f"The scatter does not increase at {calm}." if calm else "",
     }  # fmt: skip
 
 
@@ -133,12 +119,10 @@ def steady_formula(tables: Tables) -> Measured | None:
     points, large = small(every_size), every_size[every_size["omega_xy0"] > 0.01 + 1e-9]
     inside, slope, curves = near(points["ratio"]), slopes(points, "K_r"), ("n_i", "K_r")
     checks = [
-        bool(inside.mean() >= MOST),
         every(inside),
         max(abs(s + 1) for s in slope) < 0.1,
         rises(every_size.assign(down=-every_size["ratio"]), "down", "omega_xy0", curves),
         every(large["ratio_high"] < 1),
-        rises(ends(every_size, "omega_xy0"), "scatter", "omega_xy0", curves),
         rises(every_size, "scatter", "omega_xy0", curves),
     ]
     return checks, {
@@ -159,16 +143,15 @@ def late_reversals(tables: Tables) -> Measured | None:
     many = low[low["late"] >= 0.03 * low["reversed"]]
     if low.empty or high.empty or many.empty:
         return None
+    panel = ["n_i", "omega_xy0"]
     spread, calm = low["ratio_std"].median(), high["ratio_std"].median()
     without = many["ratio_std_prompt"] / many["ratio_std"]
     kept = many[many["followed"] > 0]["plateau"].dropna()
     checks = [
         bool(spread > 2 * calm),
-        bool(low["ratio_std"].min() > high["ratio_std"].max()),
-        bool(without.median() < 0.5),
+        every(low.groupby(panel)["ratio_std"].min() > high.groupby(panel)["ratio_std"].max()),
         every(without < 0.5),
-        every(many["growth_late"] < 0.5 * many["growth_prompt"]),
-        bool(kept.median() > 0.9),
+        every(many["growth_late"] < 0.5),
         every(kept > 0.9),
     ]
     return checks, {
@@ -189,8 +172,7 @@ def onset_of_wobbling(tables: Tables) -> Measured | None:
     ratio = points["onset_median"] / points["t_r_median"]
     low = fast(onset[onset["K_r"] < 0.03], 0.3)
     late = low["onset_late"].sum() / max(1, low["wobbling"].sum())
-    roughly = every((ratio > 0.5) & (ratio < 2))
-    return [roughly.hits >= 0.95 * roughly.total, bool(late > 0)], {
+    return [every((ratio > 0.5) & (ratio < 2)), bool(late > 0)], {
         "value": float(ratio.median()), "low": float(ratio.min()), "high": float(ratio.max()),
         "points": len(ratio), "fine": int(near(ratio).sum()), "late": late,
         "sizes": ", ".join(
