@@ -618,7 +618,7 @@ def test_reading_a_config_loads_nothing_heavy() -> None:
     assert run.stdout.strip() == "[]"
 
 
-# -- hashes that stay (their values are kept in tests/net) ----------------------------------------------------------------------------
+# -- hashes that stay; their values are kept in tests/net ----------------------------------------
 
 CONFIGS = sorted((Path(__file__).parents[2] / "configs").glob("*.yaml"))
 
