@@ -86,6 +86,8 @@ BYTES = [
     *(b"\x1b[2J", b"---\n", b"...\n", b"%YAML 1.1\n---\n", b"\x7f", b" " * 500, b"#" * 100_000),
     b"\n" * 5000,
 ]
+# Real keys, so that pieces end up where others are wanted.
+keys = st.sampled_from(KEYS)
 scalars = (
     st.none()
     | st.booleans()
@@ -98,8 +100,7 @@ scalars = (
 values = st.recursive(
     scalars,
     lambda inner: (
-        st.lists(inner, max_size=4)
-        | st.dictionaries(st.sampled_from(KEYS) | st.text(max_size=5), inner, max_size=4)
+        st.lists(inner, max_size=4) | st.dictionaries(keys | st.text(max_size=5), inner, max_size=4)
     ),
     max_leaves=8,
 )
@@ -267,7 +268,7 @@ def test_settings(directory: Path, text: str, data: st.DataObject) -> None:
     """``--set`` with wild keys and values is refused under its own name, or under the file's."""
     path = directory / "c.yaml"
     path.write_text(text, encoding="utf-8")
-    key = st.lists(st.sampled_from(KEYS) | st.text(max_size=5), max_size=3).map(".".join)
+    key = st.lists(keys | st.text(max_size=5), max_size=3).map(".".join)
     value = (
         values.map(lambda v: json.dumps(v, default=str))
         | st.sampled_from(WILD)
@@ -311,9 +312,9 @@ def test_broken_data(text: str, data: st.DataObject) -> None:
             elif isinstance(here, list):
                 here.append(data.draw(values))
             elif change == "rename":
-                here[data.draw(st.sampled_from(KEYS))] = here.pop(place)
+                here[data.draw(keys)] = here.pop(place)
             else:
-                here[data.draw(st.sampled_from(KEYS))] = data.draw(values)
+                here[data.draw(keys)] = data.draw(values)
             break
     check(lambda: parse_config(config))
 

@@ -221,12 +221,11 @@ def _as_read(value: Any, key: Key, problems: list[Problem]) -> Any:
         return value
     # NumPy's numbers are registered as these.
     if isinstance(value, Integral | Real):
-        number: int | float
         try:
             number = int(value) if isinstance(value, Integral) else float(value)
         except (OverflowError, ValueError):
             number = math.inf
-        if problem := yamlfile.number_problem(number):
+        if problem := yamlfile.number_problem(number, one_line(f"{number}", 24)):
             problems.append(Problem(key, problem))
             return None
         return number
