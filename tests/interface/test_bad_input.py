@@ -41,7 +41,7 @@ BAD = {
     "number as text": (sd("tol: 1e-9", 'tol: "1e-9"'), "", '"1e-9" is text; remove the quotes'),
     "empty range": (sd("gamma: [5, 15]", "gamma: []"), "", "a range has two numbers"),
     "reversed range": (sd("gamma: [5, 15]", "gamma: [15, 5]"), "", "is reversed; write [5, 15]"),
-    "theta of 1": (sd("[0.6, 0.95]", "[0.6, 1]"), "", "1.0 is out of range; it must be below 1"),
+    "theta of 1": (sd("[0.6, 0.95]", "[0.6, 1]"), "", "1 is out of range; it must be below 1"),
     "theta of a preset": (PRESET.replace("0.82", "1.0"), "", "1.0 is out of range; it must"),
     "phi >= theta": (sd("[0.01, 0.1]", "[0.01, 0.6]"), "", "phi >= theta is possible"),
     "phi of a preset": (PRESET.replace("theta: 0.82", "phi: 0.7"), "", "is not below theta"),
