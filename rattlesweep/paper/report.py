@@ -31,7 +31,7 @@ from rattlesweep.sweeps.tables.arrow import encode
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from rattlesweep.paper.claims.claim import Claim
+    from rattlesweep.paper.claims.claim import Judgement
     from rattlesweep.paper.run import Outcome
 
 TITLE = "Rattleback dynamics and its reversal time of rotation: recomputed"
@@ -44,7 +44,8 @@ _DESCRIPTIONS = {
     "value": "the figure that decides, where there is one",
     "low": "lower end of its 95 % confidence interval, or of its range",
     "high": "upper end of the same",
-    "verdict": "agree: all checks hold; disagree: the headline fails; partly: another one does",
+    "verdict": "agree: all checks hold; disagree: the headline fails; partly: another one does, or "
+    "the headline at one in ten at most where the paper's words leave room",
     "held": "number of checks that hold",
     "checks": "number of checks",
     "headline": "the check without which nothing is left of the claim",
@@ -54,7 +55,7 @@ _TYPES = {"value": pa.float64(), "low": pa.float64(), "high": pa.float64(),
           "held": pa.int64(), "checks": pa.int64()}  # fmt: skip
 
 
-def claims_table(claims: Sequence[Claim]) -> pa.Table:
+def claims_table(claims: Sequence[Judgement]) -> pa.Table:
     """The claims as they are stored in ``claims.parquet``."""
     schema = pa.schema(
         [
@@ -67,11 +68,7 @@ def claims_table(claims: Sequence[Claim]) -> pa.Table:
             for name, words in _DESCRIPTIONS.items()
         ]
     )
-    rows = [
-        {name: _plain(getattr(claim, name, None)) for name in _DESCRIPTIONS}
-        | {"checks": len(claim.checks), "headline": claim.checks[0][0]}
-        for claim in claims
-    ]
+    rows = [{name: _plain(getattr(claim, name)) for name in _DESCRIPTIONS} for claim in claims]
     return pa.Table.from_pylist(rows, schema=schema)
 
 
@@ -79,13 +76,13 @@ def _plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def tally(claims: Sequence[Claim]) -> str:
+def tally(claims: Sequence[Judgement]) -> str:
     """How many claims of each verdict there are."""
     counts: Counter[str] = Counter(claim.verdict for claim in claims)
     return ", ".join(f"{counts[word]} {word}" for word in VERDICTS if counts[word])
 
 
-def closing_table(claims: Sequence[Claim]) -> str:
+def closing_table(claims: Sequence[Judgement]) -> str:
     """The claims as text for a terminal: id, verdict, checks that hold, the measured figure."""
     lines = []
     for claim in claims:
@@ -141,7 +138,7 @@ def _head(outcome: Outcome) -> list[Html]:
     ]
 
 
-def _claims(claims: Sequence[Claim]) -> Html:
+def _claims(claims: Sequence[Judgement]) -> Html:
     rows = [
         (
             Html(
@@ -164,9 +161,10 @@ def _claims(claims: Sequence[Claim]) -> Html:
             paragraph(
                 "Each verdict follows from the checks in small print, the first of which is the "
                 "headline of the claim. Agree: all checks hold; disagree: the headline fails; "
-                "partly: the headline holds, but not every check. What stands between quotation "
-                "marks is the paper's own wording; equations have their printed numbers and, in "
-                "brackets, their labels in its source. Intervals are 95 %."
+                "partly: the headline holds, but not every check, or it fails for one point or run "
+                "in ten at most where the paper's own words leave room (“almost”, “roughly”). What "
+                "stands between quotation marks is the paper's own wording; equations have their "
+                "printed numbers and, in brackets, their labels in its source. Intervals are 95 %."
             ),
             table(("", "The paper says", "Measured"), rows, stack=True),
         ]

@@ -18,7 +18,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rattlesweep.errors import OutputError
-from rattlesweep.paper.figures.registry import FIGURES, THEORY, all_claims, sweep_cost
+from rattlesweep.paper.claims.table import judge
+from rattlesweep.paper.figures.registry import FIGURES, THEORY, sweep_cost
 from rattlesweep.paper.sources import code_key
 from rattlesweep.paper.sweeps import Place
 from rattlesweep.study.style import encode as encode_figure
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
 
     import pyarrow as pa
 
-    from rattlesweep.paper.claims.claim import Claim
+    from rattlesweep.paper.claims.claim import Judgement
     from rattlesweep.paper.settings import Paper
 
     Tables = Mapping[str, pa.Table]
@@ -72,7 +73,7 @@ class Outcome:
     """What the command came to."""
 
     directory: Path
-    claims: list[Claim]
+    claims: list[Judgement]
     seconds: dict[str, float]
     kept: list[str]
     failed: int
@@ -180,7 +181,7 @@ def make_paper(
         seconds[name] = time.perf_counter() - start
     start = time.perf_counter()
     meter.step("report")(0.1, "claims")
-    claims = all_claims(figures, theory=THEORY in names)
+    claims = judge(figures, theory=THEORY in names)
     seconds["claims"] = time.perf_counter() - start
     record |= {
         "quick": quick,

@@ -17,10 +17,12 @@ from rattlesweep.paper.figures.fig5 import Fig5Settings
 from rattlesweep.paper.figures.fig8 import Fig8Settings
 from rattlesweep.paper.figures.fig8_lyapunov import Fig8LyapunovSettings
 from rattlesweep.sweeps.config import yamlfile
+from rattlesweep.sweeps.config.bodies import SdSource
 from rattlesweep.sweeps.config.fields import Base, PositiveNumbers
-from rattlesweep.sweeps.config.load import Config, SdSource
-from rattlesweep.sweeps.config.messages import describe, problems_of
+from rattlesweep.sweeps.config.messages import describe
 from rattlesweep.sweeps.config.places import Places
+from rattlesweep.sweeps.config.schema import Config
+from rattlesweep.sweeps.config.validation import problems_of
 
 if TYPE_CHECKING:
     import os

@@ -14,7 +14,8 @@ import pyarrow as pa
 from rattlesweep.errors import ConfigError
 from rattlesweep.paper.sources import code_key
 from rattlesweep.sweeps.cases.plan import Case, Plan, make_plan
-from rattlesweep.sweeps.config.load import Config, parse_config, resolved
+from rattlesweep.sweeps.config.load import parse_config, resolved
+from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.engines.engine import run_sweep
 from rattlesweep.sweeps.engines.opened import examine
 from rattlesweep.sweeps.store.atomic import probe_directory, replace_file

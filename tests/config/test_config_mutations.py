@@ -18,7 +18,9 @@ from hypothesis import strategies as st
 from test_config import EXAMPLE, GRID, PRESET, SHELL
 from test_run import invoke
 
-from rattlesweep.sweeps.config.load import ConfigError, SdSource, load_config
+from rattlesweep.errors import ConfigError
+from rattlesweep.sweeps.config.bodies import SdSource
+from rattlesweep.sweeps.config.load import load_config
 from rattlesweep.sweeps.sense.sense import check_physics, checked_plan
 
 GH = "alpha,beta,gamma,theta,phi,xi\n13.04,1.522,12.28,0.6429,0.036,-0.03\n"

@@ -8,29 +8,23 @@ from typing import Any
 import numpy as np
 import pytest
 from numba.core import event
-from scipy.optimize import differential_evolution
 from test_config import EXAMPLE, GRID, PRESET, SHELL, SPIN
 
 import rattlesweep as rs
+from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics import theory
 from rattlesweep.sweeps.cases.sources import SdBodies
-from rattlesweep.sweeps.config.bodies import _overlap
-from rattlesweep.sweeps.config.load import (
-    ConfigError,
-    SdRanges,
-    SdSource,
-    load_config,
-    parse_config,
-)
-from rattlesweep.sweeps.sense.sample import POOL, body_of, coefficient, limits, pool
+from rattlesweep.sweeps.config.bodies import SdRanges, SdSource
+from rattlesweep.sweeps.config.load import load_config, parse_config
+from rattlesweep.sweeps.sense.sample import bodies_at, coefficient, draw
 from rattlesweep.sweeps.sense.sense import (
     check_physics,
     checked_plan,
     slowest_pitch,
     stability_limit,
 )
-from rattlesweep.sweeps.sense.targets import _chance, _ridge, extremes
+from rattlesweep.sweeps.sense.targets import _chance
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 TABLE_ONE = SdRanges()
@@ -119,8 +113,8 @@ CASES = {
     ),
     "a target out of reach": (
         sd("K_r: [0.01, 0.03, 0.1]", "K_r: [0.01, 7]"), True,
-        "c.yaml:7:12: bodies.target.K_r: 7 is out of reach: of 65536 bodies drawn from the ranges,"
-        " the best refined, K_r lies between 0 and 0.386",
+        "c.yaml:7:12: bodies.target.K_r: 7 is out of reach: in 65536 bodies drawn from the ranges "
+        "K_r lies between ",
     ),
     "a target below reach": (
         sd("minus_xi_deg: [0, 6]", "minus_xi_deg: [3, 6]").replace("0.01, 0.03", "1e-4"), True,
@@ -256,52 +250,10 @@ def test_the_stability_of_rk4_is_the_textbooks() -> None:
 
 @pytest.mark.parametrize("name", RANGES)
 def test_no_body_is_slower_than_the_bound(name: str) -> None:
-    bodies = body_of(pool(RANGES[name]))
+    bodies = bodies_at(draw(RANGES[name]))
     omega_p = theory.modes(bodies.alpha, bodies.beta, bodies.theta, bodies.phi, bodies.xi).omega_p
     bound = slowest_pitch(RANGES[name])
     assert 0.9 * omega_p.min() < bound <= omega_p.min() * (1 + 1e-12)
-
-
-@pytest.mark.parametrize("name", [name for name in RANGES if name != "modes that cross"])
-@pytest.mark.parametrize("which", ["K_p", "K_r"])
-def test_extremes_are_those_that_another_search_finds(name: str, which: str) -> None:
-    ranges = RANGES[name]
-    ends = limits(ranges)
-    low, high = extremes(ranges, which, pool(ranges))
-    for sign, mine in ((1, low), (-1, high)):
-
-        def cost(point: np.ndarray, sign: int = sign) -> float:
-            return sign * float(coefficient(point[:, None], which)[0])
-
-        free = np.where(ends[:, 0] < ends[:, 1], ends[:, 1], ends[:, 1] + 1e-12)
-        other = differential_evolution(
-            cost, list(zip(ends[:, 0], free, strict=True)), seed=1, popsize=8, maxiter=60
-        )
-        found = sign * other.fun
-        if sign < 0 and _ridge(ends, which):
-            # A bound there: never below, and not far above what is there.
-            assert found * (1 - 1e-9) <= mine < 5 * found
-        else:
-            assert mine == pytest.approx(found, rel=2e-3, abs=1e-9)
-
-
-@pytest.mark.parametrize("which", ["K_p", "K_r"])
-def test_the_ridge_of_crossing_modes_is_seen(which: str) -> None:
-    """No draw finds it at a skew angle of 1e-4 degrees, but there K is large."""
-    ranges = RANGES["modes that cross"]
-    points = pool(ranges)
-    assert _ridge(limits(TABLE_ONE), which) == 0
-    bodies = body_of(points)
-    # H_11 = H_22 without skew.
-    roll = (1 - bodies.phi) / bodies.phi * bodies.beta / bodies.alpha
-    there = points.copy()
-    there[2] = 1 / (1 + roll)
-    there = there[:, (there[2] > 0.6) & (there[2] < 0.7)]
-    highest = coefficient(there, which).max()
-    low, high = extremes(ranges, which, points)
-    assert highest > 10 * np.quantile(coefficient(points, which), 0.99)
-    assert highest <= high < 3 * highest
-    assert 0 <= low < 1e-3
 
 
 @pytest.mark.parametrize("value", [0.01, 0.1])
@@ -314,21 +266,10 @@ def test_the_chance_of_a_draw_is_the_samplers(value: float) -> None:
     _, draws, _ = draw_bodies(
         5, 0, np.arange(400), SdBodies(5, source)._ranges, 2, value, 1e-3, 10**6
     )
-    chance, most = _chance(coefficient(pool(TABLE_ONE), "K_r"), value, 1e-3)
+    chance, most = _chance(coefficient(draw(TABLE_ONE), "K_r"), value, 1e-3)
     assert not most
     # 400 draws of a geometric law scatter by 5 %, the estimate from a few dozen bodies by 18 %.
     assert 1 / chance == pytest.approx(draws.mean(), rel=0.6)
-
-
-@pytest.mark.parametrize(
-    ("phi", "theta"),
-    [([0.1, 0.7], [0.6, 0.9]), ([0.1, 0.5], [0.2, 0.4]), ([0.3, 0.5], [0.2, 0.9]),
-     ([0.3, 0.3], [0.2, 0.9]), ([0.3, 0.5], [0.4, 0.4])],
-)  # fmt: skip
-def test_the_share_of_impossible_draws(phi: list[float], theta: list[float]) -> None:
-    u, v = np.random.default_rng(1).random((2, 400_000))
-    low = phi[0] + (phi[1] - phi[0]) * u >= theta[0] + (theta[1] - theta[0]) * v
-    assert _overlap(phi, theta) == pytest.approx(low.mean(), abs=4e-3)
 
 
 def test_the_same_answer_every_time_and_for_any_seed(tmp_path: Path) -> None:
@@ -337,4 +278,3 @@ def test_the_same_answer_every_time_and_for_any_seed(tmp_path: Path) -> None:
     first = check_physics(load_config(path))
     assert first == check_physics(load_config(path))
     assert first == check_physics(load_config(path, ["seed=5"]))
-    assert pool(TABLE_ONE).shape == (5, POOL)

@@ -15,9 +15,9 @@ import pytest
 
 import rattlesweep as rs
 from rattlesweep.integrate.follow.lyapunov import growth_along
-from rattlesweep.paper.claims import long as claims_long
-from rattlesweep.paper.claims import runs as claims_runs
-from rattlesweep.paper.claims import sweeps as claims_sweeps
+from rattlesweep.paper.claims.long import force_words
+from rattlesweep.paper.claims.sweeps import swing
+from rattlesweep.paper.claims.table import CLAIMS, judge
 from rattlesweep.paper.figures import examples, fig4, fig5, fig8
 from rattlesweep.paper.figures import fig8_lyapunov as lyapunov
 from rattlesweep.paper.figures.registry import FIGURES
@@ -91,9 +91,7 @@ def test_forces_are_judged_only_while_the_body_presses_down():
     assert (row["ratio_max"], row["ratio_t"]) == (0.4, 1.0)
     assert (row["normal_min"], row["normal_t"], row["t_end"]) == (-0.1, 2.0, 3.0)
     assert (row["slip_t"], row["open_t"]) == (None, 2.0)
-    said = claims_long.l3(pd.DataFrame([row | {"run": "Fig. 8"}]), [row])
-    assert said.verdict == "disagree"
-    assert "would be lost at t = 2.0" in said.evidence
+    assert "would be lost at t = 2.0" in force_words(row)
 
 
 def test_maxima_of_a_modulus_and_their_frequency():
@@ -194,7 +192,7 @@ def _inertia(name, tables):
 
 
 def test_claims_of_fig_4_follow_the_series(four):
-    claims = {c.id: c for c in claims_runs.claims({"fig4": four})}
+    claims = {c.id: c for c in judge({"fig4": four}, theory=False)}
     assert {name: c.verdict for name, c in claims.items()} == {
         "G1": "agree", "G2": "agree", "G3": "agree",
     }  # fmt: skip
@@ -202,13 +200,13 @@ def test_claims_of_fig_4_follow_the_series(four):
     rows = four["runs"].to_pylist()
     late = [row | {"t_r": 2 * row["t_r"]} for row in rows]
     changed = four | {"runs": pa.Table.from_pylist(late, schema=fig4.RUNS)}
-    claims = {c.id: c.verdict for c in claims_runs.claims({"fig4": changed})}
+    claims = {c.id: c.verdict for c in judge({"fig4": changed}, theory=False)}
     assert claims == dict.fromkeys(("G1", "G2", "G3"), "disagree")
     # With x and y exchanged every statement on them is wrong.
     frame = four["extrema"].to_pandas()
     frame["component"] = frame["component"].map({"omega_x": "omega_y", "omega_y": "omega_x"})
     changed = four | {"extrema": pa.Table.from_pandas(frame, preserve_index=False)}
-    swapped = {c.id: c for c in claims_runs.claims({"fig4": changed})}["G3"]
+    swapped = {c.id: c for c in judge({"fig4": changed}, theory=False)}["G3"]
     assert swapped.verdict == "disagree"
     assert swapped.score == "1 of 6"
 
@@ -216,8 +214,7 @@ def test_claims_of_fig_4_follow_the_series(four):
 def test_claims_of_other_runs_are_not_made(four):
     rows = [row | {"n_i": 2 * row["n_i"]} for row in four["runs"].to_pylist()]
     changed = four | {"runs": pa.Table.from_pylist(rows, schema=fig4.RUNS)}
-    assert claims_runs.claims({"fig4": changed}) == []
-    assert claims_long.claims({}) == []
+    assert judge({"fig4": changed}, theory=False) == []
 
 
 def test_a_large_mode_alone_swings_as_it_does_at_the_reversal(four):
@@ -312,14 +309,20 @@ def wobbling(slow=0, fast=40, total=1000):
     return frame
 
 
+def s5(runs):
+    """The only claim that the runs settle, without the types of the sweep."""
+    tables = {"fig6": {"chaos": pa.Table.from_pandas(runs, preserve_index=False)}}
+    return next(claim for claim in CLAIMS if claim.id == "S5").judge(tables)
+
+
 def test_one_chaotic_slow_run_is_enough_for_partly():
-    assert claims_runs.s5(wobbling())[0].verdict == "agree"
-    one = claims_runs.s5(wobbling(slow=1))[0]
+    assert s5(wobbling()).verdict == "agree"
+    one = s5(wobbling(slow=1))
     assert one.verdict == "partly"
     assert one.low < one.value == 0.001 < one.high < 0.01
     assert "The 1 chaotic ones" in one.evidence
-    assert claims_runs.s5(wobbling(slow=100, fast=0))[0].verdict == "disagree"
-    assert claims_runs.s5(wobbling().query("n_i == -0.5")) == []
+    assert s5(wobbling(slow=100, fast=0)).verdict == "disagree"
+    assert s5(wobbling().query("n_i == -0.5")) is None
 
 
 def test_the_fast_run_of_gh_swings_at_twice_the_frequency_of_the_pitch(tmp_path):
@@ -334,9 +337,7 @@ def test_the_fast_run_of_gh_swings_at_twice_the_frequency_of_the_pitch(tmp_path)
     periods = [(np.diff(np.sign(late[c] - late[c].rolling(100, center=True).mean())) > 0).sum()
                for c in ("n", "omega_x")]  # fmt: skip
     assert periods[0] == pytest.approx(2 * periods[1], abs=2)
-    checks = []
-    claims_sweeps._swing(tables["spin"], checks)
-    assert [good for _, good in checks] == [True, False]
+    assert swing(tables["spin"])[0] == pytest.approx(2, abs=0.1)
     press = tables["forces"].to_pylist()[0]
     assert press["ratio_max"] > 0.5
 
@@ -397,7 +398,7 @@ def exponents(growth):
 )
 def test_verdict_on_chaos_follows_the_exponents(eight, growth, verdict):
     figures = {"fig8": eight, "fig8_lyapunov": {"exponents": exponents(growth)}}
-    claims = {c.id: c for c in claims_long.claims(figures)}
+    claims = {c.id: c for c in judge(figures, theory=False)}
     assert claims["L1"].verdict == verdict
     assert (claims["L2"].verdict, claims["L3"].verdict) == ("agree", "agree")
     assert 0.18 < claims["L3"].value < 0.22
@@ -407,7 +408,7 @@ def test_verdict_on_chaos_follows_the_exponents(eight, growth, verdict):
 def test_too_few_reversals_settle_nothing(eight):
     few = eight["reversals"].to_pandas().groupby(["theta", "model"]).head(2)
     figures = {"fig8": eight | {"reversals": pa.Table.from_pandas(few, preserve_index=False)}}
-    assert claims_long.claims(figures) == []
+    assert judge(figures, theory=False) == []
 
 
 def test_exponents_are_growth_over_time(grown):

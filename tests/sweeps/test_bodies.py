@@ -253,13 +253,13 @@ def test_a_preset_is_one_body_with_what_was_replaced():
 @pytest.mark.parametrize(
     ("overrides", "words"),
     [
-        ({"theta": 1.2}, "theta: 1.2 is not below 1"),
+        ({"theta": 1.2}, "theta: 1.2 is out of range; it must be below 1"),
         ({"theta": 0.03}, "phi 0.036 is not below theta 0.03"),
         ({"phi": 0.7}, "phi 0.7 is not below theta 0.6429"),
         ({"beta": 14}, "alpha 13.04 is not above beta 14"),
         ({"alpha": 20}, "no body has this inertia: I_xx = alpha - 1 = 19 exceeds"),
         ({"gamma": 13}, "no body has this inertia: I_zz = gamma = 13 exceeds"),
-        ({"xi": 0.1}, "0.1 is not below 0"),
+        ({"xi": 0.1}, "xi: 0.1 is out of range; it must be below 0"),
     ],
 )
 def test_overrides_out_of_range_are_refused(overrides, words):

@@ -17,7 +17,6 @@ import pyarrow as pa
 from pydantic import Field
 
 from rattlesweep.integrate.follow.lyapunov import growth_along
-from rattlesweep.paper.claims.checks import EDGE
 from rattlesweep.paper.follow import (
     F64,
     FORCE_CHANNELS,
@@ -45,6 +44,8 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 BINS = 1100
+# Spins and oscillations are compared with this margin, as they come from a file.
+EDGE = 1e-9
 # Runs called chaotic although they are slow are followed to this many horizons.
 LONGER = 6
 SLOW = 0.4

@@ -8,11 +8,11 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from rattlesweep.paper.claims.claim import wilson
 from rattlesweep.paper.figures import examples, steady_checks
 from rattlesweep.paper.style import TYPES, decade_ticks, frame, new_figure
 from rattlesweep.paper.sweeps import part
 from rattlesweep.study.style import BLUE
+from rattlesweep.sweeps.tables.cells import wilson
 from rattlesweep.sweeps.tables.columns import RATE
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ def fractions(sweep: Sweep) -> pa.Table:
         }
         for name in KINDS:
             hits = int((runs["type"] == name).sum())
-            low, high = wilson(hits, total) if total else (None, None)
+            low, high = map(float, wilson(hits, total)) if total else (None, None)
             row |= {
                 name: hits,
                 f"fraction_{name}": hits / total if total else None,

@@ -1,4 +1,4 @@
-"""What the command makes: each figure by its name, and the claims that rest on them."""
+"""What the command makes: each figure by its name."""
 
 from __future__ import annotations
 
@@ -7,17 +7,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from rattlesweep.errors import ConfigError
-from rattlesweep.paper.claims import long as claims_long
-from rattlesweep.paper.claims import runs as claims_runs
-from rattlesweep.paper.claims import sweeps as claims_sweeps
-from rattlesweep.paper.claims import theory as claims_theory
 from rattlesweep.paper.figures import fig2, fig3, fig4, fig5, fig6, fig7, fig8, fig8_lyapunov
 from rattlesweep.sweeps.config.messages import not_one_of
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from rattlesweep.paper.claims.claim import Claim
     from rattlesweep.paper.settings import Paper
     from rattlesweep.paper.sweeps import Place, Report
 
@@ -25,8 +20,6 @@ if TYPE_CHECKING:
 
 # The claims about formulas alone go by this name where figures are chosen.
 THEORY = "theory"
-# Order of the claims, by their first letter.
-GROUPS = "TGUSL"
 
 
 @dataclass(frozen=True)
@@ -157,16 +150,6 @@ def _rk4_runs(paper: Paper) -> float:
 def sweep_cost(paper: Paper, name: str) -> float:
     """Seconds that a sweep takes, roughly; as :attr:`Figure.cost`."""
     return 0.3 + _runs(paper, name) * {"unsteady": 3e-5, "steady": 2.2e-4}[name]
-
-
-def all_claims(figures: Mapping[str, Tables], *, theory: bool) -> list[Claim]:
-    """Rows of the claims table that these figures, and ``theory`` alone, can settle."""
-    rows = claims_theory.claims(figures)
-    needs = {"T4": "fig2", "T5": "fig3"}
-    kept = [c for c in rows if (needs[c.id] in figures if c.id in needs else theory)]
-    every = kept + claims_sweeps.claims(figures) + claims_runs.claims(figures)
-    every += claims_long.claims(figures)
-    return sorted(every, key=lambda claim: (GROUPS.index(claim.id[0]), int(claim.id[1:])))
 
 
 def choose(names: str | None) -> list[str]:

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rattlesweep.physics import theory
-from rattlesweep.physics.body import shell_dumbbell
 from rattlesweep.sweeps.cases.sampler import draw_bodies
-from rattlesweep.sweeps.config.bodies import SdRanges
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
+
+    from rattlesweep.sweeps.config.bodies import SdRanges
 
     Floats = NDArray[np.float64]
     Report = Callable[[float, str], None]
@@ -26,25 +26,6 @@ CHUNK = 100_000
 def ranges_array(ranges: SdRanges) -> Floats:
     """Ranges as the sampler takes them, shape (5, 2)."""
     return np.array([ranges.gamma, ranges.f_sd, ranges.theta, ranges.phi, ranges.minus_xi_deg])
-
-
-def sd_bodies(samples: int, seed: int = 2017) -> tuple[Floats, ...]:
-    """``alpha, beta, gamma, theta, phi, xi`` of random bodies of the set SD."""
-    drawn = draw_bodies(seed, 0, np.arange(samples), ranges_array(SdRanges()))[0]
-    gamma, _, theta, phi, xi, alpha, beta = drawn
-    return alpha, beta, gamma, theta, phi, xi
-
-
-def wide_bodies(samples: int, seed: int = 2017) -> tuple[Floats, ...]:
-    """The same far beyond the set SD: any inertia, any skew angle, nearly any surface."""
-    rng = np.random.default_rng(seed)
-    largest = 10 ** rng.uniform(-1, 2, samples)
-    alpha, beta = shell_dumbbell(largest, rng.uniform(0.01, 0.49, samples))
-    # I_xx - I_yy < I_zz < I_xx + I_yy; the shell-dumbbell bodies are at the upper end.
-    gamma = alpha - beta + (largest - (alpha - beta)) * rng.uniform(0, 1, samples)
-    theta = rng.uniform(0.05, 0.99, samples)
-    phi = theta * 10 ** rng.uniform(-3, -0.01, samples)
-    return alpha, beta, gamma, theta, phi, -np.radians(rng.uniform(0.01, 89.99, samples))
 
 
 def draw_modes(

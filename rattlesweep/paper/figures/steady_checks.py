@@ -9,12 +9,12 @@ import pandas as pd
 import pyarrow as pa
 
 from rattlesweep.paper.sweeps import LAUNCH, bodies_of, horizons, part
-from rattlesweep.sweeps.config.load import Integrator
+from rattlesweep.sweeps.config.schema import Integrator
 from rattlesweep.sweeps.tables.columns import RATE, TIME
 
 if TYPE_CHECKING:
     from rattlesweep.paper.sweeps import Place, Report, Sweep
-    from rattlesweep.sweeps.config.load import Classify, Config
+    from rattlesweep.sweeps.config.schema import Classify, Config
 
 # Two times of reversal are the same if they differ by less than this, relatively.
 SAME = 1e-6

@@ -22,7 +22,7 @@ from rattlesweep.sweeps.tables.arrow import DamagedError
 from rattlesweep.sweeps.tables.types import with_types
 
 if TYPE_CHECKING:
-    from rattlesweep.sweeps.config.load import Classify, Config
+    from rattlesweep.sweeps.config.schema import Classify, Config
     from rattlesweep.sweeps.store.blockfile import BlockFile
 
 

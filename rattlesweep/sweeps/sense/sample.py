@@ -17,7 +17,8 @@ from rattlesweep.physics.body import shell_dumbbell
 from rattlesweep.physics.launch import direction
 from rattlesweep.sweeps.cases.launches import Launches, with_theory
 from rattlesweep.sweeps.cases.sources import Bodies
-from rattlesweep.sweeps.config.load import Config, SdRanges, SdSource, Target
+from rattlesweep.sweeps.config.bodies import SdRanges, SdSource, Target
+from rattlesweep.sweeps.config.schema import Config
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -27,10 +28,9 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 RUNS = 4096
-POOL = 65_536
+DRAWN = 65_536
 TARGETS = 16
 SEED = 2017
-NAMES = ("gamma", "f_sd", "theta", "phi", "minus_xi_deg")
 
 
 @dataclass(frozen=True)
@@ -91,29 +91,24 @@ def sample_runs(config: Config, source: Source | None = None) -> Sample | None:
     return Sample(found, words)
 
 
-def limits(ranges: SdRanges) -> Floats:
-    """Ends of the ranges, shape (5, 2), in the order of `NAMES`."""
-    return np.array([getattr(ranges, name) for name in NAMES], dtype=float)
-
-
-def body_of(point: Floats) -> Bodies:
-    """Bodies with the parameters `point`, shape (5, bodies), in the order of `NAMES`."""
-    gamma, f_sd, theta, phi, minus_xi = point
+def bodies_at(points: Floats) -> Bodies:
+    """Bodies at points of the ranges, shape (5, bodies)."""
+    gamma, f_sd, theta, phi, minus_xi_deg = points
     alpha, beta = shell_dumbbell(gamma, f_sd)
-    return Bodies(alpha, beta, gamma, theta, phi, -np.radians(minus_xi), f_sd)
+    return Bodies(alpha, beta, gamma, theta, phi, -np.radians(minus_xi_deg), f_sd)
 
 
-def pool(ranges: SdRanges, size: int = POOL) -> Floats:
+def draw(ranges: SdRanges, size: int = DRAWN) -> Floats:
     """Points drawn evenly from the ranges, shape (5, size)."""
-    low, high = limits(ranges).T[:, :, None]
+    low, high = np.array(ranges.ends()).T[:, :, None]
     # Like the sampler: the skew angle's own range is open below.
     points: Floats = high - (high - low) * np.random.default_rng(SEED).random((5, size))
     return points
 
 
-def coefficient(point: Floats, name: str) -> Floats:
-    """The torque coefficient K_p or K_r of the bodies at `point`."""
-    b = body_of(point)
+def coefficient(points: Floats, name: str) -> Floats:
+    """The torque coefficient K_p or K_r of the bodies at `points`."""
+    b = bodies_at(points)
     with np.errstate(all="ignore"):
         found = theory.torque_coefficients(b.alpha, b.beta, b.theta, b.phi, b.xi)
     chosen: Floats = found[2 if name == "K_p" else 3]
@@ -122,12 +117,12 @@ def coefficient(point: Floats, name: str) -> Floats:
 
 def _drawn(ranges: SdRanges, target: Target | None) -> Bodies:
     if target is None:
-        return body_of(pool(ranges, RUNS))
-    points = pool(ranges)
+        return bodies_at(draw(ranges, RUNS))
+    points = draw(ranges)
     found = coefficient(points, target.name)
     picks = np.unique(np.linspace(0, len(target.values) - 1, TARGETS).astype(int)).tolist()
     each = RUNS // len(picks)
     near = [
         np.sort(np.argpartition(np.abs(found - target.values[pick]), each)[:each]) for pick in picks
     ]
-    return body_of(points[:, np.concatenate(near)])
+    return bodies_at(points[:, np.concatenate(near)])

@@ -13,14 +13,16 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import MAX_DAMPING
 from rattlesweep.integrate.tableau import METHODS, Tableau
 from rattlesweep.physics import theory
 from rattlesweep.sweeps.cases.launches import make_batch
 from rattlesweep.sweeps.cases.plan import Plan, make_plan
-from rattlesweep.sweeps.config.load import Config, ConfigError, SdRanges, SdSource, locating
-from rattlesweep.sweeps.config.yamlfile import Key, Problem
-from rattlesweep.sweeps.sense.sample import Sample, body_of, limits, sample_runs
+from rattlesweep.sweeps.config.bodies import SdRanges, SdSource
+from rattlesweep.sweeps.config.places import Key, Problem
+from rattlesweep.sweeps.config.schema import Config
+from rattlesweep.sweeps.sense.sample import Sample, bodies_at, sample_runs
 from rattlesweep.sweeps.sense.targets import target_problems
 
 if TYPE_CHECKING:
@@ -67,7 +69,7 @@ def checked_plan(config: Config, base: Path | None = None) -> tuple[Plan, list[s
     # Random bodies first: a target out of reach would be redrawn for hours.
     drawn = isinstance(config.bodies, SdSource)
     warnings = check_physics(config) if drawn else []
-    with locating(config):
+    with config.locating():
         plan = make_plan(config, base)
     return plan, warnings if drawn else check_physics(config, plan.source)
 
@@ -249,8 +251,8 @@ def slowest_pitch(ranges: SdRanges) -> float:
     ``omega_p^2`` is the larger eigenvalue of ``H``, which falls with every inertia and curvature
     and rises with the skew angle (its trace does, at constant determinant).
     """
-    ends = limits(ranges)
-    corners = body_of(np.array([[ends[0, 1]] * 2, ends[1], [0.5] * 2, [0.1] * 2, [1.0] * 2]))
+    ends = np.array(ranges.ends())
+    corners = bodies_at(np.array([[ends[0, 1]] * 2, ends[1], [0.5] * 2, [0.1] * 2, [1.0] * 2]))
     found = theory.modes(
         corners.alpha.max(), corners.beta.max(), ends[2, 1], ends[3, 1], -np.radians(ends[4, 0])
     )

@@ -19,7 +19,7 @@ import pyarrow as pa
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from rattlesweep.sweeps.config.load import Classify
+    from rattlesweep.sweeps.config.schema import Classify
 
 TYPES = ("R", "SS", "SW", "unclassified")
 R, SS, SW, UNCLASSIFIED = range(4)
