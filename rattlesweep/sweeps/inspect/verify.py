@@ -94,13 +94,6 @@ def verify(
     Returns
     -------
     Verdict
-
-    Raises
-    ------
-    ConfigError
-        It is no output directory.
-    OutputError
-        It cannot be read.
     """
     verdict = Verdict()
     try:
