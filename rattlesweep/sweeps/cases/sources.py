@@ -103,15 +103,17 @@ class SdBodies:
         self._ranges = np.array(source.ranges.ends())
         self._target = source.target
         self._chunk = lru_cache(maxsize=64)(self._draw_chunk)
+
+    def check_targets(self) -> None:
+        """Draw a few bodies of each target: one out of reach shows in its first samples."""
         if self._target is not None:
-            # Before anything is written: a target out of reach shows in its first samples.
             for group in range(len(self._target.values)):
-                self._draw(group, np.arange(min(self.samples, 16)))
+                self._columns(group, np.arange(min(self.samples, 16)))
 
     def bodies(self, group: int, samples: Integers) -> Bodies:
         """Bodies of some samples of the cases of target ``group``."""
         if self._target is None:
-            return self._draw(group, samples)
+            return _from_columns(self._columns(group, samples))
         # Every case of a target asks for the same bodies, and redrawing is slow.
         chunk, place = np.divmod(samples, CHUNK)
         columns = np.empty((7, len(samples)))
@@ -124,9 +126,6 @@ class SdBodies:
     def _draw_chunk(self, group: int, chunk: int) -> Floats:
         samples = np.arange(chunk * CHUNK, min((chunk + 1) * CHUNK, self.samples))
         return self._columns(group, samples)
-
-    def _draw(self, group: int, samples: Integers) -> Bodies:
-        return _from_columns(self._columns(group, samples))
 
     def _columns(self, group: int, samples: Integers) -> Floats:
         samples = np.ascontiguousarray(samples, dtype=np.int64)
