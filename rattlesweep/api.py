@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from rattlesweep.integrate.status import Status
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import Rattleback
-from rattlesweep.physics.launch import direction
+from rattlesweep.physics.launch import direction, garcia_hubbard
 from rattlesweep.physics.theory import Modes
 
 if TYPE_CHECKING:
@@ -58,9 +58,7 @@ def reversal_time_gh(body: Rattleback, n_i: float, omega_xy0: float) -> float:
     check_launch(n_i, omega_xy0)
     found = theory.modes(body.alpha, body.beta, body.theta, body.phi, body.xi)
     psi = direction(found, n_i, "relevant")
-    speed = theory.oscillation_speed(body.alpha, body.beta, body.gamma, omega_xy0, psi)
-    relevant = theory.relevant_coefficient(found.K_p, found.K_r, n_i)
-    return float(theory.reversal_time(relevant, n_i, speed))
+    return float(garcia_hubbard(body, found, n_i, omega_xy0, psi).t_rgh)
 
 
 @dataclass(frozen=True)
@@ -132,7 +130,7 @@ def simulate(
     """
     from rattlesweep.errors import ConfigError
     from rattlesweep.sweeps.blocks.block import finish_block
-    from rattlesweep.sweeps.blocks.single import single_run
+    from rattlesweep.sweeps.blocks.single import Launch, single_run
     from rattlesweep.sweeps.tables.types import TYPES
 
     if dt is not None:
@@ -145,10 +143,8 @@ def simulate(
             stacklevel=2,
         )
         dt_step = dt
-    config, launches, batch = single_run(
-        body, n_i=n_i, omega_xy0=omega_xy0, t_end=t_end, psi=psi, model=model,
-        integrator=_integrator(method, tol, dt_step),
-    )  # fmt: skip
+    launch = Launch(body, n_i, omega_xy0, t_end, psi, model, _integrator(method, tol, dt_step))
+    config, launches, batch = single_run(launch)
     columns = finish_block(config, launches, batch, threads=1)
     codes, _ = columns["type"]
     status, words = columns["status"]

@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 import math
 from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from rattlesweep.paper.figures.registry import FIGURES
+from rattlesweep.paper.registry import FIGURES
 from rattlesweep.paper.symbols import symbols
 from rattlesweep.study.html import (
     Html,
@@ -32,7 +34,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from rattlesweep.paper.claims.claim import Judgement
-    from rattlesweep.paper.run import Outcome
 
 TITLE = "Rattleback dynamics and its reversal time of rotation: recomputed"
 VERDICTS = ("agree", "partly", "disagree")
@@ -53,6 +54,18 @@ _DESCRIPTIONS = {
 }
 _TYPES = {"value": pa.float64(), "low": pa.float64(), "high": pa.float64(),
           "held": pa.int64(), "checks": pa.int64()}  # fmt: skip
+
+
+@dataclass
+class Reproduction:
+    """What the command came to."""
+
+    directory: Path
+    claims: list[Judgement]
+    seconds: dict[str, float]
+    kept: list[str]
+    failed: int
+    record: dict[str, Any]
 
 
 def claims_table(claims: Sequence[Judgement]) -> pa.Table:
@@ -92,7 +105,7 @@ def closing_table(claims: Sequence[Judgement]) -> str:
     return "\n".join(lines)
 
 
-def write_report(outcome: Outcome, figures: Sequence[str]) -> None:
+def write_report(outcome: Reproduction, figures: Sequence[str]) -> None:
     """Write ``claims.parquet`` and ``report.html``, each in one step.
 
     Raises
@@ -105,7 +118,7 @@ def write_report(outcome: Outcome, figures: Sequence[str]) -> None:
     replace_file(directory / "report.html", report(outcome, figures))
 
 
-def report(outcome: Outcome, figures: Sequence[str]) -> bytes:
+def report(outcome: Reproduction, figures: Sequence[str]) -> bytes:
     """The page; its pictures are those in the directory."""
     sections = []
     if outcome.claims:
@@ -120,7 +133,7 @@ def report(outcome: Outcome, figures: Sequence[str]) -> bytes:
     return page(TITLE, _head(outcome), sections)
 
 
-def _head(outcome: Outcome) -> list[Html]:
+def _head(outcome: Reproduction) -> list[Html]:
     record = outcome.record
     reduced = " Reduced sample counts (--quick): intervals are wide." if record["quick"] else ""
     return [
@@ -171,7 +184,7 @@ def _claims(claims: Sequence[Judgement]) -> Html:
     )
 
 
-def _picture(outcome: Outcome, name: str) -> Html:
+def _picture(outcome: Reproduction, name: str) -> Html:
     figure = FIGURES[name]
     svg = (outcome.directory / f"{name}.svg").read_bytes()
     png = (outcome.directory / f"{name}.png").read_bytes()
@@ -184,7 +197,7 @@ def _picture(outcome: Outcome, name: str) -> Html:
     return picture(svg, png, figure.title, caption)
 
 
-def _rk4(outcome: Outcome) -> Html:
+def _rk4(outcome: Reproduction) -> Html:
     """The runs of Fig. 6 whose outcome differs with RK4, one by one."""
     rows = pq.read_table(outcome.directory / "fig6_rk4.parquet").to_pylist()
     changed = sum(row["type"] != row["type_rk4"] for row in rows)
@@ -217,7 +230,7 @@ def _type_or_time(kind: str | None, t_r: float | None) -> str:
     return f"{t_r:.4f}" if t_r is not None else (kind or "failed")
 
 
-def _facts(outcome: Outcome) -> Html:
+def _facts(outcome: Reproduction) -> Html:
     record = outcome.record
     here = record["machine"]
     kept = set(outcome.kept)

@@ -3,6 +3,7 @@
 import io
 import threading
 import time
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,13 +11,13 @@ import pyarrow.parquet as pq
 import pytest
 import theory_mp
 from mpmath import mp
-from pydantic import ValidationError
-from scipy.stats import ks_2samp
 
+from rattlesweep.integrate.task import THREAD
 from rattlesweep.paper.claims import bodies
 from rattlesweep.paper.claims import theory as measures
 from rattlesweep.paper.claims.table import CLAIMS, judge
-from rattlesweep.paper.figures import density, fig2, fig3, sd
+from rattlesweep.paper.data import density, fig2, fig3, sd
+from rattlesweep.paper.registry import FIGURES
 from rattlesweep.physics import full, theory
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.sweeps.cases import sampler
@@ -24,7 +25,6 @@ from rattlesweep.sweeps.config.bodies import SdRanges
 
 RANGES = sd.ranges_array(SdRanges())
 LINEAR = density.Grid((0.0, 7.0), (0.0, 0.4), 40)
-LOG = density.Grid((1e-3, 10.0), (1e-5, 1.0), 40, log=True)
 
 
 def silent(*_):
@@ -33,26 +33,24 @@ def silent(*_):
 
 @pytest.fixture(scope="module")
 def fig2_tables():
-    return fig2.compute(fig2.Fig2Settings(samples=40_000, levels=401), silent)
+    return fig2.data(40_000, silent)
 
 
 @pytest.fixture(scope="module")
 def fig3_tables():
-    settings = fig3.Fig3Settings(samples=20_000, density_samples=1_500_000, levels=401, bins=60)
-    return fig3.compute(settings, silent)
+    return fig3.data(20_000, 1_500_000, silent)
 
 
 # --- the counting loop --------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("grid", [LINEAR, LOG], ids=["linear", "log"])
-def test_loop_counts_what_the_vectorised_theory_says(grid):
+def test_loop_counts_what_the_vectorised_theory_says():
     size = 150_000
     _, _, th, phi, xi, alpha, beta = sampler.draw_bodies(7, 0, np.arange(size), RANGES)[0]
     found = theory.modes(alpha, beta, th, phi, xi)
-    edges = [grid.edges("K_p"), grid.edges("K_r")]
+    edges = [LINEAR.edges("K_p"), LINEAR.edges("K_r")]
     wanted = np.histogram2d(found.K_p, found.K_r, bins=edges)[0].astype(int)
-    got = density.count_bodies(size, 7, RANGES, grid, limit=2.0)
+    got = density.count_bodies(size, RANGES, LINEAR, seed=7, limit=2.0)
     # A coefficient on an edge may fall on either side by its last bit.
     assert np.abs(got.counts - wanted).sum() <= 4
     assert got.counts.sum() + got.outside == size
@@ -63,7 +61,7 @@ def test_loop_counts_what_the_vectorised_theory_says(grid):
 
 def test_bodies_outside_the_grid_are_counted_as_such():
     narrow = density.Grid((0.2, 0.5), (0.01, 0.02), 10)
-    got = density.count_bodies(50_000, 7, RANGES, narrow)
+    got = density.count_bodies(50_000, RANGES, narrow, seed=7)
     assert 1000 < got.counts.sum() < 40_000
     assert got.counts.sum() + got.outside == 50_000
 
@@ -79,22 +77,22 @@ def test_scalar_coefficients_are_the_vectorised_ones():
 
 def test_threads_do_not_change_the_counts():
     size = 2 * density.PIECE + 12_345
-    one = density.count_bodies(size, 3, RANGES, LINEAR, limit=1.5, threads=1)
+    one = density.count_bodies(size, RANGES, LINEAR, seed=3, limit=1.5, threads=1)
     assert one.below > 100
     for threads in (2, 3):
-        got = density.count_bodies(size, 3, RANGES, LINEAR, limit=1.5, threads=threads)
+        got = density.count_bodies(size, RANGES, LINEAR, seed=3, limit=1.5, threads=threads)
         assert np.array_equal(got.counts, one.counts)
         assert (got.below, got.least_ratio, got.outside) == (
             one.below, one.least_ratio, one.outside,
         )  # fmt: skip
-    other = density.count_bodies(size, 4, RANGES, LINEAR, threads=2)
+    other = density.count_bodies(size, RANGES, LINEAR, seed=4, threads=2)
     assert not np.array_equal(other.counts, one.counts)
 
 
 def test_bodies_are_those_of_the_sampler_one_by_one():
     # The first n bodies are the first n of any larger number.
-    few = density.count_bodies(1000, 3, RANGES, LINEAR).counts
-    more = density.count_bodies(1500, 3, RANGES, LINEAR).counts
+    few = density.count_bodies(1000, RANGES, LINEAR, seed=3).counts
+    more = density.count_bodies(1500, RANGES, LINEAR, seed=3).counts
     assert np.all(more >= few)
     assert (more - few).sum() == 500
 
@@ -108,40 +106,12 @@ def test_a_report_that_raises_stops_the_threads():
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        density.count_bodies(10**11, 3, RANGES, LINEAR, threads=2, report=report)
+        density.count_bodies(10**11, RANGES, LINEAR, seed=3, threads=2, progress=report)
     assert len(calls) == 3
     deadline = time.monotonic() + 60
-    while any(t.name == density.THREAD for t in threading.enumerate()):
+    while any(t.name == THREAD for t in threading.enumerate()):
         assert time.monotonic() < deadline
         time.sleep(0.01)
-
-
-def test_an_error_in_a_thread_is_raised(monkeypatch):
-    def broken(first, last, *_):
-        if last > first:
-            raise ZeroDivisionError
-
-    monkeypatch.setattr(density, "kernel", lambda: broken)
-    with pytest.raises(ZeroDivisionError):
-        density.count_bodies(10, 3, RANGES, LINEAR, threads=2)
-
-
-def test_an_error_in_one_thread_stops_the_others(monkeypatch):
-    failed, calls = threading.Event(), []
-
-    def broken(first, last, *_):
-        if last > first == 0:
-            failed.set()
-            raise ZeroDivisionError
-        if last > first:
-            failed.wait(10)
-            calls.append(first)
-            time.sleep(0.05)
-
-    monkeypatch.setattr(density, "kernel", lambda: broken)
-    with pytest.raises(ZeroDivisionError):
-        density.count_bodies(500 * density.PIECE, 3, RANGES, LINEAR, threads=2)
-    assert len(calls) < 10
 
 
 def test_compiled_loop_is_of_todays_random_numbers(monkeypatch, tmp_path):
@@ -156,13 +126,11 @@ def test_compiled_loop_is_of_todays_random_numbers(monkeypatch, tmp_path):
 # --- the figures --------------------------------------------------------------------------------
 
 
-def test_quantiles_and_distance():
+def test_quantiles():
     rng = np.random.default_rng(1)
-    values, other = rng.normal(size=501), rng.normal(0.3, 1, size=300)
+    values = rng.normal(size=501)
     got = sd.quantiles(values, np.array([0, 0.002, 0.5, 1]))
     assert np.array_equal(got, np.sort(values)[[0, 1, 250, 500]])
-    assert sd.distance(values, other) == pytest.approx(ks_2samp(values, other).statistic, rel=1e-12)
-    assert sd.distance(values, values) == 0
 
 
 def test_fig2_tables(fig2_tables):
@@ -191,15 +159,8 @@ def test_fig3_tables(fig3_tables):
     assert mean == pytest.approx(np.mean(fig3_tables["cumulative"]["K_p"].to_numpy()), rel=0.05)
 
 
-@pytest.mark.parametrize("scale", ["linear", "log"])
-def test_figures_draw_and_tables_keep(fig2_tables, fig3_tables, scale):
-    if scale == "log":
-        settings = fig3.Fig3Settings(
-            samples=2000, density_samples=20_000, bins=30, scale="log", K_p=[1e-3, 10.0],
-            K_r=[1e-5, 1.0],
-        )  # fmt: skip
-        fig3_tables = fig3.compute(settings, silent)
-    for module, tables in ((fig2, fig2_tables), (fig3, fig3_tables)):
+def test_figures_draw_and_tables_keep(fig2_tables, fig3_tables):
+    for name_, tables in (("fig2", fig2_tables), ("fig3", fig3_tables)):
         kept = {}
         for name, table in tables.items():
             buffer = io.BytesIO()
@@ -207,7 +168,7 @@ def test_figures_draw_and_tables_keep(fig2_tables, fig3_tables, scale):
             kept[name] = pq.read_table(buffer)
             assert kept[name].equals(table)
             assert all(b"unit" in field.metadata for field in kept[name].schema)
-        figure = module.draw(kept)
+        figure = FIGURES[name_].draw(kept)
         figure.canvas.draw()
         # Nothing hangs over the edge.
         width, height = figure.canvas.get_width_height()
@@ -217,16 +178,12 @@ def test_figures_draw_and_tables_keep(fig2_tables, fig3_tables, scale):
             assert box.y0 >= -1
             assert box.x1 <= width + 1
             assert box.y1 <= height + 1
-    assert figure.axes[1].get_xscale() == scale
 
 
 def test_reports_rise_to_one_and_can_stop():
-    for module, settings in (
-        (fig2, fig2.Fig2Settings(samples=250_000)),
-        (fig3, fig3.Fig3Settings(samples=150_000, density_samples=1_000_000)),
-    ):
+    for data in (partial(fig2.data, 250_000), partial(fig3.data, 150_000, 1_000_000)):
         shares = []
-        module.compute(settings, lambda share, words, to=shares: to.append(share))
+        data(lambda share, words, to=shares: to.append(share))
         assert shares == sorted(shares)
         assert shares[0] < 0.6
         assert shares[-1] == pytest.approx(1)
@@ -235,18 +192,7 @@ def test_reports_rise_to_one_and_can_stop():
             raise KeyboardInterrupt
 
         with pytest.raises(KeyboardInterrupt):
-            module.compute(settings, stop)
-
-
-def test_settings():
-    assert fig2.Fig2Settings().samples == 1_000_000
-    assert fig2.Fig2Settings().quick().samples == 50_000
-    assert fig3.Fig3Settings().density_samples == 10**8
-    assert fig3.Fig3Settings().quick().density_samples == 2_000_000
-    with pytest.raises(ValidationError, match="begins above 0"):
-        fig3.Fig3Settings(scale="log")
-    with pytest.raises(ValidationError, match="two ends"):
-        fig3.Fig3Settings(K_p=[2.0, 1.0])
+            data(stop)
 
 
 # --- the claims ---------------------------------------------------------------------------------
@@ -400,10 +346,10 @@ def test_least_ratio_of_the_frequencies():
 
 def test_t4_follows_the_measurement(fig2_tables):
     shares = SdRanges(theta=[0.75, 0.95])
-    tables = fig2.compute(fig2.Fig2Settings(samples=5000, ranges=shares), silent)
+    tables = fig2.data(5000, silent, ranges=shares)
     assert claim("T4", fig2=tables).verdict == "agree"
     slow = SdRanges(f_sd=[0.3, 0.45], theta=[0.4, 0.5], phi=[0.2, 0.39], minus_xi_deg=[20.0, 30.0])
-    tables = fig2.compute(fig2.Fig2Settings(samples=5000, ranges=slow), silent)
+    tables = fig2.data(5000, silent, ranges=slow)
     assert claim("T4", fig2=tables).verdict == "disagree"
     assert claim("T4", fig2=fig2_tables).verdict == "partly"
 
@@ -415,10 +361,9 @@ def test_t5_follows_the_measurement(fig3_tables):
     tables["density"] = tables["density"].set_column(place, "relative_frequency", [share])
     assert claim("T5", fig3=tables).verdict == "partly"
     # The two parts of the figure must be of the same bodies.
-    other = fig3.Fig3Settings(
-        samples=20_000, density_samples=100, ranges=SdRanges(theta=[0.6, 0.62], phi=[0.09, 0.1])
-    )
-    tables = dict(fig3_tables) | {"cumulative": fig3.compute(other, silent)["cumulative"]}
+    others = SdRanges(theta=[0.6, 0.62], phi=[0.09, 0.1])
+    other = fig3.data(20_000, 100, silent, ranges=others)
+    tables = dict(fig3_tables) | {"cumulative": other["cumulative"]}
     assert claim("T5", fig3=tables).verdict == "disagree"
 
 

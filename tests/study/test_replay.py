@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import duckdb
 import numpy as np
-import pyarrow.compute as pc
+import pandas as pd
 import pyarrow.csv as pcsv
 import pyarrow.parquet as pq
 import pytest
@@ -15,11 +14,9 @@ from test_run import handlers, invoke, rows, run
 
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.study.onerun.replay import Replay, StoredRun, check_course, find, targets
-from rattlesweep.study.where import parse_condition
 from rattlesweep.sweeps.store.provenance import read_manifest
 from rattlesweep.sweeps.store.receipts import Note
 from rattlesweep.sweeps.store.store import Store
-from rattlesweep.sweeps.tables.columns import runs_schema
 
 __all__ = ["handlers"]
 
@@ -100,81 +97,21 @@ def test_several_runs_go_to_files_named_by_run(sweep: Path, tmp_path: Path):
     assert first["n"][0] == pytest.approx(-0.5, rel=1e-12)
 
 
-# -- conditions ----------------------------------------------------------------------------------
+# -- conditions, more of which are in test_where.py ---------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "type = 'R' or type = 'SS'",
-        "t_r > 0 and not K_r < 0.05",
-        "not (t_r > 0) or sample = 2",
-        "t_r is null or n_end <> n_i",
-        "t_r IS NOT NULL AND sample IN (1, 3, 5)",
-        "sample not in (0, 2) and case = 1",
-        "not (t_r not in (1, 2)) or sample = 5",
-        "n_i < -.3 and (sample >= 6 or sample <= 1)",
-        "t_end = t_r",
-        "t_r < t_rgh or n_c1 is null",
-        "sample != 3 and sample != 4.0",
-        "K_r > 4.9e-2 and -0.1 = n_i",
-        "type in ('R') and status = 'ok'",
-        "type != 'it''s'",
-    ],
-)
-def test_conditions_mean_what_sql_means(sweep: Path, text: str):
+def test_runs_are_chosen_by_a_condition(sweep: Path):
+    runs = pd.read_parquet(sweep / "runs").query("sample in (1, 3, 5) and t_r * 2 < t_rgh * 3")
+    text = "sample IN (1, 3, 5) and t_r * 2 < 3 * t_rgh"
     found = [(r.case, r.sample) for r in Replay(sweep).where(text, 1000)]
-    query = f"SELECT \"case\", sample FROM '{sweep}/runs/*.parquet' WHERE "
-    sql = text.replace("case = 1", '"case" = 1')
-    wanted = duckdb.sql(f"{query} {sql} ORDER BY ALL").fetchall()
-    assert found == wanted
+    assert found == list(zip(runs["case"], runs["sample"], strict=True))
     assert found
-
-
-def test_two_equal_signs_and_double_quotes_are_equal_too(sweep: Path):
-    source = Replay(sweep)
-    assert source.where('type == "R"', 99) == source.where("type='R'", 99)
-    assert len(source.where("type='R'", 2)) == 2
-
-
-def test_the_columns_that_are_read_are_those_asked_for():
-    found = parse_condition("K_r<1 and (type='R' or K_r>2)", runs_schema((), "full"))
-    assert found.columns == ("K_r", "type")
-    assert str(found.expression) == str(
-        (pc.field("K_r") < 1) & ((pc.field("type") == "R") | (pc.field("K_r") > 2))
-    )
+    assert Replay(sweep).where(text, 2) == Replay(sweep).where(text, 1000)[:2]
 
 
 @pytest.mark.parametrize(
     ("text", "words"),
-    [
-        ("", "is empty"),
-        ("typ = 'R'", "typ is no column; did you mean type?"),
-        ("k_R < 1", "did you mean K_r?"),
-        ("type > 'R'", "words are = or !=, not >"),
-        ("type = 3", "3 is a number and type a word"),
-        ("K_r < 'R'", "K_r is a number and 'R' a word"),
-        ("K_r in (1, 'R')", "cannot be compared"),
-        ("K_r <", "ends where"),
-        ("K_r", "is needed after K_r, not the end"),
-        ("(K_r < 1", ") is needed to close the bracket"),
-        ("K_r < 1)", "and or or is needed before )"),
-        ("K_r < 1 K_p > 2", "and or or is needed before K_p"),
-        ("K_r < 0.1x", "cannot read '0.1x'"),
-        ("type = 'R", "cannot read"),
-        ("K_r in 1", "( is needed after in"),
-        ("K_r in ()", "is needed, not )"),
-        ("K_r in (1, 2", ") is needed to end the list"),
-        ("t_r is 3", "null is needed after is"),
-        ("t_r not null", "in is needed after t_r"),
-        ("and", "is needed, not and"),
-        ("window_n_min > 0", "several numbers a run"),
-        ("__import__ = 'os'", "__import__ is no column"),
-        ("(" * 2000 + "K_r < 1" + ")" * 2000, "more than 50 brackets deep"),
-        ("not " * 2000 + "K_r < 1", "more than 50 brackets deep"),
-        ("K_r < 0", "no stored run"),
-    ],
-    ids=lambda text: text[:20],
+    [("typ = 'R'", "typ is no column; did you mean type?"), ("K_r < 0", "no stored run")],
 )
 def test_wrong_conditions_say_so_in_one_line(sweep: Path, text: str, words: str):
     result = invoke("replay", sweep, "--where", text)

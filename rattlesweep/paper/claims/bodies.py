@@ -8,9 +8,8 @@ import numpy as np
 
 from rattlesweep.paper.claims.checks import EXACT, share
 from rattlesweep.paper.claims.claim import every
-from rattlesweep.paper.figures.fig2 import BOUND
-from rattlesweep.paper.figures.fig3 import DECADES, counts_of, grid_of
-from rattlesweep.paper.figures.sd import ranges_array
+from rattlesweep.paper.data.fig3 import DECADES, counts_of, grid_of
+from rattlesweep.paper.data.sd import BOUND, ranges_array
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import shell_dumbbell
 from rattlesweep.sweeps.cases.sampler import draw_bodies

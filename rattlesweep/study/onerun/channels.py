@@ -12,7 +12,7 @@ import numpy as np
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.cache import specialise
-from rattlesweep.physics import full, reduced, theory
+from rattlesweep.physics import full, reduced
 from rattlesweep.physics.attitude import quaternion
 
 if TYPE_CHECKING:
@@ -82,11 +82,7 @@ class View:
     @cached_property
     def gh(self) -> Floats:
         """Garcia and Hubbard's spin."""
-        runs = self.launches
-        relevant = theory.relevant_coefficient(runs.modes.K_p, runs.modes.K_r, runs.n_i)
-        b = runs.bodies
-        speed = theory.oscillation_speed(b.alpha, b.beta, b.gamma, runs.omega_xy0, runs.psi)
-        return theory.spin_gh(self.t, relevant, runs.n_i, speed)
+        return self.launches.gh.spin(self.t)
 
     @cached_property
     def n(self) -> Floats:

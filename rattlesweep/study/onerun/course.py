@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -16,8 +16,8 @@ from rattlesweep.integrate.model import MODELS, REDUCED
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import DOP853, METHODS
 from rattlesweep.study.onerun.channels import Channel, View, choose, force_of, spin_of
-from rattlesweep.sweeps.blocks.single import single_run
-from rattlesweep.sweeps.cases.launches import reduced_batch
+from rattlesweep.sweeps.blocks.single import Launch, single_run
+from rattlesweep.sweeps.cases.launches import reduced_batch, with_energies
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -187,7 +187,7 @@ class Course:
     ----------
     body : Rattleback
     n_i, omega_xy0, t_end, psi, model
-        As for :func:`rattlesweep.sweeps.blocks.single.single_run`.
+        As for :func:`rattlesweep.sweeps.blocks.single.Launch`.
     channels : sequence of str
         Names of :data:`rattlesweep.study.onerun.channels.CHANNELS`; these become the columns.
     points, dt, steps, times
@@ -244,10 +244,7 @@ class Course:
         e_r0: float | None = None,
         watch: Callable[[float], None] | None = None,
     ) -> None:
-        run = single_run(
-            body, n_i=n_i, omega_xy0=omega_xy0, t_end=t_end, psi=psi, model=model,
-            integrator=integrator or {},
-        )  # fmt: skip
+        run = single_run(Launch(body, n_i, omega_xy0, t_end, psi, model, integrator or {}))
         self._prepare(run, channels, points, dt, steps, times, e_p0, e_r0, watch)
 
     @classmethod
@@ -307,7 +304,7 @@ class Course:
         self._follower = self._beside = None
         if batch is not None:
             if model == "reduced":
-                batch = _begin(batch, e_p0, e_r0)
+                batch = with_energies(batch, e_p0, e_r0)
             self._constants = batch.constants[0]
             self._follower = Follower(
                 batch,
@@ -322,7 +319,7 @@ class Course:
             )
             self.energy_0 = self._follower.energy_0
         if "reduced" in needs:
-            beside = _begin(reduced_batch(launches), e_p0, e_r0)
+            beside = with_energies(reduced_batch(launches), e_p0, e_r0)
             self._beside = Follower(beside, DOP853, REDUCED, tol=BESIDE_TOL)
 
     @property
@@ -345,7 +342,7 @@ class Course:
         """Times of the zeros of the spin so far."""
         if self._follower is not None:
             return self._follower.zeros
-        t_rgh = float(self.launches.t_rgh[0])
+        t_rgh = float(self.launches.gh.t_rgh[0])
         return [t_rgh] if t_rgh <= self.t_end else []
 
     @property
@@ -407,18 +404,6 @@ class Course:
     def _report(self, t: float) -> None:
         if self._watch is not None:
             self._watch(min(1.0, t / self.t_end))
-
-
-def _begin(batch: Batch, e_p0: float | None, e_r0: float | None) -> Batch:
-    """The batch of the reduced model with other energies of the launch."""
-    y0 = batch.y0.copy()
-    for column, name, value in ((1, "e_p0", e_p0), (2, "e_r0", e_r0)):
-        if value is None:
-            continue
-        if not (math.isfinite(value) and value >= 0):
-            raise ConfigError(f"{name} {value:g}: the energy must be finite and not negative")
-        y0[0, column] = value
-    return replace(batch, y0=y0)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,19 @@ import numpy as np
 
 from rattlesweep.study.onerun.channels import CHANNELS
 from rattlesweep.study.onerun.course import Course, even_points
-from rattlesweep.study.style import RATE, TIME, encode, new_figure, styled
+from rattlesweep.study.style import (
+    BLUE,
+    GREY,
+    INK,
+    RATE,
+    TIME,
+    UNITS,
+    VERMILION,
+    encode,
+    light_grid,
+    new_figure,
+    styled,
+)
 from rattlesweep.sweeps.store.atomic import replace_file
 
 if TYPE_CHECKING:
@@ -24,9 +36,6 @@ if TYPE_CHECKING:
 
 ENDINGS = (".svg", ".png", ".pdf")
 WIDTH, DPI = 7.2, 160
-# Okabe and Ito's colours, told apart by the colour-blind; theory is told apart by its dashes too.
-BLUE, ORANGE, BLACK, GREY = "#0072B2", "#D55E00", "#222222", "#666666"
-UNITS = {"1": "", "sqrt(a/g)": TIME, "sqrt(g/a)": RATE, "rad": "rad"}
 # Points of a period of the faster mode, and how many there are at most.
 PER_PERIOD, LEAST, MOST = 24, 2001, 400_001
 # More than so many points become the least and the largest of each of so many bins.
@@ -154,7 +163,7 @@ def draw(columns: dict[str, Floats], course: Course, caption: str = "") -> Any:
         if panel == ("n",):
             _draw_spin(axis, columns, course)
         elif panel == ("E_p", "E_r"):
-            for mode, colour, dash in (("E_p", BLUE, "-"), ("E_r", ORANGE, "--")):
+            for mode, colour, dash in (("E_p", BLUE, "-"), ("E_r", VERMILION, "--")):
                 axis.plot(t, columns[mode], color=colour, linestyle=dash, linewidth=1.3,
                           label=f"${mode}$")  # fmt: skip
             axis.set_ylim(top=1.3 * float(max(columns["E_p"].max(), columns["E_r"].max())))
@@ -164,7 +173,7 @@ def draw(columns: dict[str, Floats], course: Course, caption: str = "") -> Any:
             _line(axis, t, columns[name], BLUE, "")
             height = envelope(columns[name], width)
             for sign, label in ((1, "envelope"), (-1, None)):
-                axis.plot(t, sign * height, color=ORANGE, linewidth=1.1, label=label)
+                axis.plot(t, sign * height, color=VERMILION, linewidth=1.1, label=label)
             axis.set_ylabel(f"$\\omega_{name[-1]}$  [{RATE}]")
             most = float(height.max()) or 1.0
             axis.set_ylim(-1.1 * most, 1.45 * most)
@@ -176,9 +185,7 @@ def draw(columns: dict[str, Floats], course: Course, caption: str = "") -> Any:
     marks = course.reversals or course.zeros
     said: set[str] = set()
     for axis in axes:
-        axis.grid(visible=True, color="#e4e4e4", linewidth=0.6)
-        axis.set_axisbelow(True)
-        axis.spines[["top", "right"]].set_visible(False)
+        light_grid(axis)
         low, high = axis.get_ylim()
         if low <= 0 <= high:
             axis.axhline(0, color=GREY, linewidth=0.7, zorder=1)
@@ -211,10 +218,10 @@ def _draw_spin(axis: Any, columns: dict[str, Floats], course: Course) -> None:
     own = {"full": "full dynamics", "reduced": "reduced model", "gh": "Garcia and Hubbard"}
     _line(axis, t, n, BLUE, own[course.model])
     if "n_gh" in columns:
-        axis.plot(t, columns["n_gh"], color=BLACK, linestyle="--", linewidth=1.1,
+        axis.plot(t, columns["n_gh"], color=INK, linestyle="--", linewidth=1.1,
                   label="Garcia and Hubbard")  # fmt: skip
     if "n_reduced" in columns:
-        axis.plot(t, columns["n_reduced"], color=ORANGE, linestyle="-.", linewidth=1.1,
+        axis.plot(t, columns["n_reduced"], color=VERMILION, linestyle="-.", linewidth=1.1,
                   label="reduced model")  # fmt: skip
     axis.set_ylabel(f"spin $n$  [{RATE}]")
     spins = ("n", "n_gh", "n_reduced")

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from rattlesweep.study.plots.panels import draw_panels
+from rattlesweep.study.plots.panels import draw_panels, legend_above, scale_axis
 from rattlesweep.study.plots.table import Tally
-from rattlesweep.study.style import TYPE_STYLE, label, legend_above, scale_axis
+from rattlesweep.study.style import TYPE_STYLE, label
 from rattlesweep.sweeps.tables.cells import share, wilson
 
 # With fewer values along the axis, areas between them say nothing: bars.

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rattlesweep.study.plots.panels import Panel, draw_panels
+from rattlesweep.study.plots.panels import Panel, draw_panels, legend_above, plain_ticks, scale_axis
 from rattlesweep.study.plots.table import Tally
 from rattlesweep.study.style import (
     GREY,
@@ -14,9 +14,7 @@ from rattlesweep.study.style import (
     THEORY,
     TIME,
     label,
-    legend_above,
-    plain_ticks,
-    scale_axis,
+    light_grid,
     symbol,
     value_text,
 )
@@ -138,8 +136,7 @@ def _draw(
                 panel.axes.plot(at[k][which], m[which], marker, color=colour, ms=4.5, mfc=face,
                                 mew=1)  # fmt: skip
         scale_axis(panel.axes, "x", x, log)
-        panel.axes.grid(visible=True, color="#e4e4e4", linewidth=0.6)
-        panel.axes.spines[["top", "right"]].set_visible(False)
+        light_grid(panel.axes)
     return panels
 
 

@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rattlesweep.errors import ConfigError
-from rattlesweep.physics import theory
 from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.study.onerun.course import Course, even_points
 from rattlesweep.sweeps.store.atomic import replace_file
@@ -141,10 +140,7 @@ def make_scene(course: Course, points: int | None = None) -> Scene:
     runs = course.launches
     b = {name: float(getattr(runs.bodies, name)[0]) for name in PARAMETERS}
     n_i, omega_xy0, psi = (float(getattr(runs, name)[0]) for name in ("n_i", "omega_xy0", "psi"))
-    speed = theory.oscillation_speed(b["alpha"], b["beta"], b["gamma"], omega_xy0, psi)
-    relevant = theory.relevant_coefficient(runs.modes.K_p[0], runs.modes.K_r[0], n_i)
-    grid = np.linspace(0, t[-1], THEORY_POINTS)
-    spin = theory.spin_gh(grid, float(relevant), n_i, float(speed))
+    spin = runs.gh.spin(np.linspace(0, t[-1], THEORY_POINTS))
     rise = max(1.0, MARGIN * float(np.max(_rise(columns["u_x"], columns["u_y"], b))))
     first = course.zeros[0] if course.zeros else t[-1]
     about = {
@@ -191,7 +187,7 @@ def _facts(
     m = runs.modes
     method = ", ".join(f"{value:g}" if isinstance(value, float) else str(value)
                        for value in course.integrator.values())  # fmt: skip
-    t_rgh = float(runs.t_rgh[0])
+    t_rgh = float(runs.gh.t_rgh[0])
     lines = [
         ("α, β, γ", f"{b['alpha']:.5g}, {b['beta']:.5g}, {b['gamma']:.5g}"),
         ("θ, φ", f"{b['theta']:.5g}, {b['phi']:.5g}"),

@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
+from rattlesweep.paper.data.progress import Progress
 from rattlesweep.physics import theory
 from rattlesweep.sweeps.cases.sampler import draw_bodies
+from rattlesweep.sweeps.config.bodies import SdRanges
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+Floats = NDArray[np.float64]
 
-    from numpy.typing import NDArray
 
-    from rattlesweep.sweeps.config.bodies import SdRanges
-
-    Floats = NDArray[np.float64]
-    Report = Callable[[float, str], None]
-
+SEED = 2017
+# Points of a cumulative distribution.
+LEVELS = 2001
+# The paper's lower bound of omega_p / omega_r (Methods).
+BOUND = 1.3
 # Bodies drawn at a time: a tenth of a second.
 CHUNK = 100_000
 
@@ -29,12 +30,7 @@ def ranges_array(ranges: SdRanges) -> Floats:
 
 
 def draw_modes(
-    names: Sequence[str],
-    samples: int,
-    seed: int,
-    ranges: SdRanges,
-    report: Report,
-    share: float = 1.0,
+    names: Sequence[str], samples: int, ranges: SdRanges, progress: Progress, share: float = 1.0
 ) -> dict[str, Floats]:
     """Attributes of :class:`rattlesweep.physics.theory.Modes` of random bodies.
 
@@ -42,11 +38,10 @@ def draw_modes(
     ----------
     names : sequence of str
         Attributes to keep.
-    samples, seed : int
+    samples : int
         Bodies 0 to ``samples - 1`` of the seed.
     ranges : SdRanges
-    report : callable
-        Told after each chunk what share of the figure is done.
+    progress : callable
     share : float
         What share of the figure this is.
     """
@@ -54,12 +49,20 @@ def draw_modes(
     limits = ranges_array(ranges)
     for first in range(0, samples, CHUNK):
         part = np.arange(first, min(first + CHUNK, samples))
-        _, _, theta, phi, xi, alpha, beta = draw_bodies(seed, 0, part, limits)[0]
+        _, _, theta, phi, xi, alpha, beta = draw_bodies(SEED, 0, part, limits)[0]
         found = theory.modes(alpha, beta, theta, phi, xi)
         for name in names:
             kept[name][part] = getattr(found, name)
-        report(share * (part[-1] + 1) / samples, f"{part[-1] + 1:,} bodies")
+        progress(share * (part[-1] + 1) / samples, f"{part[-1] + 1:,} bodies")
     return kept
+
+
+def cumulative(values: dict[str, Floats], levels: int = LEVELS) -> dict[str, Floats]:
+    """Cumulative distributions: their ``probability`` in even steps, and the values there."""
+    probability = np.linspace(0, 1, levels)
+    return {"probability": probability} | {
+        name: quantiles(own, probability) for name, own in values.items()
+    }
 
 
 def quantiles(values: Floats, probability: Floats) -> Floats:
@@ -74,12 +77,3 @@ def quantiles(values: Floats, probability: Floats) -> Floats:
     ordered = np.sort(values)
     place = np.ceil(probability * len(ordered)).astype(np.int64) - 1
     return ordered[np.clip(place, 0, None)]
-
-
-def distance(one: Floats, other: Floats) -> float:
-    """Largest difference of two cumulative distributions (Kolmogorov and Smirnov)."""
-    one, other = np.sort(one), np.sort(other)
-    both = np.concatenate([one, other])
-    first = np.searchsorted(one, both, side="right") / len(one)
-    second = np.searchsorted(other, both, side="right") / len(other)
-    return float(np.abs(first - second).max())
