@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,7 @@ from rattlesweep.study.plots.counts import Counts
 from rattlesweep.study.plots.distribution import EDGES
 from rattlesweep.study.plots.layout import Axis, Layout, read_layout, read_rows
 from rattlesweep.study.plots.map import BONDI_LABEL, NO_REVERSAL
-from rattlesweep.study.plots.registry import read_picture
+from rattlesweep.study.plots.registry import KINDS, choose_picture, read_picture
 from rattlesweep.study.style import FAILED, MISSING, TYPE_STYLE, encode, styled
 from rattlesweep.sweeps.config.load import ConfigError, parse_config
 
@@ -160,20 +160,27 @@ def test_the_right_picture_by_default(sweeps: Path, tmp_path: Path, name: str) -
     assert sorted(tmp_path.iterdir()) == sorted(outputs)
 
 
-@pytest.mark.parametrize("kind", ["fractions", "times", "ratio", "map"])
-@pytest.mark.parametrize("x", ["K_r", "n_i", "omega_xy0"])
-@pytest.mark.parametrize("select", [[], ["n_i=-0.5"], ["omega_xy0=0.01"]])
-def test_nothing_that_varies_is_mixed(sweeps: Path, kind: str, x: str, select: list[str]) -> None:
+def test_nothing_that_varies_is_mixed(sweeps: Path) -> None:
     layout = read_layout(sweeps / "steady")
-    if kind == "map" and select and select[0].startswith(x):
-        with pytest.raises(ConfigError, match=f"only one value of {x} is left"):
-            read_picture(layout, kind, x=x, select=select)
-        return
-    picture = read_picture(layout, kind, x=x, select=select)
-    left = {"K_r", "n_i", "omega_xy0"} - {text.split("=")[0] for text in select}
-    assert left <= set(picture.names)
-    assert picture.names[0] == x
-    assert picture.data.cells.runs.max() == 12
+    for kind, x, select in product(
+        ("fractions", "times", "ratio", "map"), ("K_r", "n_i", "omega_xy0"),
+        ([], ["n_i=-0.5"], ["omega_xy0=0.01"]),
+    ):  # fmt: skip
+        if kind == "map" and select and select[0].startswith(x):
+            with pytest.raises(ConfigError, match=f"only one value of {x} is left"):
+                choose_picture(layout, kind, x=x, select=select)
+            continue
+        picture = choose_picture(layout, kind, x=x, select=select)
+        left = {"K_r", "n_i", "omega_xy0"} - {text.split("=")[0] for text in select}
+        assert left <= set(picture.names)
+        assert picture.names[0] == x
+    # 12 bodies a case, and no more in a cell.
+    assert read_picture(layout, "times", x="n_i").data.cells.runs.max() == 12
+
+
+def test_help_names_every_kind() -> None:
+    words = invoke("plot", "--help").stdout
+    assert all(name in words for name in KINDS)
 
 
 def test_areas_are_the_shares(sweeps: Path) -> None:
