@@ -6,34 +6,33 @@ import time
 from pathlib import Path
 
 import click
+from click import option
 
-from rattlesweep.cli.common import (
-    DONE,
-    SOME_FAILED,
-    Meter,
-    check_output,
-    check_threads,
-    resumable,
-    say,
-)
+from rattlesweep.cli.common import DONE, SOME_FAILED, Meter, command, options, say, types
 
 
-@click.command(
-    epilog="\b\nExamples:\n  rattlesweep paper --quick\n  rattlesweep paper --only fig6,fig7 "
-    "--output out/paper"
+@command(
+    section="Study",
+    resumes=True,
+    examples=(
+        "rattlesweep paper --quick",
+        "rattlesweep paper --only fig6,fig7 --output out/paper",
+    ),
 )
-@click.option(
-    "--output", metavar="DIR", help="Output directory; by default out/paper, or out/paper-quick."
+@option(
+    "-o",
+    "--output",
+    type=types.DIRECTORY,
+    help="Output directory; by default out/paper, or out/paper-quick.",
 )
-@click.option("--quick", is_flag=True, help="Fewer samples: faster, with wide intervals.")
-@click.option("--only", metavar="NAMES", help="Figures to make, such as fig6,fig7, or theory.")
-@click.option("--config", metavar="FILE", type=click.Path(), help="Settings to replace.")
-@click.option("--print-config", is_flag=True, help="Print the default settings and exit.")
-@click.option("--threads", type=click.IntRange(1), help="Number of threads of the kernels.")
-@click.option("-q", "--quiet", is_flag=True, help="No progress and no closing table.")
-@resumable
+@option("--quick", is_flag=True, help="Fewer samples: faster, with wide intervals.")
+@option("--only", metavar="NAMES", help="Figures to make, such as fig6,fig7, or theory.")
+@option("--config", metavar="FILE", type=click.Path(), help="Settings to replace.")
+@option("--print-config", is_flag=True, help="Print the default settings and exit.")
+@options.threads
+@options.quiet
 def paper(
-    output: str | None,
+    output: Path | None,
     quick: bool,
     only: str | None,
     config: str | None,
@@ -53,8 +52,6 @@ def paper(
     if print_config:
         click.echo(shipped(), nl=False)
         return DONE
-    check_output(output)
-    check_threads(threads)
     settings = load_paper(config)
 
     from rattlesweep.integrate.batch import available_threads
@@ -63,7 +60,7 @@ def paper(
     from rattlesweep.paper.run import make_paper
 
     names = choose(only)
-    directory = Path(output or ("out/paper-quick" if quick else "out/paper"))
+    directory = output or Path("out/paper-quick" if quick else "out/paper")
     start = time.monotonic()
     with Meter(quiet) as meter:
         done = make_paper(

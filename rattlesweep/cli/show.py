@@ -3,134 +3,98 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
+from click import option
 
-from rattlesweep.cli import options
-from rattlesweep.cli.common import guarded, say
-from rattlesweep.cli.series import Share, close
-
-if TYPE_CHECKING:
-    from rattlesweep.study.onerun.course import Course
-    from rattlesweep.study.onerun.replay import StoredRun
+from rattlesweep.cli.common import Meter, command, options, say, types
+from rattlesweep.cli.common.output import say_outcome
+from rattlesweep.errors import ConfigError
 
 
-@click.command(
-    epilog="\b\nExamples:\n  rattlesweep show --preset GH --n-i -0.1 --output spin.html\n"
-    "  rattlesweep show --from out/quickstart --where \"type = 'SW'\" --output wobble.html"
+@command(
+    section="Pictures and pages",
+    examples=(
+        "rattlesweep show --preset GH --n-i -0.1 --output spin.html",
+        "rattlesweep show --from out/quickstart --where \"type = 'SW'\" --output wobble.html",
+    ),
 )
-@click.option("--from", "directory", metavar="DIR", help="Replay a run of this sweep.")
-@options.which_options
-@options.body_options
-@options.spin_options
-@options.psi_option
-@click.option(
-    "--t-end", type=float, help="Horizon, in sqrt(a/g); by default 5 t_rGH, or the run's."
+@option(
+    "--from",
+    "directory",
+    metavar="DIR",
+    type=click.Path(path_type=Path),
+    help="Replay a run of this sweep.",
 )
-@click.option("--points", type=int, help="Number of rows. [default: 20 per pitch period]")
-@options.integrator_options
-@options.title_option
-@click.option("--output", metavar="FILE", required=True, help="An .html file.")
-@options.quiet_option
+@options.which_run
+@options.body
+@options.launch
+@options.t_end
+@option("--points", type=int, help="Number of rows.  [default: 20 per pitch period]")
+@options.integrator
+@options.title()
+@option("-o", "--output", type=types.file(".html"), required=True, help="An .html file.")
+@options.quiet
 @click.pass_context
-@guarded
 def show(
     context: click.Context,
-    directory: str | None,
-    case: int | None,
-    sample: int | None,
-    where: str | None,
+    directory: Path | None,
+    which: dict[str, Any],
+    body: dict[str, Any],
+    launch: dict[str, Any],
     t_end: float | None,
     points: int | None,
+    integrator: dict[str, Any],
     title: str | None,
-    output: str,
+    output: Path,
     quiet: bool,
-    **given: Any,
 ) -> int:
     """Write an HTML page on which the body rolls on the plane, with its trace and its spin.
 
     It needs a browser but no network. Play, pause, change the speed, drag to look around; the page
     lists its keys.
     """
-    from rattlesweep.study.onerun.files import check_target
-    from rattlesweep.study.onerun.replay import check_course, said
+    from rattlesweep.study.derived import make_body
+    from rattlesweep.study.onerun.course import Course
+    from rattlesweep.study.onerun.replay import Replay, check_course, find, said
     from rattlesweep.study.viewer import show as pages
+    from rattlesweep.sweeps.store.atomic import probe_directory
 
-    path = Path(output)
-    options.check_title(title)
-    check_target(path, "--output", (".html",))
+    probe_directory(output.parent)
     run = None
-    with Share(quiet, files=True) as bar:
+    with Meter(quiet) as meter:
+        watch = meter.counting("integrating")
+        settings: dict[str, Any] = {"t_end": t_end, "channels": pages.CHANNELS, "watch": watch}
         if directory is not None:
-            _refuse(context, given)
-            run, course, name = _stored(directory, case, sample, where, t_end, bar)
+            _refuse_a_launch(context)
+            source = Replay(directory)
+            pages.check_model(source.config.model)
+            run = find(source, **which)[0]
+            source.prove(run)
+            course = source.course(run, **settings)
+            kind = f", type {run.type}" if run.type else ""
+            name = f"{source.config.name}: {run.name}{kind}"
         else:
-            course = _launched(case, sample, where, t_end, given, bar)
-            name = " ".join(["Rattleback", *([given["preset"]] if given["preset"] else [])])
+            if which:
+                raise ConfigError("--case, --sample and --where go with --from")
+            course = Course(make_body(body), integrator=integrator, **launch, **settings)
+            name = " ".join(["Rattleback", *([body["preset"]] if "preset" in body else [])])
         scene = pages.make_scene(course, points)
     if run is not None:
         check_course(run, course, "full")
-    pages.save(scene, path, title or name, pages.describe(course))
-    click.echo(path)
+    pages.save(scene, output, title or name, pages.describe(course))
+    click.echo(output)
     if not quiet:
         if run is not None:
             say(said(run))
-        say(f"{len(scene.t)} rows, {path.stat().st_size / 1e6:.1f} MB")
-    return close(course, quiet)
+        say(f"{len(scene.t)} rows, {output.stat().st_size / 1e6:.1f} MB")
+    return say_outcome(course, quiet)
 
 
-def _stored(
-    directory: str,
-    case: int | None,
-    sample: int | None,
-    where: str | None,
-    t_end: float | None,
-    bar: Share,
-) -> tuple[StoredRun, Course, str]:
-    """A run of a sweep, proved, and what to call it."""
-    from rattlesweep.study.onerun.replay import Replay, find
-    from rattlesweep.study.viewer import show as pages
-
-    source = Replay(Path(directory))
-    pages.check_model(source.config.model)
-    run = find(source, case, sample, where)[0]
-    source.prove(run)
-    course = source.course(run, t_end=t_end, channels=pages.CHANNELS, watch=bar)
-    kind = f", type {run.type}" if run.type else ""
-    return run, course, f"{source.config.name}: {run.name}{kind}"
-
-
-def _launched(
-    case: int | None,
-    sample: int | None,
-    where: str | None,
-    t_end: float | None,
-    given: dict[str, Any],
-    bar: Share,
-) -> Course:
-    """A body and a launch given on the command line."""
-    from rattlesweep.errors import ConfigError
-    from rattlesweep.study.derived import make_body
-    from rattlesweep.study.onerun.course import Course
-    from rattlesweep.study.viewer import show as pages
-
-    if case is not None or sample is not None or where is not None:
-        raise ConfigError("--case, --sample and --where go with --from")
-    body = make_body({name: given[name] for name in options.BODY})
-    rest = {name: value for name, value in given.items() if name not in options.BODY}
-    integrator = options.integrator_of(rest)
-    psi = options.psi_of(rest.pop("psi"))
-    return Course(body, t_end=t_end, psi=psi, integrator=integrator, channels=pages.CHANNELS,
-                  watch=bar, **rest)  # fmt: skip
-
-
-def _refuse(context: click.Context, given: dict[str, Any]) -> None:
+def _refuse_a_launch(context: click.Context) -> None:
     """Complain of a body or a launch beside `--from`."""
-    from rattlesweep.errors import ConfigError
-
-    for name in given:
-        source = context.get_parameter_source(name)
-        if source is click.core.ParameterSource.COMMANDLINE:
+    for name in (*options.body.names, *options.launch.names, *options.integrator.names):
+        if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
             option = "--" + name.replace("_", "-")
             raise ConfigError(f"{option} does not go with --from: the sweep says what the run was")

@@ -3,58 +3,55 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import click
+from click import option
 
-from rattlesweep.cli import options
-from rattlesweep.cli.common import DONE, guarded
-from rattlesweep.cli.series import (
-    Share,
-    check_targets,
-    close,
-    deliver,
-    names_of,
-    print_channels,
-    shown_of,
-)
+from rattlesweep.cli.common import Meter, command, options, types
+from rattlesweep.cli.common.output import say_outcome, write_course
+
+if TYPE_CHECKING:
+    from rattlesweep.study.onerun.course import Course
 
 
-@click.command(
-    epilog="\b\nExamples:\n  rattlesweep trajectory --preset GH --n-i -0.1 --t-end 1500 "
-    "--figure spin.svg\n  rattlesweep trajectory --preset GH --theta 0.82 --t-end 2e4 --dt 0.5 "
-    "--channels t,n,E_p,E_r --output run.parquet"
+@command(
+    section="One run",
+    examples=(
+        "rattlesweep trajectory --preset GH --n-i -0.1 --t-end 1500 --figure spin.svg",
+        "rattlesweep trajectory --preset GH --theta 0.82 --t-end 2e4 --dt 0.5 "
+        "--channels t,n,E_p,E_r --output run.parquet",
+    ),
 )
-@options.body_options
-@options.spin_options
-@options.psi_option
-@click.option("--t-end", type=float, help="Horizon, in sqrt(a/g); by default 5 t_rGH.")
-@options.rows_options
-@options.integrator_options
-@click.option(
-    "--model",
-    type=click.Choice(["full", "reduced", "gh"]),
-    default="full",
-    show_default=True,
-    help="Equations of motion.",
+@options.body
+@options.launch
+@options.t_end
+@options.rows
+@options.channels
+@options.integrator
+@option("--model", type=types.MODELS, default="full", help="Equations of motion.")
+@option("--e-p0", type=float, help="Energy of the pitch at the start of the reduced model.")
+@option("--e-r0", type=float, help="Energy of the roll at the start of the reduced model.")
+@option(
+    "-o",
+    "--output",
+    type=types.file(".parquet", ".csv"),
+    help="A .parquet or .csv file, instead of CSV on standard output.",
 )
-@click.option("--e-p0", type=float, help="Energy of the pitch at the start of the reduced model.")
-@click.option("--e-r0", type=float, help="Energy of the roll at the start of the reduced model.")
-@click.option(
-    "--output", metavar="FILE", help="A .parquet or .csv file, instead of CSV on standard output."
+@option(
+    "--figure",
+    type=types.file(".svg", ".png", ".pdf"),
+    help="Plot to an .svg, .png or .pdf file.",
 )
-@click.option("--figure", metavar="FILE", help="Plot to an .svg, .png or .pdf file.")
-@options.quiet_option
-@guarded
+@options.quiet
 def trajectory(
-    channels: str,
-    output: str | None,
-    figure: str | None,
+    body: dict[str, Any],
+    launch: dict[str, Any],
+    rows: dict[str, Any],
+    channels: tuple[str, ...] | None,
+    output: Path | None,
+    figure: Path | None,
     quiet: bool,
-    points: int | None,
-    dt: float | None,
-    steps: bool,
-    **given: Any,
+    **rest: Any,
 ) -> int:
     """Integrate one launch, past its reversals, and write it as a time series.
 
@@ -64,29 +61,23 @@ def trajectory(
     """
     from rattlesweep.study.derived import make_body
     from rattlesweep.study.onerun.course import Course
+    from rattlesweep.sweeps.store.atomic import probe_directory
 
-    if channels == "list":
-        print_channels()
-        return DONE
-    body = make_body({name: given.pop(name) for name in options.BODY})
-    launch: dict[str, Any] = {
-        "integrator": options.integrator_of(given),
-        "psi": options.psi_of(given.pop("psi")),
-        **given,
-    }
-    targets = [None if name is None else Path(name) for name in (output, figure)]
-    check_targets(*targets)
+    rattleback = make_body(body)
+    launch |= rest
+    for path in filter(None, (output, figure)):
+        probe_directory(path.parent)
+
+    def table() -> Course:
+        names = ("t", "n") if channels is None else channels
+        return Course(rattleback, channels=names, watch=watch, **rows, **launch)
 
     def drawing() -> Course:
-        from rattlesweep.study.onerun import figure as figures
+        from rattlesweep.study.onerun.figure import course_for
 
-        return figures.course_for(body, launch, watch=bar, shown=shown_of(channels))
+        return course_for(rattleback, launch, watch=watch, shown=channels)
 
-    with Share(quiet, files=any(targets)) as bar:
-        course = deliver(
-            lambda: Course(body, channels=names_of(channels), points=points, dt=dt, steps=steps,
-                           watch=bar, **launch),
-            drawing,
-            *targets,
-        )  # fmt: skip
-    return close(course, quiet)
+    with Meter(quiet or not options.bar_fits(output, figure)) as meter:
+        watch = meter.counting("integrating")
+        course = write_course(table, drawing, output, figure)
+    return say_outcome(course, quiet)

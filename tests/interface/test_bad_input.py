@@ -120,7 +120,7 @@ def test_all_mistakes_are_told_at_once(here):
         (["run", "c.yaml", "--set", "integrator.max_steps=0"], "0 is out of range"),
         (
             ["run", "c.yaml", "--set", "bodies={source: sd, samples: 100000000000}"],
-            "block_size: 100000000000 runs make 10000000 blocks of 10000 runs, each a file; at ",
+            "block_size: 100000000000 runs make 25000000 blocks of 4000 runs, each a file; at ",
         ),
         (["run", "c.yaml", "--output", ""], "--output: the directory has no name"),
         (

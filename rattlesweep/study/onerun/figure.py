@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-ENDINGS = (".svg", ".png", ".pdf")
 WIDTH, DPI = 7.2, 160
 # Okabe and Ito's colours, told apart by the colour-blind; theory is told apart by its dashes too.
 BLUE, ORANGE, BLACK, GREY = "#0072B2", "#D55E00", "#222222", "#666666"

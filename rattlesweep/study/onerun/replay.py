@@ -233,9 +233,9 @@ def said(run: StoredRun) -> str:
 
 def find(
     source: Replay,
-    case: int | None,
-    sample: int | None,
-    where: str | None,
+    case: int | None = None,
+    sample: int | None = None,
+    where: str | None = None,
     first: int | None = None,
 ) -> list[StoredRun]:
     """Runs by case and sample, or by a condition.
