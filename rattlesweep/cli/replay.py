@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 from click import option
 
-from rattlesweep.cli.common import Meter, command, options, say, types
-from rattlesweep.cli.common.output import say_outcome, write_course
+from rattlesweep.cli.common import command, options, say, types
+from rattlesweep.cli.common.series import say_outcome, write_course
 
 if TYPE_CHECKING:
-    from rattlesweep.study.onerun.course import Course
     from rattlesweep.study.onerun.replay import StoredRun
 
 
@@ -55,12 +54,12 @@ def replay(
     Each run is first integrated as in the sweep, and its row is checked against the stored one, bit
     for bit; so is the first reversal of the series. Exits with 1 if any differs.
     """
-    from rattlesweep.study.onerun.replay import Replay, check_course, find, said, targets
+    from rattlesweep.study.onerun.replay import Replay, targets
+    from rattlesweep.study.onerun.rows import Rows
     from rattlesweep.sweeps.store.atomic import probe_directory
 
     source = Replay(directory)
-    model = source.config.model
-    runs = find(source, **which)
+    runs = source.select(**which)
     outputs = targets(str(output) if output else None, runs, "--output", printed=figure is None)
     drawings = targets(str(figure) if figure else None, runs, "--figure")
     for path in filter(None, (*outputs, *drawings)):
@@ -68,23 +67,11 @@ def replay(
 
     def one(run: StoredRun, out: Path | None, drawing: Path | None) -> int:
         source.prove(run)
-
-        def table() -> Course:
-            names = ("t", "n") if channels is None else channels
-            return source.course(run, t_end=t_end, channels=names, watch=watch, **rows)
-
-        def drawn() -> Course:
-            from rattlesweep.study.onerun.figure import at_its_times, channels_of
-
-            names = channels_of(model, shown=channels)
-            return at_its_times(source.course(run, t_end=t_end, channels=names, watch=watch))
-
-        with Meter(quiet or not options.bar_fits(out, drawing)) as meter:
-            watch = meter.counting("integrating")
-            course = write_course(table, drawn, out, drawing)
-        check_course(run, course, model)
+        prepared = source.prepare(run, t_end)
+        course = write_course(prepared, channels, Rows(**rows), out, drawing, quiet)
+        run.check(course)
         if not quiet:
-            say(said(run))
+            say(run.proof)
         return say_outcome(course, quiet)
 
     return max(one(*each) for each in zip(runs, outputs, drawings, strict=True))

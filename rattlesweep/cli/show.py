@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from click import option
 
 from rattlesweep.cli.common import Meter, command, options, say, types
-from rattlesweep.cli.common.output import say_outcome
+from rattlesweep.cli.common.series import say_outcome
 from rattlesweep.errors import ConfigError
+
+if TYPE_CHECKING:
+    from rattlesweep.study.onerun.course import PreparedRun
+    from rattlesweep.study.onerun.replay import StoredRun
 
 
 @command(
@@ -56,38 +60,38 @@ def show(
     lists its keys.
     """
     from rattlesweep.study.derived import make_body
-    from rattlesweep.study.onerun.course import Course
-    from rattlesweep.study.onerun.replay import Replay, check_course, find, said
+    from rattlesweep.study.onerun.replay import Replay
     from rattlesweep.study.viewer import show as pages
+    from rattlesweep.sweeps.blocks.single import Launch
     from rattlesweep.sweeps.store.atomic import probe_directory
 
     probe_directory(output.parent)
-    run = None
+    run: StoredRun | None = None
+    launched: Launch | PreparedRun
     with Meter(quiet) as meter:
-        watch = meter.counting("integrating")
-        settings: dict[str, Any] = {"t_end": t_end, "channels": pages.CHANNELS, "watch": watch}
         if directory is not None:
             _refuse_a_launch(context)
             source = Replay(directory)
             pages.check_model(source.config.model)
-            run = find(source, **which)[0]
+            run = source.select(**which)[0]
             source.prove(run)
-            course = source.course(run, **settings)
+            launched = source.prepare(run, t_end)
             kind = f", type {run.type}" if run.type else ""
             name = f"{source.config.name}: {run.name}{kind}"
         else:
             if which:
                 raise ConfigError("--case, --sample and --where go with --from")
-            course = Course(make_body(body), integrator=integrator, **launch, **settings)
+            launched = Launch(make_body(body), t_end=t_end, integrator=integrator, **launch)
             name = " ".join(["Rattleback", *([body["preset"]] if "preset" in body else [])])
-        scene = pages.make_scene(course, points)
+        course = pages.course_of(launched, points, meter.counting("integrating"))
+        scene = pages.make_scene(course)
     if run is not None:
-        check_course(run, course, "full")
+        run.check(course)
     pages.save(scene, output, title or name, pages.describe(course))
     click.echo(output)
     if not quiet:
         if run is not None:
-            say(said(run))
+            say(run.proof)
         say(f"{len(scene.t)} rows, {output.stat().st_size / 1e6:.1f} MB")
     return say_outcome(course, quiet)
 

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from click import option
 
-from rattlesweep.cli.common import Meter, command, options, types
-from rattlesweep.cli.common.output import say_outcome, write_course
-
-if TYPE_CHECKING:
-    from rattlesweep.study.onerun.course import Course
+from rattlesweep.cli.common import command, options, types
+from rattlesweep.cli.common.series import say_outcome, write_course
 
 
 @command(
@@ -60,24 +57,12 @@ def trajectory(
     quarter of its initial value to beyond a quarter of it on the other side.
     """
     from rattlesweep.study.derived import make_body
-    from rattlesweep.study.onerun.course import Course
+    from rattlesweep.study.onerun.rows import Rows
+    from rattlesweep.sweeps.blocks.single import Launch
     from rattlesweep.sweeps.store.atomic import probe_directory
 
-    rattleback = make_body(body)
-    launch |= rest
+    run = Launch(make_body(body), **launch, **rest)
     for path in filter(None, (output, figure)):
         probe_directory(path.parent)
-
-    def table() -> Course:
-        names = ("t", "n") if channels is None else channels
-        return Course(rattleback, channels=names, watch=watch, **rows, **launch)
-
-    def drawing() -> Course:
-        from rattlesweep.study.onerun.figure import course_for
-
-        return course_for(rattleback, launch, watch=watch, shown=channels)
-
-    with Meter(quiet or not options.bar_fits(output, figure)) as meter:
-        watch = meter.counting("integrating")
-        course = write_course(table, drawing, output, figure)
+    course = write_course(run, channels, Rows(**rows), output, figure, quiet)
     return say_outcome(course, quiet)

@@ -138,6 +138,11 @@ class Control:
         self._shared[1] = 1
 
     @property
+    def flag(self) -> NDArray[np.int64]:
+        """One element, not 0 once a stop was asked for: for compiled loops."""
+        return self._shared[1:]
+
+    @property
     def stopping(self) -> bool:
         """Whether a stop was asked for."""
         return bool(self._shared[1])

@@ -10,6 +10,8 @@ import pyarrow as pa
 
 from rattlesweep.errors import OutputError
 from rattlesweep.study.onerun.course import Course, Trajectory, collect
+from rattlesweep.study.onerun.rows import Rows
+from rattlesweep.sweeps.blocks.single import Launch
 from rattlesweep.sweeps.tables.columns import RATE, TIME
 
 if TYPE_CHECKING:
@@ -65,8 +67,12 @@ def follow(
 
     Parameters
     ----------
-    body, n_i, omega_xy0, t_end, channels, dt, others
+    body, n_i, omega_xy0, t_end, others
+        As for :class:`rattlesweep.sweeps.blocks.single.Launch`.
+    channels : sequence of str
         As for :class:`rattlesweep.study.onerun.course.Course`.
+    dt : float
+        Distance of two rows, in ``sqrt(a/g)``.
     report : callable
         Called with the share done and ``words``.
 
@@ -75,10 +81,10 @@ def follow(
     OutputError
         If the integration fails.
     """
+    launch = Launch(body, n_i, omega_xy0, t_end, **others)
     course = Course(
-        body, n_i=n_i, omega_xy0=omega_xy0, t_end=t_end, channels=channels, dt=dt,
-        watch=lambda share: report(share, words), **others,
-    )  # fmt: skip
+        launch, channels=channels, rows=Rows(dt=dt), watch=lambda share: report(share, words)
+    )
     found = collect(course)
     if found.status != "ok":
         raise OutputError(f"{words}: the run ended at t = {found.t_end:g} with {found.status}")

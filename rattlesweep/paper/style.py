@@ -4,25 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
-# Okabe and Ito's colours, told apart by shape as well; one for each size of the oscillation.
-MARKERS = (("#0072B2", "o"), ("#D55E00", "s"), ("#009E73", "^"), ("#CC79A7", "D"),
-           ("#E69F00", "v"), ("#56B4E9", "P"))  # fmt: skip
+from rattlesweep.study.style import SERIES, TYPE_STYLE, new_figure
+
+__all__ = ["MARKERS", "TYPES", "decade_ticks", "frame", "new_figure"]
+
+MARKERS = SERIES[:6]
 TYPES = {
-    "R": ("#0072B2", "o", "R: reverses"),
-    "SW": ("#E69F00", "s", "SW: wobbles"),
-    "SS": ("#009E73", "^", "SS: spins on"),
-    "unclassified": ("#777777", "x", "unclassified"),
+    name: (TYPE_STYLE[name].colour, TYPE_STYLE[name].marker, TYPE_STYLE[name].label)
+    for name in ("R", "SW", "SS", "unclassified")
 }
-
-
-def new_figure(width: float, height: float) -> Any:
-    """A figure of this size in inches, without a window and without state that outlives it."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
 
 
 def frame(axis: Any) -> None:

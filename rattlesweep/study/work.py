@@ -9,8 +9,8 @@ import numpy as np
 
 from rattlesweep.integrate.batch import Batch
 from rattlesweep.integrate.status import Status
+from rattlesweep.integrate.task import Task
 from rattlesweep.sweeps.blocks.block import run_batch
-from rattlesweep.sweeps.blocks.task import Task
 from rattlesweep.sweeps.cases.launches import Launches, full_batch, prepare, reduced_batch
 from rattlesweep.sweeps.cases.plan import make_plan
 from rattlesweep.sweeps.config.load import Config, SdSource, override_config, resolved

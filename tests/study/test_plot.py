@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import shutil
 from itertools import pairwise
 from pathlib import Path
@@ -14,7 +13,6 @@ import numpy as np
 import oracle
 import pandas as pd
 import pytest
-import scipy.stats
 from matplotlib.colors import to_rgb
 from test_run import invoke, tree
 from theory_mp import n_c1_squared
@@ -24,7 +22,7 @@ from rattlesweep.study.plots import scatter as plot_scatter
 from rattlesweep.study.plots.layout import Axis, Layout, read_layout
 from rattlesweep.study.plots.map import BONDI_LABEL, NO_REVERSAL
 from rattlesweep.study.plots.registry import choose_picture
-from rattlesweep.study.plots.table import EDGES, Moments, tally, wilson
+from rattlesweep.study.plots.table import EDGES, tally
 from rattlesweep.study.style import FAILED, MISSING, TYPE_STYLE, encode, styled
 from rattlesweep.sweeps.config.load import ConfigError, parse_config
 
@@ -121,26 +119,6 @@ def test_counts_and_moments_against_pandas(sweeps: Path) -> None:
     assert unsteady["fraction_bondi"].null_count == len(unsteady) > 0
     assert table["fraction_SS"].max() > 0.2
     assert table["fraction_SW"].max() > 0
-
-
-def test_moments_do_not_lose_digits_over_many_pieces() -> None:
-    rng = np.random.default_rng(3)
-    cell, values = rng.integers(0, 5, 3000), 1e7 + rng.normal(size=3000)
-    moments = Moments.empty(6)
-    for start in range(0, 3000, 37):
-        moments.add(cell[start : start + 37], values[start : start + 37])
-    for k in range(5):
-        assert moments.means()[k] == pytest.approx(values[cell == k].mean(), rel=1e-14)
-        assert moments.deviations()[k] == pytest.approx(values[cell == k].std(ddof=1), rel=1e-7)
-    assert math.isnan(moments.means()[5])
-    assert math.isnan(moments.deviations()[5])
-
-
-@pytest.mark.parametrize(("part", "whole"), [(0, 7), (7, 7), (1, 7), (245, 1000), (1, 1)])
-def test_wilson_against_scipy(part: int, whole: int) -> None:
-    low, high = wilson(np.array([part], float), np.array([whole], float))
-    expected = scipy.stats.binomtest(part, whole).proportion_ci(0.95, method="wilson")
-    assert (low[0], high[0]) == pytest.approx(tuple(expected), abs=1e-12)
 
 
 def test_distribution_counts_every_reversal_once(sweeps: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,9 @@ import pytest
 from test_run import handlers, invoke, rows, run
 
 from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.study.onerun.replay import Replay, StoredRun, check_course, find, targets
+from rattlesweep.study.onerun.course import Course
+from rattlesweep.study.onerun.replay import Replay, StoredRun, targets
+from rattlesweep.study.onerun.rows import Rows
 from rattlesweep.study.where import parse_condition
 from rattlesweep.sweeps.store.provenance import read_manifest
 from rattlesweep.sweeps.store.receipts import Note
@@ -46,9 +49,9 @@ def test_every_run_is_the_stored_one_bit_for_bit(sweep: Path):
     for stored in table.itertuples():
         one = source.find(stored.case, stored.sample)
         source.prove(one)
-        course = source.course(one, steps=True)
+        course = Course(source.prepare(one), rows=Rows(steps=True))
         last = list(course)[-1]
-        check_course(one, course, "full")
+        one.check(course)
         assert course.status.label == stored.status
         if np.isnan(stored.t_r):
             assert course.zeros == []
@@ -62,21 +65,22 @@ def test_every_run_is_the_stored_one_bit_for_bit(sweep: Path):
 
 def test_a_run_can_be_followed_beyond_the_horizon_or_less_far(sweep: Path):
     source = Replay(sweep)
-    one = find(source, None, None, "type = 'R'")[0]
-    far = source.course(one, t_end=2 * source.course(one).t_end, points=2)
-    near = source.course(one, t_end=0.5 * one.t_end, points=2)
+    one = source.where("type = 'R'", 1)[0]
+    horizon = Course(source.prepare(one)).t_end
+    far = Course(source.prepare(one, 2 * horizon), rows=Rows(2))
+    near = Course(source.prepare(one, 0.5 * one.t_end), rows=Rows(2))
     assert (len(list(far)), len(list(near))) == (1, 1)
     assert one.t_r is not None
     assert bits(far.zeros[0]) == bits(one.t_r)
     assert near.zeros == []
-    check_course(one, far, "full")
-    check_course(one, near, "full")
+    one.check(far)
+    one.check(near)
     with pytest.raises(OutputError, match="reverses at"):
-        check_course(StoredRun(**{**vars(one), "t_r": np.nextafter(one.t_r, 0)}), far, "full")
+        replace(one, t_r=np.nextafter(one.t_r, 0)).check(far)
 
 
 def test_command_prints_the_series_and_says_what_is_proved(sweep: Path):
-    one = find(Replay(sweep), None, None, "t_r is not null")[0]
+    one = Replay(sweep).where("t_r is not null", 1)[0]
     result = invoke("replay", sweep, "--case", one.case, "--sample", one.sample, "--points", 5)
     assert result.exit_code == 0
     assert len(result.stdout.splitlines()) == 6
@@ -230,7 +234,7 @@ def test_a_stored_number_that_is_not_what_comes_out_is_told(sweep: Path, tmp_pat
         if path.is_file():
             (output / path.relative_to(sweep)).write_bytes(path.read_bytes())
     store = Store(output)
-    one = find(Replay(output), None, None, "type = 'R'")[0]
+    one = Replay(output).where("type = 'R'", 1)[0]
     index, row = divmod(one.case * 8 + one.sample, 5)
     table, note = store.read_block(index), store.inspect_block(index).note
     assert isinstance(note, Note)

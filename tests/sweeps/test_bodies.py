@@ -464,4 +464,4 @@ def test_runs_in_any_order_get_their_own_bodies():
     order = [2, 1, 3, 0]
     whole, mixed = prepare(made, case, sample), prepare(made, case[order], sample[order])
     assert np.array_equal(columns(mixed.bodies), columns(whole.bodies)[:, order])
-    assert np.array_equal(mixed.t_rgh, whole.t_rgh[order])
+    assert np.array_equal(mixed.gh.t_rgh, whole.gh.t_rgh[order])

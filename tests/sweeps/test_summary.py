@@ -8,13 +8,16 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pyarrow as pa
+import pyarrow.compute as pc
 import pytest
+import scipy.stats
 from test_store import SCHEMA, fill, random_columns
 
 from rattlesweep.errors import OutputError
-from rattlesweep.sweeps.inspect.summary import closing_table, summarise
+from rattlesweep.sweeps.inspect.summary import closing_table, same_summary, summarise
 from rattlesweep.sweeps.store.store import Store
 from rattlesweep.sweeps.tables.arrow import same_schema
+from rattlesweep.sweeps.tables.cells import Moments, wilson
 from rattlesweep.sweeps.tables.columns import summary_schema
 
 
@@ -76,6 +79,16 @@ def test_block_size_does_not_show(tmp_path: Path) -> None:
         assert len(bits) == 1
 
 
+def test_last_digits_are_no_difference(tmp_path: Path) -> None:
+    one = summarise(fill(tmp_path, 300), CASES)
+    for factor, same in ((1 + 1e-13, True), (1 + 1e-6, False)):
+        values = pc.multiply(one["t_r_std"], factor)
+        other = one.set_column(one.schema.get_field_index("t_r_std"), "t_r_std", values)
+        assert same_summary(one, other) == same
+    nulls = pa.nulls(3, pa.float64())
+    assert not same_summary(one, one.set_column(1, "K_p", nulls))
+
+
 def test_case_larger_than_a_batch(tmp_path: Path) -> None:
     rows = (1 << 17) + 5
     store = Store(tmp_path)
@@ -85,8 +98,8 @@ def test_case_larger_than_a_batch(tmp_path: Path) -> None:
     row = summarise(store, CASES).to_pylist()[2]
     runs = pd.read_parquet(store.runs)
     keep = runs[(runs["status"] == "ok") & (runs["type"] == "R")]["t_r"].dropna().to_numpy()
-    assert row["t_r_mean"] == np.mean(keep)
-    assert row["t_r_std"] == np.std(keep, ddof=1)
+    assert row["t_r_mean"] == pytest.approx(np.mean(keep), rel=1e-12)
+    assert row["t_r_std"] == pytest.approx(np.std(keep, ddof=1), rel=1e-12)
 
 
 def one_case(directory: Path, **change: object) -> dict[str, object]:
@@ -165,9 +178,31 @@ def test_runs_that_do_not_belong(tmp_path: Path) -> None:
     store = fill(tmp_path, 300)
     with pytest.raises(OutputError, match="case 2, which"):
         summarise(store, CASES[:2])
-    store.rewrite_block(9, store.read_block(0))
-    with pytest.raises(OutputError, match="not in the order"):
-        summarise(store, CASES)
+
+
+def test_moments_do_not_lose_digits_over_many_pieces() -> None:
+    rng = np.random.default_rng(3)
+    cell, values = rng.integers(0, 5, 3000), 1e7 + rng.normal(size=3000)
+    moments = Moments(6)
+    for start in range(0, 3000, 37):
+        moments.add(cell[start : start + 37], values[start : start + 37])
+    parts = [values[cell == k] for k in range(5)]
+    assert moments.means()[:5] == pytest.approx([part.mean() for part in parts], rel=1e-14)
+    assert moments.deviations()[:5] == pytest.approx([p.std(ddof=1) for p in parts], rel=1e-12)
+    assert np.isnan([moments.means()[5], moments.deviations()[5], moments.errors()[5]]).all()
+
+
+def test_wilson_against_scipy() -> None:
+    part, whole = np.array([0, 7, 1, 245, 1, 0]), np.array([7, 7, 7, 1000, 1, 0])
+    low, high = wilson(part, whole)
+    for k in range(5):
+        expected = scipy.stats.binomtest(part[k], whole[k]).proportion_ci(0.95, method="wilson")
+        assert (low[k], high[k]) == pytest.approx(tuple(expected), abs=1e-12)
+    assert np.isnan([low[5], high[5]]).all()
+    assert (low[0], high[1]) == (0, 1)
+    assert [float(end) for end in wilson(1, 7)] == [low[2], high[2]]
+    with pytest.raises(ValueError, match="more parts than its whole"):
+        wilson(3, 2)
 
 
 def test_summary_is_written_as_it_was_made(tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
@@ -168,11 +167,6 @@ channels = option(
     callback=_list_channels,
     help="Columns, and panels of the figure if given; 'list' prints all of them.  [default: t,n]",
 )
-
-
-def bar_fits(*files: Path | None) -> bool:
-    """Whether a bar of progress goes to another place than the data."""
-    return any(files) or not sys.stdout.isatty()
 
 
 def load_sweep(path: Path, overrides: tuple[str, ...], output: Path | None) -> Config:

@@ -32,7 +32,7 @@ from rattlesweep.paper.follow import (
 from rattlesweep.paper.sweeps import LAUNCH, bodies_of, horizons, part
 from rattlesweep.paper.workers import side_by_side
 from rattlesweep.physics.body import PARAMETERS, Rattleback
-from rattlesweep.sweeps.blocks.single import single_run
+from rattlesweep.sweeps.blocks import single
 from rattlesweep.sweeps.config.fields import Base
 from rattlesweep.sweeps.tables.chaos import LEAST_GROWTH, is_chaotic
 from rattlesweep.sweeps.tables.columns import RATE, TIME
@@ -200,10 +200,9 @@ def launch(sweep: Sweep, run: pd.Series) -> tuple[Floats, Floats]:
     """Constants and first state of a run of the sweep."""
     spin = sweep.plan.config.spin
     assert spin is not None
-    _, _, batch = single_run(
-        body_of(run), n_i=float(run["n_i"]), omega_xy0=float(run["omega_xy0"]), t_end=1.0,
-        psi=spin.psi, model="full", integrator={},
-    )  # fmt: skip
+    _, _, batch = single.single_run(
+        single.Launch(body_of(run), float(run["n_i"]), float(run["omega_xy0"]), 1.0, spin.psi)
+    )
     assert batch is not None
     return batch.constants[0], batch.y0[0]
 

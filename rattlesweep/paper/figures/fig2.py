@@ -12,6 +12,7 @@ from rattlesweep.paper.figures.sd import distance, draw_modes, quantiles
 from rattlesweep.paper.style import frame, new_figure
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import shell_dumbbell
+from rattlesweep.study.style import GREEN, ORANGE, SKY
 from rattlesweep.sweeps.config.bodies import SdRanges
 from rattlesweep.sweeps.config.fields import Base
 from rattlesweep.sweeps.tables.columns import RATE, Column
@@ -140,7 +141,7 @@ def draw(tables: Mapping[str, pa.Table]) -> Any:
     axes = figure.add_subplot()
     # Okabe and Ito's blue and vermilion; the approximations lie almost on top, so they are
     # dark, dashed and thin over something pale and broad.
-    for mode, colour, dash in (("p", "#56B4E9", "#003F66"), ("r", "#E69F00", "#7A2E00")):
+    for mode, colour, dash in (("p", SKY, "#003F66"), ("r", ORANGE, "#7A2E00")):
         axes.plot(
             data[f"omega_{mode}"], level, color=colour, linewidth=3.2,
             solid_capstyle="butt", label=rf"$\omega_{mode}$",
@@ -156,7 +157,7 @@ def draw(tables: Mapping[str, pa.Table]) -> Any:
     axes.legend(frameon=False, loc="upper right", bbox_to_anchor=(0.99, 0.9), ncols=2,
                 handlelength=1.9, columnspacing=1.0)  # fmt: skip
     inset = axes.inset_axes((0.6, 0.19, 0.36, 0.42))
-    inset.plot(data["ratio"], level, color="#009E73", linewidth=1.6)
+    inset.plot(data["ratio"], level, color=GREEN, linewidth=1.6)
     inset.axvline(BOUND, color="#444444", linewidth=0.8, linestyle=":")
     inset.annotate(
         f"{BOUND:g}", (BOUND, 0.93), xytext=(3, 0), textcoords="offset points",

@@ -12,6 +12,7 @@ from rattlesweep.paper.figures.density import Grid, count_bodies
 from rattlesweep.paper.figures.fig2 import BOUND
 from rattlesweep.paper.figures.sd import draw_modes, quantiles, ranges_array
 from rattlesweep.paper.style import frame, new_figure
+from rattlesweep.study.style import BLUE, VERMILION
 from rattlesweep.sweeps.config.bodies import SdRanges
 from rattlesweep.sweeps.config.fields import Base
 from rattlesweep.sweeps.tables.columns import Column
@@ -203,7 +204,7 @@ def counts_of(tables: Mapping[str, pa.Table]) -> NDArray[np.int64]:
 def _cumulative(
     axes: Any, data: Mapping[str, Any], ends: tuple[float, float], *, log: bool
 ) -> None:
-    for name, colour, style in (("K_p", "#0072B2", "-"), ("K_r", "#D55E00", (0, (5, 1.5)))):
+    for name, colour, style in (("K_p", BLUE, "-"), ("K_r", VERMILION, (0, (5, 1.5)))):
         axes.plot(data[name], data["probability"], color=colour, linestyle=style,
                   linewidth=1.8, label=f"${name}$")  # fmt: skip
     axes.set_xscale("log" if log else "linear")

@@ -22,6 +22,7 @@ from rattlesweep.paper.follow import (
 from rattlesweep.paper.style import frame, new_figure
 from rattlesweep.paper.sweeps import part
 from rattlesweep.physics.body import Rattleback
+from rattlesweep.study.style import BLUE, VERMILION
 from rattlesweep.sweeps.config.fields import Base
 from rattlesweep.sweeps.tables.columns import RATE, TIME
 
@@ -109,7 +110,7 @@ def compute(place: Place, report: Report) -> dict[str, pa.Table]:
         t_r = float(found.zeros[0]) if len(found.zeros) else None
         row = {
             "run": name, "n_i": n_i, "omega_xy0": s.omega_xy0, "t_r": t_r,
-            "zeros": len(found.zeros), "t_rgh": float(course.launches.t_rgh[0]),
+            "zeros": len(found.zeros), "t_rgh": float(course.launches.gh.t_rgh[0]),
             "period": period, "omega_relevant": relevant,
         }  # fmt: skip
         for component in COMPONENTS:
@@ -194,17 +195,17 @@ def draw(tables: Mapping[str, pa.Table]) -> Any:
 def _column(axes: Any, letter: str, run: dict[str, Any], table: pa.Table) -> None:
     t = table["t"].to_numpy()
     spin, *oscillations = axes
-    spin.plot(t, table["n"].to_numpy(), color="#0072B2", linewidth=1.1, label="full dynamics")
+    spin.plot(t, table["n"].to_numpy(), color=BLUE, linewidth=1.1, label="full dynamics")
     spin.plot(t, table["n_gh"].to_numpy(), color="#222222", linewidth=1.1, linestyle=(0, (4, 2)),
               label=r"Garcia and Hubbard, $\overline{n}(t)$")  # fmt: skip
     spin.axhline(0, color="#777777", linewidth=0.6, zorder=1)
     spin.set_ylabel(r"$n$ / $\tilde\omega$")
     for axis, name in zip(oscillations, COMPONENTS, strict=True):
-        axis.plot(t, table[name].to_numpy(), color="#0072B2", linewidth=0.5)
+        axis.plot(t, table[name].to_numpy(), color=BLUE, linewidth=0.5)
         axis.set_ylabel(rf"$\omega_{name[-1]}$ / $\tilde\omega$")
     for k, axis in enumerate(axes, start=1):
         if run["t_r"] is not None:
-            axis.axvline(run["t_r"], color="#D55E00", linewidth=0.9, linestyle=":",
+            axis.axvline(run["t_r"], color=VERMILION, linewidth=0.9, linestyle=":",
                          label="first reversal" if k == 1 else None)  # fmt: skip
         axis.set_title(f"({letter}-{k})", loc="left", fontsize=10, pad=4)
         axis.set_xlim(0, t[-1])

@@ -12,6 +12,7 @@ from rattlesweep.paper.follow import F64, FORCE_CHANNELS, FORCES, column, follow
 from rattlesweep.paper.style import frame
 from rattlesweep.paper.sweeps import part
 from rattlesweep.physics.body import Rattleback
+from rattlesweep.study.style import BLUE
 from rattlesweep.sweeps.config.fields import Base
 from rattlesweep.sweeps.tables.columns import RATE, TIME
 
@@ -68,7 +69,7 @@ def draw(tables: Mapping[str, pa.Table]) -> Any:
 
     def trace(axis: Any) -> None:
         assert spin is not None
-        axis.plot(spin["t"].to_numpy(), spin["n"].to_numpy(), color="#0072B2", linewidth=0.8)
+        axis.plot(spin["t"].to_numpy(), spin["n"].to_numpy(), color=BLUE, linewidth=0.8)
         axis.axhline(0, color="#777777", linewidth=0.6)
         axis.set(xlabel=r"$t$ / $\tilde t$", ylabel=r"$n$ / $\tilde\omega$")
         axis.set_title(rf"(b) GH, $n_i = {spin['n'][0].as_py():g}$", fontsize=10, pad=4)

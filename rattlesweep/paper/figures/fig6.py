@@ -12,6 +12,7 @@ from rattlesweep.paper.claims.claim import wilson
 from rattlesweep.paper.figures import examples, steady_checks
 from rattlesweep.paper.style import TYPES, decade_ticks, frame, new_figure
 from rattlesweep.paper.sweeps import part
+from rattlesweep.study.style import BLUE
 from rattlesweep.sweeps.tables.columns import RATE
 
 if TYPE_CHECKING:
@@ -111,7 +112,7 @@ def draw(tables: Mapping[str, pa.Table]) -> Any:
     sizes = sorted(data["omega_xy0"].unique())
     traces = [(n, tables[n]) for n in ("spin_ss", "spin_sw", "spin_chaotic") if n in tables]
     height = 1.75 * len(sizes) + 0.7
-    figure = new_figure(2.1 * len(spins) + 0.6, height + (2.4 if traces else 0.0))
+    figure: Any = new_figure(2.1 * len(spins) + 0.6, height + (2.4 if traces else 0.0))
     upper = figure
     if traces:
         upper, lower = figure.subfigures(2, 1, height_ratios=(height, 2.4))
@@ -162,7 +163,7 @@ def _traces(
     titles = {"spin_ss": "(b-1) SS", "spin_sw": "(b-2) SW", "spin_chaotic": "(b-3) SW, chaotic"}
     axes = figure.subplots(1, len(traces), squeeze=False)[0]
     for axis, (name, table) in zip(axes, traces, strict=True):
-        axis.plot(table["t"].to_numpy(), table["n"].to_numpy(), color="#0072B2", linewidth=0.7)
+        axis.plot(table["t"].to_numpy(), table["n"].to_numpy(), color=BLUE, linewidth=0.7)
         title = titles[name]
         if name in runs:
             run = runs[name]

@@ -25,6 +25,7 @@ from rattlesweep.paper.style import frame, new_figure
 from rattlesweep.paper.sweeps import part
 from rattlesweep.physics import reduced
 from rattlesweep.physics.body import Rattleback
+from rattlesweep.study.style import BLUE, VERMILION
 from rattlesweep.sweeps.config.fields import Base, PositiveNumbers
 from rattlesweep.sweeps.tables.columns import RATE, TIME
 
@@ -194,8 +195,8 @@ def draw(tables: Mapping[str, pa.Table]) -> Any:
     axes = figure.subplots(len(thetas), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
     for axis, theta, letter in zip(axes, thetas, "abcdefghijklmnopqrstuvwxyz", strict=False):
         own = data[data["theta"] == theta]
-        axis.plot(own["t"], own["n"], color="#0072B2", linewidth=0.8, label="full dynamics")
-        axis.plot(own["t"], own["n_reduced"], color="#D55E00", linewidth=1.2,
+        axis.plot(own["t"], own["n"], color=BLUE, linewidth=0.8, label="full dynamics")
+        axis.plot(own["t"], own["n_reduced"], color=VERMILION, linewidth=1.2,
                   linestyle=(0, (4, 2)), label="reduced model")  # fmt: skip
         axis.axhline(0, color="#777777", linewidth=0.6, zorder=1)
         axis.set_title(rf"({letter}) $\theta = {theta:g}$", loc="left", fontsize=10, pad=4)

@@ -16,9 +16,9 @@ from pydantic import Field
 
 from rattlesweep.integrate.follow.lyapunov import growth_along
 from rattlesweep.paper.follow import F64, column
-from rattlesweep.paper.style import decade_ticks, frame, new_figure
+from rattlesweep.paper.style import MARKERS, decade_ticks, frame, new_figure
 from rattlesweep.paper.workers import side_by_side
-from rattlesweep.sweeps.blocks.single import single_run
+from rattlesweep.sweeps.blocks.single import Launch, single_run
 from rattlesweep.sweeps.config.fields import Base, PositiveNumbers
 from rattlesweep.sweeps.tables.columns import RATE, TIME
 
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 POINTS = 120
 # The second half is cut into so many parts, whose scatter gives the error of the exponent.
 PARTS = 10
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 
 
 class Fig8LyapunovSettings(Base):
@@ -80,10 +79,7 @@ def compute(place: Place, report: Report) -> dict[str, pa.Table]:
     late = np.searchsorted(times, ends)
     pairs, tasks = [], []
     for body in runs.bodies():
-        _, _, batch = single_run(
-            body, n_i=runs.n_i, omega_xy0=runs.omega_xy0, t_end=own.t_end, psi="relevant",
-            model="full", integrator={},
-        )  # fmt: skip
+        _, _, batch = single_run(Launch(body, runs.n_i, runs.omega_xy0, own.t_end))
         assert batch is not None
         # Compiled here, and not in two threads at once.
         growth_along(batch.constants[0], batch.y0[0], [1.0])
@@ -119,7 +115,7 @@ def draw(tables: Mapping[str, pa.Table]) -> Any:
     thetas, tols = (list(dict.fromkeys(data[name])) for name in ("theta", "tol"))
     figure = new_figure(7.2, 4.4)
     axis = figure.add_subplot()
-    for theta, letter, colour in zip(thetas, "abcdef", COLOURS, strict=False):
+    for theta, letter, (colour, _) in zip(thetas, "abcdef", MARKERS, strict=False):
         for tol in tols:
             own = data[(data["theta"] == theta) & (data["tol"] == tol)]
             best = tol == tols[-1]

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from rattlesweep.study.plots.panels import plain_ticks
 from rattlesweep.study.plots.table import EDGES, Tally
-from rattlesweep.study.style import FAILED, THEORY, TYPE_STYLE, plain_ticks
+from rattlesweep.study.style import FAILED, THEORY, TYPE_STYLE
 
 
 def draw_distribution(figure: Any, counted: Tally, log: bool | None) -> None:

@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from rattlesweep.study.plots.panels import draw_panels
-from rattlesweep.study.plots.table import Tally, shares, wilson
-from rattlesweep.study.style import TYPE_STYLE, label, legend_above, scale_axis
+from rattlesweep.study.plots.panels import draw_panels, legend_above, scale_axis
+from rattlesweep.study.plots.table import Tally
+from rattlesweep.study.style import TYPE_STYLE, label
+from rattlesweep.sweeps.tables.cells import share, wilson
 
 # With fewer values along the axis, areas between them say nothing: bars.
 FEWEST_FOR_AREAS = 4
@@ -29,7 +30,7 @@ def draw_fractions(figure: Any, counted: Tally, log: bool | None) -> None:
     x, rows, columns = counted.axes[0], counted.axes[1:2], counted.axes[2:]
     panels = draw_panels(figure, rows, columns)
     ok = counted.grid(counted.ok)
-    bondi = shares(counted.grid(counted.bondi), counted.grid(counted.steady))
+    bondi = share(counted.grid(counted.bondi), counted.grid(counted.steady))
     for panel in panels:
         here: Any = (slice(None), *panel.where)
         seen = ok[here] > 0
@@ -38,13 +39,13 @@ def draw_fractions(figure: Any, counted: Tally, log: bool | None) -> None:
         )
         below = np.zeros(int(seen.sum()))
         for name, (colour, _, hatch, text) in TYPE_STYLE.items():
-            share = shares(counted.grid(counted.types[name])[here], ok[here])[seen]
+            own = share(counted.grid(counted.types[name])[here], ok[here])[seen]
             style = {"facecolor": colour, "hatch": hatch, "label": text, "linewidth": 0}
             if len(x.values) >= FEWEST_FOR_AREAS:
-                panel.axes.fill_between(at[seen], below, below + share, **style)
+                panel.axes.fill_between(at[seen], below, below + own, **style)
             else:
-                panel.axes.bar(at[seen], share, 0.7, below, **style)
-            below = below + share
+                panel.axes.bar(at[seen], own, 0.7, below, **style)
+            below = below + own
         _intervals(panel.axes, counted, here, at)
         if np.isfinite(bondi).any():
             panel.axes.plot(at, 1 - bondi[here], "k^", ms=4, mec="white", mew=0.5, zorder=5,
@@ -71,10 +72,10 @@ def _intervals(axes: Any, counted: Tally, here: Any, at: Any) -> None:
     for name in list(TYPE_STYLE)[:-1]:
         part = part + counted.grid(counted.types[name])[here]
         low, high = wilson(part, ok)
-        share = shares(part, ok)
+        middle = share(part, ok)
         # A border at the rim is no border.
         real = (part > 0) & (part < ok)
         axes.errorbar(
-            at[real], share[real], [(share - low)[real], (high - share)[real]], fmt="none",
+            at[real], middle[real], [(middle - low)[real], (high - middle)[real]], fmt="none",
             ecolor="#000000", elinewidth=0.9, capsize=1.6, capthick=0.9, zorder=4,
         )  # fmt: skip

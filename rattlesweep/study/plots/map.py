@@ -10,16 +10,9 @@ from matplotlib.colors import BoundaryNorm, ListedColormap, LogNorm, Normalize
 from rattlesweep.errors import ConfigError
 from rattlesweep.study.plots.bondi import threshold_line, threshold_plane
 from rattlesweep.study.plots.layout import Axis, Layout
-from rattlesweep.study.plots.panels import draw_panels
+from rattlesweep.study.plots.panels import draw_panels, legend_above, scale_axis
 from rattlesweep.study.plots.table import Tally
-from rattlesweep.study.style import (
-    FAILED,
-    MISSING,
-    TYPE_STYLE,
-    label,
-    legend_above,
-    scale_axis,
-)
+from rattlesweep.study.style import FAILED, MISSING, TYPE_STYLE, label
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -14,10 +14,11 @@ from rattlesweep.study.plots.distribution import draw_distribution
 from rattlesweep.study.plots.fractions import FEWEST_FOR_AREAS, draw_fractions
 from rattlesweep.study.plots.layout import Layout, selection
 from rattlesweep.study.plots.map import check_map, draw_map
+from rattlesweep.study.plots.panels import head, plain_ticks
 from rattlesweep.study.plots.scatter import Points, columns_of, draw_scatter, gather
 from rattlesweep.study.plots.table import EDGES, Tally, empty, tally
 from rattlesweep.study.plots.times import draw_ratio, draw_times
-from rattlesweep.study.style import head, new_figure, plain_ticks, value_text
+from rattlesweep.study.style import new_figure, value_text
 from rattlesweep.sweeps.config.messages import not_one_of
 
 if TYPE_CHECKING:

@@ -11,6 +11,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.study.plots.panels import legend_above, plain_ticks
 from rattlesweep.study.style import (
     RATE,
     SERIES,
@@ -18,8 +19,7 @@ from rattlesweep.study.style import (
     THEORY,
     TIME,
     label,
-    legend_above,
-    plain_ticks,
+    light_grid,
     value_text,
 )
 from rattlesweep.sweeps.config.messages import not_one_of
@@ -180,8 +180,7 @@ def draw_scatter(figure: Any, points: Points, log: bool | None) -> None:
     plain = points.name + (f" ({unit})" if unit else "")
     axes.set_xlabel(label(points.name) if points.name in SYMBOLS else plain)
     axes.set_ylabel(f"$t_r$ ({TIME})")
-    axes.grid(visible=True, color="#e4e4e4", linewidth=0.6)
-    axes.spines[["top", "right"]].set_visible(False)
+    light_grid(axes)
     if len(points.x) < points.total:
         handles.append(Line2D([], [], linestyle="",
                               label=f"{len(points.x):,} of {points.total:,} runs"))  # fmt: skip

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.physics.theory import unsteady
 from rattlesweep.study.plots.layout import Axis, Layout
+from rattlesweep.sweeps.tables.cells import Moments, codes, share, wilson
 from rattlesweep.sweeps.tables.types import TYPES
 
 if TYPE_CHECKING:
@@ -26,48 +26,6 @@ COLUMNS = ("case", "sample", "n_i", "K_p", "omega_p", "n_c1", "t_rgh", "t_r", "t
 MOST_CELLS = 4_000_000
 # Edges of t_r/t_rGH for its distribution: 40 a decade.
 EDGES = 10.0 ** (np.arange(-80, 81) / 40)
-
-
-@dataclass
-class Moments:
-    """Count, mean and sum of squared deviations by cell, merged piece by piece (Chan et al.)."""
-
-    count: Floats
-    mean: Floats
-    squares: Floats
-
-    @classmethod
-    def empty(cls, cells: int) -> Moments:
-        """Of nothing."""
-        return cls(np.zeros(cells), np.zeros(cells), np.zeros(cells))
-
-    def add(self, cell: Integers, values: Floats) -> None:
-        """Add values to their cells."""
-        if not len(cell):
-            return
-        touched, inside = np.unique(cell, return_inverse=True)
-        count = np.bincount(inside).astype(float)
-        mean = np.bincount(inside, values) / count
-        squares = np.bincount(inside, (values - mean[inside]) ** 2)
-        total = self.count[touched] + count
-        step = mean - self.mean[touched]
-        self.squares[touched] += squares + step**2 * self.count[touched] * count / total
-        self.mean[touched] += step * count / total
-        self.count[touched] = total
-
-    def means(self) -> Floats:
-        """Means, NaN of nothing."""
-        return np.where(self.count > 0, self.mean, np.nan)
-
-    def deviations(self) -> Floats:
-        """Sample standard deviations (divisor n - 1), NaN for fewer than two."""
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return np.where(self.count > 1, np.sqrt(self.squares / (self.count - 1)), np.nan)
-
-    def errors(self) -> Floats:
-        """Standard errors of the means."""
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return self.deviations() / np.sqrt(self.count)
 
 
 @dataclass
@@ -113,10 +71,6 @@ class Tally:
         """A column by cell in the shape of the axes."""
         return flat.reshape(self.shape)
 
-    def share(self, name: str) -> Floats:
-        """Share of a type among the runs that are ``ok``; NaN where there are none."""
-        return shares(self.types[name], self.ok)
-
     def table(self) -> pa.Table:
         """One row a cell that holds runs: what the pictures draw."""
         columns: dict[str, Floats] = {}
@@ -125,10 +79,10 @@ class Tally:
             columns[axis.name] = mesh.ravel()
         columns |= {"runs": self.runs, "failed": self.runs - self.ok}
         for name in TYPES:
-            columns[f"fraction_{name}"] = self.share(name)
+            columns[f"fraction_{name}"] = share(self.types[name], self.ok)
             low, high = wilson(self.types[name], self.ok)
             columns |= {f"fraction_{name}_low": low, f"fraction_{name}_high": high}
-        columns["fraction_bondi"] = shares(self.bondi, self.steady)
+        columns["fraction_bondi"] = share(self.bondi, self.steady)
         for name, moments in (("t_r", self.t_r), ("ratio", self.ratio)):
             columns |= {
                 f"{name}_mean": moments.means(),
@@ -154,7 +108,7 @@ def empty(axes: tuple[Axis, ...] = ()) -> Tally:
     runs, ok, steady, bondi = (np.zeros(cells) for _ in range(4))
     return Tally(
         axes, runs, ok, {name: np.zeros(cells) for name in TYPES}, steady, bondi,
-        Moments.empty(cells), Moments.empty(cells), Moments.empty(cells), np.zeros(len(EDGES) - 1),
+        Moments(cells), Moments(cells), Moments(cells), np.zeros(len(EDGES) - 1),
     )  # fmt: skip
 
 
@@ -221,8 +175,8 @@ def _count(
         batch.column(name).to_numpy(zero_copy_only=False).astype(float)[kept]
         for name in ("n_i", "K_p", "omega_p", "n_c1", "t_rgh", "t_r")
     )
-    kind = _codes(batch.column("type"), TYPES)[kept]
-    ok = _codes(batch.column("status"), ("ok",))[kept] == 0
+    kind = codes(batch.column("type"), TYPES)[kept]
+    ok = codes(batch.column("status"), ("ok",))[kept] == 0
     cells = len(made.runs)
 
     def add(total: Floats, which: NDArray[np.bool_]) -> None:
@@ -246,32 +200,3 @@ def _count(
     made.histogram += np.bincount(inside, minlength=len(EDGES) - 1)
     known = ok & np.isfinite(t_rgh)
     made.t_rgh.add(cell[known], t_rgh[known])
-
-
-def _codes(column: pa.Array, words: Sequence[str]) -> Integers:
-    """Place of each entry in `words`, -1 for others and null."""
-    codes = pc.fill_null(pc.index_in(column, pa.array(words)), -1)
-    found: Integers = codes.to_numpy(zero_copy_only=False).astype(np.int64)
-    return found
-
-
-def shares(part: Floats, whole: Floats) -> Floats:
-    """``part / whole``, NaN where there is nothing."""
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.where(whole > 0, part / whole, np.nan)
-
-
-def wilson(part: Floats, whole: Floats, z: float = 1.959963984540054) -> tuple[Floats, Floats]:
-    """Interval of 95 % of a share, by Wilson (1927).
-
-    Returns
-    -------
-    low, high : array
-        NaN where there is nothing.
-    """
-    p = shares(part, whole)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        centre = (p + z**2 / (2 * whole)) / (1 + z**2 / whole)
-        half = z / (1 + z**2 / whole) * np.sqrt(p * (1 - p) / whole + (z / whole) ** 2 / 4)
-    # At 0 and 1 the ends are exact; rounding must not carry them out of the unit interval.
-    return np.where(p == 0, 0.0, centre - half), np.where(p == 1, 1.0, centre + half)

@@ -6,20 +6,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rattlesweep.study.plots.panels import Panel, draw_panels
-from rattlesweep.study.plots.table import Moments, Tally, shares
+from rattlesweep.study.plots.panels import Panel, draw_panels, legend_above, plain_ticks, scale_axis
+from rattlesweep.study.plots.table import Tally
 from rattlesweep.study.style import (
     GREY,
     SERIES,
     THEORY,
     TIME,
     label,
-    legend_above,
-    plain_ticks,
-    scale_axis,
+    light_grid,
     symbol,
     value_text,
 )
+from rattlesweep.sweeps.tables.cells import Moments, share
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -112,7 +111,7 @@ def _draw(
     mean, spread, error = (
         counted.grid(part) for part in (moments.means(), moments.deviations(), moments.errors())
     )
-    kept = counted.grid(shares(moments.count, counted.ok))
+    kept = counted.grid(share(moments.count, counted.ok))
     panels = draw_panels(figure, (), counted.axes[2:])
     at = _side_by_side(x.values, len(places), x.logarithmic if log is None else log)
     for panel in panels:
@@ -137,8 +136,7 @@ def _draw(
                 panel.axes.plot(at[k][which], m[which], marker, color=colour, ms=4.5, mfc=face,
                                 mew=1)  # fmt: skip
         scale_axis(panel.axes, "x", x, log)
-        panel.axes.grid(visible=True, color="#e4e4e4", linewidth=0.6)
-        panel.axes.spines[["top", "right"]].set_visible(False)
+        light_grid(panel.axes)
     return panels
 
 
@@ -165,7 +163,7 @@ def _finish(figure: Any, panels: list[Panel], counted: Tally, ordinate: str, the
         handles.append(Line2D([], [], color=GREY, linewidth=0.9, label=text))
     if len(places) > 1 and 2 <= len(x.values) <= MOST_MARKERS:
         handles.append(Line2D([], [], linestyle="", label="points moved sideways\nto stay apart"))
-    kept = shares(counted.t_r.count, counted.ok)
+    kept = share(counted.t_r.count, counted.ok)
     if len(x.values) <= MOST_MARKERS and (kept < 0.5).any():
         handles.append(Line2D([], [], color=GREY, marker="o", mfc="white", ms=4.5, linestyle="",
                               label="hollow: fewer than half reverse"))  # fmt: skip

@@ -7,25 +7,34 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rattlesweep.study.style import new_figure
+from rattlesweep.study.style import (
+    BLUE,
+    FAINT,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    SKY,
+    VERMILION,
+    new_figure,
+)
 from rattlesweep.study.tradeoff.table import Row, number
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
 WIDTH, HEIGHT, DPI = 8.4, 8.0, 150
-# Okabe and Ito's colours, told apart by shape as well; a method without an entry takes a spare.
+# A method without an entry takes a spare.
 STYLE = {
-    "rk4": ("#D55E00", "s"),
-    "dopri5": ("#CC79A7", "^"),
-    "dop853": ("#0072B2", "o"),
-    "verner98": ("#009E73", "D"),
+    "rk4": (VERMILION, "s"),
+    "dopri5": (PURPLE, "^"),
+    "dop853": (BLUE, "o"),
+    "verner98": (GREEN, "D"),
 }
-SPARE = (("#E69F00", "v"), ("#56B4E9", "P"), ("#555555", "X"))
+SPARE = ((ORANGE, "v"), (SKY, "P"), (GREY, "X"))
 # Which points have their setting written beside them, and on which side of the line.
 SIDE = {"rk4": (6, 3, "left"), "dopri5": (8, -1, "left"), "dop853": (-4, -11, "right"),
         "verner98": (4, 6, "left")}  # fmt: skip
-GREY = "#444444"
 
 
 def _style(method: str, methods: list[str]) -> tuple[str, str]:
@@ -73,7 +82,7 @@ def draw(rows: Sequence[Row], caption: str = "") -> Any:
         axes.set_xscale("log")
     main.set_yscale("log")
     for axes in (main, tail, drift, flips):
-        axes.grid(visible=True, color="#dddddd", linewidth=0.6)
+        axes.grid(visible=True, color=FAINT, linewidth=0.6)
         axes.set_axisbelow(True)
         axes.spines[["top", "right"]].set_visible(False)
     for axes in (tail, drift, flips):

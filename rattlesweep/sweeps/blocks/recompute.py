@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
+from rattlesweep.integrate.task import Task
 from rattlesweep.sweeps.blocks.block import finish_block, prepare_runs
-from rattlesweep.sweeps.blocks.task import Task
 from rattlesweep.sweeps.tables.arrow import build_table
 
 if TYPE_CHECKING:

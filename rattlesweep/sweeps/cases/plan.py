@@ -98,9 +98,9 @@ def make_plan(config: Config, base: Path | None = None) -> Plan:
         nothing says how to launch, if the model and the recordings do not go together, or if
         there would be too many blocks.
     """
-    from rattlesweep.sweeps.tables.columns import runs_columns
+    from rattlesweep.sweeps.tables.columns import runs_schema
 
-    runs_columns(config.record, config.model)
+    runs_schema(config.record, config.model)
     source = make_source(config, base)
     targets: list[tuple[str | None, float | None]] = [(None, None)]
     if isinstance(config.bodies, SdSource) and config.bodies.target is not None:

@@ -23,8 +23,8 @@ from rattlesweep.integrate.lanes.build import kernel
 from rattlesweep.integrate.lanes.step import LANES
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.integrate.task import Task
 from rattlesweep.sweeps.blocks.block import finish_block, run_batch, take
-from rattlesweep.sweeps.blocks.task import Task
 from rattlesweep.sweeps.cases.pool import SEED
 
 if TYPE_CHECKING:

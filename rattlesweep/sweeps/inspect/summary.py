@@ -1,211 +1,116 @@
-"""One row a case: what the runs of a case have in common.
-
-Counts are exact in any order. Means and deviations are taken over a case's values gathered in
-the order of its samples, so that how a sweep was cut into blocks does not show in the last bit.
-"""
+"""One row a case: what the runs of a case have in common."""
 
 from __future__ import annotations
 
-from array import array
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
-from itertools import pairwise
+from collections.abc import Iterable, Sequence
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
-import pyarrow.compute as pc
+from numpy.typing import NDArray
 
 from rattlesweep.errors import OutputError
-from rattlesweep.physics.theory import unsteady
 from rattlesweep.sweeps.store.store import Store
 from rattlesweep.sweeps.tables.arrow import build_table
+from rattlesweep.sweeps.tables.cells import COLUMNS, Cells
 from rattlesweep.sweeps.tables.columns import summary_schema
-from rattlesweep.sweeps.tables.types import TYPES
-
-_NEEDED = ("case", "n_i", "K_p", "omega_p", "n_c1", "t_rgh", "t_r", "type", "status",
-           "near_tangencies")  # fmt: skip
-_NAN = float("nan")
 
 
 class CaseLike(Protocol):
-    """What a summary needs to know of a case."""
+    """A case as a summary names it; the cases of a sweep are numbered from 0."""
 
     @property
-    def index(self) -> int:
-        """Its number."""
-
+    def target_name(self) -> str | None: ...
     @property
-    def target_name(self) -> str | None:
-        """``"K_p"``, ``"K_r"`` or none."""
-
+    def target(self) -> float | None: ...
     @property
-    def target(self) -> float | None:
-        """Target value of that."""
-
+    def n_i(self) -> float | None: ...
     @property
-    def n_i(self) -> float | None:
-        """Initial spin in sqrt(g/a); none where rows differ."""
-
-    @property
-    def omega_xy0(self) -> float | None:
-        """Initial rate of the oscillation in sqrt(g/a); none where rows differ."""
+    def omega_xy0(self) -> float | None: ...
 
 
-@dataclass
-class _Tally:
-    """What is gathered of one case; 24 bytes a row at most, the rest are counts."""
+class Summary:
+    """The runs of a sweep by case, to be fed with all of its rows.
 
-    runs: int = 0
-    ok: int = 0
-    types: dict[str, int] = field(default_factory=lambda: dict.fromkeys(TYPES, 0))
-    steady: int = 0
-    bondi: int = 0
-    near_tangencies: int = 0
-    # array() grows in place: a list of pieces needs twice the memory once joined.
-    t_r: array[float] = field(default_factory=lambda: array("d"))
-    t_rgh: array[float] = field(default_factory=lambda: array("d"))
-    ratio: array[float] = field(default_factory=lambda: array("d"))
+    Parameters
+    ----------
+    cases
+        Their targets and launches, in the order of their numbers.
+    where
+        The directory of the runs, for complaints.
+
+    Attributes
+    ----------
+    cells : Cells
+        One a case.
+    """
+
+    columns = ("case", *COLUMNS)
+
+    def __init__(self, cases: Sequence[CaseLike], where: object) -> None:
+        self._cases, self._where = cases, where
+        self.cells = Cells(len(cases))
 
     def add(self, rows: pa.RecordBatch) -> None:
-        ok = _is(rows, "status", "ok")
-        self.runs += rows.num_rows
-        self.ok += int(ok.sum())
-        reversed_ = ok & _is(rows, "type", "R")
-        for name in TYPES:
-            self.types[name] += int((ok & _is(rows, "type", name)).sum())
-        n_i = _floats(rows, "n_i")
-        # Bondi's threshold is one of the steady direction: in the other the pitch always grows.
-        steady = np.isfinite(_floats(rows, "omega_p")) & ~unsteady(_floats(rows, "K_p"), n_i)
-        # A null threshold is NaN here, which is below nothing.
-        bondi = np.abs(_floats(rows, "n_c1")) < np.abs(n_i)
-        self.steady += int(steady.sum())
-        self.bondi += int((steady & bondi).sum())
-        self.near_tangencies += pc.sum(rows.column("near_tangencies"), min_count=0).as_py()
-        t_r, t_rgh = _floats(rows, "t_r"), _floats(rows, "t_rgh")
-        reversed_ &= np.isfinite(t_r)
-        timed = reversed_ & (t_rgh > 0)
-        self.t_r.frombytes(t_r[reversed_].tobytes())
-        self.ratio.frombytes((t_r[timed] / t_rgh[timed]).tobytes())
-        self.t_rgh.frombytes(t_rgh[np.isfinite(t_rgh)].tobytes())
+        """Count more runs.
 
-    def row(self, case: CaseLike) -> dict[str, float]:
-        t_rgh_mean = _mean(self.t_rgh)
-        self.t_rgh = array("d")  # makes room for the copy that the deviation takes
-        t_r_mean, t_r_std = _mean(self.t_r), _deviation(self.t_r)
-        self.t_r = array("d")
-        ratio_mean, ratio_std = _mean(self.ratio), _deviation(self.ratio)
-        return {
-            "case": case.index,
-            "K_p": _value(case.target if case.target_name == "K_p" else None),
-            "K_r": _value(case.target if case.target_name == "K_r" else None),
-            "n_i": _value(case.n_i),
-            "omega_xy0": _value(case.omega_xy0),
-            "runs": self.runs,
-            **{f"fraction_{name}": _share(n, self.ok) for name, n in self.types.items()},
-            "fraction_bondi": _share(self.bondi, self.steady),
-            "t_r_mean": t_r_mean,
-            "t_r_std": t_r_std,
-            "t_rgh_mean": t_rgh_mean,
-            "t_r_over_t_rgh_mean": ratio_mean,
-            "t_r_over_t_rgh_sem": ratio_std / max(len(self.ratio), 1) ** 0.5,
-            "failed": self.runs - self.ok,
-            "near_tangencies": self.near_tangencies,
-        }
+        Raises
+        ------
+        OutputError
+            One is of a case that the sweep has not.
+        """
+        case = rows.column("case").to_numpy().astype(np.int64)
+        if len(case) and (most := int(case.max())) >= len(self._cases):
+            raise OutputError(f"{self._where} holds runs of case {most}, which the sweep has not")
+        self.cells.add(rows, case)
+
+    def table(self) -> pa.Table:
+        """One row a case, of `summary_schema`; a case of which nothing is stored has 0 runs."""
+        columns = {
+            "case": np.arange(len(self._cases)),
+            **{
+                name: _values(case.target if case.target_name == name else None
+                              for case in self._cases)
+                for name in ("K_p", "K_r")
+            },
+            "n_i": _values(case.n_i for case in self._cases),
+            "omega_xy0": _values(case.omega_xy0 for case in self._cases),
+            **self.cells.columns(),
+        }  # fmt: skip
+        return build_table(columns, summary_schema())
 
 
 def summarise(store: Store, cases: Sequence[CaseLike]) -> pa.Table:
     """Summarise the stored runs, one row a case in the order of `cases`.
 
     The runs of complete blocks count: what a stopped session has left of another block are the runs
-    that were first to end, which are not like the rest. Runs are streamed, and only one case's
-    reversal times are held, 24 bytes a run. The result does not depend, in any bit, on how the runs
-    are cut into blocks. A case of which nothing is stored yet has 0 runs and nulls.
-
-    Parameters
-    ----------
-    store
-        Where the runs are; those of one case must follow one another.
-    cases
-        Their targets and launches. A target is null unless the case has one.
-
-    Returns
-    -------
-    pyarrow.Table
-        Of `summary_schema`. Fractions of types are of runs with status ok, null where there are
-        none. `t_r_std` is the sample standard deviation (divisor n - 1), null for fewer than
-        two. A run has a theory where `omega_p` is not null, and `fraction_bondi` is of those in the
-        steady direction. Ratios are taken run by run: bodies differ in `t_rgh` by orders of
-        magnitude, and those that reverse are not a fair sample of them.
+    that were first to end, which are not like the rest. Memory does not grow with the runs.
 
     Raises
     ------
     OutputError
-        A block is unreadable or damaged, holds a case that is not in `cases`, or cases are
-        out of order.
+        A block is unreadable or damaged, or holds a case that is not in `cases`.
     """
-    known = {case.index: case for case in cases}
-    rows: dict[int, dict[str, float]] = {}
-    for number, tally in _tallies(store):
-        if number not in known:
-            raise OutputError(f"{store.runs} holds runs of case {number}, which the sweep has not")
-        rows[number] = tally.row(known[number])
-    ordered = [rows.get(case.index) or _Tally().row(case) for case in cases]
-    schema = summary_schema()
-    columns = {
-        f.name: np.array([row[f.name] for row in ordered], dtype=f.type.to_pandas_dtype())
-        for f in schema
-    }
-    return build_table(columns, schema)
+    summary = Summary(cases, store.runs)
+    for rows in store.iter_batches(Summary.columns, complete=True):
+        summary.add(rows)
+    return summary.table()
 
 
-def _tallies(store: Store) -> Iterator[tuple[int, _Tally]]:
-    """Yield (case, tally) as each case comes to its end."""
-    current, tally = -1, _Tally()
-    for batch in store.iter_batches(_NEEDED, complete=True):
-        numbers = batch.column("case").to_numpy(zero_copy_only=False)
-        starts = [0, *(np.flatnonzero(np.diff(numbers)) + 1).tolist(), len(numbers)]
-        for start, stop in pairwise(starts):
-            if start == stop:  # an empty batch
-                continue
-            number = int(numbers[start])
-            if number < current:
-                raise OutputError(f"the rows in {store.runs} are not in the order of their cases")
-            if number > current:
-                if tally.runs:
-                    yield current, tally
-                current, tally = number, _Tally()
-            tally.add(batch.slice(start, stop - start))
-    if tally.runs:
-        yield current, tally
+def same_summary(one: pa.Table, other: pa.Table) -> bool:
+    """Whether two summaries say the same, but for the last digits of their means."""
+
+    def alike(a: pa.ChunkedArray, b: pa.ChunkedArray) -> bool:
+        x, y = (c.to_numpy().astype(float) for c in (a, b))
+        return np.allclose(x, y, rtol=1e-9, atol=0, equal_nan=True)
+
+    return one.schema.names == other.schema.names and all(
+        alike(a, b) for a, b in zip(one.columns, other.columns, strict=True)
+    )
 
 
-def _floats(rows: pa.RecordBatch, name: str) -> npt.NDArray[np.float64]:
-    values: npt.NDArray[np.float64] = rows.column(name).to_numpy(zero_copy_only=False)
-    return values
-
-
-def _is(rows: pa.RecordBatch, name: str, word: str) -> npt.NDArray[np.bool_]:
-    equal = pc.fill_null(pc.equal(rows.column(name), word), False)
-    values: npt.NDArray[np.bool_] = equal.to_numpy(zero_copy_only=False)
-    return values
-
-
-def _mean(values: array[float]) -> float:
-    return float(np.mean(np.frombuffer(values))) if values else _NAN
-
-
-def _deviation(values: array[float]) -> float:
-    return float(np.std(np.frombuffer(values), ddof=1)) if len(values) > 1 else _NAN
-
-
-def _share(part: int, whole: int) -> float:
-    return part / whole if whole else _NAN
-
-
-def _value(value: float | None) -> float:
-    return _NAN if value is None else float(value)
+def _values(values: Iterable[float | None]) -> NDArray[np.float64]:
+    return np.array([np.nan if value is None else value for value in values], float)
 
 
 # -------------------------------------------------------------------- for the terminal

@@ -17,7 +17,7 @@ from rattlesweep.sweeps.blocks.block import STATUS_WORDS
 from rattlesweep.sweeps.blocks.recompute import differing_rows
 from rattlesweep.sweeps.config.load import override_config
 from rattlesweep.sweeps.inspect.retype import stored_cases, typed
-from rattlesweep.sweeps.inspect.summary import summarise
+from rattlesweep.sweeps.inspect.summary import same_summary, summarise
 from rattlesweep.sweeps.store.atomic import is_temporary, reason
 from rattlesweep.sweeps.store.locks import holder
 from rattlesweep.sweeps.store.provenance import identity, read_manifest
@@ -277,7 +277,7 @@ def _check_summary(store: Store, manifest: dict[str, Any]) -> Iterator[str]:
             n for n in made.schema.names if n in stored.schema.names and n != "fraction_bondi"
         ]
         stored, made = stored.select(common), made.select(common)
-    if not stored.equals(made):
+    if not same_summary(stored, made):
         yield f"{store.summary_path} does not follow from the runs; `rattlesweep run` recreates it"
     if count_failed(manifest["receipts"].values()) != manifest["failed"]:
         yield f"{store.manifest_path} counts failed runs other than those there are"

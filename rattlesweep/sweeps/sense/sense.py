@@ -146,7 +146,7 @@ def _horizon(config: Config, sample: Sample) -> Iterator[_Finding]:
             bool(endless.all()),
         )
         return
-    t_end, t_rgh = launches.t_end, launches.t_rgh
+    t_end, t_rgh = launches.t_end, launches.gh.t_rgh
     period = 2 * np.pi / launches.modes.omega_p
     brief = (t_end < period) & (config.model == "full")
     early = t_end < t_rgh
@@ -218,7 +218,7 @@ def _reduced_step(config: Config, sample: Sample, batch: Batch) -> Iterator[_Fin
 
 def _damping(sample: Sample, batch: Batch, method: Tableau, dt: float) -> Floats:
     """What :func:`rattlesweep.integrate.batch.integrate` will hold against runs of that length."""
-    span = np.minimum(sample.launches.t_end, sample.launches.t_rgh)
+    span = np.minimum(sample.launches.t_end, sample.launches.gh.t_rgh)
     found: Floats = method.damping(dt * batch.relevant) * (span / dt)
     return found
 
@@ -263,7 +263,7 @@ def _max_steps(config: Config, sample: Sample, batch: Batch) -> Iterator[_Findin
     period = 4 * np.pi / batch.swing
     reach = np.full(len(batch), steps * dt) if dt is not None else steps * period
     each = f"of dt {dt:g}" if dt is not None else "of a whole pitch period each"
-    t_end, t_rgh = sample.launches.t_end, sample.launches.t_rgh
+    t_end, t_rgh = sample.launches.t_end, sample.launches.gh.t_rgh
     key: Key = ("integrator", "max_steps")
     least = f"{_figure(float(np.max(t_end / reach)) * steps)} steps"
     lost = reach < np.minimum(t_end, EARLY * t_rgh)
