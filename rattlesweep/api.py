@@ -316,12 +316,12 @@ class Sweep:
     """
 
     def __init__(self, directory: str | Path) -> None:
-        from rattlesweep.sweeps.store.provenance import read_manifest
-        from rattlesweep.sweeps.store.store import Store
+        from rattlesweep.sweeps.store.stored import open_stored
 
         self.directory = Path(directory)
-        self._store = Store(self.directory)
-        self.manifest: dict[str, Any] = read_manifest(self._store)
+        self._stored = open_stored(self.directory)
+        self._store = self._stored.store
+        self.manifest: dict[str, Any] = self._stored.manifest.dump()
 
     @property
     def runs(self) -> pd.DataFrame:
@@ -332,8 +332,8 @@ class Sweep:
 
         tables = [table for _, table in self._store.iter_blocks()]
         if not tables:
-            config = self.manifest["config"]
-            tables = [runs_schema(config["record"], config["model"]).empty_table()]
+            config = self._stored.config
+            tables = [runs_schema(config.record, config.model).empty_table()]
         frame: pd.DataFrame = pa.concat_tables(tables).to_pandas()
         return frame
 

@@ -27,16 +27,12 @@ from rattlesweep.cli.common import DONE, SOME_FAILED, Meter, command, options, s
 )
 @option("--quick", is_flag=True, help="Fewer samples: faster, with wide intervals.")
 @option("--only", metavar="NAMES", help="Figures to make, such as fig6,fig7, or theory.")
-@option("--config", metavar="FILE", type=click.Path(), help="Settings to replace.")
-@option("--print-config", is_flag=True, help="Print the default settings and exit.")
 @options.threads
 @options.quiet
 def paper(
     output: Path | None,
     quick: bool,
     only: str | None,
-    config: str | None,
-    print_config: bool,
     threads: int | None,
     quiet: bool,
 ) -> int:
@@ -47,29 +43,22 @@ def paper(
     runs are kept, and only the counts of fig3 (half a minute at most) are lost. Prints the
     verdicts on standard output, with the number of checks that hold.
     """
-    from rattlesweep.paper.settings import load_paper, shipped
-
-    if print_config:
-        click.echo(shipped(), nl=False)
-        return DONE
-    settings = load_paper(config)
-
     from rattlesweep.integrate.batch import available_threads
-    from rattlesweep.paper.figures.registry import choose
+    from rattlesweep.paper.registry import choose
     from rattlesweep.paper.report import closing_table, tally
-    from rattlesweep.paper.run import make_paper
+    from rattlesweep.paper.run import reproduce
+    from rattlesweep.paper.settings import FULL, QUICK
 
     names = choose(only)
     directory = output or Path("out/paper-quick" if quick else "out/paper")
     start = time.monotonic()
     with Meter(quiet) as meter:
-        done = make_paper(
-            settings.quick() if quick else settings,
+        done = reproduce(
             directory,
             names,
-            quick=quick,
+            sizes=QUICK if quick else FULL,
             threads=threads or available_threads(),
-            report=lambda p: meter.show(p.fraction, p.text, p.elapsed, p.left),
+            show=meter.show,
         )
     if not quiet:
         if done.claims:

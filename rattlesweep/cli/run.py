@@ -79,9 +79,9 @@ def run(
     Prints one row per case on standard output.
     """
     from rattlesweep.sweeps.engines.engine import run_sweep
-    from rattlesweep.sweeps.engines.opened import examine
     from rattlesweep.sweeps.forecast.forecast import describe, forecast
     from rattlesweep.sweeps.sense.sense import checked_plan
+    from rattlesweep.sweeps.store.output import examine
 
     loaded = options.load_sweep(config, overrides, output)
     if fresh and shard is not None:

@@ -59,9 +59,9 @@ def slurm(
     """
     from rattlesweep.integrate.batch import available_threads
     from rattlesweep.sweeps.cases.plan import make_plan
-    from rattlesweep.sweeps.engines.opened import examine
     from rattlesweep.sweeps.engines.slurm import MOST_SHARDS, ArrayJob, job_script
     from rattlesweep.sweeps.forecast.forecast import forecast
+    from rattlesweep.sweeps.store.output import examine
     from rattlesweep.sweeps.store.provenance import package_version
 
     loaded = options.load_sweep(config, overrides, output)

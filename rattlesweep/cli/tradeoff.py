@@ -44,8 +44,9 @@ def tradeoff(
     thread, whatever --threads says.
     """
     from rattlesweep.integrate.batch import available_threads
-    from rattlesweep.study.tradeoff import output as tradeoff_output
-    from rattlesweep.study.tradeoff.measure import DEFAULT, FULL, QUICK, measure
+    from rattlesweep.study.tradeoff.measure import measure
+    from rattlesweep.study.tradeoff.report import as_data, as_text, save
+    from rattlesweep.study.tradeoff.settings import DEFAULT, FULL, QUICK
     from rattlesweep.sweeps.config.load import load_config, override_config
     from rattlesweep.sweeps.store.atomic import probe_directory
 
@@ -63,8 +64,6 @@ def tradeoff(
         threads=threads or available_threads(),
         report=Meter().stage,
     )
-    files = tradeoff_output.save(study, directory)
-    click.echo(
-        to_json(tradeoff_output.as_data(study)) if as_json else tradeoff_output.as_text(study)
-    )
+    files = save(study, directory)
+    click.echo(to_json(as_data(study)) if as_json else as_text(study))
     say(f"{', '.join(p.name for p in files)} in {directory}; {time.monotonic() - start:.1f} s")

@@ -1,13 +1,19 @@
 """A condition on runs, as people write it, made an expression that Arrow evaluates.
 
-``type = 'SW' and K_r < 0.005``, ``not (case in (1, 2) or t_r is null)``: columns, numbers, 'words',
-``= != < <= > >=``, ``in``, ``is null``, ``and or not``, brackets.  As in SQL a comparison with null
+``type = 'SW' and K_r < 0.005``, ``not (case in (1, 2) or t_r is null)``,
+``lyapunov_late * t_end / 2 > 10``: columns, numbers, 'words', ``= != < <= > >=``, ``in``,
+``is null``, ``and or not``, ``+ - * / **``, ``abs()``, brackets.  As in SQL a comparison with null
 is neither true nor false, and a run is chosen only where the whole is true.
+
+Python's own parser reads it, once SQL's few words are Python's.
 """
 
 from __future__ import annotations
 
+import ast
+import operator
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,18 +24,20 @@ from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.sweeps.config.nearest import nearest
 
 _TOKEN = re.compile(
-    r"""\s*(?:
-      (?P<number>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?(?![\w.]))
-    | (?P<word>'(?:[^']|'')*'|"[^"]*")
-    | (?P<name>[A-Za-z_]\w*)
-    | (?P<sign><=|>=|==|!=|<>|[=<>(),])
-    )""",
+    r"""(?P<word>'(?:[^']|'')*'|"[^"]*") | (?P<sign><>|[<>!=]=|=) | (?P<name>[^\W\d]\w*)
+    | (?P<break>[\r\n]) | (?P<other>[^\w\s.<>(),+*/-])""",
     re.VERBOSE,
 )
-_KEYWORDS = ("and", "or", "not", "in", "is", "null")
-_SIGNS = {"==": "=", "<>": "!="}
-# Python would run out of stack at some hundreds.
-MAX_DEPTH = 50
+_PYTHON = {"=": "==", "<>": "!=", "null": "None"}
+_KEYWORDS = ("and", "or", "not", "in", "is")
+_ALIKE: dict[type, Callable[[Any, Any], Any]] = {ast.Eq: operator.eq, ast.NotEq: operator.ne}
+_ORDER: dict[type, Callable[[Any, Any], Any]] = {
+    ast.Lt: operator.lt, ast.LtE: operator.le, ast.Gt: operator.gt, ast.GtE: operator.ge,
+}  # fmt: skip
+_ARITHMETIC: dict[type, Callable[[Any, Any], Any]] = {
+    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul,
+    ast.Div: operator.truediv, ast.Pow: pc.power,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -64,169 +72,148 @@ def parse_condition(text: str, schema: pa.Schema, option: str = "--where") -> Co
     ConfigError
         If it cannot be read, or compares what cannot be compared.
     """
-    return _Parser(text, schema, option).whole()
+    translator = _Translator(schema)
+    try:
+        if not text.strip():
+            raise _Unreadable("is empty; type = 'SW' and K_r < 0.005 is an example")
+        expression = translator.condition(_parse(_TOKEN.sub(_python, text.strip())))
+    except _Unreadable as error:
+        raise ConfigError(f"{option} {one_line(text.strip(), 200)}: {error}") from None
+    except (MemoryError, RecursionError):
+        raise ConfigError(f"{option} {one_line(text.strip(), 200)}: is nested too deep") from None
+    return Condition(expression, tuple(dict.fromkeys(translator.columns)))
 
 
-@dataclass(frozen=True)
-class _Operand:
-    """One side of a comparison."""
-
-    expression: Any
-    kind: str  # "number" or "word"
-    shown: str
-    column: bool = False
+class _Unreadable(ValueError):
+    """What is wrong with a condition."""
 
 
-class _Parser:
-    """By recursive descent: or, and, not, comparison."""
+def _python(token: re.Match[str]) -> str:
+    """A token of SQL as Python writes it."""
+    text = token[0]
+    match token.lastgroup:
+        case "word":
+            return repr(text[1:-1].replace("''", "'"))
+        case "break":
+            return " "
+        case "other":
+            rest = one_line(token.string[token.start() :], 20)
+            raise _Unreadable(f"cannot read {rest!r}")
+    if text.lower() in _KEYWORDS:
+        return text.lower()
+    return _PYTHON.get(text.lower(), text)
 
-    def __init__(self, text: str, schema: pa.Schema, option: str) -> None:
-        self._text, self._schema, self._option = text, schema, option
-        self._columns: list[str] = []
-        self._tokens: list[tuple[str, str]] = []
-        self._next = self._depth = 0
-        place = 0
-        text = text.rstrip()
-        while place < len(text):
-            found = _TOKEN.match(text, place)
-            if found is None:
-                raise self._wrong(f"cannot read {one_line(text[place:].strip(), 20)!r}")
-            kind = found.lastgroup or ""
-            value = found[kind]
-            if kind == "name" and value.lower() in _KEYWORDS:
-                kind, value = "keyword", value.lower()
-            self._tokens.append((kind, _SIGNS.get(value, value)))
-            place = found.end()
 
-    def whole(self) -> Condition:
-        """Read everything."""
-        if not self._tokens:
-            raise self._wrong("is empty; type = 'SW' and K_r < 0.005 is an example")
-        expression = self._either()
-        if self._next < len(self._tokens):
-            raise self._wrong(f"and or or is needed before {self._shown()}")
-        return Condition(expression, tuple(dict.fromkeys(self._columns)))
+def _parse(text: str) -> ast.expr:
+    try:
+        return ast.parse(text, mode="eval").body
+    except (SyntaxError, ValueError) as error:
+        # Where something is missing at the end, it is 0.
+        place = getattr(error, "offset", 1)
+        rest = one_line(text[place - 1 :].strip(), 20) if place else ""
+        raise _Unreadable(f"cannot read {rest!r}" if rest else "ends too early") from None
 
-    def _wrong(self, what: str) -> ConfigError:
-        return ConfigError(f"{self._option} {one_line(self._text.strip(), 200)}: {what}")
 
-    def _shown(self) -> str:
-        if self._next >= len(self._tokens):
-            return "the end"
-        return one_line(self._tokens[self._next][1], 40)
+class _Translator(ast.NodeVisitor):
+    """Makes Arrow's expressions of Python's."""
 
-    def _take(self, *values: str) -> str | None:
-        """The next sign or keyword, if it is one of these."""
-        if self._next < len(self._tokens):
-            kind, value = self._tokens[self._next]
-            if kind in ("sign", "keyword") and value in values:
-                self._next += 1
-                return value
-        return None
+    def __init__(self, schema: pa.Schema) -> None:
+        self._schema = schema
+        self.columns: list[str] = []
 
-    def _want(self, value: str, why: str) -> None:
-        if self._take(value) is None:
-            raise self._wrong(f"{value} is needed {why}, not {self._shown()}")
+    def condition(self, node: ast.expr) -> Any:
+        """An expression that is true or false."""
+        match node:
+            case ast.BoolOp(op, values):
+                join = operator.and_ if isinstance(op, ast.And) else operator.or_
+                return _joined(join, [self.condition(value) for value in values])
+            case ast.UnaryOp(ast.Not(), inner):
+                return ~self.condition(inner)
+            case ast.Compare(left, signs, others):
+                sides = [left, *others]
+                pairs = zip(sides, signs, others, strict=False)
+                return _joined(operator.and_, [self._compared(*pair) for pair in pairs])
+        raise _Unreadable(
+            f"{_shown(node)} is no condition; compare it, by =, !=, <, <=, >, >=, in or is null"
+        )
 
-    def _either(self) -> Any:
-        found = self._both()
-        while self._take("or"):
-            found = found | self._both()
-        return found
-
-    def _both(self) -> Any:
-        found = self._negated()
-        while self._take("and"):
-            found = found & self._negated()
-        return found
-
-    def _negated(self) -> Any:
-        self._depth += 1
-        if self._depth > MAX_DEPTH:
-            raise self._wrong(f"is more than {MAX_DEPTH} brackets deep")
-        try:
-            if self._take("not"):
-                return ~self._negated()
-            if self._take("("):
-                found = self._either()
-                self._want(")", "to close the bracket")
-                return found
-            return self._comparison()
-        finally:
-            self._depth -= 1
-
-    def _comparison(self) -> Any:
-        left = self._operand()
-        if self._take("is"):
-            absent = self._take("not") is None
-            self._want("null", "after is")
-            return left.expression.is_null() if absent else left.expression.is_valid()
-        unlike = self._take("not") is not None
-        if self._take("in"):
-            found = self._among(left)
-            return ~found if unlike else found
-        sign = None if unlike else self._take("=", "!=", "<", "<=", ">", ">=")
-        if sign is None:
-            wanted = "in" if unlike else "=, !=, <, <=, >, >=, in or is"
-            raise self._wrong(f"{wanted} is needed after {left.shown}, not {self._shown()}")
-        right = self._operand()
-        self._alike(left, right)
-        if left.kind == "word" and sign not in ("=", "!="):
-            raise self._wrong(f"{left.shown} {sign} {right.shown}: words are = or !=, not {sign}")
-        a, b = left.expression, right.expression
-        return {"=": a.__eq__, "!=": a.__ne__, "<": a.__lt__, "<=": a.__le__,
-                ">": a.__gt__, ">=": a.__ge__}[sign](b)  # fmt: skip
-
-    def _among(self, left: _Operand) -> Any:
-        self._want("(", "after in")
-        found = None
-        while True:
-            one = self._operand()
-            self._alike(left, one)
-            same = left.expression == one.expression
-            found = same if found is None else found | same
-            if self._take(",") is None:
-                break
-        self._want(")", "to end the list")
-        return found
-
-    def _alike(self, left: _Operand, right: _Operand) -> None:
-        """Complain of a number compared with a word, and of words that no run has."""
-        if left.kind != right.kind:
-            pair = [left, right] if left.kind == "number" else [right, left]
-            raise self._wrong(
-                f"{pair[0].shown} is a number and {pair[1].shown} a word; they cannot be compared"
+    def _compared(self, left: ast.expr, sign: ast.cmpop, right: ast.expr) -> Any:
+        match sign:
+            case ast.Is() | ast.IsNot():
+                if not (isinstance(right, ast.Constant) and right.value is None):
+                    raise _Unreadable(f"null is needed after is, not {_shown(right)}")
+                value, _ = self._value(left)
+                return value.is_null() if isinstance(sign, ast.Is) else value.is_valid()
+            case ast.In() | ast.NotIn():
+                among = right.elts if isinstance(right, ast.Tuple) else [right]
+                if not among:
+                    raise _Unreadable("a list after in is empty")
+                found = _joined(operator.or_, [self._compared(left, ast.Eq(), e) for e in among])
+                return found if isinstance(sign, ast.In) else ~found
+        (a, kind), (b, other) = self._value(left), self._value(right)
+        if kind != other:
+            number, word = (left, right) if kind == "number" else (right, left)
+            raise _Unreadable(
+                f"{_shown(number)} is a number and {_shown(word)} a word; they cannot be compared"
             )
-
-    def _operand(self) -> _Operand:
-        if self._next >= len(self._tokens):
-            raise self._wrong("ends where a column, a number or a 'word' is needed")
-        kind, value = self._tokens[self._next]
-        if kind == "number":
-            self._next += 1
-            # Whole numbers keep all their digits.
-            number = int(value) if re.fullmatch(r"[-+]?\d{1,18}", value) else float(value)
-            return _Operand(pc.scalar(number), "number", value)
+        if type(sign) in _ALIKE:
+            return _ALIKE[type(sign)](a, b)
         if kind == "word":
-            self._next += 1
-            plain = value[1:-1].replace("''", "'")
-            return _Operand(pc.scalar(plain), "word", one_line(value, 40))
-        if kind == "name":
-            self._next += 1
-            return self._column(value)
-        raise self._wrong(f"a column, a number or a 'word' is needed, not {self._shown()}")
+            raise _Unreadable(
+                f"words are = or !=, not < or >, as {_shown(left)} and {_shown(right)} are here"
+            )
+        return _ORDER[type(sign)](a, b)
 
-    def _column(self, name: str) -> _Operand:
+    def _value(self, node: ast.expr) -> tuple[Any, str]:
+        """An expression, and whether it is a ``number`` or a ``word``."""
+        match node:
+            case ast.Name(name):
+                return self._column(name)
+            case ast.Constant(str(word)):
+                return pc.scalar(word), "word"
+            case ast.Constant(int(number)) if not isinstance(number, bool):
+                # Whole numbers keep all their digits, if Arrow has as many.
+                return pc.scalar(number if abs(number) < 2**63 else float(number)), "number"
+            case ast.Constant(float(number)):
+                return pc.scalar(number), "number"
+            case ast.UnaryOp(ast.USub(), ast.Constant(int(number) | float(number))):
+                return self._value(ast.Constant(-number))
+            case ast.UnaryOp(ast.USub(), inner):
+                return pc.negate(self._number(inner)), "number"
+            case ast.UnaryOp(ast.UAdd(), inner):
+                return self._number(inner), "number"
+            case ast.BinOp(left, op, right) if type(op) in _ARITHMETIC:
+                return _ARITHMETIC[type(op)](self._number(left), self._number(right)), "number"
+            case ast.Call(ast.Name("abs"), [inner], []):
+                return pc.abs(self._number(inner)), "number"
+        raise _Unreadable(f"a column, a number or a 'word' is needed, not {_shown(node)}")
+
+    def _number(self, node: ast.expr) -> Any:
+        value, kind = self._value(node)
+        if kind != "number":
+            raise _Unreadable(f"{_shown(node)} is a word; there is no arithmetic with words")
+        # Whole numbers would overflow, and their quotients be cut.
+        return value.cast(pa.float64(), safe=False)
+
+    def _column(self, name: str) -> tuple[Any, str]:
         if name not in self._schema.names:
             near = nearest(name, self._schema.names)
             hint = f"did you mean {near}?" if near else f"there are {', '.join(self._schema.names)}"
-            raise self._wrong(f"{one_line(name, 40)} is no column; {hint}")
+            raise _Unreadable(f"{one_line(name, 40)} is no column; {hint}")
         type_ = self._schema.field(name).type
-        if pa.types.is_string(type_):
-            kind = "word"
-        elif pa.types.is_floating(type_) or pa.types.is_integer(type_):
-            kind = "number"
-        else:
-            raise self._wrong(f"{name} holds several numbers a run; they cannot be compared")
-        self._columns.append(name)
-        return _Operand(pc.field(name), kind, name, column=True)
+        if not (pa.types.is_string(type_) or pa.types.is_primitive(type_)):
+            raise _Unreadable(f"{name} holds several numbers a run; they cannot be compared")
+        self.columns.append(name)
+        return pc.field(name), "word" if pa.types.is_string(type_) else "number"
+
+
+def _joined(join: Callable[[Any, Any], Any], parts: list[Any]) -> Any:
+    """Parts joined in pairs: a long chain would be too deep for Arrow."""
+    while len(parts) > 1:
+        pairs = zip(parts[::2], parts[1::2], strict=False)
+        parts = [join(*pair) for pair in pairs] + parts[len(parts) & ~1 :]
+    return parts[0]
+
+
+def _shown(node: ast.expr) -> str:
+    return "null" if ast.unparse(node) == "None" else one_line(ast.unparse(node), 40)

@@ -13,7 +13,7 @@ from click import argument, option
 from rattlesweep.cli.common import types
 
 if TYPE_CHECKING:
-    from rattlesweep.sweeps.config.load import Config
+    from rattlesweep.sweeps.config.schema import Config
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 

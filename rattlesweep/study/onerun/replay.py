@@ -15,17 +15,14 @@ from rattlesweep.integrate.model import MODELS
 from rattlesweep.study.where import parse_condition
 from rattlesweep.sweeps.blocks.recompute import differing_rows
 from rattlesweep.sweeps.cases.launches import make_batch, prepare
-from rattlesweep.sweeps.cases.plan import make_plan
-from rattlesweep.sweeps.config.load import override_config
-from rattlesweep.sweeps.store.provenance import identity, read_manifest
-from rattlesweep.sweeps.store.store import Store
+from rattlesweep.sweeps.store.stored import open_stored
 from rattlesweep.sweeps.tables.columns import runs_schema
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from rattlesweep.study.onerun.course import Course, PreparedRun
-    from rattlesweep.sweeps.config.load import Config
+    from rattlesweep.sweeps.config.schema import Config
 
 
 @dataclass(frozen=True)
@@ -105,15 +102,9 @@ class Replay:
     """
 
     def __init__(self, directory: Path) -> None:
-        self._store = Store(directory)
-        self._manifest = read_manifest(self._store)
-        self.config: Config = override_config(self._manifest["config"], [])
-        base = None if self._manifest.get("base") is None else Path(self._manifest["base"])
-        self._plan = make_plan(self.config, base)
-        if identity(self._plan, base) != self._manifest["config_hash"]:
-            raise ConfigError(
-                f"{directory}: its table of bodies has changed, so its runs cannot be had again"
-            )
+        self._stored = open_stored(directory)
+        self._store, self._plan = self._stored.store, self._stored.plan
+        self.config: Config = self._stored.config
 
     def find(self, case: int, sample: int) -> StoredRun:
         """The run of a case and a sample.
@@ -198,7 +189,7 @@ class Replay:
             It differs.
         """
         number = np.array([run.case * self._plan.samples + run.sample])
-        for _, _, names in differing_rows(self._store, self._plan, self._manifest, number, threads):
+        for _, _, names in differing_rows(self._stored, number, threads):
             raise OutputError(
                 f"{run.name} comes out otherwise than stored, in {', '.join(names[:6])}"
                 f"{' and others' if len(names) > 6 else ''}; see rattlesweep verify"
