@@ -130,6 +130,20 @@ def test_all_mistakes_are_told_at_once(here):
         (["merge", "c", "--output", "o\udcff"], r"--output o\udcff: the name is not UTF-8; give"),
         (["classify", "nowhere"], "is not an output directory"),
         (["classify", "c.yaml"], "is not an output directory"),
+        (["run", "c.yaml", "--shard", "1"], "--shard 1: is not I/N; write it as in --shard 0/4"),
+        (["run", "c.yaml", "--shard", "2/2"], "--shard 2/2: there is no such share; I runs from 0"),
+        (["run", "c.yaml", "--max-time", "3"], "--max-time 3: is no length of time"),
+        (["run", "c.yaml", "--max-time", "0s"], "--max-time 0s: is out of range"),
+        (["plan", "c.yaml", "--budget", "x"], "--budget x: is no length of time"),
+        (["plot", "c", "--size", "7"], "--size 7: give width and height in inches"),
+        (["plot", "c", "--xlim", "3,1"], "--xlim 3,1: give the lower and the upper end"),
+        (["plot", "c", "--kind", "mpa"], '--kind: "mpa" is not one of fractions, times, ratio'),
+        (["plot", "c", "-o", "p.gif"], "--output p.gif: the name must end in .svg, .png or .pdf"),
+        (["report", "c", "-o", "p.pdf"], "--output p.pdf: the name must end in .html or .htm"),
+        (["body", "--preset", "HG"], '--preset: "HG" is not one of GH'),
+        (["trajectory", "--method", "rk5"], "not one of dop853, dopri5, verner98, rk4; did you"),
+        (["trajectory", "--psi", "up"], '--psi: "up" is not one of relevant, pitch, roll'),
+        (["trajectory", "--model", "ful"], '--model: "ful" is not one of full, reduced, gh; did'),
     ],
 )
 def test_wrong_arguments(args, words, here):
@@ -167,32 +181,33 @@ def test_a_config_whose_name_is_not_utf_8(here):
 # -- directories that cannot be written --------------------------------------------------------
 
 
-@pytest.mark.parametrize("place", ["file", "file/below", "file/below/deeper"])
-def test_a_file_in_the_way(place, here):
-    (here / "c.yaml").write_text(PRESET)
-    (here / "file").write_text("precious")
-    before = tree(here)
-    refused(invoke("run", "c.yaml", "--output", place), 1, "a file is in the way")
-    assert tree(here) == before
-
-
-def test_a_file_in_the_place_of_runs(here):
-    (here / "c.yaml").write_text(PRESET)
-    (here / "out").mkdir()
-    (here / "out" / "runs").write_text("precious")
-    before = tree(here)
-    refused(invoke("run", "c.yaml", "--output", "out"), 1, "a file is in the way")
-    assert tree(here) == before
-
-
-@pytest.mark.parametrize("place", ["/proc/rattlesweep/out", "/sys/rattlesweep"])
-def test_a_file_system_that_takes_no_files(place, here):
+# name: (a file that is there before, --output, words)
+NO_PLACE = {
+    "a file": ("file", "file", "a file is in the way"),
+    "below a file": ("file", "file/below/deeper", "a file is in the way"),
+    "a file for runs": ("out/runs", "out", "a file is in the way"),
     # Not even root can write there.
-    if not Path(place).parents[-2].is_dir():
+    "proc": (None, "/proc/rattlesweep/out", "cannot write in /proc/rattlesweep/out: "),
+    "sys": (None, "/sys/rattlesweep", "cannot write in /sys/rattlesweep: "),
+    "read only": ("locked/x", "locked", "Permission denied"),
+}
+
+
+@pytest.mark.parametrize("name", NO_PLACE)
+def test_a_directory_that_cannot_be(name, here):
+    file, output, words = NO_PLACE[name]
+    if name == "read only" and os.geteuid() == 0:
+        pytest.skip("root writes everywhere")
+    if name in ("proc", "sys") and not Path("/", name).is_dir():
         pytest.skip("no such file system")
     (here / "c.yaml").write_text(PRESET)
+    if file:
+        (here / file).parent.mkdir(exist_ok=True)
+        (here / file).write_text("precious")
+    if name == "read only":
+        (here / "locked").chmod(0o500)
     before = tree(here)
-    refused(invoke("run", "c.yaml", "--output", place), 1, f"cannot write in {place}: ")
+    refused(invoke("run", "c.yaml", "--output", output), 1, words)
     assert tree(here) == before
 
 
@@ -242,15 +257,6 @@ def test_a_disk_that_fills_up_keeps_what_was_whole(here, monkeypatch):
     again = invoke("run", "c.yaml", "--output", "out")
     assert again.exit_code == 0
     assert "2 of them from before" in again.stderr
-
-
-@pytest.mark.skipif(os.geteuid() == 0, reason="root writes everywhere")
-def test_a_read_only_directory(here):
-    (here / "c.yaml").write_text(PRESET)
-    (here / "out").mkdir(mode=0o500)
-    before = tree(here)
-    refused(invoke("run", "c.yaml", "--output", "out"), 1, "Permission denied")
-    assert tree(here) == before
 
 
 @pytest.mark.parametrize("damage", [b"", b"{", b"[1]", b"\xff\xfe", b'{"config": 3}', b"{}"])
