@@ -13,6 +13,7 @@ from typing import Any, get_args
 import click
 
 from rattlesweep.cli.common import Command, Section
+from rattlesweep.text import align
 
 COMMANDS = tuple(sorted(found.name for found in pkgutil.iter_modules(__path__) if not found.ispkg))
 
@@ -67,9 +68,9 @@ def _print_version(context: click.Context, option: click.Parameter, asked: bool)
     if context.params["verbose"]:
         from rattlesweep.sweeps.store.provenance import machine, versions
 
-        for name, text in {**versions(), **machine()}.items():
-            if name != "rattlesweep":
-                click.echo(f"{name:<10}  {text}")
+        told = {name: str(text) for name, text in {**versions(), **machine()}.items()}
+        del told["rattlesweep"]
+        click.echo(align(list(told.items()), "<"))
     context.exit()
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from rattlesweep.cli.common import command, options, to_json
+from rattlesweep.text import align
 
 
 @command(
@@ -30,7 +31,6 @@ def body(body: dict[str, Any], spin: dict[str, Any], as_json: bool) -> None:
     if as_json:
         click.echo(to_json({q.name: q.value for q in values}))
         return
-    width = max(len(q.name) for q in values)
-    for q in values:
-        shown = "none" if q.value is None else f"{q.value:.10g}"
-        click.echo(f"{q.name:<{width}}  {shown:>15}  {q.unit:<9}  {q.description}".rstrip())
+    numbers = ["none" if q.value is None else f"{q.value:.10g}" for q in values]
+    lines = [(q.name, n, q.unit, q.description) for q, n in zip(values, numbers, strict=True)]
+    click.echo(align(lines, "<><"))

@@ -11,6 +11,7 @@ import click
 from click import argument, option
 
 from rattlesweep.cli.common import types
+from rattlesweep.text import align
 
 if TYPE_CHECKING:
     from rattlesweep.sweeps.config.schema import Config
@@ -155,9 +156,11 @@ def _list_channels(
         return names
     from rattlesweep.study.onerun.channels import CHANNELS
 
+    lines = []
     for c in CHANNELS.values():
         models = "" if "gh" in c.models else f" ({', '.join(c.models)})"
-        click.echo(f"{c.name:<12}  {c.unit:<9}  {c.description}{models}")
+        lines.append((c.name, c.unit, c.description + models))
+    click.echo(align(lines, "<"))
     context.exit()
 
 
