@@ -108,10 +108,6 @@ def test_verdicts_follow_the_measurement():
     assert u1(points(scatter=0.9)).verdict == "partly"
 
 
-def test_points_that_the_paper_does_not_speak_of_settle_nothing():
-    assert u1(points().slice(0, 4)) is None
-
-
 def fractions(wrong=0):
     """Types as Bondi's threshold has them, of which a few runs are on the wrong side."""
     rows = []

@@ -344,11 +344,6 @@ def open_session(
     ----------
     fresh : bool
         Whether to remove the runs that are there first, whatever they are of.
-
-    Raises
-    ------
-    ConfigError, OutputError
-        As :func:`examine`, or if another process holds it or it cannot be written.
     """
     if not fresh:
         examine(plan, directory, base)  # before anything is made there
@@ -367,13 +362,7 @@ def open_session(
 
 
 def remove_runs(store: Store) -> None:
-    """Remove the files of a sweep, and only those.
-
-    Raises
-    ------
-    OutputError
-        One of them cannot be removed.
-    """
+    """Remove the files of a sweep, and only those."""
     try:
         for path in _files_of(store):
             path.unlink(missing_ok=True)
@@ -396,6 +385,3 @@ def _check_not_input(plan: Plan, base: Path | None, store: Store) -> None:
                 f"--fresh: would remove {path}, which this sweep takes its bodies from; choose "
                 "another output"
             )
-
-
-__all__ = ["Session", "open_session", "remove_runs"]

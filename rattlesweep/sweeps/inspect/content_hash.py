@@ -19,12 +19,6 @@ def content_hash(directory: Path | str | Store) -> str:
 
     Column by column in the order of the schema, raw bits: two sweeps have equal hashes when
     every value of every run is equal to the last bit. Memory does not grow with the rows.
-
-    Raises
-    ------
-    OutputError
-        A block is unreadable or damaged, blocks differ in their columns, or rows are out of
-        order or there twice.
     """
     store = directory if isinstance(directory, Store) else Store(directory)
     digest: ContentHash | None = None
