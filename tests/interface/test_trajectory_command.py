@@ -135,8 +135,8 @@ def test_what_a_figure_shows(model: str):
     [
         (["--channels", "t,omga_x"], "'omga_x' is not one; omega_x is the nearest", 2),
         (["--points", 5, "--steps"], "points and steps are both given", 2),
-        (["--output", "run.xlsx"], ".parquet or .csv is needed", 2),
-        (["--figure", "run.jpg"], ".svg, .png or .pdf is needed", 2),
+        (["--output", "run.xlsx"], "the name must end in .parquet or .csv", 2),
+        (["--figure", "run.jpg"], "the name must end in .svg, .png or .pdf", 2),
         (["--output", "/proc/nowhere/run.csv"], "cannot write in /proc/nowhere", 1),
         (["--accuracy", "draft", "--tol", 1e-7], "integrator.accuracy", 2),
         (["--method", "rk4", "--tol", 1e-7], "tol", 2),

@@ -216,7 +216,7 @@ def test_a_stored_run_is_shown_and_proved(tmp_path: Path):
 @pytest.mark.parametrize(
     ("args", "words", "code"),
     [
-        (["--output", "a.htm"], ".html is needed", 2),
+        (["--output", "a.htm"], "the name must end in .html", 2),
         (["--output", "/proc/no/a.html"], "cannot write in /proc/no", 1),
         (["--output", "a.html", "--case", 1], "go with --from", 2),
         (["--output", "a.html", "--points", 1], "--points 1: 2 to 80000", 2),

@@ -26,6 +26,7 @@ from rattlesweep.sweeps.engines.engine import run_sweep
 from rattlesweep.sweeps.engines.progress import Costs
 from rattlesweep.sweeps.forecast import forecast as forecasting
 from rattlesweep.sweeps.forecast import pilot as pilots
+from rattlesweep.sweeps.forecast import shortage
 from rattlesweep.sweeps.forecast.forecast import Forecast, describe, expectation, forecast
 from rattlesweep.sweeps.forecast.pilot import Pilot, systematic, turns
 
@@ -349,16 +350,16 @@ def test_what_is_wrong_is_said_in_a_sentence(arguments, words):
 
 def test_it_warns_of_what_the_machine_has_not(small, monkeypatch, tmp_path):
     _, f = small
-    monkeypatch.setattr(command, "free_memory", lambda: 10**9)
-    assert command.warnings(f, tmp_path / "not" / "there") == []
-    lines = command.warnings(replace(f, memory=2 * 10**9, bytes=10**18), tmp_path / "not" / "there")
+    monkeypatch.setattr(shortage, "free_memory", lambda: 10**9)
+    assert shortage.shortages(f.memory, f.bytes, tmp_path / "not" / "there") == []
+    lines = shortage.shortages(2 * 10**9, 10**18, tmp_path / "not" / "there")
     assert len(lines) == 2
     assert "2.0 GB of memory, and 1.0 GB" in lines[0]
     assert str(tmp_path) in lines[1]
 
 
 def test_free_memory_is_that_of_a_machine():
-    free = command.free_memory()
+    free = shortage.free_memory()
     assert free is not None
     assert 10**6 < free < os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
 

@@ -7,7 +7,6 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.engines.progress import Costs
 
 if TYPE_CHECKING:
@@ -27,16 +26,16 @@ class Shard:
 
         Raises
         ------
-        ConfigError
+        ValueError
             It is something else, or I is not one of 0 to N-1.
         """
         match = re.fullmatch(r"\s*(\d{1,9})\s*/\s*(\d{1,9})\s*", text)
         if not match:
-            raise ConfigError(f"--shard {text}: is not I/N; write it as in --shard 0/4")
+            raise ValueError("is not I/N; write it as in --shard 0/4")
         index, count = int(match[1]), int(match[2])
         if index >= count:
-            raise ConfigError(
-                f"--shard {text}: there is no such share; I runs from 0 to N-1"
+            raise ValueError(
+                "there is no such share; I runs from 0 to N-1"
                 + (f", so from 0 to {count - 1}" if count else "")
             )
         return cls(index, count)

@@ -16,6 +16,7 @@ from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.sweeps.cases.pool import SEED, Pool, make_pool
 from rattlesweep.sweeps.forecast.footprint import Footprint, weigh
 from rattlesweep.sweeps.forecast.pilot import Pilot, turns
+from rattlesweep.text import align
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -361,8 +362,7 @@ def describe(forecast: Forecast) -> str:
     rows.append(("pilot", f"{f.pilot_runs:,} runs{cut} in {f.pilot_seconds:.1f} s"))
     if f.compile_seconds is not None:
         rows.append(("kernel", f"compiled in {f.compile_seconds:.0f} s, and kept"))
-    width = max(len(name) for name, _ in rows)
-    return "\n".join(f"{name:<{width}}  {text}" for name, text in rows)
+    return align(rows, "<")
 
 
 def _length(seconds: float) -> str:
