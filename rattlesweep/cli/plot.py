@@ -75,7 +75,7 @@ def plot(
     """
     from rattlesweep.study.plots import files as plot_files
     from rattlesweep.study.plots.layout import read_layout
-    from rattlesweep.study.plots.registry import choose_picture, default_outputs
+    from rattlesweep.study.plots.registry import read_picture
     from rattlesweep.study.style import styled
 
     paths, table = plot_files.named_outputs(output), plot_files.named_data(data)
@@ -83,14 +83,15 @@ def plot(
     limits = [plot_files.parse_limits(*each) for each in (("--xlim", xlim), ("--ylim", ylim))]
     options.check_title(title, formulas=True)
     with styled(None if style is None else Path(style)):
-        picture = choose_picture(read_layout(Path(directory)), kind, x=x, select=select)
-        paths = paths or default_outputs(Path(directory), picture.kind)
+        picture = read_picture(read_layout(Path(directory)), kind, x=x, select=select)
+        name = picture.kind.name
+        paths = paths or [Path(directory) / f"{name}.{ending}" for ending in ("svg", "png")]
         figure = picture.figure(title=title, log=log, size=inches, xlim=limits[0], ylim=limits[1])
         plot_files.write_figure(figure, paths, dpi)
     if table is not None:
-        plot_files.write_data(picture.data(), table)
+        plot_files.write_data(picture.table(), table)
         paths.append(table)
     for path in paths:
         click.echo(path)
-    say(f"{picture.kind}: {picture.said()}")
+    say(f"{name}: {picture.data.words()}")
     return DONE

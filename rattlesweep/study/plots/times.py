@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.lines import Line2D
 
+from rattlesweep.study.plots.counts import Counts
+from rattlesweep.study.plots.kind import Kind, Lengths, abscissa
+from rattlesweep.study.plots.layout import Layout
 from rattlesweep.study.plots.panels import Panel, draw_panels, legend_above, plain_ticks, scale_axis
-from rattlesweep.study.plots.table import Tally
 from rattlesweep.study.style import (
     GREY,
     SERIES,
@@ -31,25 +37,18 @@ MOST_MARKERS = 40
 DODGE, DODGE_MOST = 0.34, 0.06
 
 
-def draw_times(figure: Any, counted: Tally, log: bool | None) -> None:
-    """Draw the mean of ``t_r`` over type R with its spread, and the mean of ``t_rGH`` as theory.
+def draw_times(figure: Any, counted: Counts, log: bool | None) -> None:
+    """The mean of ``t_r`` over type R with its spread, and the mean of ``t_rGH`` as theory.
 
-    Parameters
-    ----------
-    figure
-    counted : Tally
-        Its axes are the abscissa, then the curves, then the panels.
-    log : bool or None
-        Whether both axes are logarithmic; None: the ordinate is, the abscissa as its values are
-        spread.
+    Unless told otherwise, the ordinate is logarithmic, the abscissa as its values are spread.
     """
-    panels = _draw(figure, counted, counted.t_r, log, floor=log is not False)
+    panels = _draw(figure, counted, counted.cells.t_r, log, floor=log is not False)
     x, places = counted.axes[0], _shown(counted)
     # Beside each other like the means: a step aside must not look like a disagreement.
     at = _side_by_side(x.values, len(places), x.logarithmic if log is None else log)
     for panel in panels:
         for k, (place, (colour, _)) in enumerate(zip(places, SERIES, strict=False)):
-            theory = counted.grid(counted.t_rgh.means())[(slice(None), place, *panel.where)]
+            theory = counted.grid(counted.cells.t_rgh.means())[(slice(None), place, *panel.where)]
             for part in _pieces(x.name, x.values):
                 panel.axes.plot(at[k][part], theory[part], zorder=1.5,
                                 **{**THEORY, "color": colour})  # fmt: skip
@@ -58,10 +57,10 @@ def draw_times(figure: Any, counted: Tally, log: bool | None) -> None:
     _finish(figure, panels, counted, f"$t_r$ ({TIME})", r"theory: mean $t_{rGH}$")
 
 
-def draw_ratio(figure: Any, counted: Tally, log: bool | None) -> None:
-    """Draw the mean of ``t_r/t_rGH`` over type R with its spread; arguments as `draw_times`."""
-    panels = _draw(figure, counted, counted.ratio, log, floor=bool(log))
-    mean, spread = counted.ratio.means(), np.nan_to_num(counted.ratio.deviations())
+def draw_ratio(figure: Any, counted: Counts, log: bool | None) -> None:
+    """The mean of ``t_r/t_rGH`` over type R with its spread."""
+    panels = _draw(figure, counted, counted.cells.ratio, log, floor=bool(log))
+    mean, spread = counted.cells.ratio.means(), np.nan_to_num(counted.cells.ratio.deviations())
     top = float(np.nanmax(mean + spread)) if np.isfinite(mean).any() else 1.0
     for panel in panels:
         panel.axes.axhline(1, **THEORY, zorder=1.5)
@@ -78,7 +77,7 @@ def _log_ordinate(axes: Any) -> None:
     plain_ticks(axes, "y", (float(low), float(high)))
 
 
-def _shown(counted: Tally) -> NDArray[np.int64]:
+def _shown(counted: Counts) -> NDArray[np.int64]:
     """Places of the curves: evenly chosen where there are more than the eye tells apart."""
     count = len(counted.axes[1].values)
     return np.unique(np.linspace(0, count - 1, min(count, len(SERIES))).round().astype(np.int64))
@@ -104,14 +103,14 @@ def _side_by_side(values: Floats, count: int, logarithmic: bool) -> Floats:
 
 
 def _draw(
-    figure: Any, counted: Tally, moments: Moments, log: bool | None, *, floor: bool
+    figure: Any, counted: Counts, moments: Moments, log: bool | None, *, floor: bool
 ) -> list[Panel]:
     x = counted.axes[0]
     places = _shown(counted)
     mean, spread, error = (
         counted.grid(part) for part in (moments.means(), moments.deviations(), moments.errors())
     )
-    kept = counted.grid(share(moments.count, counted.ok))
+    kept = counted.grid(share(moments.count, counted.cells.ok))
     panels = draw_panels(figure, (), counted.axes[2:])
     at = _side_by_side(x.values, len(places), x.logarithmic if log is None else log)
     for panel in panels:
@@ -140,9 +139,7 @@ def _draw(
     return panels
 
 
-def _finish(figure: Any, panels: list[Panel], counted: Tally, ordinate: str, theory: str) -> None:
-    from matplotlib.lines import Line2D
-
+def _finish(figure: Any, panels: list[Panel], counted: Counts, ordinate: str, theory: str) -> None:
     x, curves = counted.axes[:2]
     figure.supxlabel(label(x.name), fontsize="medium")
     panels[0].axes.set_ylabel(ordinate)
@@ -156,14 +153,14 @@ def _finish(figure: Any, panels: list[Panel], counted: Tally, ordinate: str, the
             for place, (colour, marker) in zip(places, SERIES, strict=False)
         ]  # fmt: skip
     handles.append(Line2D([], [], **THEORY, label=theory))
-    if (counted.t_r.count > 1).any():
+    if (counted.cells.t_r.count > 1).any():
         text = "bars: standard deviation;\nthick: error of the mean"
         if len(x.values) > MOST_MARKERS:
             text = "band: standard deviation"
         handles.append(Line2D([], [], color=GREY, linewidth=0.9, label=text))
     if len(places) > 1 and 2 <= len(x.values) <= MOST_MARKERS:
         handles.append(Line2D([], [], linestyle="", label="points moved sideways\nto stay apart"))
-    kept = share(counted.t_r.count, counted.ok)
+    kept = share(counted.cells.t_r.count, counted.cells.ok)
     if len(x.values) <= MOST_MARKERS and (kept < 0.5).any():
         handles.append(Line2D([], [], color=GREY, marker="o", mfc="white", ms=4.5, linestyle="",
                               label="hollow: fewer than half reverse"))  # fmt: skip
@@ -171,3 +168,36 @@ def _finish(figure: Any, panels: list[Panel], counted: Tally, ordinate: str, the
     if len(places) < len(curves.values):
         title = f"{len(places)} of {len(curves.values)} values of {symbol(curves.name)}"
     legend_above(figure, handles, 1.95, title)
+
+
+def _order(first: Sequence[str], layout: Layout, left: Lengths, x: str | None) -> tuple[str, ...]:
+    """The abscissa, then what becomes curves, then what becomes panels."""
+    names = [*layout.targets, *layout.bodies, *layout.launch]
+    along = abscissa(left, [*(n for n in first if n in left), *names], x)
+    rest = [n for n in (*layout.launch, *layout.targets, *layout.bodies) if n != along]
+    # The longest becomes curves; curves there must be, if only one.
+    curves = sorted((n for n in rest if left[n] > 1), key=lambda name: -left[name])
+    return (along, *(curves or [n for n in left if n != along][:1]))
+
+
+def _size(counted: Counts) -> tuple[float, float]:
+    return float(np.clip(1.6 + 2.6 * np.prod(counted.shape[2:]), 6.0, 13)), 4.2
+
+
+TIMES = Kind(
+    name="times",
+    caption="Reversal times of type R: mean, standard deviation and standard error of the mean; "
+    "theory is the mean of Garcia and Hubbard's time.",
+    fits=lambda layout, left: bool(left),
+    order=partial(_order, ()),
+    gather=Counts,
+    size=_size,
+    draw=draw_times,
+)
+RATIO = replace(
+    TIMES,
+    name="ratio",
+    caption="Reversal times of type R in units of Garcia and Hubbard's, run by run.",
+    order=partial(_order, ("n_i",)),
+    draw=draw_ratio,
+)
