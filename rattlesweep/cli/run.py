@@ -77,9 +77,9 @@ def run(
     from rattlesweep.errors import ConfigError
     from rattlesweep.sweeps.cases.shards import Shard
     from rattlesweep.sweeps.engines.engine import run_sweep
-    from rattlesweep.sweeps.engines.opened import examine
     from rattlesweep.sweeps.forecast.forecast import describe, forecast
     from rattlesweep.sweeps.sense.sense import checked_plan
+    from rattlesweep.sweeps.store.output import examine
 
     share = None if shard is None else Shard.parse(shard)
     seconds = None if max_time is None else seconds_of(max_time, "--max-time")

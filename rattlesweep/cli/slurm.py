@@ -57,7 +57,6 @@ def slurm(
     from rattlesweep.errors import ConfigError
     from rattlesweep.integrate.batch import available_threads
     from rattlesweep.sweeps.cases.plan import make_plan
-    from rattlesweep.sweeps.engines.opened import examine
     from rattlesweep.sweeps.engines.slurm import (
         MOST_SHARDS,
         ArrayJob,
@@ -66,6 +65,7 @@ def slurm(
         memory_of,
     )
     from rattlesweep.sweeps.forecast.forecast import forecast
+    from rattlesweep.sweeps.store.output import examine
     from rattlesweep.sweeps.store.provenance import package_version
 
     seconds = limit_of(limit)
