@@ -256,9 +256,7 @@ class Workspace:
         """Runs of these sweeps whose status is not ``ok``."""
         stores = [Store(self.directory / "sweeps" / name) for name in sweeps]
         return sum(
-            sum(store.read_manifest().get("failed", {}).values())
-            for store in stores
-            if store.has_manifest()
+            sum(store.read_manifest().failed.values()) for store in stores if store.has_manifest()
         )
 
 

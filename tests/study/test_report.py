@@ -164,7 +164,7 @@ def test_a_sweep_that_is_not_whole(sweeps: Path, tmp_path: Path) -> None:
 
     def stopped(manifest: Manifest) -> None:
         manifest.state = "stopped"
-        manifest.expected = Expected(seconds=12.0, low=10.0, high=15.0)
+        manifest.expected = Expected(seconds=12.0, low=10.0, high=15.0, pilot_runs=5)
         del manifest.receipts[2]
 
     store.update_manifest(stopped)
