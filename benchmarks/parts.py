@@ -87,10 +87,10 @@ def integration(samples: int) -> tuple[list[Part], Any, Any, dict[str, Any]]:
         Part("integration alone", lambda: run_batch(config, batch, threads=1), runs),
     ]
     # Where the horizon of 5 is not cut by the other one.
-    short = np.flatnonzero(5.0 * launches.t_rgh <= HORIZON)
+    short = np.flatnonzero(5.0 * launches.gh.t_rgh <= HORIZON)
     chosen = Batch(**{name: getattr(batch, name)[short] for name in Batch.__dataclass_fields__})
     for units in (1.0, 2.0, 5.0):
-        cut = replace(chosen, t_end=units * launches.t_rgh[short])
+        cut = replace(chosen, t_end=units * launches.gh.t_rgh[short])
         parts.append(
             Part(
                 f"integration, horizon {units:g} t_rGH",

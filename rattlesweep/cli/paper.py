@@ -27,8 +27,6 @@ from rattlesweep.cli.common import (
 )
 @click.option("--quick", is_flag=True, help="Fewer samples: faster, with wide intervals.")
 @click.option("--only", metavar="NAMES", help="Figures to make, such as fig6,fig7, or theory.")
-@click.option("--config", metavar="FILE", type=click.Path(), help="Settings to replace.")
-@click.option("--print-config", is_flag=True, help="Print the default settings and exit.")
 @click.option("--threads", type=click.IntRange(1), help="Number of threads of the kernels.")
 @click.option("-q", "--quiet", is_flag=True, help="No progress and no closing table.")
 @resumable
@@ -36,8 +34,6 @@ def paper(
     output: str | None,
     quick: bool,
     only: str | None,
-    config: str | None,
-    print_config: bool,
     threads: int | None,
     quiet: bool,
 ) -> int:
@@ -48,31 +44,25 @@ def paper(
     runs are kept, and only the counts of fig3 (half a minute at most) are lost. Prints the
     verdicts on standard output, with the number of checks that hold.
     """
-    from rattlesweep.paper.settings import load_paper, shipped
-
-    if print_config:
-        click.echo(shipped(), nl=False)
-        return DONE
     check_output(output)
     check_threads(threads)
-    settings = load_paper(config)
 
     from rattlesweep.integrate.batch import available_threads
-    from rattlesweep.paper.figures.registry import choose
+    from rattlesweep.paper.registry import choose
     from rattlesweep.paper.report import closing_table, tally
-    from rattlesweep.paper.run import make_paper
+    from rattlesweep.paper.run import reproduce
+    from rattlesweep.paper.settings import FULL, QUICK
 
     names = choose(only)
     directory = Path(output or ("out/paper-quick" if quick else "out/paper"))
     start = time.monotonic()
     with Meter(quiet) as meter:
-        done = make_paper(
-            settings.quick() if quick else settings,
+        done = reproduce(
             directory,
             names,
-            quick=quick,
+            sizes=QUICK if quick else FULL,
             threads=threads or available_threads(),
-            report=lambda p: meter.show(p.fraction, p.text, p.elapsed, p.left),
+            show=meter.show,
         )
     if not quiet:
         if done.claims:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import config, get_num_threads, set_num_threads, threading_layer
 
+from rattlesweep.integrate.defaults import DT, MAX_STEPS, TOL
 from rattlesweep.integrate.lanes import columns as C
 from rattlesweep.integrate.lanes.build import kernel, parallel, workspace
 from rattlesweep.integrate.lanes.step import SUBSTEPS
@@ -138,6 +139,11 @@ class Control:
         self._shared[1] = 1
 
     @property
+    def flag(self) -> NDArray[np.int64]:
+        """One element, not 0 once a stop was asked for: for compiled loops."""
+        return self._shared[1:]
+
+    @property
     def stopping(self) -> bool:
         """Whether a stop was asked for."""
         return bool(self._shared[1])
@@ -212,9 +218,9 @@ def integrate(
     tableau: Tableau,
     model: Model,
     *,
-    tol: float = 1e-9,
-    dt: float = 0.002,
-    max_steps: int = 100_000_000,
+    tol: float = TOL,
+    dt: float = DT,
+    max_steps: int = MAX_STEPS,
     record: frozenset[str] = frozenset(),
     threads: int | None = None,
     control: Control | None = None,

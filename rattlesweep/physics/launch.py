@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from rattlesweep.physics.theory import unsteady
+from rattlesweep.physics import theory
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -14,6 +15,65 @@ if TYPE_CHECKING:
     from rattlesweep.physics.theory import Modes
 
     Floats = NDArray[np.float64]
+
+
+class Inertia(Protocol):
+    """One body or many: numbers or arrays."""
+
+    @property
+    def alpha(self) -> ArrayLike:
+        """``I_xx + 1``."""
+
+    @property
+    def beta(self) -> ArrayLike:
+        """``I_yy + 1``."""
+
+    @property
+    def gamma(self) -> ArrayLike:
+        """``I_zz``."""
+
+
+@dataclass(frozen=True)
+class GarciaHubbard:
+    """Garcia and Hubbard's spin after a launch: the growing mode alone, up to one reversal.
+
+    Attributes
+    ----------
+    K : ndarray
+        Torque coefficient of the mode that grows.
+    n_i : ndarray
+        Initial spin, in ``sqrt(g/a)``.
+    speed : ndarray
+        Of the oscillation (:func:`rattlesweep.physics.theory.oscillation_speed`).
+    """
+
+    K: Floats
+    n_i: Floats
+    speed: Floats
+
+    @property
+    def n_0(self) -> Floats:
+        """Spin if all energy were spin (Eq. def-n0)."""
+        n_0: Floats = np.hypot(self.n_i, self.speed)
+        return n_0
+
+    @property
+    def t_rgh(self) -> Floats:
+        """Time of reversal, in ``sqrt(a/g)``."""
+        return theory.reversal_time(self.K, self.n_i, self.speed)
+
+    def spin(self, t: ArrayLike) -> Floats:
+        """The spin at times ``t``."""
+        return theory.spin_gh(t, self.K, self.n_i, self.speed)
+
+
+def garcia_hubbard(
+    body: Inertia, modes: Modes, n_i: ArrayLike, omega_xy0: ArrayLike, psi: ArrayLike
+) -> GarciaHubbard:
+    """Garcia and Hubbard's spin after a launch in the direction ``psi``, in radians."""
+    speed = theory.oscillation_speed(body.alpha, body.beta, body.gamma, omega_xy0, psi)
+    relevant = theory.relevant_coefficient(modes.K_p, modes.K_r, n_i)
+    return GarciaHubbard(relevant, np.asarray(n_i, float), speed)
 
 
 def direction(modes: Modes, n_i: ArrayLike, psi: str | float) -> Floats:
@@ -34,7 +94,7 @@ def direction(modes: Modes, n_i: ArrayLike, psi: str | float) -> Floats:
     if psi == "roll":
         return np.broadcast_to(modes.psi_r, shape)
     if psi == "relevant":
-        return np.where(unsteady(modes.K_p, n_i), modes.psi_p, modes.psi_r)
+        return np.where(theory.unsteady(modes.K_p, n_i), modes.psi_p, modes.psi_r)
     return np.full(shape, np.radians(float(psi)))
 
 

@@ -6,12 +6,10 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import full, steady, theory
 from rattlesweep.physics.body import PARAMETERS, Rattleback
-from rattlesweep.physics.launch import direction
+from rattlesweep.physics.launch import direction, garcia_hubbard
 
 FREQUENCY, TIME = "sqrt(g/a)", "sqrt(a/g)"
 
@@ -93,12 +91,11 @@ def derived(body: Rattleback, n_i: float, omega_xy0: float) -> list[Quantity]:
     b = body
     m = theory.modes(b.alpha, b.beta, b.theta, b.phi, b.xi)
     psi = direction(m, n_i, "relevant")
-    speed = theory.oscillation_speed(b.alpha, b.beta, b.gamma, omega_xy0, psi)
+    gh = garcia_hubbard(b, m, n_i, omega_xy0, psi)
     n_c1 = float(theory.bondi_threshold(b.alpha, b.beta, b.gamma, b.theta, b.phi))
     constants = full.constants(b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi)
     pitch, roll = steady.growth(constants, n_i)
     small_pitch, small_roll = theory.growth_rates(m.K_p, m.K_r, n_i)
-    time = theory.reversal_time(theory.relevant_coefficient(m.K_p, m.K_r, n_i), n_i, speed)
     rows: list[tuple[str, Any, str, str]] = [
         *((name, getattr(b, name), "rad" if name == "xi" else "1", "body") for name in PARAMETERS),
         ("omega_p", m.omega_p, FREQUENCY, "frequency of the pitch (the faster mode)"),
@@ -113,8 +110,8 @@ def derived(body: Rattleback, n_i: float, omega_xy0: float) -> list[Quantity]:
         ("n_i", n_i, FREQUENCY, "initial spin"),
         ("omega_xy0", omega_xy0, FREQUENCY, "initial oscillation"),
         ("psi", psi, "rad", "direction of the launch: the relevant mode"),
-        ("n_0", np.hypot(n_i, speed), FREQUENCY, "spin if all energy were spin"),
-        ("t_rgh", time, TIME, "Garcia and Hubbard's reversal time in the spin's direction"),
+        ("n_0", gh.n_0, FREQUENCY, "spin if all energy were spin"),
+        ("t_rgh", gh.t_rgh, TIME, "Garcia and Hubbard's reversal time in the spin's direction"),
         ("growth_pitch", small_pitch, FREQUENCY, "growth rate of the pitch, small spin"),
         ("growth_roll", small_roll, FREQUENCY, "growth rate of the roll, small spin"),
         ("growth_pitch_exact", pitch, FREQUENCY, "growth rate of the pitch at n_i"),

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import ast
 import json
 import math
-import os
 import re
 import shutil
 import signal
@@ -26,46 +24,30 @@ from matplotlib.image import imread
 from rattlesweep import cli
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import available_threads
-from rattlesweep.paper import run, sources
-from rattlesweep.paper.claims import runs as claims_runs
-from rattlesweep.paper.claims import sweeps as claims_sweeps
-from rattlesweep.paper.claims.claim import Claim
-from rattlesweep.paper.figures import onset, times
-from rattlesweep.paper.figures.registry import FIGURES, all_claims, choose
-from rattlesweep.paper.figures.steady_checks import cause
-from rattlesweep.paper.report import claims_table, closing_table
-from rattlesweep.paper.run import make_paper
-from rattlesweep.paper.settings import load_paper, shipped
-from rattlesweep.paper.sweeps import Place
+from rattlesweep.integrate.follow.lyapunov import growth_along
+from rattlesweep.paper import run, workspace
+from rattlesweep.paper.data import chaos, fig7, integrators
+from rattlesweep.paper.registry import FIGURES, choose
+from rattlesweep.paper.run import reproduce
+from rattlesweep.paper.settings import FULL, QUICK, Sizes, sweep_config
 from rattlesweep.paper.symbols import symbols
+from rattlesweep.paper.workspace import Workspace
 from rattlesweep.study import html
-from rattlesweep.sweeps.config.load import Classify, load_config, resolved
+from rattlesweep.sweeps.blocks.single import single_run
+from rattlesweep.sweeps.config.load import load_config, resolved
+from rattlesweep.sweeps.config.schema import Classify, Integrator
 from rattlesweep.sweeps.tables.arrow import open_sealed
+from rattlesweep.sweeps.tables.chaos import is_chaotic
 
 ROOT = Path(__file__).parents[2]
 SWEEPS = ["fig5", "fig6", "fig7"]
-SMALL = """\
-unsteady:
-  seed: 5
-  bodies: {source: sd, samples: 12, target: {K_p: [0.26, 0.78, 1.35], rel_tol: 1e-2}}
-  spin: {n_i: [0.1, 0.2, 0.3, 0.5], omega_xy0: [0.01, 0.1]}
-  horizon: {t_rgh: 50}
-steady:
-  seed: 5
-  bodies: {source: sd, samples: 12, target: {K_r: [0.02, 0.05, 0.1], rel_tol: 1e-2}}
-  spin: {n_i: [-0.1, -0.3, -0.5], omega_xy0: [0.001, 0.1]}
-  horizon: {t_rgh: 5}
-fig6:
-  rk4: {samples: 1, dt: 0.01, least_K_r: 0.04}
-  basin: {n_i: -0.5, omega_xy0: [0.01, 0.1]}
-  examples:
-    ss: {n_i: -0.5, omega_xy0: 0.001}
-    sw: {n_i: -0.3, omega_xy0: 0.1}
-    chaotic: {K_r: 0.02, n_i: -0.5}
-    t_end: 500
-  lyapunov: 50
-fig7: {late: 2, closer: 50}
-"""
+SMALL = Sizes(samples=4, rk4=1, rk4_least_K_r=0.05, lyapunov=15, windows=30)
+CASES = 8 * 5 * 3
+
+
+def quiet(share, words):
+    assert 0 <= share <= 1 + 1e-12
+    assert words
 
 
 @pytest.fixture(autouse=True)
@@ -78,18 +60,15 @@ def handlers():
 
 
 @pytest.fixture(scope="module")
-def config(tmp_path_factory):
-    path = tmp_path_factory.mktemp("config") / "paper.yaml"
-    path.write_text(SMALL)
-    return path
-
-
-@pytest.fixture(scope="module")
-def made(config, tmp_path_factory):
-    """The three figures of the sweeps, small."""
+def made(tmp_path_factory):
+    """The three figures of the sweeps, small; in the place of RK4 a kernel that is there anyway."""
     directory = tmp_path_factory.mktemp("paper")
     seen = []
-    done = make_paper(load_paper(config), directory, SWEEPS, threads=2, report=seen.append)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(integrators, "PAPERS", Integrator(method="dop853", tol=1e-6))
+        done = reproduce(
+            directory, SWEEPS, sizes=SMALL, threads=2, show=lambda *state: seen.append(state)
+        )
     return directory, done, seen
 
 
@@ -116,62 +95,21 @@ def runs_of(directory, sweep):
 @pytest.mark.parametrize("name", ["unsteady", "steady"])
 def test_the_sweeps_are_those_of_the_shipped_configs(name):
     theirs = resolved(load_config(ROOT / "configs" / f"{name}.yaml"))
-    ours = resolved(getattr(load_paper(), name))
-    assert ours == theirs
+    assert resolved(sweep_config(name, FULL)) == theirs
 
 
 def test_the_sample_counts_are_the_papers():
-    paper = load_paper()
-    assert paper.fig2.samples == 10**6
-    assert paper.fig3.samples == 10**5
-    assert paper.fig3.density_samples == 10**8
-    assert paper.unsteady.bodies.samples == paper.steady.bodies.samples == 1000
-    assert len(paper.steady.bodies.target.values) == 8
-    assert paper.fig6.rk4.dt == 0.002
+    assert (FULL.fig2_bodies, FULL.fig3_bodies, FULL.fig3_density) == (10**6, 10**5, 10**8)
+    assert FULL.samples == 1000
+    assert len(sweep_config("steady", FULL).bodies.target.values) == 8
+    assert integrators.PAPERS.dt == 0.002
 
 
 def test_quick_is_smaller_and_changes_nothing_else():
-    full, quick = load_paper(), load_paper().quick()
-    assert quick.steady.bodies.samples < full.steady.bodies.samples
-    assert quick.fig3.density_samples < full.fig3.density_samples
-    assert quick.steady.bodies.target == full.steady.bodies.target
-    assert quick.steady.spin == full.steady.spin
-    assert full == load_paper()
-
-
-def test_a_file_replaces_the_sections_that_it_has(tmp_path):
-    path = tmp_path / "p.yaml"
-    path.write_text("fig7: {late: 3, closer: 10}\n")
-    changed = load_paper(path)
-    assert changed.fig7.late == 3
-    assert changed.model_copy(update={"fig7": load_paper().fig7}) == load_paper()
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("fig7: {late: 3, closr: 10}\n", r"p.yaml:1:17: fig7.closr: .*did you mean \"closer\""),
-        ("fig7:\n  late: -1\n  closer: 1\n", r"p.yaml:2:3: fig7.late: .*above 0"),
-        ("fgi7: {}\n", r"p.yaml:1:1: fgi7: .*did you mean \"fig7\""),
-        ("", r"p.yaml:1:1: the file is empty"),
-        ("- 1\n", r"p.yaml:1:1: a list found where a mapping is needed"),
-        ("fig7: {late: 1, late: 2}\n", r"p.yaml:1:17: fig7.late: the key is repeated"),
-        (
-            "steady:\n  bodies: {source: sd, samples: 1}\n  spin: {n_i: -0.1, omega_xy0: 0.1}\n",
-            r"p.yaml:1:1: steady: bodies must be of source sd and have a target K_r",
-        ),
-        (SMALL.replace("n_i: [-0.1, -0.3", "n_i: [0.1, -0.3"),
-         r"p.yaml:6:1: steady: every spin.n_i must be negative"),
-        (SMALL.replace("samples: 12, target: {K_p", "samples: x, target: {K_p"),
-         r"p.yaml:3:\d+: unsteady.bodies.samples: .*whole number"),
-    ],
-)  # fmt: skip
-def test_what_is_wrong_in_a_file_is_named(text, said, tmp_path):
-    path = tmp_path / "p.yaml"
-    path.write_text(text)
-    with pytest.raises(ConfigError) as caught:
-        load_paper(path)
-    assert re.search(said, str(caught.value)), str(caught.value)
+    full, quick = sweep_config("steady", FULL), sweep_config("steady", QUICK)
+    assert quick.bodies.samples < full.bodies.samples
+    assert QUICK.fig3_density < FULL.fig3_density
+    assert (quick.bodies.target, quick.spin) == (full.bodies.target, full.spin)
 
 
 def test_names_are_chosen_in_the_papers_order():
@@ -209,11 +147,11 @@ def test_fractions_of_fig_6_are_counts_of_the_stored_runs(made):
     directory, _, _ = made
     runs = runs_of(directory, "steady")
     points = read(directory, "fig6_fractions")
-    assert (points["runs"] == 12).all()
+    assert (points["runs"] == SMALL.samples).all()
     for name in ("R", "SS", "SW", "unclassified"):
         counts = (runs["type"] == name).groupby(runs["case"]).sum().to_numpy()
         np.testing.assert_array_equal(points[name], counts)
-        np.testing.assert_allclose(points[f"fraction_{name}"], counts / 12)
+        np.testing.assert_allclose(points[f"fraction_{name}"], counts / SMALL.samples)
         assert (points[f"low_{name}"] <= points[f"fraction_{name}"]).all()
         assert (points[f"high_{name}"] >= points[f"fraction_{name}"]).all()
     past = (runs["n_c1"].abs() < runs["n_i"].abs()).groupby(runs["case"]).sum().to_numpy()
@@ -222,20 +160,22 @@ def test_fractions_of_fig_6_are_counts_of_the_stored_runs(made):
     np.testing.assert_array_equal(both, points["SS"] - points["ss_only"])
 
 
-def test_rk4_integrates_the_same_bodies(made):
+def test_the_papers_integrator_is_given_the_same_bodies(made):
     directory, _, _ = made
     rows, runs = read(directory, "fig6_rk4"), runs_of(directory, "steady")
-    # Two K_r from 0.04 on, six launches each.
-    assert len(rows) == 2 * 6
-    first = runs[(runs["sample"] == 0) & (runs["case"] >= 6)].reset_index(drop=True)
+    # Two targets of K_r from 0.05 on.
+    first = runs[(runs["sample"] == 0) & (runs["case"] >= CASES * 6 // 8)].reset_index(drop=True)
+    assert len(rows) == len(first) == 30
     np.testing.assert_array_equal(rows["t_r"], first["t_r"])
     assert (rows["type"] == first["type"]).all()
-    assert (rows["type"] == rows["type_rk4"]).all()
-    # Another method with another step: close, and not the same numbers.
+    # Another tolerance: close, and not the same numbers.
     off = rows["difference"].dropna().abs()
-    assert len(off) == first["t_r"].notna().sum()
-    assert (off < 1e-4).all()
+    assert (off < 1e-2).mean() > 0.9
     assert (off > 0).any()
+    odd = (rows["type"] != rows["type_rk4"]) | (rows["difference"].abs() > integrators.SAME)
+    np.testing.assert_array_equal(rows["exception"].notna(), odd)
+    exact = rows[odd & (rows["type"] == "R")]
+    np.testing.assert_allclose(exact["t_r_reference"], exact["t_r"], rtol=1e-3)
 
 
 def test_a_disagreement_of_integrators_gets_its_cause():
@@ -245,23 +185,65 @@ def test_a_disagreement_of_integrators_gets_its_cause():
     later = r | {"t_r": 102.0}
     sw = {"type": "SW", "t_r": math.nan, "amp_growth": 2.0, "n_departure": 0.0501}
     quiet = sw | {"type": "unclassified", "n_departure": 0.0499}
-    assert cause(r, late, late, limits).startswith("the sweep's tolerance")
-    assert cause(r, late, r, limits).startswith("RK4's step")
-    assert cause(r, late, later, limits).startswith("chaotic")
-    assert cause(sw, quiet, sw, limits).startswith("threshold: n_departure")
-    assert cause(sw, r, r, limits).startswith("the sweep's tolerance")
-    assert cause(r, r | {"type": math.nan}, r, limits).startswith("RK4 gave no result")
+    assert integrators.cause(r, late, late, limits).startswith("the sweep's tolerance")
+    assert integrators.cause(r, late, r, limits).startswith("RK4's step")
+    assert integrators.cause(r, late, later, limits).startswith("chaotic")
+    assert integrators.cause(sw, quiet, sw, limits).startswith("threshold: n_departure")
+    assert integrators.cause(sw, r, r, limits).startswith("the sweep's tolerance")
+    assert integrators.cause(r, r | {"type": math.nan}, r, limits).startswith("RK4 gave no result")
 
 
 def test_larger_oscillations_take_ss_away(made):
     directory, _, _ = made
-    rows = read(directory, "fig6_basin")
-    runs = runs_of(directory, "steady")
-    own = runs[(runs["n_i"] == -0.5) & (runs["omega_xy0"] == 0.001)]
-    assert (rows["runs"] == (own["n_c1"].abs() < 0.5).sum()).all()
+    rows, runs = read(directory, "fig6_basin"), runs_of(directory, "steady")
+    own = runs[(runs["n_i"] == integrators.N_I) & (runs["omega_xy0"] == 0.001)]
+    assert (rows["runs"] == (own["n_c1"].abs() < 0.3).sum()).all()
     assert rows["runs"].iloc[0] > 0
     np.testing.assert_array_equal(rows[["R", "SS", "SW", "unclassified"]].sum(axis=1), rows["runs"])
-    assert rows["SS"].iloc[0] >= rows["SS"].iloc[1]
+    assert rows["SS"].iloc[0] >= rows["SS"].iloc[-1]
+
+
+def test_lyapunov_exponents_are_those_of_wobbling_runs(made):
+    directory, _, _ = made
+    rows, runs = read(directory, "fig6_chaos"), runs_of(directory, "steady")
+    wobbling = runs[runs["type"] == "SW"]
+    # Evenly thinned.
+    assert len(rows) == len(wobbling.iloc[:: -(-len(wobbling) // SMALL.lyapunov)]) > 0
+    np.testing.assert_array_equal(rows["chaotic"], is_chaotic(rows["lyapunov_late"], rows["t_end"]))
+    assert rows.loc[~rows["chaotic"], "growth_longer"].isna().all()
+    # The other way to the same number: one run alone, by its own driver.
+    calm = rows[~rows["chaotic"]].iloc[0]
+    own = wobbling.iloc[np.flatnonzero(~rows["chaotic"])[0] * -(-len(wobbling) // SMALL.lyapunov)]
+    _, _, batch = single_run(chaos.launch_of(own))
+    alone = growth_along(batch.constants[0], batch.y0[0], [calm["t_end"]], tol=1e-10)[0]
+    assert calm["lyapunov"] * calm["t_end"] == pytest.approx(alone, abs=0.5)
+
+
+def test_examples_are_runs_of_the_sweep(made):
+    directory, _, _ = made
+    runs = runs_of(directory, "steady")
+    rows = read(directory, "fig6_examples")
+    assert {"spin_ss", "spin_sw"} & set(rows["example"])
+    for row in rows.itertuples():
+        same = [np.isclose(runs["K_r"], row.K_r, rtol=2e-3)]
+        same += [runs[name] == getattr(row, name) for name in ("n_i", "omega_xy0", "sample")]
+        run_ = runs[np.logical_and.reduce(same)].iloc[0]
+        # The trace is that run: where it is shown whole it ends where the sweep's does.
+        spin = read(directory, f"fig6_{row.example}")
+        assert (spin["t"].iloc[0], spin["n"].iloc[0]) == (0, row.n_i)
+        if run_["t_end"] <= row.shown:
+            assert spin["n"].iloc[-1] == pytest.approx(run_["n_end"], rel=0.02)
+
+
+def test_the_fast_run_of_gh_swings_at_twice_the_frequency_of_the_pitch(made):
+    directory, _, _ = made
+    spin = read(directory, "fig5_spin")
+    late = spin[spin["t"] > 30]
+    # Once up through the middle each period.
+    periods = [(np.diff(np.sign(late[c] - late[c].rolling(100, center=True).mean())) > 0).sum()
+               for c in ("n", "omega_x")]  # fmt: skip
+    assert periods[0] == pytest.approx(2 * periods[1], abs=2)
+    assert read(directory, "fig5_forces")["ratio_max"].iloc[0] > 0.5
 
 
 def test_readings_of_ss_contain_each_other(made):
@@ -289,22 +271,22 @@ def test_onsets_lie_between_launch_and_horizon(made):
     assert (found["onset_median"] < 5 * found["t_rgh_median"] * 1.5).all()
     # The same bodies integrated again are the same: as many SW in all, thinned alike.
     again = runs_of(directory, "closer")
-    assert len(again) <= 50
+    assert len(again) <= SMALL.windows
     assert (again["type"] == "SW").sum() == rows["wobbling"].sum()
 
 
 def test_onset_is_the_middle_of_a_window():
     loss = np.array([0.0, 0.01, 0.3, 0.2, 0.8, 0.1])
-    assert onset.first_above(loss, loss.max() / 2, 2.0) == 9.0
-    assert onset.first_above(loss, 0.05, 2.0) == 5.0
-    assert math.isnan(onset.first_above(loss, 0.9, 2.0))
+    assert fig7.first_above(loss, loss.max() / 2, 2.0) == 9.0
+    assert fig7.first_above(loss, 0.05, 2.0) == 5.0
+    assert math.isnan(fig7.first_above(loss, 0.9, 2.0))
 
 
 def test_interval_of_a_median_covers_it_as_often_as_it_says():
     rng = np.random.default_rng(7)
-    assert onset.median_interval(rng.random(5)) == (None, None)
+    assert fig7.median_interval(rng.random(5)) == (None, None)
     for n in (6, 15, 40, 101):
-        ends = np.array([onset.median_interval(rng.exponential(size=n)) for _ in range(2000)])
+        ends = np.array([fig7.median_interval(rng.exponential(size=n)) for _ in range(2000)])
         covered = np.mean((ends[:, 0] < math.log(2)) & (ends[:, 1] > math.log(2)))
         # 2000 trials: a standard error of half a percent.
         assert 0.93 < covered < 0.995
@@ -339,171 +321,155 @@ def test_example_spins_are_drawn_where_they_are_given(made):
 # ----------------------------------------------------------------------- stops, resumption
 
 
-def test_what_is_there_is_kept(made, config, monkeypatch):
+def test_what_is_there_is_kept(made, monkeypatch):
     directory, first, _ = made
     assert first.kept == []
     before = {p: p.stat().st_mtime_ns for p in directory.glob("fig*")}
 
-    def forbidden(place, report):
+    def forbidden(*_):
         raise AssertionError("computed again")
 
-    with monkeypatch.context() as patch:
-        for name in SWEEPS:
-            patch.setitem(run.FIGURES, name, replace(FIGURES[name], compute=forbidden))
-        again = make_paper(load_paper(config), directory, SWEEPS, threads=1)
+    for name in SWEEPS:
+        monkeypatch.setitem(FIGURES, name, replace(FIGURES[name], data=forbidden, draw=forbidden))
+    again = reproduce(directory, SWEEPS, sizes=SMALL, threads=1)
     assert again.kept == SWEEPS
     assert again.claims == first.claims
     assert {p: p.stat().st_mtime_ns for p in directory.glob("fig*")} == before
 
 
-def test_what_is_damaged_or_of_other_settings_is_made_again(made, config, tmp_path):
+def test_what_is_damaged_or_lacks_a_picture_is_made_again(made):
     directory, _, _ = made
-    paper = load_paper(config)
-    path = directory / "fig5_times.parquet"
-    whole = path.read_bytes()
+    path, picture = directory / "fig5_times.parquet", directory / "fig7.svg"
+    whole, drawn = path.read_bytes(), picture.read_bytes()
     path.write_bytes(whole[:-40] + bytes([whole[-40] ^ 1]) + whole[-39:])
-    again = make_paper(paper, directory, SWEEPS, threads=2)
+    picture.unlink()
+    again = reproduce(directory, SWEEPS, sizes=SMALL, threads=2)
     assert again.kept == ["fig6", "fig7"]
     assert path.read_bytes() == whole
-    assert run.figure_key(paper, "fig5") == run.figure_key(paper, "fig5")
-    other = paper.model_copy(update={"fig7": paper.fig7.model_copy(update={"late": 3.0})})
-    changed = [n for n in SWEEPS if run.figure_key(paper, n) != run.figure_key(other, n)]
-    assert changed == ["fig7"]
+    assert picture.read_bytes() == drawn
 
 
-def test_sentences_and_pictures_do_not_cost_data_but_formulas_do(monkeypatch, tmp_path):
-    """The key of a figure follows the code below it, edited here in a copy of the package."""
+def test_data_are_of_the_code_below_them(monkeypatch, tmp_path):
+    """What was edited decides what is made again: runs, tables, or pictures alone."""
     package = tmp_path / "rattlesweep"
-    shutil.copytree(sources.PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__"))
-    monkeypatch.setattr(sources, "PACKAGE", package)
+    shutil.copytree(workspace.PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.setattr(workspace, "PACKAGE", package)
 
-    def keys(name="fig5"):
-        sources._bare.cache_clear()
-        return tuple(sources.code_key.__wrapped__(name, pictures=p) for p in (False, True))
+    def keys():
+        workspace.code_key.cache_clear()
+        parts = (workspace.OF_RUNS, workspace.OF_TABLES, workspace.OF_PICTURES)
+        return [workspace.code_key(*part) for part in parts]
 
-    def edit(file, old, new):
-        text = (package / file).read_text()
-        assert old in text
-        (package / file).write_text(text.replace(old, new, 1))
-
-    data, picture = keys()
-    edit("paper/claims/sweeps.py", "strictly: all of them", "every one of them")
-    edit("paper/figures/registry.py", "Mean over", "The mean over")
-    edit("physics/theory.py", '"""', '"""Edited. ')
-    edit("paper/figures/times.py", "    ", "    # Edited.\n    ")
-    assert keys() == (data, picture)
-    edit("paper/style.py", "labelsize=9", "labelsize=8")
-    assert keys()[0] == data
-    assert keys()[1] != picture
-    edit("physics/theory.py", "    return ", "    return 1 * ")
-    assert keys()[0] != data
-    sweeps = keys("sweeps")
-    edit("integrate/lanes/events.py", "    return ", "    return 1 * ")
-    assert keys("sweeps") != sweeps
-    sources._bare.cache_clear()
+    before = keys()
+    for file, changed in (
+        ("paper/registry.py", [False, False, False]),
+        ("paper/claims/theory.py", [False, False, False]),
+        ("paper/figures/times.py", [False, False, True]),
+        ("study/style.py", [False, False, True]),
+        ("paper/data/fig5.py", [False, True, False]),
+        ("paper/steady.yaml", [False, True, False]),
+        ("physics/theory.py", [True, True, False]),
+        ("integrate/lanes/events.py", [True, True, False]),
+    ):
+        (package / file).write_text((package / file).read_text() + "# Edited.\n")
+        now = keys()
+        assert [a != b for a, b in zip(before, now, strict=True)] == changed, file
+        before = now
+    workspace.code_key.cache_clear()
 
 
-def test_sweeps_of_other_code_are_run_again(config, tmp_path):
-    paper = load_paper(config)
-    few = paper.unsteady.model_copy(
-        update={"bodies": paper.unsteady.bodies.model_copy(update={"samples": 2})}
-    )
-    paper = paper.model_copy(update={"unsteady": few})
+def test_sweeps_of_other_code_are_run_again(tmp_path):
     block = tmp_path / "sweeps" / "unsteady" / "runs" / "block-000000.parquet"
-    codes, times = {}, []
+    times = []
     # New, the same code, another one, and runs of a version that did not record it.
     for code in (None, None, "other", "gone"):
+        ws = Workspace(tmp_path, Sizes(samples=1), 2)
         if code == "gone":
-            codes.clear()
+            ws.record["sweeps"].clear()
         elif code is not None:
-            codes["unsteady"] = code
-        Place(paper, tmp_path, 2, codes).sweep("unsteady", lambda fraction, text: None)
+            ws.record["sweeps"]["unsteady"] = code
+        ws.sweep("unsteady", quiet)
         times.append(block.stat().st_mtime_ns)
     assert times[0] == times[1] < times[2] == times[3]
-    assert codes == {}
 
 
-def test_cases_without_a_good_run_are_points_without_numbers(config, tmp_path):
-    paper = load_paper(config)
-    hopeless = paper.steady.model_copy(
-        update={"integrator": paper.steady.integrator.model_copy(update={"max_steps": 1})}
-    )
-    settings = paper.model_copy(update={"steady": hopeless})
-    done = make_paper(settings, tmp_path, ["fig7"], threads=2)
+def test_cases_without_a_good_run_are_points_without_numbers(monkeypatch, tmp_path):
+    def hopeless(name, sizes):
+        config = sweep_config(name, sizes)
+        integrator = config.integrator.model_copy(update={"max_steps": 1})
+        return config.model_copy(update={"integrator": integrator})
+
+    monkeypatch.setattr(workspace, "sweep_config", hopeless)
+    done = reproduce(tmp_path, ["fig7"], sizes=Sizes(samples=1), threads=2)
     late = read(tmp_path, "fig7_late")
-    assert len(late) == 18
+    assert len(late) == CASES
     assert late["reversed"].sum() == read(tmp_path, "fig7_onset")["wobbling"].sum() == 0
     assert late["ratio_std"].isna().all()
-    assert done.failed == 18 * 12
+    assert done.failed == CASES
     # Failures of a sweep that no chosen figure reads do not count.
-    assert make_paper(settings, tmp_path, ["theory"], threads=2).failed == 0
+    assert reproduce(tmp_path, ["theory"], sizes=Sizes(samples=1), threads=2).failed == 0
 
 
-def test_pictures_do_not_depend_on_the_users_settings(made):
+def test_pictures_do_not_depend_on_the_users_settings(made, tmp_path):
     directory, _, _ = made
     tables = {"times": pq.read_table(directory / "fig5_times.parquet")}
-    record = {"figures": {"fig5": {}}}
     pictures = []
-    for size in (10, 23):
-        with matplotlib.rc_context(
-            {"font.size": size, "axes.facecolor": "red"} if size > 10 else {}
-        ):
-            run._draw(directory.parent, record, "fig5", tables)
-        pictures.append((directory.parent / "fig5.png").read_bytes())
+    for changed in ({}, {"font.size": 23, "axes.facecolor": "red"}):
+        ws = Workspace(tmp_path, SMALL, 1)
+        ws.record["figures"]["fig5"] = {}
+        with matplotlib.rc_context(changed):
+            run._draw(ws, "fig5", tables)
+        pictures.append((tmp_path / "fig5.png").read_bytes())
     assert pictures[0] == pictures[1]
 
 
-def test_a_stop_keeps_whole_figures_and_whole_blocks(config, tmp_path):
-    paper = load_paper(config)
+def test_a_stop_keeps_whole_figures_and_whole_blocks(tmp_path):
+    sizes = Sizes(samples=1, windows=10)
 
-    def stop_in_rk4(progress):
-        if progress.text.startswith("rk4"):
+    def stop(share, words, elapsed, left):
+        if words.startswith("closer"):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        make_paper(paper, tmp_path, SWEEPS, threads=2, report=stop_in_rk4)
+        reproduce(tmp_path, ["fig5", "fig7"], sizes=sizes, threads=2, show=stop)
     assert (tmp_path / "fig5.svg").exists()
-    assert not list(tmp_path.glob("fig6*"))
+    assert not list(tmp_path.glob("fig7*"))
     assert not (tmp_path / "report.html").exists()
     assert not list(tmp_path.rglob(".*"))
-    stopped = (tmp_path / "sweeps" / "steady" / "runs" / "block-000000.parquet").stat()
+    block = tmp_path / "sweeps" / "steady" / "runs" / "block-000000.parquet"
+    stopped = block.stat().st_mtime_ns
     (tmp_path / ".fig6.svg.0123abcd.tmp").write_text("of a process that was killed")
-    done = make_paper(paper, tmp_path, SWEEPS, threads=2)
+    done = reproduce(tmp_path, ["fig5", "fig7"], sizes=sizes, threads=2)
     assert done.kept == ["fig5"]
-    now = (tmp_path / "sweeps" / "steady" / "runs" / "block-000000.parquet").stat()
-    assert now.st_mtime_ns == stopped.st_mtime_ns
+    assert block.stat().st_mtime_ns == stopped
     assert not list(tmp_path.rglob(".*"))
 
 
-def test_derived_sweeps_give_way_when_their_bodies_change(config, tmp_path):
-    paper = load_paper(config)
-    fewer = paper.model_copy(update={"fig7": paper.fig7.model_copy(update={"closer": 5})})
-    counts = []
-    for settings in (paper, fewer):
-        FIGURES["fig7"].compute(Place(settings, tmp_path, 2), lambda fraction, text: None)
-        counts.append(len(runs_of(tmp_path, "closer")))
-    assert counts[1] <= 5 < counts[0]
-
-
-def test_sweeps_of_other_settings_are_not_overwritten(config, made):
+def test_runs_are_integrated_again_when_others_are_asked_for(made, tmp_path):
     directory, _, _ = made
-    paper = load_paper(config)
-    other = paper.model_copy(update={"steady": paper.steady.model_copy(update={"seed": 6})})
+    runs = runs_of(directory, "steady").iloc[10:16:2]
+    ws = Workspace(tmp_path, SMALL, 2)
+    same = ws.again("few", runs, ("n_end", "t_r"), quiet)
+    pd.testing.assert_frame_equal(same, runs[["n_end", "t_r"]])
+    assert len(runs_of(tmp_path, "few")) == 3
+    ws.again("few", runs[:2], ("n_end",), quiet)
+    assert len(runs_of(tmp_path, "few")) == 2
+
+
+def test_sweeps_of_other_sizes_are_not_overwritten(made):
+    directory, _, _ = made
     before = runs_of(directory, "steady")
-    with pytest.raises(ConfigError, match=r"runs of another config .*seed"):
-        make_paper(other, directory, ["fig6"], threads=2)
+    with pytest.raises(ConfigError, match=r"runs of another config .*samples"):
+        reproduce(directory, ["fig6"], sizes=replace(SMALL, samples=3), threads=2)
     pd.testing.assert_frame_equal(runs_of(directory, "steady"), before)
 
 
 def test_progress_rises_to_one(made):
     _, _, seen = made
-    fractions = [p.fraction for p in seen]
-    assert all(b >= a - 1e-12 for a, b in pairwise(fractions))
-    assert fractions[-1] == pytest.approx(1)
-    assert all(p.left is None or p.left >= 0 for p in seen)
-
-
-# ------------------------------------------------------------------------------- claims
+    shares = [share for share, *_ in seen]
+    assert all(b >= a - 1e-12 for a, b in pairwise(shares))
+    assert shares[-1] == pytest.approx(1)
+    assert all(left is None or left >= 0 for *_, left in seen)
 
 
 def test_every_claim_of_the_sweeps_is_in_the_table(made):
@@ -516,158 +482,6 @@ def test_every_claim_of_the_sweeps_is_in_the_table(made):
     for name in ("value", "low", "high"):
         values = [v for v in table.column(name).to_pylist() if v is not None]
         assert np.isfinite(values).all()
-
-
-def test_claims_rest_on_figures_that_were_made(made):
-    directory, _, _ = made
-    tables = {"times": pq.read_table(directory / "fig5_times.parquet")}
-    assert [c.id for c in all_claims({"fig5": tables}, theory=False)] == ["U1", "U2"]
-    few = tables["times"].slice(0, 4)
-    assert claims_sweeps.claims({"fig5": {"times": few}}) == []
-
-
-def points(coefficient="K_p", sign=1, ratio=1.0, scatter=0.01):
-    """Ideal points: on the line, times ``ratio``."""
-    rows = []
-    for k in (0.1, 0.3, 1.0):
-        for n in (0.1, 0.2, 0.3, 0.4, 0.5):
-            for w in (0.001, 0.01, 0.1):
-                line = times.gh_line(k, n, math.hypot(n, w))
-                rows.append({coefficient: k, "n_i": sign * n, "omega_xy0": w, "runs": 9,
-                             "reversed": 9, "t_r_mean": ratio * line, "t_r_std": scatter * line,
-                             "t_r_low": 0.99 * ratio * line, "t_r_high": 1.01 * ratio * line,
-                             "t_rgh_line": line})  # fmt: skip
-    return pd.DataFrame(rows)
-
-
-def test_verdicts_follow_the_measurement():
-    assert claims_sweeps.u1(points()).verdict == "agree"
-    off = claims_sweeps.u1(points(ratio=2.0))
-    # The slopes and the scatter are as they should be; of the headline nothing is left.
-    assert (off.verdict, off.score) == ("disagree", "2 of 4")
-    assert off.value == pytest.approx(2.0)
-    assert claims_sweeps.u1(points(scatter=0.9)).verdict == "partly"
-
-
-def test_a_verdict_is_made_of_checks_the_first_of_which_is_the_headline():
-    def claim(*checks):
-        named = [(f"check {k}", holds) for k, holds in enumerate(checks)]
-        return Claim(id="T1", where="", words="", measured="measured", checks=named, notes="End.")
-
-    assert [claim(*c).verdict for c in ((True, True), (True, False), (False, True))] == [
-        "agree", "partly", "disagree",
-    ]  # fmt: skip
-    one = claim(True, False, True)
-    assert one.evidence == ("Checks, headline first: check 0: yes; check 1: no; check 2: yes. End.")
-    assert re.split("  +", closing_table([one])) == ["T1", "partly", "2 of 3", "measured"]
-    row = claims_table([one]).to_pylist()[0]
-    assert (row["held"], row["checks"], row["headline"]) == (2, 3, "check 0")
-
-
-def test_one_body_on_the_wrong_side_of_the_threshold_changes_s3(made):
-    directory, done, _ = made
-    assert next(c for c in done.claims if c.id == "S3").verdict == "agree"
-    tables = {
-        name: pq.read_table(directory / f"fig6_{name}.parquet")
-        for name in ("fractions", "definitions", "basin", "rk4", "chaos")
-    }
-    frame = tables["fractions"].to_pandas()
-    frame.loc[frame["omega_xy0"] == 0.001, "ss_only"] = [1] + [0] * 8
-    tables["fractions"] = pa.Table.from_pandas(frame)
-    claims = {c.id: c for c in claims_sweeps.claims({"fig6": tables})}
-    assert claims["S3"].verdict == "partly"
-    assert claims["S3"].low > 0
-
-
-def test_the_frequency_of_a_swing_is_found():
-    t = np.linspace(0, 300, 6001)
-    slow = 0.5 * np.tanh((150 - t) / 30)
-    found = claims_sweeps.swing_frequency(t, slow + 0.05 * np.sin(2.9 * t))
-    assert found == pytest.approx(2.9, abs=0.02)
-
-
-# -------------------------------------------------------------------------- the paper's words
-
-EXCERPTS = Path(__file__).parent / "paper_excerpts.tex"
-# Labels of the numbered equations in their order; a dash is one without a label.
-LABELS = """
-em-1 em-2 no-slip def-z - - - def-xy - diff-u diff-omega - - def-abg - lin-u lin-omg1 -
-lin-omg2 - lin-omg3 lin-omg4 def-omgpr def-omega_pr omega_pr - - omega_p0 omega_r0 ave-torque
-def-kpr ave-ene kp-1 kp-2 kr-1 kr-2 k-rat k-diff Kp Kr - - omg_pr-approx-omgpr0 sign-typ-k - -
-diff-ne-1 diff-ne-2 diff-ne-3 - casimir - diff-n - gh-solution-p trgh-p gh-solution-m trgh-m
-ratomg - - - - - - - - sim-ic-1 sim-ic-2 sim-ic-3 - def-n0 def-nc1 case-instab1 toki-prs
-"""
-NUMBERED = LABELS.split()
-WORDS = {"lesssim": "<~", "gtrsim": ">~", "approx": "~", "ll": "<<", "gg": ">>", "le": "<=",
-         "circ": "deg"}  # fmt: skip
-
-
-def uncommented(tex):
-    return re.sub(r"(?<!\\)%.*", "", tex)
-
-
-def plain(text, *, tex=False):
-    """Text without spaces, its mathematics spelt as in the claims."""
-    if tex:
-        text = re.sub(r"\\(cite|label)\{[^}]*\}", "", uncommented(text)).replace("~", " ")
-        text = re.sub(r"\\tilde\s*\{?(\\omega|t)\}?", r"\1~", text)
-        text = re.sub(r"\\(textit|text|bm|[, ])", "", text)
-        text = re.sub(r"\\([a-zA-Z]+)", lambda m: WORDS.get(m[1], m[1]), text)
-        text = re.sub(r"[{}$`]|''", "", text)
-        text = re.sub(r"\|(\w+)\|", r"abs(\1)", text).replace("abs(omega_xy0)", "omega_xy0")
-    return re.sub(r'[\s"]', "", text)
-
-
-def texts():
-    """All texts of the room of the paper, as far as they are written out in its sources."""
-    for path in sorted(Path(run.__file__).parent.glob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.Constant) and isinstance(node.value, str):
-                yield node.value
-    calm = {"t_r": 112.0, "t_rgh": 108.0, "zeros": 1}
-    yield claims_runs.g1({**calm, "n_i": 0.1}, 112, "G1", "earlier").words
-    yield claims_runs.g1({**calm, "n_i": -0.1}, 810, "G2", "later").words
-
-
-def numbers_of(tex):
-    """Labels of numbered equations: amsmath numbers each row of align that does not say notag."""
-    found = []
-    for kind, body in re.findall(
-        r"\\begin\{(equation|align|multline)\}(.*?)\\end\{\1\}", uncommented(tex), re.DOTALL
-    ):
-        flat = re.sub(r"\\begin\{pmatrix\}.*?\\end\{pmatrix\}", "", body, flags=re.DOTALL)
-        for row in flat.split(r"\\") if kind == "align" else [body]:
-            if r"\notag" not in row:
-                label = re.search(r"\\label\{\w+:([^}]*)\}", row)
-                found.append(label[1] if label else "-")
-    return found
-
-
-def test_what_stands_between_quotation_marks_is_the_papers():
-    source = plain(EXCERPTS.read_text(), tex=True)
-    quotes = {q for text in texts() for q in re.findall(r"“([^”{]*)”", text)}
-    assert len(quotes) > 50
-    assert [quote for quote in sorted(quotes) if plain(quote) not in source] == []
-    # A word that is not the paper's is noticed.
-    assert plain("one could see K_p >> K_r") not in source
-
-
-def test_equations_have_their_printed_numbers():
-    cited = {pair for text in texts() for pair in re.findall(r"\((\d+)\) \[([\w-]+)\]", text)}
-    assert len(cited) > 8
-    assert [pair for pair in cited if NUMBERED[int(pair[0]) - 1] != pair[1]] == []
-    # No label goes without its number.
-    labels = "|".join(sorted(set(NUMBERED) - {"-", "Kp", "Kr"}, key=len, reverse=True))
-    bare = re.compile(rf"Eqs?\. (?:[\w-]+, )*(?:{labels})\b")
-    assert [text for text in texts() if bare.search(text)] == []
-
-
-@pytest.mark.skipif("RATTLESWEEP_PAPER" not in os.environ, reason="needs the paper's source")
-def test_excerpts_and_numbers_are_those_of_the_source():
-    source = Path(os.environ["RATTLESWEEP_PAPER"]).read_text()
-    for excerpt in EXCERPTS.read_text().split("\n\n"):
-        assert plain(excerpt, tex=True) in plain(source, tex=True)
-    assert numbers_of(source) == NUMBERED
 
 
 # ------------------------------------------------------------------------------- report
@@ -719,7 +533,7 @@ def test_the_report_is_one_file_that_asks_for_nothing(made):
     text = "".join(page.text)
     for claim in done.claims:
         assert f"\n{claim.id}" in text or claim.id in text
-    assert "Reduced" not in text
+    assert "Reduced" in text
     for name in ("numpy", "numba", "matplotlib", "fig6", "steady"):
         assert name in text
 
@@ -751,21 +565,18 @@ def test_symbols_are_set_and_names_of_files_are_not():
     )
 
 
-def test_numbers_that_are_none_are_null_in_the_table():
-    claim = Claim(id="U1", where="", words="", measured="", checks=[("a", True), ("b", False)],
-                  value=math.nan, low=-math.inf)  # fmt: skip
-    row = claims_table([claim]).to_pylist()[0]
-    assert (row["value"], row["low"], row["high"]) == (None, None, None)
-    assert closing_table([claim]).startswith("U1   partly")
-
-
 # ------------------------------------------------------------------------------ command
 
 
-def test_the_command_makes_what_is_asked_for(config, tmp_path):
-    done = invoke("--config", config, "--only", "fig5", "--output", tmp_path / "out")
+@pytest.fixture
+def small(monkeypatch):
+    monkeypatch.setattr("rattlesweep.paper.settings.QUICK", Sizes(samples=1))
+
+
+def test_the_command_makes_what_is_asked_for(small, tmp_path):
+    done = invoke("--quick", "--only", "fig5", "--output", tmp_path / "out")
     assert done.exit_code == 0
-    assert [line.split()[0] for line in done.stdout.splitlines()] == ["U1", "U2"]
+    assert {line.split()[0] for line in done.stdout.splitlines()} <= {"U1", "U2"}
     assert "report.html" in done.stderr
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [
         "claims.parquet", "fig5.png", "fig5.svg", "fig5_forces.parquet", "fig5_spin.parquet",
@@ -773,44 +584,35 @@ def test_the_command_makes_what_is_asked_for(config, tmp_path):
     ]  # fmt: skip
     record = json.loads((tmp_path / "out" / "paper.json").read_text())
     assert record["threads"] == available_threads()
-    assert record["settings"]["unsteady"]["bodies"]["samples"] == 12
+    assert record["settings"]["unsteady"]["bodies"]["samples"] == 1
 
 
-def test_the_command_refuses_in_one_sentence(config, tmp_path):
+def test_the_command_refuses_in_one_sentence(tmp_path):
     wrong = invoke("--only", "fgi6", "--output", tmp_path / "o")
     assert wrong.exit_code == 2
     assert wrong.stderr.count("\n") == 1
     assert not (tmp_path / "o").exists()
     file = tmp_path / "file"
     file.write_text("")
-    full = invoke("--config", config, "--only", "fig5", "--output", file)
+    full = invoke("--quick", "--only", "fig5", "--output", file)
     assert full.exit_code == 1
     assert full.stderr.startswith("error: cannot write in")
-    assert invoke("--config", tmp_path / "none.yaml").exit_code == 2
 
 
-def test_ctrl_c_ends_the_command_with_130(config, tmp_path, monkeypatch):
+def test_ctrl_c_ends_the_command_with_130(tmp_path, monkeypatch):
     def interrupted(*args, **kwargs):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(run, "make_paper", interrupted)
-    stopped = invoke("--config", config, "--output", tmp_path)
+    monkeypatch.setattr(run, "reproduce", interrupted)
+    stopped = invoke("--output", tmp_path)
     assert stopped.exit_code == 130
     assert "completed work is kept" in stopped.stderr
-
-
-def test_the_shipped_settings_are_printed(tmp_path):
-    done = invoke("--print-config")
-    assert done.exit_code == 0
-    assert done.stdout == shipped()
-    (tmp_path / "p.yaml").write_text(done.stdout)
-    assert load_paper(tmp_path / "p.yaml") == load_paper()
 
 
 @pytest.mark.slow
 def test_the_full_size_says_of_the_paper_what_the_readme_says(tmp_path):
     """Minutes: 240,000 runs, RK4, and Lyapunov exponents of what wobbles."""
-    done = make_paper(load_paper(), tmp_path, SWEEPS, threads=available_threads())
+    done = reproduce(tmp_path, SWEEPS, threads=available_threads())
     verdicts = {claim.id: claim.verdict for claim in done.claims}
     assert verdicts == {
         "U1": "partly", "U2": "partly", "S1": "agree", "S2": "partly", "S3": "agree",

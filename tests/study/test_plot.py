@@ -18,6 +18,7 @@ from test_run import invoke, tree
 from theory_mp import n_c1_squared
 
 import rattlesweep as rs
+from rattlesweep.errors import ConfigError
 from rattlesweep.study.plots import scatter as plot_scatter
 from rattlesweep.study.plots.counts import Counts
 from rattlesweep.study.plots.distribution import EDGES
@@ -25,7 +26,7 @@ from rattlesweep.study.plots.layout import Axis, Layout, read_layout, read_rows
 from rattlesweep.study.plots.map import BONDI_LABEL, NO_REVERSAL
 from rattlesweep.study.plots.registry import KINDS, choose_picture, read_picture
 from rattlesweep.study.style import FAILED, MISSING, TYPE_STYLE, encode, styled
-from rattlesweep.sweeps.config.load import ConfigError, parse_config
+from rattlesweep.sweeps.config.load import parse_config
 
 BODIES = {"source": "sd", "samples": 12, "target": {"K_r": [0.005, 0.02, 0.05, 0.1],
                                                     "rel_tol": 0.05}}  # fmt: skip

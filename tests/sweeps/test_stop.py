@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import fcntl
-import os
 import re
 import shutil
 import signal
-import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -30,8 +28,8 @@ from hardship import (
 from syscalls import CHANGES
 
 from rattlesweep.errors import OutputError
+from rattlesweep.integrate import task
 from rattlesweep.integrate.batch import available_threads
-from rattlesweep.sweeps.blocks import task
 from rattlesweep.sweeps.cases.plan import Plan, make_plan
 from rattlesweep.sweeps.config.load import parse_config
 from rattlesweep.sweeps.engines import local
@@ -242,21 +240,6 @@ def stop_and_go(plan: Plan, output: Path, **how: Any) -> list[Report]:
         assert reports[-1].done > 0, reports[-1].stopped
         assert len(reports) <= RUNS
     return reports
-
-
-def test_ctrl_c_leaves_a_task_its_time_to_hand_over():
-    def call(control: Any) -> str:
-        while not control.stopping:
-            time.sleep(0.01)
-        time.sleep(1)
-        return "rest"
-
-    at_work = task.Task(call)
-    threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
-    with pytest.raises(KeyboardInterrupt):
-        at_work.wait()
-    at_work.stop(30)
-    assert at_work.value() == "rest"
 
 
 def test_any_time_however_short_makes_progress(plain, often, tmp_path):

@@ -1,22 +1,49 @@
-"""A row of the claims table: what the paper says, what was measured, which checks hold."""
+"""A claim of the paper: its words, what is asked of the measurement, and the verdict."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
-# Rounding error allowed in an identity between doubles.
-EXACT = 1e-9
+import numpy as np
+import pyarrow as pa
 
+Tables = Mapping[str, Mapping[str, pa.Table]]
 Verdict = Literal["agree", "partly", "disagree"]
-Checks = Sequence[tuple[str, bool]]
+# Share at which a headline must hold where the paper's words leave room, for `partly`.
+MOST = 0.9
+
+
+@dataclass(frozen=True)
+class Count:
+    """How many of a total meet a criterion; true if all do, and there are any."""
+
+    hits: int
+    total: int
+
+    def __bool__(self) -> bool:
+        return 0 < self.hits == self.total
+
+    def __add__(self, other: Count) -> Count:
+        return Count(self.hits + other.hits, self.total + other.total)
+
+    def __str__(self) -> str:
+        return f"{self.hits:,} of {self.total:,}"
+
+
+def every(mask: Any) -> Count:
+    """Count of the true values."""
+    return Count(int(np.sum(mask)), len(mask))
+
+
+# Checks, whose truth says whether they hold, and numbers by name.
+Measured = tuple[Sequence[object], dict[str, Any]]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Claim:
-    """What the paper says, and what was measured.
+    """A row of the table of claims.
 
     Attributes
     ----------
@@ -27,70 +54,86 @@ class Claim:
         ``Eq. (38) [k-diff]``.
     words : str
         What the paper says.  What stands between quotation marks is quoted word for word.
-    measured : str
-        What was found, with its figures.
-    checks : sequence of (str, bool)
-        What was asked of the measurement, and whether it holds.  The first is the headline: the
-        statement without which nothing is left of the claim.
-    notes : str
-        How the claim was checked, and what explains the outcome.
-    value, low, high : float, optional
-        The figure that decides, and its confidence interval or its range, where there is one.
+    criteria : tuple of str
+        What is asked of the measurement.  The first is the headline: the paper's statement itself.
+    measure : callable
+        From the tables of the figures to the checks, one for each criterion, and the numbers;
+        None if these tables cannot settle the claim.  Of the numbers, ``value`` is the one that
+        decides, ``low`` and ``high`` its confidence interval or range.
+    measured, notes : str
+        What was found; how it was found, and what explains it.  Numbers stand in braces.
+    leeway : str
+        The paper's word that leaves room in the headline, such as “almost”, if there is one.
+    figures : tuple of str
+        Figures whose tables are needed; none for a claim about formulas alone.
+    """
+
+    id: str
+    where: str
+    words: str
+    criteria: tuple[str, ...]
+    measure: Callable[..., Measured | None]
+    measured: str
+    notes: str = ""
+    leeway: str = ""
+    figures: tuple[str, ...] = ()
+
+    def judge(self, tables: Tables, **options: Any) -> Judgement | None:
+        """Measure the claim; None if these tables cannot settle it."""
+        found = self.measure(tables, **options)
+        return None if found is None else self.verdict(*found)
+
+    def verdict(self, checks: Sequence[object], numbers: Mapping[str, Any]) -> Judgement:
+        """What the checks, one for each criterion, and the numbers come to.
+
+        A headline that fails makes it ``disagree``; where the paper's words leave room, and nine in
+        ten still meet the headline, ``partly``.
+        """
+        told = [
+            f"{words}: {'yes' if check else 'no'}"
+            + (f", {check}" if isinstance(check, Count) else "")
+            for words, check in zip(self.criteria, checks, strict=True)
+        ]
+        notes = self.notes.format(**numbers).strip()
+        head, held = checks[0], sum(map(bool, checks))
+        room = self.leeway and isinstance(head, Count) and head.hits >= MOST * head.total > 0
+        if room and not head:
+            notes = f"The headline fails, but the paper's words leave room: {self.leeway}. {notes}"
+        return Judgement(
+            id=self.id,
+            where=self.where,
+            words=self.words,
+            measured=self.measured.format(**numbers),
+            **{name: numbers.get(name) for name in ("value", "low", "high")},
+            verdict="agree" if held == len(checks) else "partly" if head or room else "disagree",
+            held=held,
+            checks=len(checks),
+            headline=self.criteria[0],
+            evidence=f"Checks, headline first: {'; '.join(told)}. {notes}".strip(),
+        )
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A judged claim, as the report and ``claims.parquet`` have it.
+
+    The verdict is ``agree`` if all checks hold; see :meth:`Claim.verdict` for the others.
     """
 
     id: str
     where: str
     words: str
     measured: str
-    checks: Checks
-    notes: str = ""
-    value: float | None = None
-    low: float | None = None
-    high: float | None = None
-
-    @property
-    def held(self) -> int:
-        """Number of checks that hold."""
-        return sum(holds for _, holds in self.checks)
-
-    @property
-    def verdict(self) -> Verdict:
-        """``agree`` if all checks hold, ``disagree`` if the headline fails, else ``partly``."""
-        if self.held == len(self.checks):
-            return "agree"
-        return "partly" if self.checks[0][1] else "disagree"
+    value: float | None
+    low: float | None
+    high: float | None
+    verdict: Verdict
+    held: int
+    checks: int
+    headline: str
+    evidence: str
 
     @property
     def score(self) -> str:
         """Such as ``3 of 4``."""
-        return f"{self.held} of {len(self.checks)}"
-
-    @property
-    def evidence(self) -> str:
-        """The checks in words, the headline first, and the notes."""
-        said = "; ".join(f"{words}: {'yes' if holds else 'no'}" for words, holds in self.checks)
-        return f"Checks, headline first: {said}. {self.notes}".strip()
-
-
-def wilson(hits: int, runs: int, z: float = 1.959964) -> tuple[float, float]:
-    """Wilson's interval for a share, 95 % unless ``z`` says otherwise.
-
-    Parameters
-    ----------
-    hits, runs : int
-        ``0 <= hits <= runs``, ``runs > 0``.
-    z : float
-        Normal quantile.
-
-    Raises
-    ------
-    ValueError
-        If there are no runs, or more hits than runs.
-    """
-    if not 0 <= hits <= runs or not runs:
-        raise ValueError(f"no share has {hits} hits in {runs} runs")
-    share, weight = hits / runs, z * z / runs
-    middle = (share + weight / 2) / (1 + weight)
-    half = z / (1 + weight) * math.sqrt((share * (1 - share) + weight / 4) / runs)
-    # The ends are exactly 0 and 1 where all runs are of one kind.
-    return (0.0 if hits == 0 else middle - half), (1.0 if hits == runs else middle + half)
+        return f"{self.held} of {self.checks}"

@@ -1,123 +1,74 @@
-"""The paper's claims about its theory (T1 to T7, S9), checked without any run.
+"""Claims about formulas (T1 to T3, T7, S9), measured without any run.
 
 What a claim says is computed a second way wherever the package itself uses the formula in question:
 torque coefficients from their definition by eigenvectors, growth rates from the linearised full
-dynamics, inertia of ellipsoids by slices.
+dynamics.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 from itertools import product
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rattlesweep.paper.claims.bodies import coefficient_claim, frequency_claim
-from rattlesweep.paper.claims.claim import EXACT, Claim
-from rattlesweep.paper.claims.spin import bondi, slow_spin
-from rattlesweep.paper.figures.ellipsoid import ellipsoids
-from rattlesweep.paper.figures.sd import sd_bodies, wide_bodies
-from rattlesweep.physics import theory
+from rattlesweep.paper.claims.bodies import SAMPLES, sd_bodies, wide_bodies
+from rattlesweep.paper.claims.checks import EXACT
+from rattlesweep.paper.claims.claim import Count, every
+from rattlesweep.physics import full, reduced, steady, theory
 from rattlesweep.physics.body import Rattleback
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    import pyarrow as pa
     from numpy.typing import NDArray
+
+    from rattlesweep.paper.claims.claim import Measured, Tables
 
     Floats = NDArray[np.float64]
 
-
-def claims(figures: Mapping[str, Mapping[str, pa.Table]], samples: int = 2000) -> list[Claim]:
-    """Rows of the claims table.
-
-    Parameters
-    ----------
-    figures : mapping
-        Tables of the figures that were made, by name; T4 needs ``fig2`` and T5 ``fig3``.
-    samples : int
-        Random bodies on which identities are tried.
-    """
-    rows = [garcia_hubbard(), identities(samples), limits(samples)]
-    if "fig2" in figures:
-        rows.append(frequency_claim(figures["fig2"], figures.get("fig3")))
-    if "fig3" in figures:
-        rows.append(coefficient_claim(figures["fig3"]))
-    return [*rows, ellipsoids(samples), slow_spin(samples), bondi(samples)]
-
-
 # --- T1 -----------------------------------------------------------------------------------------
 
-
-@dataclass(frozen=True)
-class Printed:
-    """A number as the paper prints it, and what it is here, in the same unit."""
-
-    name: str
-    value: float
-    digits: int
-    found: float
-
-    @property
-    def agrees(self) -> bool:
-        """Whether the number found rounds to the one printed."""
-        return round(self.found, self.digits) == self.value
+# Numbers of the body GH as the paper prints them, angles in degrees, and their decimals.
+PRINTED = {"K_p": (0.553, 3), "K_r": (0.0967, 4), "omega_p": (1.44, 2), "omega_r": (0.602, 3),
+           "psi_p": (-17, 0), "psi_r": (88, 0)}  # fmt: skip
+# Half of the last digit that Table I prints.
+HALF_DIGITS = {"alpha": 0.005, "beta": 5e-4, "theta": 5e-5, "phi": 5e-5, "xi": np.radians(0.005)}
 
 
-def gh_figures(body: Rattleback) -> list[Printed]:
-    """The paper's six figures of the body GH."""
+def gh_numbers(body: Rattleback) -> dict[str, float]:
+    """The numbers of :data:`PRINTED` of a body."""
     found = theory.modes(body.alpha, body.beta, body.theta, body.phi, body.xi)
-    return [
-        Printed("K_p", 0.553, 3, float(found.K_p)),
-        Printed("K_r", 0.0967, 4, float(found.K_r)),
-        Printed("omega_p", 1.44, 2, float(found.omega_p)),
-        Printed("omega_r", 0.602, 3, float(found.omega_r)),
-        Printed("psi_p", -17, 0, float(np.degrees(found.psi_p))),
-        Printed("psi_r", 88, 0, float(np.degrees(found.psi_r))),
-    ]
+    values = {name: float(getattr(found, name)) for name in PRINTED}
+    return values | {name: float(np.degrees(values[name])) for name in ("psi_p", "psi_r")}
 
 
-def garcia_hubbard() -> Claim:
-    """T1: the figures of the body GH."""
+def as_printed(found: dict[str, float]) -> list[bool]:
+    """Which of the numbers round to the printed ones."""
+    return [round(found[name], digits) == value for name, (value, digits) in PRINTED.items()]
+
+
+def garcia_hubbard(_: Tables) -> Measured:
+    """T1: the numbers of the body GH, and of all bodies that Table I rounds to it."""
     body = Rattleback.gh()
-    rows = gh_figures(body)
-    # Table I is rounded, too: what its last digits leave open.
-    halves = {"alpha": 0.005, "beta": 0.0005, "theta": 5e-5, "phi": 5e-5, "xi": np.radians(0.005)}
-    corners: list[list[float]] = []
-    for signs in product((-1, 1), repeat=len(halves)):
-        moved = {
-            n: getattr(body, n) + s * h for s, (n, h) in zip(signs, halves.items(), strict=True)
-        }
-        corners.append([r.found for r in gh_figures(Rattleback(gamma=body.gamma, **moved))])
-    low, high = np.min(corners, axis=0), np.max(corners, axis=0)
-    possible = [
-        a - 0.5 * 10.0**-r.digits <= r.value <= b + 0.5 * 10.0**-r.digits
-        for r, a, b in zip(rows, low, high, strict=True)
-    ]
-    # 0.03 rad is 1.719 degrees, which Table I would print as 1.72.
-    other = gh_figures(Rattleback(body.alpha, body.beta, body.gamma, body.theta, body.phi, -0.03))
-    return Claim(
-        id="T1",
-        where="Methods; text on Fig. 4",
-        words="“The parameter set GH gives K_p = 0.553 and K_r = 0.0967”; pitch frequency "
-        "“omega_p ~ 1.44 omega~”, roll frequency “omega_r ~ 0.602 omega~”; eigenvectors at "
-        "“psi_p ~ -17^deg” and “psi_r ~ 88^deg” from the x axis",
-        measured=", ".join(f"{r.name} = {r.found:.4g}" for r in rows),
-        value=rows[1].found,
-        low=float(low[1]),
-        high=float(high[1]),
-        checks=[
-            ("all six are possible for a body that Table I rounds to GH", all(possible)),
-            *((f"{r.name} rounds to {r.value:g}", r.agrees) for r in rows),
-        ],
-        notes=(
-            "The range given is that of K_r over all bodies that Table I rounds to GH. With "
-            f"xi = -0.03 rad, which it rounds to 1.72 degrees, {sum(r.agrees for r in other)} of "
-            f"6 come out as printed (K_r = {other[1].found:.5f})."
-        ),
+    found = gh_numbers(body)
+    corners = []
+    for signs in product((-1, 1), repeat=len(HALF_DIGITS)):
+        moved = zip(HALF_DIGITS.items(), signs, strict=True)
+        corners.append(
+            gh_numbers(replace(body, **{n: getattr(body, n) + s * h for (n, h), s in moved}))
+        )
+    low, high = ({n: end(c[n] for c in corners) for n in PRINTED} for end in (min, max))
+    possible = all(
+        low[name] - 0.5 * 10.0**-digits <= value <= high[name] + 0.5 * 10.0**-digits
+        for name, (value, digits) in PRINTED.items()
     )
+    # 0.03 rad is 1.719 degrees, which Table I would print as 1.72.
+    other = gh_numbers(replace(body, xi=-0.03))
+    printed = as_printed(found)
+    return [all(printed[:2]), *printed[2:], possible], {
+        **found, "value": found["K_r"], "low": low["K_r"], "high": high["K_r"],
+        "printed_at": every(as_printed(other)), "K_r_at": other["K_r"],
+    }  # fmt: skip
 
 
 # --- T2 -----------------------------------------------------------------------------------------
@@ -132,8 +83,7 @@ def by_definition(body: tuple[Floats, ...]) -> dict[str, Floats]:
     turn = xi + np.pi / 2
     cos, sin = np.cos(turn), np.sin(turn)
     rotation = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)
-    zero = np.zeros_like(alpha)
-    stiff = np.stack([np.stack([1 / theta, zero], -1), np.stack([zero, 1 / phi], -1)], -2)
+    stiff = np.stack([1 / theta, 1 / phi], -1)[..., None] * np.eye(2)
     gamma_hat = rotation @ stiff @ np.swapaxes(rotation, -1, -2)
     root = np.sqrt(np.stack([alpha, beta], -1))
     hat = (gamma_hat - np.eye(2)) / (root[..., :, None] * root[..., None, :])
@@ -154,106 +104,184 @@ def by_definition(body: tuple[Floats, ...]) -> dict[str, Floats]:
     }
 
 
-def identities(samples: int) -> Claim:
+def identities(_: Tables, samples: int = SAMPLES) -> Measured:
     """T2: the ratio, the difference and the signs of the torque coefficients."""
-    body = tuple(np.concatenate(pair) for pair in
-                 zip(sd_bodies(samples), wide_bodies(samples), strict=True))  # fmt: skip
-    alpha, beta, _, theta, phi, xi = body
+    pairs = zip(sd_bodies(samples), wide_bodies(samples), strict=True)
+    body = alpha, beta, _gamma, theta, phi, xi = tuple(map(np.concatenate, pairs))
     found = by_definition(body)
-    scale = found["K_p"] * found["magnified"]
     closed = -0.5 * np.sin(2 * xi) * (1 / beta - 1 / alpha) * (1 / phi - 1 / theta)
     difference = found["K_p"] - found["K_r"]
     off = {
-        "K_p/K_r": np.abs(found["K_p"] - found["K_r"] * found["ratio"]) / scale,
-        "K_p - K_r": np.abs(difference - closed) / scale,
-        "trace with J^+1/2": np.abs(difference - found["trace"]) / scale,
+        "ratio": found["K_p"] - found["K_r"] * found["ratio"],
+        "difference": difference - closed,
+        "trace": difference - found["trace"],
     }
-    largest = {name: float(values.max()) for name, values in off.items()}
+    scale = found["K_p"] * found["magnified"]
+    largest = {name: float(np.max(np.abs(values) / scale)) for name, values in off.items()}
     signs = found["K_p"] * found["K_r"] > 0
     printed = float(np.max(np.abs(found["printed"] / difference)))
-    return Claim(
-        id="T2",
-        where="Eqs. (37) [k-rat] and (38) [k-diff]",
-        words="K_p/K_r = omega_p^2/omega_r^2; K_p - K_r = Tr[J^-1/2 eps J^-1/2 H] = "
-        "-(1/2) sin(2 xi)(1/beta - 1/alpha)(1/phi - 1/theta); K_p K_r > 0, “namely, the torques "
-        "generated by the pitching and the rolling always have opposite signs to each other”",
-        measured=(
-            "largest relative deviation: "
-            + ", ".join(f"{name} {value:.1g}" for name, value in largest.items())
-            + f"; K_p K_r > 0 in {np.mean(signs):.0%} of {len(alpha):,} bodies; the trace "
-            f"as printed is at most {printed:.1g} of K_p - K_r"
-        ),
-        value=max(largest.values()),
-        checks=[
-            (
-                f"K_p/K_r is the squared ratio of the frequencies, to {EXACT:g}",
-                largest["K_p/K_r"] < EXACT,
-            ),
-            ("K_p - K_r is as the second line has it", largest["K_p - K_r"] < EXACT),
-            ("K_p K_r > 0 for every body", bool(signs.all())),
-            ("the trace, first line, as printed", abs(printed - 1) < EXACT),
-        ],
-        notes=(
-            "K_p and K_r are computed from the eigenvectors by Eqs. (33) [kp-1] and (35) [kr-1], "
-            "for bodies of SD and far beyond it; the tolerance grows where nearly equal "
-            "frequencies amplify rounding. The trace in the first line of Eq. (38) [k-diff] is "
-            "zero for every body, since J^-1/2 eps J^-1/2 is antisymmetric and H symmetric; "
-            f"Tr[J^-1/2 eps J^+1/2 H] must be meant, and equals K_p - K_r to "
-            f"{largest['trace with J^+1/2']:.1g}."
-        ),
-    )
+    checks = [largest["ratio"] < EXACT, largest["difference"] < EXACT, every(signs),
+              abs(printed - 1) < EXACT]  # fmt: skip
+    return checks, {
+        **largest, "value": max(largest.values()), "positive": np.mean(signs),
+        "bodies": len(alpha), "printed": printed,
+    }  # fmt: skip
 
 
 # --- T3 -----------------------------------------------------------------------------------------
 
 
-def _extrapolated(values: Floats) -> Floats:
+def extrapolated(values: Floats) -> Floats:
     """Limit of a sequence whose argument is halved, freed of its first and second order."""
     first = 2 * values[1:] - values[:-1]
     second = (4 * first[1:] - first[:-1]) / 3
     return np.asarray(second[-1])
 
 
-def limits(samples: int) -> Claim:
+def limits(_: Tables, samples: int = SAMPLES) -> Measured:
     """T3: long curvature to zero, short curvature to one."""
-    alpha, beta, _, theta, phi, _ = sd_bodies(samples)
+    alpha, beta, _gamma, theta, phi, _xi = sd_bodies(samples)
     xi = -(2.0**-26)
     lever = -xi * (1 / beta - 1 / alpha)
-    small = 2.0 ** -np.arange(12, 18)
-    flat = [theory.modes(alpha, beta, theta, s, xi) for s in small]
-    tall = [theory.modes(alpha, beta, 1 - s, phi, xi) for s in small]
-    pairs = {
-        "phi K_p, phi -> 0": ([s * m.K_p for s, m in zip(small, flat, strict=True)], lever),
-        "K_r, phi -> 0": ([m.K_r for m in flat], lever * alpha / beta * (1 / theta - 1)),
-        "K_p, theta -> 1": ([m.K_p for m in tall], lever * (1 / phi - 1)),
-        "K_r/(1 - theta), theta -> 1": (
-            [m.K_r / s for s, m in zip(small, tall, strict=True)], lever * alpha / beta,
-        ),
-    }  # fmt: skip
-    off = {
-        name: float(np.max(np.abs(_extrapolated(np.array(values)) / limit - 1)))
-        for name, (values, limit) in pairs.items()
-    }
+    small = 2.0 ** -np.arange(12, 18)[:, None]
+    flat = theory.modes(alpha, beta, theta, small, xi)
+    tall = theory.modes(alpha, beta, 1 - small, phi, xi)
+    pairs = (
+        (small * flat.K_p, lever),
+        (flat.K_r, lever * alpha / beta * (1 / theta - 1)),
+        (tall.K_p, lever * (1 / phi - 1)),
+        (tall.K_r / small, lever * alpha / beta),
+    )
+    off = [float(np.max(np.abs(extrapolated(values) / limit - 1))) for values, limit in pairs]
     # What "|xi| << 1" leaves out at the largest skew angle of SD.
     at_six = theory.modes(alpha, beta, theta, 1e-9, -np.radians(6.0)).K_r
     small_xi = np.radians(6.0) * (1 / beta - 1 / alpha) * alpha / beta * (1 / theta - 1)
     gap = np.abs(at_six / small_xi - 1)
-    return Claim(
-        id="T3",
-        where="end of Theory",
-        words="abs(xi) << 1 and phi -> 0: K_p -> infinity, K_r -> (-xi)(1/beta - 1/alpha)"
-        "(alpha/beta)(1/theta - 1), “thus the time for reversal t_rGH- remains constant while "
-        "t_rGH+ approaches 0”; theta -> 1: K_p -> (-xi)(1/beta - 1/alpha)(1/phi - 1), K_r -> 0, "
-        "“the negative spin rotation never reverses”",
-        measured="largest relative distance from the limit: "
-        + ", ".join(f"{name}: {value:.1g}" for name, value in off.items()),
-        value=max(off.values()),
-        checks=[(f"limit of {name} to 1e-8", value < 1e-8) for name, value in off.items()],
-        notes=(
-            "Extrapolated from phi and 1 - theta = 2^-12 ... 2^-17 at xi = -2^-26, for "
-            f"{samples:,} bodies of SD. phi K_p and K_r/(1 - theta) have finite, nonzero limits, "
-            "so K_p diverges as 1/phi and K_r vanishes as 1 - theta. The limits are those of "
-            "small xi: at -6 degrees, the largest skew angle of SD, K_r for phi -> 0 is off by "
-            f"{gap.min():.0%} to {gap.max():.0%}."
-        ),
+    return [value < 1e-8 for value in off], {
+        "off": off, "value": max(off), "bodies": samples, "gap_min": gap.min(),
+        "gap_max": gap.max(),
+    }  # fmt: skip
+
+
+# --- T7 -----------------------------------------------------------------------------------------
+
+
+def growth_slopes(body: tuple[Floats, ...]) -> tuple[Floats, Floats]:
+    """Derivatives at ``n = 0`` of the growth rates of pitch and roll, in the full dynamics.
+
+    First-order perturbation of the linear system: ``w M'(0) v / (w v)``, with the left and right
+    eigenvectors ``w, v``; ``M`` is of second degree in ``n``.
+    """
+    constants = full.constants(*body)
+    at_rest = steady.matrix(constants, 0.0)
+    change = (steady.matrix(constants, 1.0) - steady.matrix(constants, -1.0)) / 2
+    values, right = np.linalg.eig(at_rest)
+    left = np.linalg.inv(right)
+    slopes = np.einsum("...ji,...ik,...kj->...j", left, change, right).real
+    order = np.argsort(-values.imag, axis=-1)
+    ranked = np.take_along_axis(slopes, order, -1)
+    return ranked[..., 0], ranked[..., 1]
+
+
+def prs(state: Floats, ratio: Floats) -> Floats:
+    """Moffatt and Tokieda's vector field (Eq. (75) [toki-prs]) on ``(P, R, S)``, shape (3, ...)."""
+    p, r, s = state
+    return np.stack([ratio * p * s, -r * s, r**2 - ratio * p**2])
+
+
+def moffatt_tokieda(body: tuple[Floats, ...], seed: int = 2017) -> float:
+    """Largest relative distance of the three-variable system from Moffatt and Tokieda's.
+
+    With ``n = S``, ``E_p = (I/2) P^2``, ``E_r = (I/2) R^2``, ``t = (2/K_r) tau`` and ``lambda`` the
+    squared ratio of the frequencies, at random states.
+    """
+    alpha, beta, gamma, theta, phi, xi = body
+    found = theory.modes(alpha, beta, theta, phi, xi)
+    state = np.random.default_rng(seed).normal(size=(3, len(alpha)))
+    p, r, s = state
+    rates = reduced.rhs.py_func(s, gamma / 2 * p**2, gamma / 2 * r**2, found.K_p, found.K_r, gamma)
+    spin, pitch, roll = (2 / found.K_r * np.asarray(rate) for rate in rates)
+    mapped = np.stack([pitch / (gamma * p), roll / (gamma * r), spin])
+    wanted = prs(state, (found.omega_p / found.omega_r) ** 2)
+    return float(np.max(np.abs(mapped - wanted) / np.linalg.norm(wanted, axis=0)))
+
+
+def slow_spin(_: Tables, samples: int = SAMPLES) -> Measured:
+    """T7: growth rates at small spin, and the system of Moffatt and Tokieda."""
+    off = []
+    for body in (sd_bodies(samples), wide_bodies(samples)):
+        alpha, beta, _gamma, theta, phi, xi = body
+        found = theory.modes(alpha, beta, theta, phi, xi)
+        magnified = found.omega_p**2 / (found.omega_p**2 - found.omega_r**2)
+        pitch, roll = growth_slopes(body)
+        # Near zero K_r the slope is what is left of larger terms: measured against K_p.
+        for rest in (pitch - found.K_p / 2, roll + found.K_r / 2):
+            off.append(float(np.max(np.abs(rest) / (found.K_p * magnified))))
+    body = alpha, beta, _gamma, theta, phi, xi = sd_bodies(samples)
+    field = moffatt_tokieda(body)
+    # How far the small-spin rate carries.
+    half = theory.modes(alpha, beta, theta, phi, xi).K_r / 2
+    carries = [
+        float(np.median(steady.growth(full.constants(*body), n)[1] / (-n * half)))
+        for n in (-0.1, -0.3)
+    ]
+    return [value < EXACT for value in (*off, field)], {
+        "off": off, "field": field, "value": max(*off, field), "bodies": samples,
+        "carries": carries,
+    }  # fmt: skip
+
+
+# --- S9 -----------------------------------------------------------------------------------------
+
+# Spins at which stability is asked for, in thresholds, and whether there is any, after Bondi.
+NEAR = ((0.1, False), (0.5, False), (1 - 1e-5, False), (1 + 1e-5, True))
+FAR = ((1.5, True), (4.0, True))
+ANGLES = (0.01, 1.0, 6.0, 20.0, 45.0, 70.0, 89.0)
+
+
+def contradictions(body: tuple[Floats, ...], spins: tuple[tuple[float, bool], ...]) -> Count:
+    """How often the eigenvalues contradict Bondi's threshold.
+
+    Parameters
+    ----------
+    body : tuple of ndarray
+        ``alpha, beta, gamma, theta, phi, xi``; each is tried at the skew angles ``ANGLES``.
+    spins : tuple
+        Spins in thresholds, and whether the steady spin should be stable there; bodies without a
+        threshold should be unstable at any spin.
+    """
+    alpha, beta, gamma, theta, phi, _ = body
+    threshold = theory.bondi_threshold(alpha, beta, gamma, theta, phi)
+    exists = np.isfinite(threshold)
+    wrong = 0
+    for angle, (factor, stable) in product(ANGLES, spins):
+        constants = full.constants(alpha, beta, gamma, theta, phi, -np.radians(angle))
+        with_one = fastest(constants[:, exists], factor * threshold[exists]) < 0
+        without = fastest(constants[:, ~exists], -factor) < 0
+        wrong += int(np.count_nonzero(with_one != stable) + np.count_nonzero(without))
+    return Count(wrong, len(alpha) * len(ANGLES) * len(spins))
+
+
+def fastest(constants: Floats, n: Any) -> Floats:
+    """Growth rate of the fastest mode of the steady spin."""
+    growth: Floats = np.linalg.eigvals(steady.matrix(constants, n)).real.max(axis=-1)
+    return growth
+
+
+def bondi(_: Tables, samples: int = SAMPLES) -> Measured:
+    """S9: Bondi's threshold and the exact steady solution."""
+    body, wide = sd_bodies(samples), wide_bodies(samples)
+    trials = product((body, wide), (NEAR, FAR))
+    sd_near, sd_far, near, far = (contradictions(*trial) for trial in trials)
+    spins = np.random.default_rng(2017).normal(size=2 * samples).tolist()
+    both = np.concatenate([full.constants(*body), full.constants(*wide)], axis=1)
+    moved = max(
+        max(map(abs, full.rhs.py_func(0.0, 0.0, 0.0, 0.0, spin, *constants)))
+        for spin, constants in zip(spins, both.T.tolist(), strict=True)
     )
+    checks = [not sd_near.hits + near.hits and moved == 0, not sd_far.hits, not far.hits]
+    return checks, {
+        "sd": sd_near + sd_far, "near": near, "far": far, "moved": moved,
+        "value": far.hits / far.total, "angles": ", ".join(map("{:g}".format, ANGLES)),
+        "bodies": samples,
+    }  # fmt: skip

@@ -1,1 +1,1 @@
-"""The paper's figures, and what each measures."""
+"""The pictures: from tables to Matplotlib figures."""

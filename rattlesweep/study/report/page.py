@@ -14,10 +14,11 @@ from rattlesweep.study.plots.registry import KINDS, Picture, choose_picture, def
 from rattlesweep.study.report.config import config_yaml
 from rattlesweep.study.report.facts import Facts
 from rattlesweep.study.style import encode, styled
+from rattlesweep.sweeps.config.load import resolved
 from rattlesweep.sweeps.inspect.content_hash import RowsHash
-from rattlesweep.sweeps.inspect.retype import stored_cases
 from rattlesweep.sweeps.inspect.status import Status, status_of
 from rattlesweep.sweeps.inspect.summary import Summary
+from rattlesweep.sweeps.store.manifest import Manifest
 
 if TYPE_CHECKING:
     pass
@@ -76,19 +77,17 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
     layout = read_layout(directory)
     manifest, store = layout.manifest, layout.store
     status = status_of(directory)
-    facts, summary = Facts(), Summary(stored_cases(manifest), store.runs)
+    facts, summary = Facts(), Summary(manifest.cases, store.runs)
     pictures = {kind: _chosen(layout, kind) for kind in _kinds(layout)}
     digest = RowsHash(store.runs) if status.runs_done <= MOST_HASHED else None
     readers: list[Reader] = [facts, summary, *([] if digest is None else [digest])]
     readers += [each.data for each in pictures.values() if isinstance(each, Picture)]
     read_rows(layout, *readers)
-    columns = [
-        name for name in CASE_COLUMNS if name in layout.targets or name not in ("K_p", "K_r")
-    ]
-    sessions = manifest.get("sessions", [])[-MOST_SESSIONS:]
+    absent = {"K_p", "K_r"}.difference(layout.targets)
+    columns = [name for name in CASE_COLUMNS if name not in absent]
     return render(
         "sweep.html.j2",
-        title=title or str(manifest["name"]),
+        title=title or manifest.name,
         facts=facts,
         state=_state(status),
         types={name: int(part.sum()) for name, part in summary.cells.types.items()},
@@ -101,12 +100,12 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
         failures=_failures(facts),
         damaged=status.damaged,
         cost=_cost(layout, facts, status),
-        config=config_yaml({k: v for k, v in manifest["config"].items() if v is not None}),
+        config=config_yaml({k: v for k, v in resolved(manifest.config).items() if v is not None}),
         provenance=_provenance(manifest, None if digest is None else digest.hexdigest()),
         session_head=SESSION_COLUMNS,
         sessions=[
-            ["–" if session.get(name) is None else session[name] for name in SESSION_COLUMNS]
-            for session in sessions
+            ["–" if (value := getattr(each, name)) is None else value for name in SESSION_COLUMNS]
+            for each in manifest.sessions[-MOST_SESSIONS:]
         ],
         horizon=_horizon(layout),
     )
@@ -176,16 +175,15 @@ def _failures(facts: Facts) -> list[tuple[str, ...]]:
 
 
 def _cost(layout: Layout, facts: Facts, status: Status) -> list[tuple[str, str]]:
-    manifest, store = layout.manifest, layout.store
-    kernel = float(manifest.get("kernel_seconds", 0.0))
+    kernel, expected = layout.manifest.kernel_seconds, layout.manifest.expected
+    store = layout.store
     size = sum(store.block_path(index).stat().st_size for index in store.block_indices())
     rows = [("time", f"{_seconds(status.seconds)} in all sessions")]
-    expected = manifest.get("expected")
     # Earlier versions kept a guess where there was no pilot.
-    if isinstance(expected, dict) and "seconds" in expected and expected.get("pilot_runs"):
-        text = _seconds(expected["seconds"])
-        if "low" in expected and "high" in expected:
-            text += f" ({_seconds(expected['low'])} to {_seconds(expected['high'])})"
+    if expected is not None and (expected.model_extra or {}).get("pilot_runs", 1):
+        text = f"{_seconds(expected.seconds)}"
+        if expected.high:
+            text += f" ({_seconds(expected.low)} to {_seconds(expected.high)})"
         rows.append(("time expected", text))
     rows += [
         ("of it, integration", _seconds(kernel)),
@@ -206,17 +204,17 @@ def _seconds(value: float) -> str:
     return f"{value:.1f} s" if value < 600 else clock(value)
 
 
-def _provenance(manifest: Mapping[str, Any], digest: str | None) -> list[tuple[str, str]]:
-    def listed(name: str) -> str:
-        return ", ".join(f"{key} {value}" for key, value in manifest.get(name, {}).items())
+def _provenance(manifest: Manifest, digest: str | None) -> list[tuple[str, str]]:
+    def listed(values: Mapping[str, Any]) -> str:
+        return ", ".join(f"{name} {value}" for name, value in values.items())
 
     rows = [
-        ("started", manifest.get("started", "–")),
-        ("finished", manifest.get("finished", "–")),
-        ("command", " ".join(map(str, manifest.get("command", [])))),
-        ("machine", listed("machine")),
-        ("versions", listed("versions")),
-        ("hash of the config", manifest.get("config_hash", "–")),
+        ("started", manifest.started),
+        ("finished", manifest.finished or "–"),
+        ("command", " ".join(manifest.command)),
+        ("machine", listed(manifest.machine)),
+        ("versions", listed(manifest.versions)),
+        ("hash of the config", manifest.config_hash),
     ]
     return rows if digest is None else [*rows, ("hash of all rows", digest)]
 

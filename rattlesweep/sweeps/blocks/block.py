@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import numpy as np
 
 from rattlesweep.integrate.batch import Batch, Control, Outcome, integrate
+from rattlesweep.integrate.defaults import DT, TOL
 from rattlesweep.integrate.follow.lyapunov import exponents
 from rattlesweep.integrate.model import MODELS
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
-from rattlesweep.physics import theory
+from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.sweeps.cases.launches import Launches, make_batch, prepare
 from rattlesweep.sweeps.tables.arrow import ragged
 from rattlesweep.sweeps.tables.types import TYPES, classify
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rattlesweep.sweeps.cases.plan import Block, Plan
-    from rattlesweep.sweeps.config.load import Config
+    from rattlesweep.sweeps.config.schema import Config
 
 T = TypeVar("T")
 STATUS_WORDS = [status.label for status in Status]
@@ -135,8 +136,8 @@ def run_batch(
         batch if good.all() else take(batch, good),
         METHODS[settings.method],
         MODELS[config.model],
-        tol=settings.tol or 1e-9,
-        dt=settings.dt or 0.002,
+        tol=settings.tol or TOL,
+        dt=settings.dt or DT,
         max_steps=settings.max_steps,
         record=frozenset(config.record),
         threads=threads,
@@ -168,31 +169,29 @@ def _inputs(launches: Launches) -> dict[str, Any]:
     return {
         "case": launches.case,
         "sample": launches.sample,
-        **{name: getattr(b, name) for name in ("alpha", "beta", "gamma", "theta", "phi", "xi")},
+        **{name: getattr(b, name) for name in PARAMETERS},
         "f_sd": b.f_sd,
         "n_i": launches.n_i,
         "omega_xy0": launches.omega_xy0,
         "psi": launches.psi,
         **{name: getattr(m, name) for name in ("omega_p", "omega_r", "K_p", "K_r")},
         "n_c1": launches.n_c1,
-        "n_0": launches.n_0,
-        "t_rgh": launches.t_rgh,
+        "n_0": launches.gh.n_0,
+        "t_rgh": launches.gh.t_rgh,
     }
 
 
 def _closed_form(launches: Launches) -> dict[str, Any]:
     """The model gh: n(t) is known, and so is its zero; nothing is integrated."""
     rows = len(launches.n_i)
-    finite = np.isfinite(launches.t_end)
-    reverses = finite & (launches.t_rgh <= launches.t_end)
-    t_end = np.where(reverses, launches.t_rgh, np.where(finite, launches.t_end, 0.0))
-    rate = theory.relevant_coefficient(launches.modes.K_p, launches.modes.K_r, launches.n_i)
-    late = launches.n_0 * np.abs(rate) * (t_end - launches.t_rgh) / 2
-    n_end = np.where(reverses, 0.0, -np.sign(launches.n_i) * launches.n_0 * np.tanh(late))
+    finite, t_rgh = np.isfinite(launches.t_end), launches.gh.t_rgh
+    reverses = finite & (t_rgh <= launches.t_end)
+    t_end = np.where(reverses, t_rgh, np.where(finite, launches.t_end, 0.0))
+    n_end = np.where(reverses, 0.0, launches.gh.spin(t_end))
     nothing = np.full(rows, np.nan)
     return {
         "t_end": t_end,
-        "t_r": np.where(reverses, launches.t_rgh, np.nan),
+        "t_r": np.where(reverses, t_rgh, np.nan),
         "n_end": np.where(finite, n_end, np.nan),
         "n_steps": np.zeros(rows, dtype=np.int64),
         "energy_drift": np.where(finite, 0.0, np.nan),

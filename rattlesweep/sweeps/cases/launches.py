@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import N_WINDOWS, Batch
 from rattlesweep.physics import full, launch, reduced, theory
 from rattlesweep.physics.steady import steady_modes
@@ -16,7 +18,7 @@ if TYPE_CHECKING:
 
     from rattlesweep.sweeps.cases.plan import Plan
     from rattlesweep.sweeps.cases.sources import Bodies
-    from rattlesweep.sweeps.config.load import Horizon
+    from rattlesweep.sweeps.config.schema import Horizon
 
     Floats = NDArray[np.float64]
 
@@ -37,7 +39,9 @@ class Launches:
     bodies : Bodies
     n_i, omega_xy0, psi : ndarray
     modes : theory.Modes
-    n_c1, n_0, t_rgh : ndarray
+    gh : launch.GarciaHubbard
+        The spin as Garcia and Hubbard have it.
+    n_c1 : ndarray
     t_end : ndarray
         Horizon; not finite where it cannot be told.
     """
@@ -49,9 +53,8 @@ class Launches:
     omega_xy0: Floats
     psi: Floats
     modes: theory.Modes
+    gh: launch.GarciaHubbard
     n_c1: Floats
-    n_0: Floats
-    t_rgh: Floats
     t_end: Floats
 
 
@@ -83,13 +86,11 @@ def with_theory(
     horizon: Horizon,
 ) -> Launches:
     """Launches with what theory says of them."""
-    speed = theory.oscillation_speed(bodies.alpha, bodies.beta, bodies.gamma, omega_xy0, psi)
-    relevant = theory.relevant_coefficient(modes.K_p, modes.K_r, n_i)
-    t_rgh = theory.reversal_time(relevant, n_i, speed)
+    gh = launch.garcia_hubbard(bodies, modes, n_i, omega_xy0, psi)
     n_c1 = theory.bondi_threshold(bodies.alpha, bodies.beta, bodies.gamma, bodies.theta, bodies.phi)
     t_end = np.full(len(n_i), np.inf)
     if horizon.t_rgh is not None:
-        t_end = np.minimum(t_end, horizon.t_rgh * t_rgh)
+        t_end = np.minimum(t_end, horizon.t_rgh * gh.t_rgh)
     if horizon.t is not None:
         t_end = np.minimum(t_end, horizon.t)
     if bodies.t_end is not None:
@@ -102,10 +103,9 @@ def with_theory(
         omega_xy0=omega_xy0,
         psi=psi,
         modes=modes,
+        gh=gh,
         # Mirrored bodies spin steadily with n > 0.
         n_c1=np.where(bodies.xi > 0, -n_c1, n_c1),
-        n_0=np.hypot(n_i, speed),
-        t_rgh=t_rgh,
         t_end=t_end,
     )
 
@@ -148,7 +148,7 @@ def full_batch(launches: Launches) -> Batch:
     # The spin swings at twice the oscillation's frequency.
     fastest = np.maximum(np.abs(modes.pitch.imag), launches.modes.omega_p)
     slower = np.where(modes.roll.imag > 0, modes.roll.imag, launches.modes.omega_r)
-    oscillation = b.gamma * (launches.n_0**2 - launches.n_i**2)
+    oscillation = b.gamma * (launches.gh.n_0**2 - launches.n_i**2)
     return Batch(
         y0=y0,
         constants=np.ascontiguousarray(constants.T),
@@ -169,7 +169,8 @@ def reduced_batch(launches: Launches) -> Batch:
         b.alpha, b.beta, m.psi_p, m.psi_r, launches.omega_xy0, launches.psi
     )
     pitch = theory.unsteady(m.K_p, launches.n_i)
-    rate = np.maximum(np.abs(m.K_p), np.abs(m.K_r)) * launches.n_0
+    n_0 = launches.gh.n_0
+    rate = np.maximum(np.abs(m.K_p), np.abs(m.K_r)) * n_0
     return Batch(
         y0=np.stack([launches.n_i, e_p, e_r], axis=1),
         constants=np.stack([m.K_p, m.K_r, b.gamma], axis=1),
@@ -177,10 +178,28 @@ def reduced_batch(launches: Launches) -> Batch:
         t_end=launches.t_end,
         swing=rate,
         relevant=np.zeros(len(rate)),
-        rate=rate * launches.n_0,
+        rate=rate * n_0,
         window=_windows(launches.t_end, np.full(len(rate), np.inf)),
         first_mark=launches.t_end,
     )
+
+
+def with_energies(batch: Batch, e_p0: float | None, e_r0: float | None) -> Batch:
+    """A batch of the reduced model with other energies of the launch, where they are given.
+
+    Raises
+    ------
+    ConfigError
+        One of them is none.
+    """
+    y0 = batch.y0.copy()
+    for column, name, value in ((1, "e_p0", e_p0), (2, "e_r0", e_r0)):
+        if value is None:
+            continue
+        if not (math.isfinite(value) and value >= 0):
+            raise ConfigError(f"{name} {value:g}: the energy must be finite and not negative")
+        y0[:, column] = value
+    return replace(batch, y0=y0)
 
 
 def _windows(t_end: Floats, slower: Floats) -> Floats:

@@ -15,7 +15,8 @@ import numpy as np
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.cases.sources import Source, TableBodies, make_source
-from rattlesweep.sweeps.config.load import Config, SdSource
+from rattlesweep.sweeps.config.bodies import SdSource
+from rattlesweep.sweeps.config.schema import Config
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -98,9 +99,9 @@ def make_plan(config: Config, base: Path | None = None) -> Plan:
         nothing says how to launch, if the model and the recordings do not go together, or if
         there would be too many blocks.
     """
-    from rattlesweep.sweeps.tables.columns import runs_columns
+    from rattlesweep.sweeps.tables.columns import runs_schema
 
-    runs_columns(config.record, config.model)
+    runs_schema(config.record, config.model)
     source = make_source(config, base)
     targets: list[tuple[str | None, float | None]] = [(None, None)]
     if isinstance(config.bodies, SdSource) and config.bodies.target is not None:

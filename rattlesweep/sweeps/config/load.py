@@ -1,8 +1,4 @@
-"""Configs: read them, check them, compare them.
-
-The way in for the rest of the package. The models are in `config_models`, `config_bodies` and
-`config_grid`; the words of the error messages in `config_errors`.
-"""
+"""Configs: read them, check them, compare them."""
 
 import copy
 import hashlib
@@ -17,58 +13,10 @@ from pydantic import BaseModel, ValidationError
 
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.sweeps.config import yamlfile
-from rattlesweep.sweeps.config.bodies import (
-    Overrides,
-    PresetSource,
-    SdRanges,
-    SdSource,
-    TableSource,
-    Target,
-)
-from rattlesweep.sweeps.config.grid import (
-    Axes,
-    ExplicitBase,
-    GridSource,
-    Linspace,
-    Logspace,
-    PresetBase,
-    ShellDumbbellBase,
-)
-from rattlesweep.sweeps.config.messages import describe, problems_of
-from rattlesweep.sweeps.config.places import MAX_TOLD, Origin, Places, dotted, locating
-from rattlesweep.sweeps.config.schema import Classify, Config, Horizon, Integrator, Spin
-from rattlesweep.sweeps.config.yamlfile import Key, Problem
-
-__all__ = [
-    "Axes",
-    "Classify",
-    "Config",
-    "ConfigError",
-    "ExplicitBase",
-    "GridSource",
-    "Horizon",
-    "Integrator",
-    "Linspace",
-    "Logspace",
-    "Overrides",
-    "PresetBase",
-    "PresetSource",
-    "SdRanges",
-    "SdSource",
-    "ShellDumbbellBase",
-    "Spin",
-    "TableSource",
-    "Target",
-    "config_json_schema",
-    "differences",
-    "load_config",
-    "locating",
-    "override_config",
-    "parse_config",
-    "physics_hash",
-    "physics_part",
-    "resolved",
-]
+from rattlesweep.sweeps.config.messages import describe
+from rattlesweep.sweeps.config.places import MAX_TOLD, Key, Origin, Places, Problem, dotted
+from rattlesweep.sweeps.config.schema import Config
+from rattlesweep.sweeps.config.validation import problems_of
 
 NOT_PHYSICS = ("name", "output", "classify", "block_size")
 """Keys that change no stored number."""
@@ -100,11 +48,6 @@ def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> 
         ``KEY=VALUE`` texts with dotted keys and YAML values, such as ``bodies.samples=10``; they
         replace what the file says, the last one where several name one key.
 
-    Returns
-    -------
-    Config
-        The checked config.
-
     Raises
     ------
     ConfigError
@@ -127,17 +70,7 @@ def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> 
 
 
 def parse_config(data: Mapping[str, Any]) -> Config:
-    """Check a config given as Python data.
-
-    Parameters
-    ----------
-    data
-        What a config file would hold. Tuples count as lists and NumPy numbers as numbers.
-
-    Returns
-    -------
-    Config
-        The checked config.
+    """Check a config given as Python data, in which tuples count as lists and NumPy's numbers too.
 
     Raises
     ------
@@ -145,20 +78,14 @@ def parse_config(data: Mapping[str, Any]) -> Config:
         With everything that is wrong, one line each: key and sentence.
     """
     problems: list[Problem] = []
-    plain = _plain(data, (), problems)
-    if not isinstance(plain, dict):
-        raise ConfigError(f"{describe(plain)} found where a mapping is needed; give a dict")
-    return _checked(plain, problems, Places())
+    read = _as_read(data, (), problems)
+    if not isinstance(read, dict):
+        raise ConfigError(f"{describe(read)} found where a mapping is needed; give a dict")
+    return _checked(read, problems, Places())
 
 
 def override_config(data: Mapping[str, Any], overrides: Sequence[str]) -> Config:
-    """Check a config given as Python data, with some keys replaced by ``KEY=VALUE`` texts.
-
-    Raises
-    ------
-    ConfigError
-        With everything that is wrong, one line each.
-    """
+    """Check a config given as Python data, with some keys replaced by ``KEY=VALUE`` texts."""
     changed = copy.deepcopy(dict(data))
     origins: dict[Key, Origin] = {}
     refused = [line for text in overrides for line in _override(changed, origins, text)]
@@ -168,6 +95,8 @@ def override_config(data: Mapping[str, Any], overrides: Sequence[str]) -> Config
 def config_json_schema() -> dict[str, Any]:
     """JSON Schema (draft 2020-12) of a config."""
     schema = Config.model_json_schema()
+    # Of OpenAPI, and not of JSON Schema.
+    del schema["properties"]["bodies"]["discriminator"]
     schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
     schema["title"] = "rattlesweep config"
     return schema
@@ -279,25 +208,24 @@ def _override(data: dict[str, Any], origins: dict[Key, Origin], text: str) -> li
     return []
 
 
-def _plain(value: Any, key: Key, problems: list[Problem]) -> Any:
+def _as_read(value: Any, key: Key, problems: list[Problem]) -> Any:
     """Python data as a config file would give it; NaN and the like become problems."""
     if len(key) > yamlfile.MAX_DEPTH:
         # At once: data that holds itself has no end, and may double at each level.
         raise ConfigError(f"{dotted(key[:1])}: is nested too deeply; a config has 5 levels")
     if isinstance(value, Mapping):
-        return {str(k): _plain(v, (*key, str(k)), problems) for k, v in value.items()}
+        return {str(k): _as_read(v, (*key, str(k)), problems) for k, v in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(v, (*key, i), problems) for i, v in enumerate(value)]
+        return [_as_read(v, (*key, i), problems) for i, v in enumerate(value)]
     if isinstance(value, bool):
         return value
     # NumPy's numbers are registered as these.
     if isinstance(value, Integral | Real):
-        number: int | float
         try:
             number = int(value) if isinstance(value, Integral) else float(value)
         except (OverflowError, ValueError):
             number = math.inf
-        if problem := yamlfile.number_problem(number):
+        if problem := yamlfile.number_problem(number, one_line(f"{number}", 24)):
             problems.append(Problem(key, problem))
             return None
         return number

@@ -26,8 +26,8 @@ from typing import TYPE_CHECKING, Any
 
 from rattlesweep.errors import OutputError
 from rattlesweep.integrate.cache import PACKAGE
+from rattlesweep.integrate.task import POLL, Task
 from rattlesweep.sweeps.blocks.block import Interrupted, finish_block
-from rattlesweep.sweeps.blocks.task import POLL, Task
 from rattlesweep.sweeps.cases.plan import make_plan
 from rattlesweep.sweeps.config.load import override_config, resolved
 from rattlesweep.sweeps.engines.head_start import prepare_work, write_work

@@ -17,9 +17,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from rattlesweep.sweeps.blocks.block import prepare_runs
-from rattlesweep.sweeps.inspect.retype import typed
 from rattlesweep.sweeps.tables.arrow import build_table
 from rattlesweep.sweeps.tables.columns import runs_schema
+from rattlesweep.sweeps.tables.types import with_types
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -72,11 +72,9 @@ def prepare_work(opened: Opened, block: Block, begun: bool) -> Work:
     case, sample = plan.runs_of(block)
     old, limit = None, plan.config.integrator.max_steps
     if begun:
-        note = opened.store.inspect_block(block.index).note
-        limit = limit if note is None else note.max_steps
-        old = opened.store.read_block(block.index)
-        place = old.schema.get_field_index("type")
-        old = old.set_column(place, old.schema.field(place), typed(old, plan.config.classify))
+        file = opened.store.inspect_block(block.index)
+        limit = limit if file.note is None else file.note.max_steps
+        old = with_types(file.table(), plan.config.classify)
         kept = old.filter(pc.equal(old.column("status"), "ok")) if opened.retry_failed else old
         left = ~np.isin(np.arange(block.first, block.stop), _numbers(kept, plan.samples))
         case, sample = case[left], sample[left]

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any
 
 from rattlesweep.integrate.lanes.build import kernel
 from rattlesweep.integrate.model import MODELS, WITH_TANGENT
+from rattlesweep.integrate.task import Task
 from rattlesweep.sweeps.blocks.block import Interrupted, finish_block
-from rattlesweep.sweeps.blocks.task import Task
 from rattlesweep.sweeps.engines.head_start import Work, prepare_work, write_work
 
 if TYPE_CHECKING:
     from rattlesweep.sweeps.cases.plan import Block
-    from rattlesweep.sweeps.config.load import Config
+    from rattlesweep.sweeps.config.schema import Config
     from rattlesweep.sweeps.engines.engine import Job
 
     Columns = Mapping[str, Any]

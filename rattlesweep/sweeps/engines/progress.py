@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rattlesweep.sweeps.blocks.task import POLL
+from rattlesweep.integrate.task import POLL
 from rattlesweep.sweeps.cases.launches import prepare
 from rattlesweep.sweeps.cases.pool import few_samples
 
@@ -65,7 +65,7 @@ class Costs:
         if plan.config.model == "full":
             cost = launches.t_end * launches.modes.omega_p
         else:
-            cost = launches.t_end * launches.n_0 * np.abs(launches.modes.K_p)
+            cost = launches.t_end * launches.gh.n_0 * np.abs(launches.modes.K_p)
         cost = np.where(np.isfinite(cost), cost, 0.0).reshape(len(plan.cases), -1)
         mean: np.ndarray[Any, np.dtype[np.float64]] = cost.mean(axis=1)
         return mean

@@ -18,7 +18,7 @@ from rattlesweep.integrate.batch import N_WINDOWS, expected_cost
 from rattlesweep.integrate.lanes import columns as C
 from rattlesweep.sweeps.blocks.block import Interrupted, finish_block, prepare_runs
 from rattlesweep.sweeps.tables.arrow import build_table, encode, open_sealed
-from rattlesweep.sweeps.tables.columns import runs_columns, runs_schema
+from rattlesweep.sweeps.tables.columns import RUNS, runs_schema
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -82,7 +82,7 @@ def weigh(plan: Plan, pool: Pool, pilot: Pilot) -> Footprint:
     """Do and encode some runs."""
     config = plan.config
     schema = runs_schema(config.record, config.model)
-    given = [column.name for column in runs_columns() if column.group in GIVEN]
+    given = [column.name for part in GIVEN for column in RUNS[part]]
     results = [name for name in schema.names if name not in given]
     case, sample = _of_a_block(plan, pool)
     inputs, type_seconds = _closed_form(pool.plan, case, sample)

@@ -23,8 +23,8 @@ from rattlesweep.integrate.lanes.build import kernel
 from rattlesweep.integrate.lanes.step import LANES
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.integrate.task import Task
 from rattlesweep.sweeps.blocks.block import finish_block, run_batch, take
-from rattlesweep.sweeps.blocks.task import Task
 from rattlesweep.sweeps.cases.pool import SEED
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from rattlesweep.sweeps.cases.launches import Launches
     from rattlesweep.sweeps.cases.pool import Pool
-    from rattlesweep.sweeps.config.load import Config
+    from rattlesweep.sweeps.config.schema import Config
 
     Floats = NDArray[np.float64]
     Integers = NDArray[np.int64]

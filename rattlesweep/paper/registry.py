@@ -1,32 +1,29 @@
-"""What the command makes: each figure by its name, and the claims that rest on them."""
+"""What the command makes: each figure by its name."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+
+import pyarrow as pa
+from matplotlib.figure import Figure as Drawing
 
 from rattlesweep.errors import ConfigError
-from rattlesweep.paper.claims import long as claims_long
-from rattlesweep.paper.claims import runs as claims_runs
-from rattlesweep.paper.claims import sweeps as claims_sweeps
-from rattlesweep.paper.claims import theory as claims_theory
-from rattlesweep.paper.figures import fig2, fig3, fig4, fig5, fig6, fig7, fig8, fig8_lyapunov
+from rattlesweep.paper.data import chaos
+from rattlesweep.paper.data import fig2 as data2
+from rattlesweep.paper.data import fig3 as data3
+from rattlesweep.paper.data import fig4 as data4
+from rattlesweep.paper.data import fig5 as data5
+from rattlesweep.paper.data import fig6 as data6
+from rattlesweep.paper.data import fig7 as data7
+from rattlesweep.paper.data import fig8 as data8
+from rattlesweep.paper.data.progress import Progress
+from rattlesweep.paper.figures import fig2, fig3, fig4, fig6, fig8, times
+from rattlesweep.paper.workspace import Workspace
 from rattlesweep.sweeps.config.messages import not_one_of
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-
-    from rattlesweep.paper.claims.claim import Claim
-    from rattlesweep.paper.settings import Paper
-    from rattlesweep.paper.sweeps import Place, Report
-
-    Tables = Mapping[str, pa.Table]
 
 # The claims about formulas alone go by this name where figures are chosen.
 THEORY = "theory"
-# Order of the claims, by their first letter.
-GROUPS = "TGUSL"
 
 
 @dataclass(frozen=True)
@@ -37,65 +34,63 @@ class Figure:
     ----------
     title, caption : str
         For people.
-    sections : tuple of str
-        Of the settings; nothing else determines the data.
-    compute : callable
-        From the place and a report (fraction, words) to tables by name.
+    data : callable
+        Makes its tables, by name.
     draw : callable
         From the tables to a Matplotlib figure.
-    cost : callable
-        Seconds that it takes, roughly, on two cores of an EPYC server (Zen 5), without its sweep.
+    seconds : tuple of float
+        That the tables take, roughly, at full size and with ``--quick``, on two cores of an EPYC
+        server (Zen 5), without the sweep.
     sweep : str, optional
         Name of the sweep that it reads.
     """
 
     title: str
     caption: str
-    sections: tuple[str, ...]
-    compute: Callable[[Place, Report], Tables]
-    draw: Callable[[Tables], Any]
-    cost: Callable[[Paper], float]
+    data: Callable[[Workspace, Progress], Mapping[str, pa.Table]]
+    draw: Callable[[Mapping[str, pa.Table]], Drawing]
+    seconds: tuple[float, float]
     sweep: str | None = None
 
 
+# Seconds of the sweeps, as :attr:`Figure.seconds`.
+SWEEPS = {"unsteady": (4.0, 0.5), "steady": (27.0, 1.1)}
 FIGURES: dict[str, Figure] = {
     "fig2": Figure(
         "Fig. 2: frequencies",
         "Cumulative distributions of the pitch and roll frequencies of random shell-dumbbell "
         "bodies, exact and to zeroth order in the skew angle. Inset: their ratio, with the paper's "
         "lower bound.",
-        ("fig2",),
-        lambda place, report: fig2.compute(place.paper.fig2, report),
+        lambda ws, progress: data2.data(ws.sizes.fig2_bodies, progress),
         fig2.draw,
-        lambda paper: 0.2 + paper.fig2.samples * 1.2e-6,
+        (1.4, 0.3),
     ),
     "fig3": Figure(
         "Fig. 3: asymmetric torque coefficients",
         "(a) Cumulative distributions of K_p and K_r. (b) Relative frequency of pairs (K_p, K_r), "
         "over nine decades.",
-        ("fig3",),
-        lambda place, report: fig3.compute(place.paper.fig3, report, place.threads),
+        lambda ws, progress: data3.data(
+            ws.sizes.fig3_bodies, ws.sizes.fig3_density, progress, threads=ws.threads
+        ),
         fig3.draw,
-        lambda paper: 0.5 + paper.fig3.density_samples * 4e-8,
+        (4.5, 0.6),
     ),
     "fig4": Figure(
         "Fig. 4: the body GH in both directions",
         "Spin and angular velocities in (a) the unsteady and (b) the steady direction. Dashed: "
         "Garcia and Hubbard's solution; dotted: the first reversal. The four lower panels share a "
         "scale.",
-        ("fig4",),
-        fig4.compute,
+        lambda ws, progress: data4.data(progress),
         fig4.draw,
-        lambda paper: 1.0,
+        (1.0, 1.0),
     ),
     "fig5": Figure(
         "Fig. 5: time of reversal in the unsteady direction",
         "(a) Mean over the runs of each point; bars are one standard deviation of the runs, lines "
         "Garcia and Hubbard's formula at the mean n_0. (b) A run of GH.",
-        ("unsteady", "fig5"),
-        fig5.compute,
-        fig5.draw,
-        lambda paper: 0.2,
+        lambda ws, progress: data5.data(ws.sweep("unsteady", progress), progress),
+        times.fig5,
+        (0.2, 0.2),
         sweep="unsteady",
     ),
     "fig6": Figure(
@@ -103,20 +98,18 @@ FIGURES: dict[str, Figure] = {
         "(a) Fractions of the types; bars are 95 % confidence intervals (Wilson). Filled "
         "triangles: fraction of the bodies whose Bondi threshold lies below the spin. (b) Examples "
         "from the sweep, chosen by the rules in fig6_examples.parquet, as far as there are any.",
-        ("steady", "fig6"),
-        fig6.compute,
+        data6.data,
         fig6.draw,
-        lambda paper: 3.0 + _runs(paper, "steady") * 2.5e-4 + _rk4_runs(paper) * 0.012,
+        (47.0, 5.0),
         sweep="steady",
     ),
     "fig7": Figure(
         "Fig. 7: time of reversal in the steady direction",
         "Mean over the runs of type R; bars are one standard deviation, lines Garcia and Hubbard's "
         "formula at the mean n_0.",
-        ("steady", "fig7"),
-        fig7.compute,
-        fig7.draw,
-        lambda paper: 0.5 + min(paper.fig7.closer, 0.12 * _runs(paper, "steady")) * 1.2e-3,
+        data7.data,
+        times.fig7,
+        (7.7, 1.0),
         sweep="steady",
     ),
     "fig8": Figure(
@@ -124,49 +117,21 @@ FIGURES: dict[str, Figure] = {
         "Spin of GH with other curvatures theta, through many reversals. Dashed: the reduced model "
         "(Eqs. (47) [diff-ne-1] to (49) [diff-ne-3]), started with the same energy of the pitch "
         "and a little energy of the roll.",
-        ("fig8",),
-        fig8.compute,
+        lambda ws, progress: data8.data(progress),
         fig8.draw,
-        lambda paper: 1.0 + paper.fig8.t_end * len(paper.fig8.theta) * 5e-5,
+        (4.0, 4.0),
     ),
     "fig8_lyapunov": Figure(
         "Supplement to Fig. 8: Lyapunov exponents",
         "Running estimate of the largest Lyapunov exponent of the runs of Fig. 8, continued to "
         "longer times. A plateau means chaos; a decay along the dotted line means that differences "
         "grow no faster than linearly. Dashed: the same at a coarser tolerance.",
-        ("fig8", "fig8_lyapunov"),
-        fig8_lyapunov.compute,
-        fig8_lyapunov.draw,
-        lambda paper: 1.0 + paper.fig8_lyapunov.t_end * len(paper.fig8.theta) * 7e-6,
+        lambda ws, progress: chaos.beside_fig8(ws.sizes.fig8_lyapunov_t_end, ws.threads, progress),
+        fig8.lyapunov,
+        (11.5, 2.3),
     ),
 }
 """All of them, in the paper's order."""
-
-
-def _runs(paper: Paper, sweep: str) -> int:
-    config = getattr(paper, sweep)
-    cases = len(config.bodies.target.values) * len(config.spin.n_i) * len(config.spin.omega_xy0)
-    return int(config.bodies.samples * cases)
-
-
-def _rk4_runs(paper: Paper) -> float:
-    most = paper.fig6.rk4.samples / paper.steady.bodies.samples  # type: ignore[union-attr]
-    return min(1.0, most) * _runs(paper, "steady")
-
-
-def sweep_cost(paper: Paper, name: str) -> float:
-    """Seconds that a sweep takes, roughly; as :attr:`Figure.cost`."""
-    return 0.3 + _runs(paper, name) * {"unsteady": 3e-5, "steady": 2.2e-4}[name]
-
-
-def all_claims(figures: Mapping[str, Tables], *, theory: bool) -> list[Claim]:
-    """Rows of the claims table that these figures, and ``theory`` alone, can settle."""
-    rows = claims_theory.claims(figures)
-    needs = {"T4": "fig2", "T5": "fig3"}
-    kept = [c for c in rows if (needs[c.id] in figures if c.id in needs else theory)]
-    every = kept + claims_sweeps.claims(figures) + claims_runs.claims(figures)
-    every += claims_long.claims(figures)
-    return sorted(every, key=lambda claim: (GROUPS.index(claim.id[0]), int(claim.id[1:])))
 
 
 def choose(names: str | None) -> list[str]:

@@ -10,24 +10,22 @@ bodies a second (EPYC, Zen 5).
 from __future__ import annotations
 
 import hashlib
-import threading
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rattlesweep.integrate.batch import available_threads
 from rattlesweep.integrate.cache import cached, specialise
+from rattlesweep.integrate.task import Control, side_by_side
+from rattlesweep.paper.data.sd import SEED
 from rattlesweep.sweeps.cases import philox, sampler
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
+Floats = NDArray[np.float64]
 
 # Names that the compiled loop sees.
 uniforms = philox.uniforms
@@ -36,12 +34,9 @@ torque_coefficients = sampler.torque_coefficients
 # Bodies that a thread takes at a time: 0.07 s, so that a stop is heard and both threads end
 # together.
 PIECE = 1_000_000
-THREAD = "rattlesweep-density"
-POLL = 0.05
 
 
-def _count(first, last, stop, seed, ranges, scale, p_low, p_step, r_low, r_step, limit,
-           counts, least):  # fmt: skip
+def _count(first, last, stop, seed, ranges, p_low, p_step, r_low, r_step, limit, counts, least):
     """Add the bodies from ``first`` up to ``last`` to ``counts``.
 
     ``counts`` has one more row and column than there are bins, for the bodies outside;
@@ -66,8 +61,6 @@ def _count(first, last, stop, seed, ranges, scale, p_low, p_step, r_low, r_step,
         smallest = min(smallest, ratio)
         if ratio < limit:
             below += 1
-        if scale == 1:
-            K_p, K_r = np.log10(K_p), np.log10(K_r)
         # Compared as floats: what lies far outside may not fit an integer.
         x, y = (K_p - p_low) / p_step, (K_r - r_low) / r_step
         if 0 <= x < rows and 0 <= y < columns:
@@ -91,33 +84,16 @@ def kernel() -> Any:
 
 @dataclass(frozen=True)
 class Grid:
-    """Bins of equal width, in K or in its decimal logarithm.
-
-    Attributes
-    ----------
-    K_p, K_r : tuple of float
-        Ends of the two axes.
-    bins : int
-        On each axis.
-    log : bool
-        Whether bins are equal in ``log10 K``.
-    """
+    """Bins of equal width: the ends of the two axes, and the number of bins on each."""
 
     K_p: tuple[float, float]
     K_r: tuple[float, float]
     bins: int
-    log: bool = False
 
     def edges(self, name: str) -> Floats:
         """Edges of the bins of ``K_p`` or ``K_r``, shape (bins + 1,)."""
-        low, high = self.ends(name)
-        edges: Floats = np.linspace(low, high, self.bins + 1)
-        return 10**edges if self.log else edges
-
-    def ends(self, name: str) -> tuple[float, float]:
-        """Ends of an axis in the variable that is binned."""
         low, high = self.K_p if name == "K_p" else self.K_r
-        return (float(np.log10(low)), float(np.log10(high))) if self.log else (low, high)
+        return np.linspace(low, high, self.bins + 1)
 
 
 @dataclass(frozen=True)
@@ -126,11 +102,8 @@ class Density:
 
     Attributes
     ----------
-    grid : Grid
     counts : ndarray of int64, shape (bins, bins)
         Bodies by ``K_p`` (first axis) and ``K_r``.
-    samples : int
-        Bodies in all.
     outside : int
         Bodies outside the grid.
     least_ratio : float
@@ -139,9 +112,7 @@ class Density:
         Bodies whose ratio is below the limit asked for.
     """
 
-    grid: Grid
     counts: NDArray[np.int64]
-    samples: int
     outside: int
     least_ratio: float
     below: int
@@ -149,13 +120,13 @@ class Density:
 
 def count_bodies(
     samples: int,
-    seed: int,
     ranges: Floats,
     grid: Grid,
     *,
+    seed: int = SEED,
     limit: float = 0.0,
     threads: int | None = None,
-    report: Callable[[float], None] = lambda _: None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> Density:
     """Draw bodies and count them by their torque coefficients.
 
@@ -163,71 +134,39 @@ def count_bodies(
     ----------
     samples : int
         Bodies: numbers 0 to ``samples - 1`` of the seed.
-    seed : int
     ranges : ndarray, shape (5, 2)
         Of ``gamma, f_sd, theta, phi`` and minus ``xi`` in degrees.
     grid : Grid
+    seed : int
     limit : float
         Bodies with ``omega_p / omega_r`` below it are counted, too.
     threads : int, optional
         By default all; the counts are the same for any number.
-    report : callable
-        Called in this thread, some twenty times a second, with the share that is done; what it
-        raises ends the counting.
+    progress : callable
+        As for :func:`rattlesweep.integrate.task.side_by_side`.
     """
     threads = threads or available_threads()
-    bins = grid.bins
-    counts = np.zeros((threads, bins + 1, bins + 1), dtype=np.int64)
-    least = np.tile([np.inf, 0.0], (threads, 1))
-    stop = np.zeros(1, dtype=np.int64)
-    settings: list[Any] = [stop, seed, np.ascontiguousarray(ranges, dtype=float), int(grid.log)]
-    for name in ("K_p", "K_r"):
-        low, high = grid.ends(name)
-        settings += [low, (high - low) / bins]
+    settings: list[Any] = [seed, np.ascontiguousarray(ranges, dtype=float)]
+    for low, high in (grid.K_p, grid.K_r):
+        settings += [low, (high - low) / grid.bins]
     settings.append(limit**2)
+    shape = (threads, grid.bins + 1, grid.bins + 1)
+    counts, least = np.zeros(shape, dtype=np.int64), np.tile([np.inf, 0.0], (threads, 1))
     count = kernel()
     # Compiled here, if at all, and not in two threads at once.
-    count(0, 0, *settings, counts[0], least[0])
-    pieces = iter(range(0, samples, PIECE))
-    lock = threading.Lock()
-    done = [0] * threads
-    errors: list[BaseException] = []
+    count(0, 0, np.zeros(1, dtype=np.int64), *settings, counts[0], least[0])
+    # One histogram for each of the calls that are under way.
+    free = list(zip(counts, least, strict=True))
 
-    def work(own: int) -> None:
-        try:
-            while not stop[0]:
-                with lock:
-                    first = next(pieces, None)
-                if first is None:
-                    return
-                last = min(first + PIECE, samples)
-                count(first, last, *settings, counts[own], least[own])
-                done[own] += last - first
-        except BaseException as error:
-            errors.append(error)
-            stop[0] = 1
+    def call(first: int, control: Control) -> None:
+        own = free.pop()
+        count(first, min(first + PIECE, samples), control.flag, *settings, *own)
+        free.append(own)
 
-    team = [
-        threading.Thread(target=work, args=(own,), daemon=True, name=THREAD)
-        for own in range(threads)
-    ]
-    for thread in team:
-        thread.start()
-    try:
-        while any(thread.is_alive() for thread in team):
-            for thread in team:
-                thread.join(POLL / threads)
-            report(sum(done) / max(1, samples))
-    except BaseException:
-        stop[0] = 1
-        raise
-    if errors:
-        raise errors[0]
+    side_by_side([partial(call, k) for k in range(0, samples, PIECE)], threads, progress)
     total = counts.sum(axis=0)
     return Density(
-        grid=grid,
         counts=total[:-1, :-1],
-        samples=samples,
         outside=int(total[-1, -1]),
         least_ratio=float(np.sqrt(least[:, 0].min())),
         below=int(least[:, 1].sum()),

@@ -1,0 +1,125 @@
+"""Fig. 4: the body GH in the unsteady and in the steady direction, up to its first reversals."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from rattlesweep.paper.data.columns import count, number, schema, table, word
+from rattlesweep.paper.data.follow import FORCE_CHANNELS, FORCES, follow, forces, thinned
+from rattlesweep.paper.data.progress import Progress, between
+from rattlesweep.physics.body import Rattleback
+from rattlesweep.sweeps.tables.columns import RATE, TIME
+
+Floats = NDArray[np.float64]
+
+OMEGA_XY0 = 0.01
+# Spin, and length, which the paper does not name, of (a) and of (b).
+ENDS = {"unsteady": (0.1, 200.0), "steady": (-0.1, 1500.0)}
+INTEGRATOR = {"method": "dop853", "tol": 1e-12}
+BINS = 900
+COMPONENTS = ("omega_x", "omega_y")
+
+RUN = word("run", "unsteady (a) or steady (b)")
+RUNS = pa.schema(
+    [
+        RUN,
+        *schema("n_i omega_xy0"),
+        number("t_r", "first zero of the spin", TIME),
+        count("zeros", "zeros of the spin in all"),
+        number("t_rgh", "zero of Garcia and Hubbard's solution", TIME),
+        number("period", "of the relevant mode without spin", TIME),
+        number("frequency_x", "of omega_x about the reversal, from its extrema", RATE),
+        number("frequency_y", "of omega_y about the reversal", RATE),
+        number("frequency_free", "of that mode alone, without spin, when it is as large as at the "
+               "reversal", RATE),
+        number("omega_relevant", "frequency of the relevant mode without spin", RATE),
+    ]
+)  # fmt: skip
+SERIES = schema(
+    "t n", number("n_gh", "spin of Garcia and Hubbard's solution", RATE), more="omega_x omega_y"
+)
+EXTREMA = schema(
+    "",
+    RUN,
+    word("component", "omega_x or omega_y"),
+    number("t", "time", TIME),
+    number("amplitude", "local maximum of the absolute value", RATE),
+)
+
+
+def data(progress: Progress) -> dict[str, pa.Table]:
+    """Data of the figure.
+
+    Returns
+    -------
+    dict
+        ``unsteady``, ``steady``: the series as drawn; ``runs``: one row a run; ``extrema``: all
+        local maxima of the moduli of omega_x and omega_y; ``forces``.
+    """
+    tables: dict[str, pa.Table] = {}
+    rows, presses, extrema = [], [], []
+    for k, (name, (n_i, t_end)) in enumerate(ENDS.items()):
+        found, course = follow(
+            Rattleback.gh(), n_i=n_i, omega_xy0=OMEGA_XY0, t_end=t_end, integrator=INTEGRATOR,
+            channels=("t", "n", "n_gh", *COMPONENTS, *FORCE_CHANNELS),
+            words=f"GH at n_i = {n_i:g}", progress=between(progress, k / 2, (k + 1) / 2),
+        )  # fmt: skip
+        modes = course.launches.modes
+        relevant = float((modes.omega_p if n_i > 0 else modes.omega_r)[0])
+        period = 2 * np.pi / relevant
+        t_r = float(found.zeros[0]) if len(found.zeros) else None
+        row: dict[str, Any] = {
+            "run": name, "n_i": n_i, "omega_xy0": OMEGA_XY0, "t_r": t_r,
+            "zeros": len(found.zeros), "t_rgh": float(course.launches.gh.t_rgh[0]),
+            "period": period, "omega_relevant": relevant,
+        }  # fmt: skip
+        for component in COMPONENTS:
+            t, size = maxima(found.table["t"].to_numpy(), found.table[component].to_numpy())
+            words = [[name] * len(t), [component] * len(t)]
+            extrema.append(pa.table([*words, t, size], schema=EXTREMA))
+            row[f"frequency_{component[-1]}"] = frequency(t, t_r, 10 * period)
+        main = COMPONENTS[0 if n_i > 0 else 1]
+        largest = float(found.table[main].abs().max())
+        row["frequency_free"] = free_frequency(largest, main, 20 * period)
+        rows.append(row)
+        presses.append(forces(f"Fig. 4, n_i = {n_i:g}", found.table))
+        tables[name] = thinned(found.table, SERIES, dict.fromkeys(("n", *COMPONENTS), BINS))
+    return tables | {
+        "runs": table(rows, RUNS),
+        "extrema": pa.concat_tables(extrema),
+        "forces": table(presses, FORCES),
+    }
+
+
+def maxima(t: Floats, values: Floats) -> tuple[Floats, Floats]:
+    """Times and heights of the local maxima of a curve's modulus, by a parabola through three."""
+    size = np.abs(values)
+    k = 1 + np.flatnonzero((size[1:-1] >= size[:-2]) & (size[1:-1] > size[2:]))
+    before, here, after = size[k - 1], size[k], size[k + 1]
+    bend = before - 2 * here + after
+    shift = 0.5 * (before - after) / bend
+    return t[k] + shift * (t[1] - t[0]), here - 0.25 * (before - after) * shift
+
+
+def frequency(extrema: Floats, middle: float | None, width: float) -> float | None:
+    """Angular frequency from the mean distance of the extrema within ``width`` of a time."""
+    if middle is None:
+        return None
+    near = extrema[np.abs(extrema - middle) < width]
+    return float(np.pi * (len(near) - 1) / (near[-1] - near[0])) if len(near) > 1 else None
+
+
+def free_frequency(size: float, main: str, length: float) -> float | None:
+    """Frequency of a mode of GH alone, launched with this rate and nearly no spin."""
+    found, _ = follow(
+        Rattleback.gh(), n_i=1e-6, omega_xy0=size, t_end=length, channels=("t", main), dt=0.01,
+        psi="pitch" if main == "omega_x" else "roll", integrator=INTEGRATOR,
+        words="a mode alone", progress=lambda share, words: None,
+    )  # fmt: skip
+    t, _ = maxima(found.table["t"].to_numpy(), found.table[main].to_numpy())
+    # Its first periods: it drives the spin, and that it.
+    return frequency(t, length / 8, length / 8)

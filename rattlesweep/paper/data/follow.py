@@ -1,0 +1,120 @@
+"""Single runs behind Figs. 4, 5(b), 6(b) and 8: followed, thinned for pictures, forces."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from rattlesweep.errors import OutputError
+from rattlesweep.paper.data.columns import number, schema, word
+from rattlesweep.paper.data.progress import Progress
+from rattlesweep.physics.body import Rattleback
+from rattlesweep.study.onerun.course import Course, Trajectory, collect
+from rattlesweep.study.onerun.rows import Rows
+from rattlesweep.sweeps.blocks.single import Launch
+from rattlesweep.sweeps.tables.columns import FORCE, TIME
+
+Floats = NDArray[np.float64]
+
+# Of forces and spins, in sqrt(a/g): a hundredth of the period of a pitch.
+DT = 0.05
+FORCE_CHANNELS = ("F_normal", "F_tangential")
+SPIN = schema("t n")
+FORCES = schema(
+    "",
+    word("run", "which run"),
+    number("t_end", "time reached", TIME),
+    number("ratio_max", "largest F_perp / F_parallel while the body presses down"),
+    number("ratio_t", "when", TIME),
+    number("normal_min", "least F_parallel; the contact would open below 0", FORCE),
+    number("normal_t", "when", TIME),
+    number("slip_t", "first time at which F_perp / F_parallel is above 1", TIME),
+    number("open_t", "first time at which F_parallel is not positive", TIME),
+)
+
+
+def follow(
+    body: Rattleback,
+    *,
+    channels: Sequence[str],
+    words: str,
+    progress: Progress,
+    dt: float = DT,
+    **launch: Any,
+) -> tuple[Trajectory, Course]:
+    """One run, past its reversals.
+
+    Parameters
+    ----------
+    body, launch
+        As for :class:`rattlesweep.sweeps.blocks.single.Launch`.
+    channels : sequence of str
+        As for :class:`rattlesweep.study.onerun.course.Course`.
+    dt : float
+        Distance of two rows, in ``sqrt(a/g)``.
+    words : str
+        What it is, for the progress and for errors.
+    """
+    course = Course(
+        Launch(body, **launch),
+        channels=channels,
+        rows=Rows(dt=dt),
+        watch=lambda share: progress(share, words),
+    )
+    found = collect(course)
+    if found.status != "ok":
+        raise OutputError(f"{words}: the run ended at t = {found.t_end:g} with {found.status}")
+    return found, course
+
+
+def forces(name: str, run: pd.DataFrame) -> dict[str, Any]:
+    """Row of :data:`FORCES` of a run with the channels :data:`FORCE_CHANNELS`."""
+    t, normal = run["t"].to_numpy(), run["F_normal"].to_numpy()
+    # Where the body would leave the plane, the ratio means nothing.
+    down = normal > 0
+    ratio = np.divide(run["F_tangential"], normal, out=np.zeros(len(t)), where=down)
+    most, least = int(np.argmax(ratio)), int(np.argmin(normal))
+
+    def first(happens: NDArray[np.bool_]) -> float | None:
+        return float(t[np.argmax(happens)]) if happens.any() else None
+
+    return {
+        "run": name,
+        "t_end": float(t[-1]),
+        "ratio_max": float(ratio[most]),
+        "ratio_t": float(t[most]),
+        "normal_min": float(normal[least]),
+        "normal_t": float(t[least]),
+        "slip_t": first(down & (ratio > 1)),
+        "open_t": first(~down),
+    }
+
+
+def thin(values: Floats, bins: int) -> NDArray[np.int64]:
+    """Places of the least and the largest value of each of so many stretches, in order.
+
+    A curve through them covers on paper what the whole one does, if a stretch is no wider than a
+    line.  The ends are among them.
+    """
+    count = len(values)
+    if count <= 2 * bins:
+        return np.arange(count)
+    edges = np.linspace(0, count, bins + 1).astype(np.int64)
+    places = [0, count - 1]
+    for first, last in pairwise(edges):
+        part = values[first:last]
+        places += [first + int(part.argmin()), first + int(part.argmax())]
+    return np.unique(places)
+
+
+def thinned(run: pd.DataFrame, wanted: pa.Schema, bins: dict[str, int]) -> pa.Table:
+    """Rows of a run that curves through some of its columns need: bins by column."""
+    places = [thin(run[name].to_numpy(), number) for name, number in bins.items()]
+    rows = run.iloc[np.unique(np.concatenate(places))]
+    return pa.Table.from_pandas(rows[wanted.names], schema=wanted, preserve_index=False)
