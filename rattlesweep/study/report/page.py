@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rattlesweep.durations import clock
 from rattlesweep.errors import ConfigError, OutputError
@@ -18,9 +18,7 @@ from rattlesweep.sweeps.config.load import resolved
 from rattlesweep.sweeps.inspect.content_hash import RowsHash
 from rattlesweep.sweeps.inspect.status import Status, status_of
 from rattlesweep.sweeps.inspect.summary import Summary
-
-if TYPE_CHECKING:
-    from rattlesweep.sweeps.store.manifest import Manifest
+from rattlesweep.sweeps.store.manifest import Manifest
 
 DPI = 120
 # Cases shown at once, and at all: each takes some 400 bytes.
@@ -82,9 +80,8 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
     readers: list[Reader] = [facts, summary, *([] if digest is None else [digest])]
     readers += [each.data for each in pictures.values() if isinstance(each, Picture)]
     read_rows(layout, *readers)
-    columns = [
-        name for name in CASE_COLUMNS if name in layout.targets or name not in ("K_p", "K_r")
-    ]
+    absent = {"K_p", "K_r"}.difference(layout.targets)
+    columns = [name for name in CASE_COLUMNS if name not in absent]
     sessions = manifest.sessions[-MOST_SESSIONS:]
     return render(
         "sweep.html.j2",
