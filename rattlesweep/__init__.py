@@ -12,12 +12,15 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from rattlesweep.api import (
+        ConfigError,
         Modes,
+        OutputError,
         Rattleback,
         Run,
         Sweep,
         load,
         modes,
+        replay,
         reversal_time_gh,
         simulate,
         sweep,
@@ -25,13 +28,16 @@ if TYPE_CHECKING:
     )
 
 __all__ = [
+    "ConfigError",
     "Modes",
+    "OutputError",
     "Rattleback",
     "Run",
     "Sweep",
     "__version__",
     "load",
     "modes",
+    "replay",
     "reversal_time_gh",
     "simulate",
     "sweep",

@@ -1,4 +1,4 @@
-"""The Python interface: a few calls over the rooms below."""
+"""The Python interface: a few calls over the rooms below, which they import when they are made."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rattlesweep.integrate.status import Status
+from rattlesweep.errors import ConfigError, ConfigWarning, OutputError
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.physics.launch import direction, garcia_hubbard
@@ -20,17 +20,28 @@ if TYPE_CHECKING:
 
     from rattlesweep.study.onerun.course import Trajectory
 
-__all__ = ["Modes", "Rattleback", "Run", "Sweep", "load", "modes", "reversal_time_gh", "simulate",
-           "sweep", "trajectory"]  # fmt: skip
+__all__ = ["ConfigError", "Modes", "OutputError", "Rattleback", "Run", "Sweep", "load", "modes",
+           "replay", "reversal_time_gh", "simulate", "sweep", "trajectory"]  # fmt: skip
 
 
 def modes(body: Rattleback) -> Modes:
     """Frequencies, directions and torque coefficients of a body (Eqs. def-omega_pr, Kp, Kr).
 
+    Parameters
+    ----------
+    body : Rattleback
+
     Returns
     -------
     Modes
-        With floats: ``omega_p omega_r psi_p psi_r omega_p0 omega_r0 K_p K_r``.
+        With floats: ``omega_p omega_r omega_p0 omega_r0`` in ``sqrt(g/a)``, ``psi_p psi_r`` in
+        radians, ``K_p K_r`` without a unit.
+
+    Examples
+    --------
+    >>> import rattlesweep as rs
+    >>> round(rs.modes(rs.Rattleback.gh()).omega_p, 3)
+    1.434
     """
     found = theory.modes(body.alpha, body.beta, body.theta, body.phi, body.xi)
     numbers: dict[str, Any] = {name: float(value) for name, value in vars(found).items()}
@@ -52,6 +63,12 @@ def reversal_time_gh(body: Rattleback, n_i: float, omega_xy0: float) -> float:
     ------
     ConfigError
         If there is no such launch.
+
+    Examples
+    --------
+    >>> import rattlesweep as rs
+    >>> round(rs.reversal_time_gh(rs.Rattleback.gh(), n_i=0.1, omega_xy0=0.01), 1)
+    108.2
     """
     from rattlesweep.study.derived import check_launch
 
@@ -68,7 +85,7 @@ class Run:
     Attributes
     ----------
     t_r : float or None
-        Time of the first reversal; None without one by ``t_end``.
+        Time of the first reversal, in ``sqrt(a/g)``; None without one by ``t_end``.
     t_end : float
         Time reached.
     type, status : str
@@ -112,7 +129,7 @@ def simulate(
     psi : str or float
         ``relevant``, ``pitch``, ``roll`` or degrees.
     model : str
-        ``full`` or ``reduced``.
+        ``full``, ``reduced`` or ``gh``.
     method, tol, dt_step
         Method, and the tolerance of an adaptive one or the step of a fixed-step one: ``method, tol,
         dt`` of the config's ``integrator``, with its defaults.
@@ -127,11 +144,18 @@ def simulate(
     ------
     ConfigError
         If an argument is wrong.
+
+    Examples
+    --------
+    >>> import rattlesweep as rs
+    >>> run = rs.simulate(rs.Rattleback.gh(), n_i=0.1, omega_xy0=0.01)
+    >>> round(run.t_r, 2), run.type, run.status
+    (112.09, 'R', 'ok')
     """
-    from rattlesweep.errors import ConfigError
     from rattlesweep.sweeps.blocks.block import finish_block
     from rattlesweep.sweeps.blocks.single import Launch, single_run
-    from rattlesweep.sweeps.tables.types import TYPES
+    from rattlesweep.sweeps.tables.arrow import build_table
+    from rattlesweep.sweeps.tables.columns import runs_schema
 
     if dt is not None:
         if dt_step is not None:
@@ -143,18 +167,11 @@ def simulate(
             stacklevel=2,
         )
         dt_step = dt
-    launch = Launch(body, n_i, omega_xy0, t_end, psi, model, _integrator(method, tol, dt_step))
-    config, launches, batch = single_run(launch)
-    columns = finish_block(config, launches, batch, threads=1)
-    codes, _ = columns["type"]
-    status, words = columns["status"]
-    row: dict[str, Any] = {
-        name: _number(columns[name][0])
-        for name in ("t_r", "t_end", "n_end", "n_steps", "energy_drift", "amp_growth",
-                     "n_departure", "near_tangencies")
-    }  # fmt: skip
-    good = int(status[0]) == Status.OK
-    return Run(type=TYPES[int(codes[0])] if good else None, status=words[int(status[0])], **row)
+    integrator = _integrator(method, tol, dt_step)
+    run = single_run(Launch(body, n_i, omega_xy0, t_end, psi, model, integrator))
+    table = build_table(finish_block(*run, threads=1), runs_schema((), model))
+    (row,) = table.select(list(Run.__dataclass_fields__)).to_pylist()
+    return Run(**row)
 
 
 def trajectory(
@@ -180,21 +197,14 @@ def trajectory(
 
     Parameters
     ----------
-    body : Rattleback
-    n_i, omega_xy0 : float
-        Initial spin and oscillation, in ``sqrt(g/a)``.
-    t_end : float, optional
-        Horizon, in ``sqrt(a/g)``; by default 5 t_rGH of the spin's own direction.
-    psi : str or float
-        ``relevant``, ``pitch``, ``roll`` or degrees.
-    model : str
-        ``full``, ``reduced`` or ``gh``.
+    body, n_i, omega_xy0, t_end, psi, model
+        As for :func:`simulate`.
     channels : sequence of str
-        Columns of the table; ``rattlesweep.study.onerun.channels.CHANNELS`` lists them.
+        Columns of the table; ``rattlesweep trajectory --channels list`` prints all of them.
     points, dt, steps, times
         One way to choose the rows: so many evenly from 0 to ``t_end`` (by default 2001, or 20 a
         period of the pitch if that is more), one every ``dt``, one per accepted step, or any
-        increasing times.
+        increasing times; in ``sqrt(a/g)``.
     method, tol, dt_step
         As for :func:`simulate`; not to be confused with ``dt``.
     e_p0, e_r0 : float, optional
@@ -204,35 +214,90 @@ def trajectory(
     Returns
     -------
     Trajectory
-        ``table`` (pandas), ``reversals``, ``zeros`` (of the spin, all of them), ``status``,
-        ``warning``.  The accepted steps, and so the first zero, are those of :func:`simulate`,
-        whatever rows are asked for.
+        ``table`` (pandas), ``units``, ``reversals``, ``zeros`` (of the spin, all of them),
+        ``status``, ``warning``.  The accepted steps, and so the first zero, are those of
+        :func:`simulate`, whatever rows are asked for.
 
     Raises
     ------
     ConfigError
         If an argument is wrong.
+
+    Examples
+    --------
+    >>> import rattlesweep as rs
+    >>> path = rs.trajectory(rs.Rattleback.gh(), n_i=0.1, omega_xy0=0.01, t_end=150, points=4)
+    >>> path.table.shape, path.reversals.round(2)
+    ((4, 2), array([112.09]))
     """
     from rattlesweep.study.onerun.course import Course, collect
+    from rattlesweep.study.onerun.rows import Rows
+    from rattlesweep.sweeps.blocks.single import Launch
 
-    return collect(
-        Course(
-            body, n_i=n_i, omega_xy0=omega_xy0, t_end=t_end, psi=psi, model=model,
-            channels=channels, points=points, dt=dt, steps=steps, times=times,
-            integrator=_integrator(method, tol, dt_step), e_p0=e_p0, e_r0=e_r0,
-        )
-    )  # fmt: skip
+    integrator = _integrator(method, tol, dt_step)
+    launch = Launch(body, n_i, omega_xy0, t_end, psi, model, integrator, e_p0, e_r0)
+    return collect(Course(launch, channels=channels, rows=Rows(points, dt, steps, times)))
+
+
+def replay(
+    directory: str | Path,
+    case: int,
+    sample: int,
+    *,
+    t_end: float | None = None,
+    channels: Sequence[str] = ("t", "n"),
+    points: int | None = None,
+    dt: float | None = None,
+    steps: bool = False,
+    times: Any = None,
+) -> Trajectory:
+    """Integrate a stored run again as a trajectory, proved to be the stored one bit for bit.
+
+    Parameters
+    ----------
+    directory : path
+        Of a sweep, whole or still running.
+    case, sample : int
+        Which run: the columns of ``runs`` of these names.
+    t_end : float, optional
+        Horizon, in ``sqrt(a/g)``; by default the sweep's.
+    channels, points, dt, steps, times
+        As for :func:`trajectory`.
+
+    Returns
+    -------
+    Trajectory
+
+    Raises
+    ------
+    ConfigError
+        If an argument is wrong, or there is no such run.
+    OutputError
+        If the run is not stored yet, is damaged, or comes out otherwise than stored.
+
+    Examples
+    --------
+    >>> import rattlesweep as rs
+    >>> path = rs.replay("out/steady", case=3, sample=17)  # doctest: +SKIP
+    """
+    from rattlesweep.study.onerun.course import Course, collect
+    from rattlesweep.study.onerun.replay import Replay
+    from rattlesweep.study.onerun.rows import Rows
+
+    source = Replay(Path(directory))
+    run = source.find(case, sample)
+    rows = Rows(points, dt, steps, times)
+    course = Course(source.prepare(run, t_end), channels=channels, rows=rows)
+    source.prove(run)
+    found = collect(course)
+    run.check(course)
+    return found
 
 
 def _integrator(method: str, tol: float | None, dt_step: float | None) -> dict[str, Any]:
     """The config's `integrator`, which refuses what its method does not take."""
     given = {"method": method, "tol": tol, "dt": dt_step}
     return {key: value for key, value in given.items() if value is not None}
-
-
-def _number(value: Any) -> Any:
-    plain = value.item()
-    return None if plain != plain else plain
 
 
 class Sweep:
@@ -242,15 +307,21 @@ class Sweep:
     ----------
     directory : path
         Of a sweep, whole or still running.
+
+    Attributes
+    ----------
+    directory : Path
+    manifest : dict
+        The resolved config, its hash, versions, machine and times.
     """
 
     def __init__(self, directory: str | Path) -> None:
-        from rattlesweep.sweeps.store.provenance import read_manifest
-        from rattlesweep.sweeps.store.store import Store
+        from rattlesweep.sweeps.store.stored import open_stored
 
         self.directory = Path(directory)
-        self._store = Store(self.directory)
-        self.manifest: dict[str, Any] = read_manifest(self._store)
+        self._stored = open_stored(self.directory)
+        self._store = self._stored.store
+        self.manifest: dict[str, Any] = self._stored.manifest.dump()
 
     @property
     def runs(self) -> pd.DataFrame:
@@ -261,8 +332,8 @@ class Sweep:
 
         tables = [table for _, table in self._store.iter_blocks()]
         if not tables:
-            config = self.manifest["config"]
-            tables = [runs_schema(config["record"], config["model"]).empty_table()]
+            config = self._stored.config
+            tables = [runs_schema(config.record, config.model).empty_table()]
         frame: pd.DataFrame = pa.concat_tables(tables).to_pandas()
         return frame
 
@@ -284,6 +355,11 @@ def load(directory: str | Path) -> Sweep:
     ------
     ConfigError
         If it is none.
+
+    Examples
+    --------
+    >>> import rattlesweep as rs
+    >>> rs.load("out/steady").summary[["n_i", "fraction_R"]]  # doctest: +SKIP
     """
     return Sweep(directory)
 
@@ -318,15 +394,20 @@ def sweep(
     -----
     ConfigWarning
         Of what makes little physical sense in the config, as ``rattlesweep run`` does.
+
+    Examples
+    --------
+    >>> import rattlesweep as rs
+    >>> rs.sweep("configs/quickstart.yaml").runs.t_r.describe()  # doctest: +SKIP
     """
-    from rattlesweep.errors import ConfigWarning
     from rattlesweep.sweeps.config.load import load_config, parse_config
     from rattlesweep.sweeps.engines.engine import run_sweep
     from rattlesweep.sweeps.sense.sense import checked_plan
 
-    file = isinstance(config, str | Path)
-    loaded = load_config(config) if isinstance(config, str | Path) else parse_config(config)
-    base = Path(str(config)).resolve().parent if file else None
+    if isinstance(config, str | Path):
+        loaded, base = load_config(config), Path(config).resolve().parent
+    else:
+        loaded, base = parse_config(config), None
     plan, doubts = checked_plan(loaded, base)
     for doubt in doubts:
         warnings.warn(doubt, ConfigWarning, stacklevel=2)

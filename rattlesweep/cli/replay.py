@@ -9,18 +9,9 @@ import click
 
 from rattlesweep.cli import options
 from rattlesweep.cli.common import DONE, guarded, say
-from rattlesweep.cli.series import (
-    Share,
-    check_targets,
-    close,
-    deliver,
-    names_of,
-    print_channels,
-    shown_of,
-)
+from rattlesweep.cli.series import Share, check_targets, close, deliver, print_channels
 
 if TYPE_CHECKING:
-    from rattlesweep.study.onerun.course import Course
     from rattlesweep.study.onerun.replay import StoredRun
 
 
@@ -62,13 +53,14 @@ def replay(
     Each run is first integrated as in the sweep, and its row is checked against the stored one, bit
     for bit; so is the first reversal of the series. Exits with 1 if any differs.
     """
-    from rattlesweep.study.onerun.replay import Replay, check_course, find, said, targets
+    from rattlesweep.study.onerun.replay import Replay, targets
+    from rattlesweep.study.onerun.rows import Rows
 
     if channels == "list":
         print_channels()
         return DONE
     source = Replay(Path(directory))
-    runs = find(source, case, sample, where, first)
+    runs = source.select(case, sample, where, first)
     outputs = targets(output, runs, "--output", printed=figure is None)
     drawings = targets(figure, runs, "--figure")
     for pair in zip(outputs, drawings, strict=True):
@@ -76,26 +68,12 @@ def replay(
 
     def one(run: StoredRun, out: Path | None, drawing: Path | None) -> int:
         source.prove(run)
-        model = source.config.model
-        names = names_of(channels)
-
-        def drawn() -> Course:
-            from rattlesweep.study.onerun import figure as figures
-
-            shown = figures.channels_of(model, shown=shown_of(channels))
-            return figures.at_its_times(source.course(run, t_end=t_end, channels=shown, watch=bar))
-
+        prepared = source.prepare(run, t_end)
         with Share(quiet, files=out is not None or drawing is not None) as bar:
-            course = deliver(
-                lambda: source.course(run, t_end=t_end, channels=names, points=points, dt=dt,
-                                      steps=steps, watch=bar),
-                drawn,
-                out,
-                drawing,
-            )  # fmt: skip
-        check_course(run, course, model)
+            course = deliver(prepared, channels, Rows(points, dt, steps), out, drawing, bar)
+        run.check(course)
         if not quiet:
-            say(said(run))
+            say(run.proof)
         return close(course, quiet)
 
     return max(one(*each) for each in zip(runs, outputs, drawings, strict=True))

@@ -14,7 +14,9 @@ import click
 from rattlesweep.cli.common import DONE, SOME_FAILED, say
 
 if TYPE_CHECKING:
-    from rattlesweep.study.onerun.course import Course
+    from rattlesweep.study.onerun.course import Course, PreparedRun
+    from rattlesweep.study.onerun.rows import Rows
+    from rattlesweep.sweeps.blocks.single import Launch
 
 
 def print_channels() -> None:
@@ -51,31 +53,32 @@ def check_targets(output: Path | None, figure: Path | None) -> None:
 
 
 def deliver(
-    table: Callable[[], Course],
-    drawing: Callable[[], Course],
+    run: Launch | PreparedRun,
+    channels: str,
+    rows: Rows,
     output: Path | None,
     figure: Path | None,
+    watch: Callable[[float], None],
 ) -> Course:
     """Integrate and write what is asked for, or print CSV if nothing is; the last course.
 
-    Of a long table only the head and the tail are printed, unless standard output is a file.
-
-    Parameters
-    ----------
-    table, drawing : callable
-        Begin a course with the rows asked for, and one with those of the figure.
-    output, figure : Path or None
+    Of a long table only the head and the tail are printed, unless standard output is a file.  A
+    figure has rows of its own.
     """
     from rattlesweep.study.onerun import files
+    from rattlesweep.study.onerun.course import Course
 
     if output is not None or figure is None:
-        course = table()
+        course = Course(run, channels=names_of(channels), rows=rows, watch=watch)
         if output is not None:
             files.save(course, output)
         else:
             out = sys.stdout.buffer
-            whole = _is_file(sys.stdout)
-            cut = (files.write_csv if whole else files.write_ends)(course, out.write)
+            cut = False
+            if _is_file(sys.stdout):
+                files.write_csv(course, out.write)
+            else:
+                cut = files.write_ends(course, out.write)
             out.flush()
             if cut:
                 say(f"only the first and the last {files.ENDS} rows are printed; for all of them "
@@ -83,7 +86,7 @@ def deliver(
     if figure is not None:
         from rattlesweep.study.onerun import figure as figures
 
-        course = drawing()
+        course = figures.course_of(run, shown_of(channels), watch)
         figures.save(course, figure)
     return course
 
@@ -100,8 +103,8 @@ def close(course: Course, quiet: bool) -> int:
     """Say what became of a run; the exit code."""
     if not quiet:
         say(_closing(course))
-        if course.seen.warning:
-            say(f"warning: {course.seen.warning}")
+        if course.observer.warning:
+            say(f"warning: {course.observer.warning}")
     if course.status.label != "ok":
         say(f"the run is not ok: {course.status.label}, {course.status.meaning}")
         return SOME_FAILED

@@ -12,8 +12,9 @@ from rattlesweep.cli.common import guarded, say
 from rattlesweep.cli.series import Share, close
 
 if TYPE_CHECKING:
-    from rattlesweep.study.onerun.course import Course
+    from rattlesweep.study.onerun.course import PreparedRun
     from rattlesweep.study.onerun.replay import StoredRun
+    from rattlesweep.sweeps.blocks.single import Launch
 
 
 @click.command(
@@ -54,51 +55,46 @@ def show(
     lists its keys.
     """
     from rattlesweep.study.onerun.files import check_target
-    from rattlesweep.study.onerun.replay import check_course, said
     from rattlesweep.study.viewer import show as pages
 
     path = Path(output)
     options.check_title(title)
     check_target(path, "--output", (".html",))
-    run = None
+    run: StoredRun | None = None
+    prepared: Launch | PreparedRun
     with Share(quiet, files=True) as bar:
         if directory is not None:
             _refuse(context, given)
-            run, course, name = _stored(directory, case, sample, where, t_end, bar)
+            prepared, run, name = _stored(directory, case, sample, where, t_end)
         else:
-            course = _launched(case, sample, where, t_end, given, bar)
+            prepared = _launched(case, sample, where, t_end, given)
             name = " ".join(["Rattleback", *([given["preset"]] if given["preset"] else [])])
-        scene = pages.make_scene(course, points)
+        course = pages.course_of(prepared, points, bar)
+        scene = pages.make_scene(course)
     if run is not None:
-        check_course(run, course, "full")
+        run.check(course)
     pages.save(scene, path, title or name, pages.describe(course))
     click.echo(path)
     if not quiet:
         if run is not None:
-            say(said(run))
+            say(run.proof)
         say(f"{len(scene.t)} rows, {path.stat().st_size / 1e6:.1f} MB")
     return close(course, quiet)
 
 
 def _stored(
-    directory: str,
-    case: int | None,
-    sample: int | None,
-    where: str | None,
-    t_end: float | None,
-    bar: Share,
-) -> tuple[StoredRun, Course, str]:
+    directory: str, case: int | None, sample: int | None, where: str | None, t_end: float | None
+) -> tuple[PreparedRun, StoredRun, str]:
     """A run of a sweep, proved, and what to call it."""
-    from rattlesweep.study.onerun.replay import Replay, find
-    from rattlesweep.study.viewer import show as pages
+    from rattlesweep.study.onerun.replay import Replay
+    from rattlesweep.study.viewer.show import check_model
 
     source = Replay(Path(directory))
-    pages.check_model(source.config.model)
-    run = find(source, case, sample, where)[0]
+    check_model(source.config.model)
+    run = source.select(case, sample, where)[0]
     source.prove(run)
-    course = source.course(run, t_end=t_end, channels=pages.CHANNELS, watch=bar)
     kind = f", type {run.type}" if run.type else ""
-    return run, course, f"{source.config.name}: {run.name}{kind}"
+    return source.prepare(run, t_end), run, f"{source.config.name}: {run.name}{kind}"
 
 
 def _launched(
@@ -107,13 +103,11 @@ def _launched(
     where: str | None,
     t_end: float | None,
     given: dict[str, Any],
-    bar: Share,
-) -> Course:
+) -> Launch:
     """A body and a launch given on the command line."""
     from rattlesweep.errors import ConfigError
     from rattlesweep.study.derived import make_body
-    from rattlesweep.study.onerun.course import Course
-    from rattlesweep.study.viewer import show as pages
+    from rattlesweep.sweeps.blocks.single import Launch
 
     if case is not None or sample is not None or where is not None:
         raise ConfigError("--case, --sample and --where go with --from")
@@ -121,8 +115,7 @@ def _launched(
     rest = {name: value for name, value in given.items() if name not in options.BODY}
     integrator = options.integrator_of(rest)
     psi = options.psi_of(rest.pop("psi"))
-    return Course(body, t_end=t_end, psi=psi, integrator=integrator, channels=pages.CHANNELS,
-                  watch=bar, **rest)  # fmt: skip
+    return Launch(body, t_end=t_end, psi=psi, integrator=integrator, **rest)
 
 
 def _refuse(context: click.Context, given: dict[str, Any]) -> None:

@@ -9,15 +9,7 @@ import click
 
 from rattlesweep.cli import options
 from rattlesweep.cli.common import DONE, guarded
-from rattlesweep.cli.series import (
-    Share,
-    check_targets,
-    close,
-    deliver,
-    names_of,
-    print_channels,
-    shown_of,
-)
+from rattlesweep.cli.series import Share, check_targets, close, deliver, print_channels
 
 
 @click.command(
@@ -63,30 +55,18 @@ def trajectory(
     quarter of its initial value to beyond a quarter of it on the other side.
     """
     from rattlesweep.study.derived import make_body
-    from rattlesweep.study.onerun.course import Course
+    from rattlesweep.study.onerun.rows import Rows
+    from rattlesweep.sweeps.blocks.single import Launch
 
     if channels == "list":
         print_channels()
         return DONE
     body = make_body({name: given.pop(name) for name in options.BODY})
-    launch: dict[str, Any] = {
-        "integrator": options.integrator_of(given),
-        "psi": options.psi_of(given.pop("psi")),
-        **given,
-    }
-    targets = [None if name is None else Path(name) for name in (output, figure)]
-    check_targets(*targets)
-
-    def drawing() -> Course:
-        from rattlesweep.study.onerun import figure as figures
-
-        return figures.course_for(body, launch, watch=bar, shown=shown_of(channels))
-
-    with Share(quiet, files=any(targets)) as bar:
-        course = deliver(
-            lambda: Course(body, channels=names_of(channels), points=points, dt=dt, steps=steps,
-                           watch=bar, **launch),
-            drawing,
-            *targets,
-        )  # fmt: skip
+    integrator = options.integrator_of(given)
+    psi = options.psi_of(given.pop("psi"))
+    launch = Launch(body, psi=psi, integrator=integrator, **given)
+    table, drawing = (None if name is None else Path(name) for name in (output, figure))
+    check_targets(table, drawing)
+    with Share(quiet, files=table is not None or drawing is not None) as bar:
+        course = deliver(launch, channels, Rows(points, dt, steps), table, drawing, bar)
     return close(course, quiet)

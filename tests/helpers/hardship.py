@@ -219,8 +219,9 @@ def check_finished(directory: Path, reference: Reference) -> None:
 
 
 def everything_in(directory: Path) -> set[str]:
-    """Names of all files and folders, hidden ones too."""
-    return {str(path.relative_to(directory)) for path in directory.rglob("*")}
+    """Names of all files and folders, hidden ones too; but for the locks, which stay."""
+    names = {str(path.relative_to(directory)) for path in directory.rglob("*")}
+    return {name for name in names if not name.startswith(".locks")}
 
 
 def manifest(directory: Path) -> dict[str, Any]:

@@ -20,7 +20,9 @@ from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics import full, theory
 from rattlesweep.study.onerun.channels import CHANNELS
-from rattlesweep.study.onerun.course import CHUNK, Course, EvenTimes
+from rattlesweep.study.onerun.course import CHUNK, Course
+from rattlesweep.study.onerun.rows import EvenTimes, Rows
+from rattlesweep.sweeps.blocks.single import Launch
 
 GH = rs.Rattleback.gh()
 DOP853, RK4 = METHODS["dop853"], METHODS["rk4"]
@@ -351,7 +353,7 @@ def test_even_times_are_cut_out_of_the_whole():
 
 def test_a_run_can_be_left_and_watched():
     seen = []
-    course = Course(GH, n_i=0.1, omega_xy0=0.01, t_end=3000.0, points=50_000, watch=seen.append)
+    course = Course(Launch(GH, 0.1, 0.01, 3000.0), rows=Rows(50_000), watch=seen.append)
     first = next(iter(course))
     assert len(first["n"]) == CHUNK
     assert 0 < course.t < 1500
@@ -364,12 +366,12 @@ def test_a_run_can_be_left_and_watched():
         raise Stop
 
     with pytest.raises(Stop):
-        list(Course(GH, n_i=0.1, omega_xy0=0.01, t_end=3e6, points=2, watch=stop))
+        list(Course(Launch(GH, 0.1, 0.01, 3e6), rows=Rows(2), watch=stop))
 
 
 def test_a_million_points_in_bounded_memory():
-    course = Course(GH, n_i=0.1, omega_xy0=0.01, t_end=2e4, points=1_000_000,
-                    channels=["t", "n", "F_normal"])  # fmt: skip
+    channels = ("t", "n", "F_normal")
+    course = Course(Launch(GH, 0.1, 0.01, 2e4), channels=channels, rows=Rows(1_000_000))
     rows = 0
     tracemalloc.start()
     for chunk in course:
@@ -435,7 +437,7 @@ def test_scalar_and_array_formulas_are_the_same():
 
     state, constants = np.array([0.1, -0.2, 0.3, 0.4, -0.5]), full.constants(**oracle.GH)
     assert channels.spin_of(*state) == pytest.approx(full.spin(*state), rel=1e-15)
-    assert channels._energy(*state, *constants) == pytest.approx(full.energy(*state, *constants))
+    assert channels.energy_of(*state, *constants) == pytest.approx(full.energy(*state, *constants))
     assert channels.force_of(*state, *constants) == pytest.approx(
         full.contact_force(*state, *constants)
     )

@@ -23,7 +23,10 @@ from rattlesweep.errors import OutputError
 from rattlesweep.study.onerun import figure as trajectory_figure
 from rattlesweep.study.onerun import files as trajectory_file
 from rattlesweep.study.onerun.channels import CHANNELS
-from rattlesweep.study.onerun.course import Course, Seen
+from rattlesweep.study.onerun.course import Course
+from rattlesweep.study.onerun.observer import Observer
+from rattlesweep.study.onerun.rows import Rows
+from rattlesweep.sweeps.blocks.single import Launch
 from rattlesweep.sweeps.store.atomic import streamed_file
 
 __all__ = ["handlers"]
@@ -114,12 +117,9 @@ def test_figures(tmp_path: Path, kind: str):
 
 @pytest.mark.parametrize("model", ["full", "reduced", "gh"])
 def test_what_a_figure_shows(model: str):
-    launch = {"n_i": -0.1, "omega_xy0": 0.01, "t_end": 2000.0, "model": model}
-    if model != "gh":
-        launch["e_r0"] = 1e-4
-    course = trajectory_figure.course_for(GH, launch)
-    chunks = list(course)
-    columns = {k: np.concatenate([c[k] for c in chunks]) for k in chunks[0]}
+    e_r0 = None if model == "gh" else 1e-4
+    course = trajectory_figure.course_of(Launch(GH, -0.1, 0.01, 2000.0, model=model, e_r0=e_r0))
+    columns = course.columns()
     axes = trajectory_figure.draw(columns, course, "a caption").axes
     labels = [text.get_text() for text in axes[0].get_legend().get_texts()]
     assert len(axes) == {"full": 3, "reduced": 2, "gh": 1}[model]
@@ -183,7 +183,7 @@ def test_a_file_that_breaks_off_leaves_the_old_one(tmp_path: Path):
         if share > 0.1:
             raise KeyboardInterrupt
 
-    course = Course(GH, n_i=0.1, omega_xy0=0.01, t_end=1e5, points=100_000, watch=stop)
+    course = Course(Launch(GH, 0.1, 0.01, 1e5), rows=Rows(100_000), watch=stop)
     with pytest.raises(KeyboardInterrupt):
         trajectory_file.save(course, target)
     assert [p.name for p in tmp_path.iterdir()] == ["run.parquet"]
@@ -220,7 +220,7 @@ def test_zeros_of_one_swing_are_one_reversal():
 
 
 def test_reversals_are_counted_by_the_quarter():
-    seen = Seen(plateau=1.0)
+    seen = Observer(plateau=1.0)
     t = np.arange(9.0)
     spins = np.array([1, 0.3, -0.2, 0.2, -0.3, -1, -0.2, 0.2, -1])
     zeros = [1.4, 2.5, 3.4, 6.5, 7.1]
@@ -253,10 +253,11 @@ def test_the_look_at_the_contact_is_that_of_a_sweep(tmp_path: Path):
         output=tmp_path / "sweep", threads=1,
     ).runs.iloc[0]  # fmt: skip
     assert sweep["t_end"] == 100
-    course = Course(GH, n_i=-0.9, omega_xy0=0.05, t_end=100)
+    course = Course(Launch(GH, -0.9, 0.05, 100))
     list(course)
-    assert course.seen.normal_min == pytest.approx(sweep["contact_normal_min"], rel=1e-12)
-    assert course.seen.friction_max == pytest.approx(sweep["contact_ratio_max"], rel=1e-12)
+    seen = course.observer
+    assert seen.normal_min == pytest.approx(sweep["contact_normal_min"], rel=1e-12)
+    assert seen.friction_max == pytest.approx(sweep["contact_ratio_max"], rel=1e-12)
 
 
 def test_a_long_table_is_printed_by_its_ends():
@@ -299,13 +300,8 @@ def test_default_rows_show_every_period_of_the_pitch():
 
 def test_a_figure_shows_the_channels_that_are_asked_for(tmp_path: Path):
     def labels(*names: str) -> list[str]:
-        course = trajectory_figure.course_for(
-            GH, {"n_i": 0.1, "omega_xy0": 0.01, "t_end": 130.0, "model": "full"},
-            shown=names or None,
-        )  # fmt: skip
-        chunks = list(course)
-        columns = {k: np.concatenate([c[k] for c in chunks]) for k in chunks[0]}
-        return [axis.get_ylabel() for axis in trajectory_figure.draw(columns, course).axes]
+        course = trajectory_figure.course_of(Launch(GH, 0.1, 0.01, 130.0), names or None)
+        return [a.get_ylabel() for a in trajectory_figure.draw(course.columns(), course).axes]
 
     assert len(labels()) == 3
     assert [text.split()[0] for text in labels("t", "F_normal", "E_p", "E_r")] == [

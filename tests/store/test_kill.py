@@ -34,6 +34,7 @@ from hardship import (
 from syscalls import CHANGES, Calls
 
 from rattlesweep.sweeps.inspect.content_hash import content_hash
+from rattlesweep.sweeps.store.manifest import Manifest, count_failed
 from rattlesweep.sweeps.store.store import Store
 from rattlesweep.sweeps.tables.columns import runs_schema
 
@@ -140,13 +141,12 @@ def with_failures(directory: Path, config_hash: str) -> None:
                 columns[name][row] = None
         rows = pa.table(columns, schema=runs_schema(model="gh"))
         receipt = store.rewrite_block(index, rows, replace(note, max_steps=10))
-        receipts[str(index)] = receipt.dump()
+        receipts[index] = receipt
     limited = said["config"]["integrator"] | {"max_steps": 10}
-    failed = {"step_limit": sum(r["failed"]["step_limit"] for r in receipts.values())}
-    store.write_manifest(
-        said | {"receipts": receipts, "failed": failed,
-                "config": said["config"] | {"integrator": limited}}
-    )  # fmt: skip
+    said["config"]["integrator"] = limited
+    changed = Manifest.parse(said)
+    changed.receipts, changed.failed = receipts, count_failed(receipts.values())
+    store.write_manifest(changed)
 
 
 @EVERY

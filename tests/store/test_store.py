@@ -20,9 +20,14 @@ import pyarrow.parquet as pq
 import pytest
 
 from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.sweeps.cases.plan import make_plan
+from rattlesweep.sweeps.config.load import parse_config
 from rattlesweep.sweeps.inspect.content_hash import content_hash
 from rattlesweep.sweeps.store import atomic as files
+from rattlesweep.sweeps.store import sealed
+from rattlesweep.sweeps.store.manifest import Manifest, Receipt
 from rattlesweep.sweeps.store.store import Store
+from rattlesweep.sweeps.store.stored import open_stored
 from rattlesweep.sweeps.tables.arrow import (
     DamagedError,
     build_table,
@@ -290,7 +295,6 @@ def test_writing_fails(
             lambda: store.rewrite_block(1, table[:5]),
             lambda: store.rewrite_block(7, table),
             lambda: store.write_summary(table),
-            lambda: store.write_manifest({"a": 1}),
         ):
             with pytest.raises(OutputError, match=f"cannot write .*: {os.strerror(number)}$"):
                 write()
@@ -509,27 +513,45 @@ def test_content_hash_wants_order_and_one_schema(store: Store) -> None:
 # --------------------------------------------------------------------------- manifest
 
 
-def test_manifest_round_trip(store: Store) -> None:
-    manifest = {"z": 0.1 + 0.2, "a": {"tol": np.float64(1e-9), "n": np.int64(3), "é": None}}
-    store.write_manifest({**manifest, "path": Path("x")})
-    assert store.read_manifest() == {**manifest, "path": "x"}
-    assert list(store.read_manifest()) == ["z", "a", "path"]
+def test_json_comes_back_to_the_bit() -> None:
+    data = {"z": 0.1 + 0.2, "a": {"tol": np.float64(1e-9), "n": np.int64(3), "é": None}}
+    found = sealed.load(sealed.dump({**data, "path": Path("x")}))
+    assert found == {**data, "path": "x"}
+    assert list(found) == ["z", "a", "path"]
     with pytest.raises(ValueError, match="JSON compliant"):
-        store.write_manifest({"x": float("nan")})
-    assert store.read_manifest()["path"] == "x"
+        sealed.dump({"x": float("nan")})
+
+
+def test_a_later_versions_keys_are_kept(tmp_path: Path) -> None:
+    plan = make_plan(parse_config({"bodies": {"source": "preset", "name": "GH"},
+                                   "spin": {"n_i": -0.1, "omega_xy0": 0.01}}))  # fmt: skip
+    manifest = Manifest.begin(plan, "0" * 64, None)
+    manifest.receipts = {k: Receipt(sha256="1" * 64, rows=1, bytes=2) for k in (10, 9)}
+    said = manifest.dump() | {"later": {"a": 1}}
+    assert list(said["receipts"]) == ["9", "10"]
+    assert said["receipts"]["9"] == {"sha256": "1" * 64, "rows": 1, "bytes": 2}
+    assert "finished" not in said
+    said["receipts"]["9"]["later"] = 2
+    again = Manifest.parse(json.loads(json.dumps(said)))
+    assert again.dump() == said
+    store = Store(tmp_path)
+    store.write_manifest(again)
+    store.update_manifest(lambda m: m.clear("base"))
+    del said["base"]
+    assert store.read_manifest().dump() == said
 
 
 def test_manifest_missing_or_broken(tmp_path: Path) -> None:
     for directory in (tmp_path, tmp_path / "absent"):
         with pytest.raises(ConfigError, match=r"is not an output directory: it has no manifest"):
-            Store(directory).read_manifest()
-    for text in (b"{", b"[1]", b"\xff\xfe", b"", b"[" * 100_000):
+            open_stored(directory)
+    broken = [b"{", b"[1]", b"\xff\xfe", b"", b"[" * 100_000, sealed.dump({"ok": 1})]
+    for text in [*broken, json.dumps({"ok": 1}).encode()]:
         (tmp_path / "manifest.json").write_bytes(text)
         with pytest.raises(OutputError, match=r"manifest\.json is damaged") as caught:
-            Store(tmp_path).read_manifest()
+            open_stored(tmp_path)
         assert "\n" not in str(caught.value)
-    (tmp_path / "manifest.json").write_text(json.dumps({"ok": 1}))
-    with pytest.raises(OutputError, match="its checksum does not match"):
-        Store(tmp_path).read_manifest()
-    Store(tmp_path).write_manifest({"ok": 1})
-    assert Store(tmp_path).read_manifest() == {"ok": 1}
+    assert "its checksum does not match" in str(caught.value)
+    (tmp_path / "manifest.json").write_bytes(sealed.dump({"format": 1}))
+    with pytest.raises(ConfigError, match="it was written in format 1"):
+        open_stored(tmp_path)

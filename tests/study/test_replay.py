@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +14,10 @@ import pyarrow.parquet as pq
 import pytest
 from test_run import handlers, invoke, rows, run
 
-from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.study.onerun.replay import Replay, StoredRun, check_course, find, targets
-from rattlesweep.sweeps.store.provenance import read_manifest
-from rattlesweep.sweeps.store.receipts import Note
+import rattlesweep as rs
+from rattlesweep.study.onerun.course import Course
+from rattlesweep.study.onerun.replay import Replay
+from rattlesweep.study.onerun.rows import Rows
 from rattlesweep.sweeps.store.store import Store
 
 __all__ = ["handlers"]
@@ -43,9 +45,9 @@ def test_every_run_is_the_stored_one_bit_for_bit(sweep: Path):
     for stored in table.itertuples():
         one = source.find(stored.case, stored.sample)
         source.prove(one)
-        course = source.course(one, steps=True)
+        course = Course(source.prepare(one), rows=Rows(steps=True))
         last = list(course)[-1]
-        check_course(one, course, "full")
+        one.check(course)
         assert course.status.label == stored.status
         if np.isnan(stored.t_r):
             assert course.zeros == []
@@ -59,26 +61,27 @@ def test_every_run_is_the_stored_one_bit_for_bit(sweep: Path):
 
 def test_a_run_can_be_followed_beyond_the_horizon_or_less_far(sweep: Path):
     source = Replay(sweep)
-    one = find(source, None, None, "type = 'R'")[0]
-    far = source.course(one, t_end=2 * source.course(one).t_end, points=2)
-    near = source.course(one, t_end=0.5 * one.t_end, points=2)
-    assert (len(list(far)), len(list(near))) == (1, 1)
+    one = source.where("type = 'R'", 1)[0]
     assert one.t_r is not None
-    assert bits(far.zeros[0]) == bits(one.t_r)
-    assert near.zeros == []
-    check_course(one, far, "full")
-    check_course(one, near, "full")
-    with pytest.raises(OutputError, match="reverses at"):
-        check_course(StoredRun(**{**vars(one), "t_r": np.nextafter(one.t_r, 0)}), far, "full")
+    horizon = Course(source.prepare(one)).t_end
+    found = rs.replay(sweep, one.case, one.sample, t_end=2 * horizon, points=2)
+    assert (len(found.table), found.t_end) == (2, 2 * horizon)
+    assert bits(found.zeros[0]) == bits(one.t_r)
+    near = rs.replay(sweep, one.case, one.sample, t_end=0.5 * one.t_end, points=2)
+    assert len(near.zeros) == 0
+    course = Course(source.prepare(one))
+    list(course)
+    with pytest.raises(rs.OutputError, match="reverses at"):
+        replace(one, t_r=np.nextafter(one.t_r, 0)).check(course)
 
 
 def test_command_prints_the_series_and_says_what_is_proved(sweep: Path):
-    one = find(Replay(sweep), None, None, "t_r is not null")[0]
+    one = Replay(sweep).where("t_r is not null", 1)[0]
     result = invoke("replay", sweep, "--case", one.case, "--sample", one.sample, "--points", 5)
     assert result.exit_code == 0
     assert len(result.stdout.splitlines()) == 6
-    said = f"case {one.case}, sample {one.sample}: t_r {one.t_r!r} and type R as stored"
-    assert result.stderr.startswith(f"{said}, bit for bit\n")
+    proof = f"case {one.case}, sample {one.sample}: t_r {one.t_r!r} and type R as stored"
+    assert result.stderr.startswith(f"{proof}, bit for bit\n")
 
 
 def test_several_runs_go_to_files_named_by_run(sweep: Path, tmp_path: Path):
@@ -97,10 +100,8 @@ def test_several_runs_go_to_files_named_by_run(sweep: Path, tmp_path: Path):
     assert first["n"][0] == pytest.approx(-0.5, rel=1e-12)
 
 
-# -- conditions, more of which are in test_where.py ---------------------------------------------
-
-
 def test_runs_are_chosen_by_a_condition(sweep: Path):
+    """More of conditions in test_where.py."""
     runs = pd.read_parquet(sweep / "runs").query("sample in (1, 3, 5) and t_r * 2 < t_rgh * 3")
     text = "sample IN (1, 3, 5) and t_r * 2 < 3 * t_rgh"
     found = [(r.case, r.sample) for r in Replay(sweep).where(text, 1000)]
@@ -109,19 +110,9 @@ def test_runs_are_chosen_by_a_condition(sweep: Path):
     assert Replay(sweep).where(text, 2) == Replay(sweep).where(text, 1000)[:2]
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [("typ = 'R'", "typ is no column; did you mean type?"), ("K_r < 0", "no stored run")],
-)
-def test_wrong_conditions_say_so_in_one_line(sweep: Path, text: str, words: str):
-    result = invoke("replay", sweep, "--where", text)
-    assert (result.exit_code, result.stdout) == (2, "")
-    assert words in result.stderr
-    assert result.stderr.startswith("error: --where")
-    assert result.stderr.count("\n") == 1
-
-
 # -- what is not there, or not as it was ---------------------------------------------------------
+
+ONE = ["--case", 0, "--sample", 1]
 
 
 @pytest.mark.parametrize(
@@ -131,14 +122,16 @@ def test_wrong_conditions_say_so_in_one_line(sweep: Path, text: str, words: str)
         (["--case", 0, "--sample", 8], "has the samples 0 to 7", 2),
         (["--case", -1, "--sample", 0], "has the cases 0 to 1", 2),
         (["--case", 0], "which run?", 2),
-        (["--case", 0, "--sample", 1, "--where", "K_r<1"], "keep one way", 2),
-        (["--case", 0, "--sample", 1, "--first", 2], "--first goes with --where", 2),
+        ([*ONE, "--where", "K_r<1"], "keep one way", 2),
+        ([*ONE, "--first", 2], "--first goes with --where", 2),
+        (["--where", "typ = 'R'"], "--where typ = 'R': typ is no column; did you mean type?", 2),
+        (["--where", "K_r < 0"], "--where K_r < 0: no stored run", 2),
         (["--where", "K_r<1", "--first", 2], "2 runs do not go into one table", 2),
         (["--where", "K_r<1", "--first", 2, "--output", "a.csv"], "would be written there", 2),
-        (["--case", 0, "--sample", 1, "--channels", "t,omga_x"], "omega_x is the nearest", 2),
-        (["--case", 0, "--sample", 1, "--output", "a.xlsx"], ".parquet or .csv", 2),
-        (["--case", 0, "--sample", 1, "--output", "/proc/no/a.csv"], "cannot write in", 1),
-        (["--case", 0, "--sample", 1, "--t-end", "nan"], "finite, positive time", 2),
+        ([*ONE, "--channels", "t,omga_x"], "omega_x is the nearest", 2),
+        ([*ONE, "--output", "a.xlsx"], ".parquet or .csv", 2),
+        ([*ONE, "--output", "/proc/no/a.csv"], "cannot write in", 1),
+        ([*ONE, "--t-end", "nan"], "finite, positive time", 2),
     ],
     ids=str,
 )
@@ -162,46 +155,32 @@ def test_a_directory_that_is_no_sweep(tmp_path: Path):
 
 def test_a_stored_number_that_is_not_what_comes_out_is_told(sweep: Path, tmp_path: Path):
     output = tmp_path / "out"
-    (output / "runs").mkdir(parents=True)
-    for path in sweep.rglob("*"):
-        if path.is_file():
-            (output / path.relative_to(sweep)).write_bytes(path.read_bytes())
-    store = Store(output)
-    one = find(Replay(output), None, None, "type = 'R'")[0]
+    shutil.copytree(sweep, output)
+    store, one = Store(output), Replay(output).where("type = 'R'", 1)[0]
     index, row = divmod(one.case * 8 + one.sample, 5)
     table, note = store.read_block(index), store.inspect_block(index).note
-    assert isinstance(note, Note)
     t_r = table["t_r"].to_pylist()
     t_r[row] = float(np.nextafter(t_r[row], np.inf))
     place = table.schema.get_field_index("t_r")
     store.rewrite_block(index, table.set_column(place, table.schema.field("t_r"), [t_r]), note)
     result = invoke("replay", output, "--case", one.case, "--sample", one.sample)
     assert (result.exit_code, result.stdout) == (1, "")
-    assert f"case {one.case}, sample {one.sample} comes out otherwise" in result.stderr
-    assert "than stored, in t_r;" in result.stderr
+    words = f"{one.name} comes out otherwise than stored, in t_r;"
+    assert words in result.stderr
+    with pytest.raises(rs.OutputError, match=words):
+        rs.replay(output, one.case, one.sample)
     store.block_path(index).unlink()
-    result = invoke("replay", output, "--case", one.case, "--sample", one.sample)
-    assert result.exit_code == 1
-    assert "is not stored yet" in result.stderr
-    assert read_manifest(store)["runs"] == 16
+    with pytest.raises(rs.OutputError, match="is not stored yet"):
+        rs.replay(output, one.case, one.sample)
 
 
-def test_other_models_are_replayed_too(tmp_path: Path):
-    for model in ("reduced", "gh"):
-        output = tmp_path / model
-        result = run("gh.yaml", output, f"model={model}", "spin.n_i=[0.1]", "record=[]")
-        assert result.exit_code == 0
-        t_r = float(rows(output)["t_r"].iloc[0])
-        result = invoke("replay", output, "--case", 0, "--sample", 0, "--points", 3,
-                        "--output", tmp_path / f"{model}.csv")  # fmt: skip
-        assert result.exit_code == 0
-        assert f"t_r {t_r!r} and type R" in result.stderr
-        assert pcsv.read_csv(tmp_path / f"{model}.csv").num_rows == 3
-
-
-def test_names_of_files(tmp_path: Path):
-    two = [StoredRun(0, k, None, 1.0, "SS", "ok", 0.1, 5) for k in (1, 2)]
-    assert targets(None, two, "--figure") == [None, None]
-    assert targets("{case}/{sample}.csv", two, "--output") == [Path("0/1.csv"), Path("0/2.csv")]
-    with pytest.raises(ConfigError, match="2 runs would be written there"):
-        targets("{case}.csv", two, "--output")
+@pytest.mark.parametrize("model", ["gh", pytest.param("reduced", marks=pytest.mark.slow)])
+def test_other_models_are_replayed_too(tmp_path: Path, model: str):
+    output, table = tmp_path / "out", tmp_path / "run.csv"
+    result = run("gh.yaml", output, f"model={model}", "spin.n_i=[0.1]", "record=[]")
+    assert result.exit_code == 0
+    t_r = float(rows(output)["t_r"].iloc[0])
+    result = invoke("replay", output, "--case", 0, "--sample", 0, "--points", 3, "--output", table)
+    assert result.exit_code == 0
+    assert f"t_r {t_r!r} and type R" in result.stderr
+    assert pcsv.read_csv(table).num_rows == 3

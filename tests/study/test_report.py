@@ -26,6 +26,7 @@ from rattlesweep.sweeps.config import yamlfile
 from rattlesweep.sweeps.config.load import parse_config, physics_hash, resolved
 from rattlesweep.sweeps.inspect.content_hash import content_hash
 from rattlesweep.sweeps.store import store as store_module
+from rattlesweep.sweeps.store.manifest import Expected, Manifest
 from rattlesweep.sweeps.store.store import Store
 
 EVIL = "<script>alert(1)&lt;"
@@ -162,10 +163,10 @@ def test_a_sweep_that_is_not_whole(sweeps: Path, tmp_path: Path) -> None:
     (part / "runs" / "block-000002.parquet").unlink()
     store = Store(part)
 
-    def stopped(manifest: dict[str, Any]) -> None:
-        manifest["state"] = "stopped"
-        manifest["expected"] = {"seconds": 12.0, "low": 10.0, "high": 15.0}
-        del manifest["receipts"]["2"]
+    def stopped(manifest: Manifest) -> None:
+        manifest.state = "stopped"
+        manifest.expected = Expected(seconds=12.0, low=10.0, high=15.0)
+        del manifest.receipts[2]
 
     store.update_manifest(stopped)
     text = Page(make_report(part)).text
@@ -233,7 +234,7 @@ WRONG = {
     "ending": (["steady", "--output", "p.pdf"], 2, "the name must end in .html"),
     "no folder": (["steady", "--output", "no/p.html"], 1, "cannot write no/p.html: No such file"),
     "read-only": (["steady", "--output", "/proc/p.html"], 1, "cannot write /proc/p.html"),
-    "damaged": (["broken"], 1, "cannot read broken/runs/block-000000.parquet"),
+    "damaged": (["broken"], 1, "broken/runs/block-000000.parquet is damaged"),
 }
 
 

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 import io
 import json
 import math
 import re
+import shutil
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -18,8 +21,8 @@ from scipy.spatial.transform import Rotation
 from test_run import handlers, invoke, rows, run
 
 import rattlesweep as rs
-from rattlesweep.study.onerun.course import Course
 from rattlesweep.study.viewer import show
+from rattlesweep.sweeps.blocks.single import Launch
 
 __all__ = ["handlers"]
 GH = rs.Rattleback.gh()
@@ -28,9 +31,8 @@ needs_browser = pytest.mark.skipif(find_browser() is None, reason="no Chromium i
 
 
 def scene(t_end: float = T_END, points: int | None = None, **launch: Any) -> show.Scene:
-    course = Course(GH, channels=show.CHANNELS, t_end=t_end,
-                    **({"n_i": 0.1, "omega_xy0": 0.01} | launch))  # fmt: skip
-    return show.make_scene(course, points)
+    run = Launch(GH, t_end=t_end, **({"n_i": 0.1, "omega_xy0": 0.01} | launch))
+    return show.make_scene(show.course_of(run, points))
 
 
 @pytest.fixture(scope="module")
@@ -121,8 +123,8 @@ def test_the_body_is_cut_off_above_every_contact():
 
 def test_dumbbells_are_those_of_the_moments():
     body = rs.Rattleback.shell_dumbbell(gamma=10, f_sd=0.1, theta=0.8, phi=0.05, xi=-0.05)
-    course = Course(body, channels=show.CHANNELS, t_end=5.0, n_i=0.1, omega_xy0=0.01)
-    places = np.array(show.make_scene(course, 50).about["weights"])
+    course = show.course_of(Launch(body, 0.1, 0.01, 5.0), 50)
+    places = np.array(show.make_scene(course).about["weights"])
     assert np.sum(0.25 * places[:, 1] ** 2) == pytest.approx(body.alpha - 1, rel=1e-14)
     assert np.sum(0.25 * places[:, 0] ** 2) == pytest.approx(body.beta - 1, rel=1e-14)
     assert scene(t_end=5.0, points=50).about["weights"] == []
@@ -162,6 +164,34 @@ def test_words_cannot_become_markup(tmp_path: Path):
     found = scene(t_end=5.0)
     found.about["facts"] = [("a", "</script><script>")]
     assert held(show.make_page(found, "a", "b").decode())["facts"] == [["a", "</script><script>"]]
+
+
+# -- what it is made of --------------------------------------------------------------------------
+
+PAGE = Path(show.__file__).parent / "page"
+
+
+def test_the_bundle_is_what_is_recorded():
+    data = (PAGE / "three.min.js").read_bytes()
+    recorded, name = (PAGE / "three.min.js.sha256").read_text().split()
+    assert (name, hashlib.sha256(data).hexdigest()) == ("three.min.js", recorded)
+    wanted = json.loads((PAGE / "package.json").read_text())["devDependencies"]
+    locked = json.loads((PAGE / "package-lock.json").read_text())["packages"]
+    assert locked[""]["devDependencies"] == wanted
+    assert {name: locked[f"node_modules/{name}"]["version"] for name in wanted} == wanted
+    assert data.startswith(f"/*! three.js {wanted['three']}\n".encode())
+    # By checksum alone, wherever one has packages from.
+    pinned = [package for name, package in locked.items() if name]
+    assert all(package["integrity"].startswith("sha512-") for package in pinned)
+    assert not any("resolved" in package for package in pinned)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("npm") is None, reason="npm is not installed")
+def test_the_pinned_version_bundles_to_it(tmp_path: Path):
+    subprocess.run([PAGE / "bundle.sh", tmp_path], check=True)
+    for name in ("three.min.js", "three.min.js.sha256"):
+        assert (tmp_path / name).read_bytes() == (PAGE / name).read_bytes()
 
 
 # -- the command ---------------------------------------------------------------------------------

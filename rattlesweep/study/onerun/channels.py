@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -14,18 +14,15 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.cache import specialise
 from rattlesweep.physics import full, reduced
 from rattlesweep.physics.attitude import quaternion
+from rattlesweep.sweeps.tables.columns import ENERGY, FORCE, RATE, TIME
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from numpy.typing import NDArray
 
     from rattlesweep.integrate.follow.trajectory import Samples
     from rattlesweep.sweeps.cases.launches import Launches
 
     Floats = NDArray[np.float64]
-
-FREQUENCY = "sqrt(g/a)"
 
 
 def _arrays(function: Any, **others: Any) -> Callable[..., Any]:
@@ -37,14 +34,15 @@ def _arrays(function: Any, **others: Any) -> Callable[..., Any]:
 
 
 spin_of = _arrays(full.spin)
-_energy = _arrays(full.energy)
+energy_of = _arrays(full.energy)
 force_of = _arrays(full.contact_force, rhs=_arrays(full.rhs))
 
 
+@dataclass(frozen=True)
 class View:
     """Quantities at the same times, worked out when they are first asked for.
 
-    Parameters
+    Attributes
     ----------
     launches : Launches
         Of one run.
@@ -57,22 +55,12 @@ class View:
         Of the model, and of the reduced model at the same times.
     """
 
-    def __init__(
-        self,
-        launches: Launches,
-        model: str,
-        constants: Floats,
-        energy_0: float,
-        samples: Samples,
-        beside: Samples | None,
-    ) -> None:
-        self.launches, self.model, self.constants = launches, model, constants
-        self.energy_0, self.samples, self.beside = energy_0, samples, beside
-
-    @property
-    def t(self) -> Floats:
-        """Times."""
-        return self.samples.t
+    launches: Launches
+    model: str
+    constants: Floats
+    energy_0: float
+    samples: Samples
+    beside: Samples | None
 
     @cached_property
     def y(self) -> Floats:
@@ -82,7 +70,7 @@ class View:
     @cached_property
     def gh(self) -> Floats:
         """Garcia and Hubbard's spin."""
-        return self.launches.gh.spin(self.t)
+        return self.launches.gh.spin(self.samples.t)
 
     @cached_property
     def n(self) -> Floats:
@@ -95,7 +83,7 @@ class View:
     @cached_property
     def energy(self) -> Floats:
         """Energy."""
-        formula = reduced.energy.py_func if self.model == "reduced" else _energy
+        formula = reduced.energy.py_func if self.model == "reduced" else energy_of
         energy: Floats = formula(*self.y, *self.constants)
         return energy
 
@@ -119,8 +107,8 @@ class View:
         p, q = self.y[:2]
         u, omega = self.vectors
         a, b = omega[:2] - self.n * u[:2]
-        runs = self.launches
-        alpha, beta = runs.bodies.alpha, runs.bodies.beta
+        m, bodies = self.launches.modes, self.launches.bodies
+        alpha, beta = bodies.alpha, bodies.beta
 
         def energy(psi: Floats, frequency: Floats) -> Floats:
             cosine, sine = np.cos(psi), np.sin(psi)
@@ -130,7 +118,6 @@ class View:
             value: Floats = 0.5 * (rate**2 + (frequency * tilt) ** 2) / inertia
             return value
 
-        m = runs.modes
         return energy(m.psi_p, m.omega_p), energy(m.psi_r, m.omega_r)
 
     @cached_property
@@ -157,13 +144,14 @@ class View:
 
     @cached_property
     def attitude(self) -> Floats:
-        """Quaternion."""
+        """Quaternion, components first."""
         return quaternion(self.vectors[0], self.samples.extra[:, 0])
 
-    def reduced(self, component: int) -> Floats:
-        """A variable of the reduced model beside."""
+    @property
+    def reduced(self) -> Floats:
+        """State of the reduced model beside, components first."""
         assert self.beside is not None
-        return self.beside.y[:, component]
+        return self.beside.y.T
 
 
 @dataclass(frozen=True)
@@ -188,71 +176,57 @@ class Channel:
     needs: str = ""
 
 
-def _part(name: str, k: int) -> Callable[[View], Floats]:
-    """Component ``k`` of a quantity."""
-
-    def part(view: View) -> Floats:
-        value: Floats = getattr(view, name)[k]
-        return value
-
-    return part
-
-
-def _vector(k: int, component: int) -> Callable[[View], Floats]:
-    return lambda view: view.vectors[k][component]
-
-
 FULL, BOTH, ALL = ("full",), ("full", "reduced"), ("full", "reduced", "gh")
+
+
+def _components(
+    names: str, unit: str, words: str, of: Callable[[View], Any], needs: str = ""
+) -> Iterator[Channel]:
+    """Channels of the components of a quantity of the full model; ``{}`` is their last letter."""
+
+    def component(k: int) -> Callable[[View], Any]:
+        return lambda view: of(view)[k]
+
+    for k, name in enumerate(names.split()):
+        yield Channel(name, unit, words.format(name[-1]), FULL, component(k), needs)
+
 
 CHANNELS: dict[str, Channel] = {
     channel.name: channel
     for channel in (
-        Channel("t", "sqrt(a/g)", "time", ALL, lambda v: v.t),
-        Channel("n", FREQUENCY, "spin u . omega", ALL, lambda v: v.n),
-        *(
-            Channel(f"u_{x}", "1", f"vertical unit vector, body's {x}", FULL,
-                    _vector(0, k))
-            for k, x in enumerate("xyz")
-        ),
-        *(
-            Channel(f"omega_{x}", FREQUENCY, f"angular velocity, body's {x}", FULL,
-                    _vector(1, k))
-            for k, x in enumerate("xyz")
-        ),
-        Channel("energy", "M g a", "energy", BOTH, lambda v: v.energy),
+        Channel("t", TIME, "time", ALL, lambda v: v.samples.t),
+        Channel("n", RATE, "spin u . omega", ALL, lambda v: v.n),
+        *_components("u_x u_y u_z", "1", "vertical unit vector, body's {}",
+                     lambda v: v.vectors[0]),
+        *_components("omega_x omega_y omega_z", RATE, "angular velocity, body's {}",
+                     lambda v: v.vectors[1]),
+        Channel("energy", ENERGY, "energy", BOTH, lambda v: v.energy),
         Channel("energy_drift", "1", "energy over that of the launch, minus 1", BOTH,
                 lambda v: v.energy / v.energy_0 - 1),
-        Channel("E_p", "M g a", "energy of the pitch, not averaged over its period", BOTH,
-                _part("modes", 0)),
-        Channel("E_r", "M g a", "energy of the roll, not averaged over its period", BOTH,
-                _part("modes", 1)),
+        Channel("E_p", ENERGY, "energy of the pitch, not averaged over its period", BOTH,
+                lambda v: v.modes[0]),
+        Channel("E_r", ENERGY, "energy of the roll, not averaged over its period", BOTH,
+                lambda v: v.modes[1]),
         Channel("C_I", "1", "Casimir invariant ln(E_p)/K_p + ln(E_r)/K_r", BOTH,
                 lambda v: v.casimir),
-        *(
-            Channel(f"contact_{x}", "a", f"contact point from the centre of mass, body's {x}", FULL,
-                    _part("contact", k))
-            for k, x in enumerate("xyz")
-        ),
-        Channel("trace_x", "a", "contact point on the plane, from the first one", FULL,
-                lambda v: v.samples.extra[:, 1], "attitude"),
-        Channel("trace_y", "a", "contact point on the plane, from the first one", FULL,
-                lambda v: v.samples.extra[:, 2], "attitude"),
-        Channel("F_normal", "M g", "contact force along the vertical", FULL, _part("force", 0)),
-        Channel("F_tangential", "M g", "contact force in the plane", FULL, _part("force", 1)),
+        *_components("contact_x contact_y contact_z", "a",
+                     "contact point from the centre of mass, body's {}", lambda v: v.contact),
+        *_components("trace_x trace_y", "a", "contact point on the plane, from the first one",
+                     lambda v: v.samples.extra.T[1:], "attitude"),
+        Channel("F_normal", FORCE, "contact force along the vertical", FULL, lambda v: v.force[0]),
+        Channel("F_tangential", FORCE, "contact force in the plane", FULL, lambda v: v.force[1]),
         Channel("yaw", "rad", "heading of the body's x axis from the start, turns counted", FULL,
                 lambda v: v.samples.extra[:, 0], "attitude"),
-        *(
-            Channel(f"q{k}", "1", "attitude, unit quaternion from body to plane, scalar first",
-                    FULL, _part("attitude", k), "attitude")
-            for k in range(4)
-        ),
-        Channel("n_reduced", FREQUENCY, "spin of the reduced model beside", FULL,
-                lambda v: v.reduced(0), "reduced"),
-        Channel("E_p_reduced", "M g a", "energy of the pitch in the reduced model", FULL,
-                lambda v: v.reduced(1), "reduced"),
-        Channel("E_r_reduced", "M g a", "energy of the roll in the reduced model", FULL,
-                lambda v: v.reduced(2), "reduced"),
-        Channel("n_gh", FREQUENCY, "spin of Garcia and Hubbard's solution", ALL, lambda v: v.gh),
+        *_components("q0 q1 q2 q3", "1",
+                     "attitude, unit quaternion from body to plane, scalar first",
+                     lambda v: v.attitude, "attitude"),
+        Channel("n_reduced", RATE, "spin of the reduced model beside", FULL,
+                lambda v: v.reduced[0], "reduced"),
+        Channel("E_p_reduced", ENERGY, "energy of the pitch in the reduced model", FULL,
+                lambda v: v.reduced[1], "reduced"),
+        Channel("E_r_reduced", ENERGY, "energy of the roll in the reduced model", FULL,
+                lambda v: v.reduced[2], "reduced"),
+        Channel("n_gh", RATE, "spin of Garcia and Hubbard's solution", ALL, lambda v: v.gh),
     )
 }  # fmt: skip
 

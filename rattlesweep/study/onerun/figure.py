@@ -7,10 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.study.onerun.channels import CHANNELS
-from rattlesweep.study.onerun.course import Course, even_points
+from rattlesweep.study.onerun.course import Course
+from rattlesweep.study.onerun.rows import Rows
 from rattlesweep.study.style import (
     BLUE,
+    FORMATS,
     GREY,
     INK,
     RATE,
@@ -21,112 +24,74 @@ from rattlesweep.study.style import (
     light_grid,
     new_figure,
     styled,
+    symbol,
 )
+from rattlesweep.sweeps.blocks.single import Launch
 from rattlesweep.sweeps.store.atomic import replace_file
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
+    from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
-    from rattlesweep.physics.body import Rattleback
+    from rattlesweep.study.onerun.course import PreparedRun
 
     Floats = NDArray[np.float64]
 
-ENDINGS = (".svg", ".png", ".pdf")
+ENDINGS = tuple(f".{kind}" for kind in FORMATS)
 WIDTH, DPI = 7.2, 160
-# Points of a period of the faster mode, and how many there are at most.
-PER_PERIOD, LEAST, MOST = 24, 2001, 400_001
+# Every period of the pitch is to be seen, as far as the points are not too many.
+ROWS = Rows(per_period=24, most=400_001)
 # More than so many points become the least and the largest of each of so many bins.
 LINE, BINS = 8000, 1600
 # Of more reversals than this only the first is marked.
 MARKS = 12
+CURVES = {"full": "full dynamics", "reduced": "reduced model", "gh": "Garcia and Hubbard"}
+SHOWN = {"full": ("n", "omega_x", "omega_y"), "reduced": ("n", "E_p", "E_r"), "gh": ("n",)}
 
 
-def channels_of(
-    model: str, *, beside: bool = False, shown: Sequence[str] | None = None
-) -> list[str]:
-    """What a figure needs.
+def course_of(
+    run: Launch | PreparedRun,
+    shown: Sequence[str] | None = None,
+    watch: Callable[[float], None] | None = None,
+) -> Course:
+    """The run at the times and with the channels that its figure needs.
 
     Parameters
     ----------
-    model : str
-    beside : bool
-        Whether the reduced model is drawn beside the full one.
+    run, watch
+        As for :class:`Course`.  Energies of the reduced model ask for it beside the full one.
     shown : sequence of str, optional
         Channels that are to be drawn; by default what suits the model.
     """
-    default = {"full": ["n", "omega_x", "omega_y"], "reduced": ["n", "E_p", "E_r"], "gh": ["n"]}
-    names = ["t", *(default[model] if shown is None else shown)]
+    launch = run if isinstance(run, Launch) else None
+    model: str = run.model if isinstance(run, Launch) else run[0].model
+    names = ["t", *(SHOWN[model] if shown is None else shown)]
     if "n" in names:
-        names += ["n_gh"] * (model != "gh") + ["n_reduced"] * beside
-    return list(dict.fromkeys(names))
+        names += ["n_gh"] * (model != "gh")
+        if model == "full" and launch and (launch.e_p0, launch.e_r0) != (None, None):
+            names.append("n_reduced")
+    return Course(run, channels=list(dict.fromkeys(names)), rows=ROWS, watch=watch)
 
 
-def points_for(course: Course) -> int:
-    """Points that show every period of the pitch, as far as they are not too many."""
-    return min(MOST, max(LEAST, course.rows_of_periods(PER_PERIOD)))
-
-
-def course_for(
-    body: Rattleback,
-    launch: dict[str, Any],
-    watch: Callable[[float], None] | None = None,
-    shown: Sequence[str] | None = None,
-) -> Course:
-    """The run at the times that its figure needs.
-
-    Parameters
-    ----------
-    body : Rattleback
-    launch : dict
-        What :class:`Course` takes beyond the body, the channels and the times.  Energies of the
-        reduced model ask for it beside the full one.
-    watch : callable, optional
-        As for :class:`Course`.
-    shown : sequence of str, optional
-        As for :func:`channels_of`.
-    """
-    model = launch["model"]
-    given = launch.get("e_p0") is not None or launch.get("e_r0") is not None
-    names = channels_of(model, beside=model == "full" and given, shown=shown)
-    # The horizon is known once the launch is.
-    return at_its_times(Course(body, channels=names, watch=watch, **launch))
-
-
-def at_its_times(course: Course) -> Course:
-    """Give a course the times that its figure needs."""
-    course.times = even_points(course.t_end, points_for(course))
-    return course
-
-
-def save(course: Course, path: Path, caption: str = "") -> None:
-    """Integrate, draw and write a figure, in the format of the file's ending.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
-    """
-    chunks = list(course)
-    columns = {c.name: np.concatenate([x[c.name] for x in chunks]) for c in course.channels}
+def save(course: Course, path: Path) -> None:
+    """Integrate, draw and write a figure, in the format of the file's ending."""
+    columns = course.columns()
     with styled():
-        figure = draw(columns, course, caption or describe(course))
+        figure = draw(columns, course, describe(course))
         replace_file(path, encode(figure, path.suffix.lower()[1:], DPI))
 
 
 def describe(course: Course) -> str:
     """Which run: one line."""
     runs = course.launches
-    b = runs.bodies
-    body = ", ".join(
-        f"{sign} = {float(getattr(b, name)[0]):.4g}"
-        for name, sign in (("alpha", "$\\alpha$"), ("beta", "$\\beta$"), ("gamma", "$\\gamma$"),
-                           ("theta", "$\\theta$"), ("phi", "$\\phi$"))
-    )  # fmt: skip
+    values = {name: float(getattr(runs.bodies, name)[0]) for name in PARAMETERS}
+    skew = math.degrees(values.pop("xi"))
+    body = ", ".join(f"{symbol(name)} = {value:.4g}" for name, value in values.items())
     launch = f"$n_i$ = {runs.n_i[0]:g}, $|\\omega_{{xy0}}|$ = {runs.omega_xy0[0]:g}"
-    return f"{body}, $\\xi$ = {math.degrees(b.xi[0]):.3g}°;  {launch}"
+    return f"{body}, $\\xi$ = {skew:.3g}°;  {launch}"
 
 
 def envelope(values: Floats, width: int) -> Floats:
@@ -141,13 +106,13 @@ def envelope(values: Floats, width: int) -> Floats:
     return smooth
 
 
-def draw(columns: dict[str, Floats], course: Course, caption: str = "") -> Any:
+def draw(columns: dict[str, Floats], course: Course, caption: str = "") -> Figure:
     """Draw the figure.
 
     Parameters
     ----------
     columns : dict
-        The channels of :func:`channels_of`, at even times.
+        The channels of :func:`course_of`, at even times.
     course : Course
         The run they come from, at its end.
     caption : str
@@ -161,7 +126,7 @@ def draw(columns: dict[str, Floats], course: Course, caption: str = "") -> Any:
     width = round(2 * math.pi / slower / (t[-1] / (len(t) - 1)))
     for axis, panel in zip(axes, panels, strict=True):
         if panel == ("n",):
-            _draw_spin(axis, columns, course)
+            _draw_spin(axis, columns, CURVES[course.model])
         elif panel == ("E_p", "E_r"):
             for mode, colour, dash in (("E_p", BLUE, "-"), ("E_r", VERMILION, "--")):
                 axis.plot(t, columns[mode], color=colour, linestyle=dash, linewidth=1.3,
@@ -169,34 +134,14 @@ def draw(columns: dict[str, Floats], course: Course, caption: str = "") -> Any:
             axis.set_ylim(top=1.3 * float(max(columns["E_p"].max(), columns["E_r"].max())))
             axis.set_ylabel("energy  [$M g a$]")
         elif panel[0] in ("omega_x", "omega_y"):
-            (name,) = panel
-            _line(axis, t, columns[name], BLUE, "")
-            height = envelope(columns[name], width)
-            for sign, label in ((1, "envelope"), (-1, None)):
-                axis.plot(t, sign * height, color=VERMILION, linewidth=1.1, label=label)
-            axis.set_ylabel(f"$\\omega_{name[-1]}$  [{RATE}]")
-            most = float(height.max()) or 1.0
-            axis.set_ylim(-1.1 * most, 1.45 * most)
+            _draw_oscillation(axis, t, columns[panel[0]], width)
+            axis.set_ylabel(f"$\\omega_{panel[0][-1]}$  [{RATE}]")
         else:
             (name,) = panel
-            _line(axis, t, columns[name], BLUE, "")
+            _line(axis, t, columns[name], BLUE)
             unit = UNITS.get(CHANNELS[name].unit, f"${CHANNELS[name].unit}$")
             axis.set_ylabel(name + (f"  [{unit}]" if unit else ""))
-    marks = course.reversals or course.zeros
-    said: set[str] = set()
-    for axis in axes:
-        light_grid(axis)
-        low, high = axis.get_ylim()
-        if low <= 0 <= high:
-            axis.axhline(0, color=GREY, linewidth=0.7, zorder=1)
-        for k, time in enumerate(marks if len(marks) <= MARKS else marks[:1]):
-            label = _marks(course) if k == 0 and axis is axes[0] else None
-            axis.axvline(time, color=GREY, linewidth=0.9, linestyle=":", zorder=1, label=label)
-        words = axis.get_legend_handles_labels()[1]
-        if not said.issuperset(words):
-            said |= set(words)
-            axis.legend(loc="upper right", ncols=2, fontsize=8, frameon=True, framealpha=0.9,
-                        edgecolor="none")  # fmt: skip
+    _finish(axes, course)
     axes[-1].set_xlim(0, t[-1])
     axes[-1].set_xlabel(f"time  [{TIME}]")
     figure.align_ylabels(axes)
@@ -213,36 +158,58 @@ def _panels(columns: dict[str, Floats]) -> list[tuple[str, ...]]:
     return [("E_p", "E_r") if both and name == "E_p" else (name,) for name in names]
 
 
-def _draw_spin(axis: Any, columns: dict[str, Floats], course: Course) -> None:
-    t, n = columns["t"], columns["n"]
-    own = {"full": "full dynamics", "reduced": "reduced model", "gh": "Garcia and Hubbard"}
-    _line(axis, t, n, BLUE, own[course.model])
-    if "n_gh" in columns:
-        axis.plot(t, columns["n_gh"], color=INK, linestyle="--", linewidth=1.1,
-                  label="Garcia and Hubbard")  # fmt: skip
-    if "n_reduced" in columns:
-        axis.plot(t, columns["n_reduced"], color=VERMILION, linestyle="-.", linewidth=1.1,
-                  label="reduced model")  # fmt: skip
+def _draw_spin(axis: Any, columns: dict[str, Floats], label: str) -> None:
+    t = columns["t"]
+    _line(axis, t, columns["n"], BLUE, label)
+    most = float(np.max(np.abs(columns["n"])))
+    for name, model, colour, dash in (
+        ("n_gh", "gh", INK, "--"), ("n_reduced", "reduced", VERMILION, "-.")
+    ):  # fmt: skip
+        if name in columns:
+            axis.plot(t, columns[name], color=colour, linestyle=dash, linewidth=1.1,
+                      label=CURVES[model])  # fmt: skip
+            most = max(most, float(np.max(np.abs(columns[name]))))
     axis.set_ylabel(f"spin $n$  [{RATE}]")
-    spins = ("n", "n_gh", "n_reduced")
-    most = max(float(np.max(np.abs(columns[name]))) for name in spins if name in columns)
     # Room for the legend above the curves.
     axis.set_ylim(-1.15 * most, 1.75 * most)
 
 
-def _marks(course: Course) -> str:
+def _draw_oscillation(axis: Any, t: Floats, values: Floats, width: int) -> None:
+    _line(axis, t, values, BLUE)
+    height = envelope(values, width)
+    for sign, label in ((1, "envelope"), (-1, None)):
+        axis.plot(t, sign * height, color=VERMILION, linewidth=1.1, label=label)
+    most = float(height.max()) or 1.0
+    axis.set_ylim(-1.1 * most, 1.45 * most)
+
+
+def _finish(axes: Any, course: Course) -> None:
+    """Mark zero and the reversals; explain each kind of curve in the first panel that has it."""
     times, word = course.reversals, "reversal"
     if not times:
         times, word = course.zeros, "zero crossing"
-    if len(times) == 1:
-        return f"{word} at {times[0]:.6g}"
-    return f"{len(times)} {word}s, the first at {times[0]:.6g}"
+    one = len(times) == 1
+    text = f"{word} at " if one else f"{len(times)} {word}s, the first at "
+    explained: set[str] = set()
+    for axis in axes:
+        light_grid(axis)
+        low, high = axis.get_ylim()
+        if low <= 0 <= high:
+            axis.axhline(0, color=GREY, linewidth=0.7, zorder=1)
+        for k, time in enumerate(times if len(times) <= MARKS else times[:1]):
+            label = f"{text}{time:.6g}" if k == 0 and axis is axes[0] else None
+            axis.axvline(time, color=GREY, linewidth=0.9, linestyle=":", zorder=1, label=label)
+        labels = axis.get_legend_handles_labels()[1]
+        if not explained.issuperset(labels):
+            explained |= set(labels)
+            axis.legend(loc="upper right", ncols=2, fontsize=8, frameon=True, framealpha=0.9,
+                        edgecolor="none")  # fmt: skip
 
 
-def _line(axis: Any, t: Floats, values: Floats, colour: str, label: str) -> None:
+def _line(axis: Any, t: Floats, values: Floats, colour: str, label: str | None = None) -> None:
     """Draw a curve, or the band it fills where it swings faster than can be seen."""
     if len(t) <= LINE:
-        axis.plot(t, values, color=colour, linewidth=1.0, label=label or None)
+        axis.plot(t, values, color=colour, linewidth=1.0, label=label)
         return
     edges = np.linspace(0, len(t), BINS + 1).astype(int)[:-1]
     low, high = np.minimum.reduceat(values, edges), np.maximum.reduceat(values, edges)
@@ -250,4 +217,4 @@ def _line(axis: Any, t: Floats, values: Floats, colour: str, label: str) -> None
     low[:-1] = np.minimum(low[:-1], high[1:])
     high[:-1] = np.maximum(high[:-1], low[1:])
     axis.fill_between(t[edges], low, high, color=colour, linewidth=0.6)
-    axis.plot([], [], color=colour, linewidth=1.0, label=label or None)
+    axis.plot([], [], color=colour, linewidth=1.0, label=label)

@@ -15,6 +15,7 @@ from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.sweeps.store.atomic import probe_directory, streamed_file
 from rattlesweep.sweeps.store.provenance import package_version
 from rattlesweep.sweeps.tables.arrow import build_table
+from rattlesweep.sweeps.tables.columns import F64, field
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -49,32 +50,29 @@ def check_target(path: Path, option: str, endings: tuple[str, ...]) -> None:
 
 def schema(course: Course) -> pa.Schema:
     """Columns with unit and description; the file's own metadata say which run it is."""
-    fields = [
-        pa.field(c.name, pa.float64(), metadata={"unit": c.unit, "description": c.description})
-        for c in course.channels
-    ]
     runs = course.launches
     about: dict[str, Any] = {name: float(getattr(runs.bodies, name)[0]) for name in PARAMETERS}
     about |= {name: float(getattr(runs, name)[0]) for name in ("n_i", "omega_xy0", "psi")}
     about |= {"model": course.model, "t_end": course.t_end, "rattlesweep": package_version()}
     about |= {"integrator": course.integrator}
-    return pa.schema(fields, metadata={"rattlesweep.run": json.dumps(about)})
+    return pa.schema(
+        [field(c.name, F64, c.unit, c.description) for c in course.channels],
+        metadata={"rattlesweep.run": json.dumps(about)},
+    )
 
 
 def write_parquet(course: Course, file: BinaryIO) -> None:
     """Integrate and write row groups; at the end, where pyarrow can, the reversals and zeros."""
     columns = schema(course)
     with pq.ParquetWriter(file, columns, compression="zstd", version="2.6") as writer:
-        parts: list[pa.Table] = []
-        rows = 0
+        parts = [columns.empty_table()]
         for chunk in course:
             parts.append(build_table(chunk, columns))
-            rows += len(parts[-1])
-            if rows >= GROUP:
+            if sum(map(len, parts)) >= GROUP:
                 writer.write_table(pa.concat_tables(parts))
-                parts, rows = [], 0
-        if parts:
-            writer.write_table(pa.concat_tables(parts))
+                parts = [columns.empty_table()]
+        if len(rest := pa.concat_tables(parts)):
+            writer.write_table(rest)
         if hasattr(writer, "add_key_value_metadata"):  # younger than pyarrow 16
             writer.add_key_value_metadata(
                 {"rattlesweep.reversals": json.dumps(course.reversals),
@@ -83,19 +81,12 @@ def write_parquet(course: Course, file: BinaryIO) -> None:
             )  # fmt: skip
 
 
-def write_csv(course: Course, write: Callable[[bytes], Any]) -> bool:
-    """Integrate and write lines: names first, digits that give the same number back.
-
-    Returns
-    -------
-    bool
-        Whether rows are left out: no.
-    """
+def write_csv(course: Course, write: Callable[[bytes], Any]) -> None:
+    """Integrate and write lines: names first, digits that give the same number back."""
     columns = schema(course)
     write((",".join(columns.names) + "\n").encode())
     for chunk in course:
         write(_lines(build_table(chunk, columns)))
-    return False
 
 
 def write_ends(course: Course, write: Callable[[bytes], Any]) -> bool:
@@ -136,13 +127,7 @@ def _lines(table: pa.Table) -> bytes:
 
 
 def save(course: Course, path: Path) -> None:
-    """Integrate and write a file, which appears whole or not at all.
-
-    Raises
-    ------
-    OutputError
-        If it cannot be written.
-    """
+    """Integrate and write a file, which appears whole or not at all."""
     with streamed_file(path) as file:
         if path.suffix.lower() == ".csv":
             write_csv(course, file.write)

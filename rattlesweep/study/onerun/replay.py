@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,21 +12,16 @@ import pyarrow.compute as pc
 
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.integrate.model import MODELS
-from rattlesweep.study.onerun.course import Course
 from rattlesweep.study.where import parse_condition
 from rattlesweep.sweeps.blocks.recompute import differing_rows
 from rattlesweep.sweeps.cases.launches import make_batch, prepare
-from rattlesweep.sweeps.cases.plan import make_plan
-from rattlesweep.sweeps.config.load import override_config
-from rattlesweep.sweeps.store.provenance import identity, read_manifest
-from rattlesweep.sweeps.store.store import Store
+from rattlesweep.sweeps.store.stored import open_stored
 from rattlesweep.sweeps.tables.columns import runs_schema
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
-    from rattlesweep.integrate.batch import Batch
-    from rattlesweep.sweeps.cases.launches import Launches
+    from rattlesweep.study.onerun.course import Course, PreparedRun
     from rattlesweep.sweeps.config.load import Config
 
 
@@ -48,8 +43,41 @@ class StoredRun:
         """What to call it."""
         return f"case {self.case}, sample {self.sample}"
 
+    @property
+    def proof(self) -> str:
+        """What :meth:`Replay.prove` and :meth:`check` have shown, in one line."""
+        if self.status != "ok":
+            return f"{self.name}: status {self.status} as stored, bit for bit"
+        t_r = "no reversal" if self.t_r is None else f"t_r {self.t_r!r}"
+        return f"{self.name}: {t_r} and type {self.type} as stored, bit for bit"
 
-FIELDS = tuple(StoredRun.__dataclass_fields__)
+    def check(self, course: Course) -> None:
+        """Compare a followed trajectory with the stored row, bit for bit.
+
+        The first zero of its spin is ``t_r``; where the run ends at the stored ``t_end`` without
+        one, its number of steps is ``n_steps``.
+
+        Raises
+        ------
+        OutputError
+            It differs.
+        """
+        if course.model not in MODELS or self.status != "ok":
+            return
+        first = course.zeros[0] if course.zeros else None
+        if self.t_r is None:
+            wrong = first is not None and first <= self.t_end
+            wrong |= course.t == self.t_end and course.n_steps != self.n_steps
+        else:
+            wrong = first != self.t_r if self.t_end <= course.t else first is not None
+        if wrong:
+            raise OutputError(
+                f"{self.name} reverses at {first!r} when it is followed, and is stored with t_r = "
+                f"{self.t_r!r}"
+            )
+
+
+FIELDS = [part.name for part in fields(StoredRun)]
 
 
 class Replay:
@@ -74,15 +102,9 @@ class Replay:
     """
 
     def __init__(self, directory: Path) -> None:
-        self._store = Store(directory)
-        self._manifest = read_manifest(self._store)
-        self.config: Config = override_config(self._manifest["config"], [])
-        base = None if self._manifest.get("base") is None else Path(self._manifest["base"])
-        self._plan = make_plan(self.config, base)
-        if identity(self._plan, base) != self._manifest["config_hash"]:
-            raise ConfigError(
-                f"{directory}: its table of bodies has changed, so its runs cannot be had again"
-            )
+        self._stored = open_stored(directory)
+        self._store, self._plan = self._stored.store, self._stored.plan
+        self.config: Config = self._stored.config
 
     def find(self, case: int, sample: int) -> StoredRun:
         """The run of a case and a sample.
@@ -100,17 +122,14 @@ class Replay:
         ):  # fmt: skip
             if not 0 <= value < count:
                 raise ConfigError(
-                    f"--{name} {value}: {self._store.directory} has the {name}s 0 to {count - 1}"
+                    f"{name} {value}: {self._store.directory} has the {name}s 0 to {count - 1}"
                 )
         index = (case * plan.samples + sample) // plan.block_size
         path = self._store.block_path(index)
         if not path.exists():
             raise OutputError(f"case {case}, sample {sample} is not stored yet: {path} is missing")
         table = self._store.read_block(index, FIELDS)
-        chosen = pc.and_(
-            pc.equal(table.column("case"), case), pc.equal(table.column("sample"), sample)
-        )
-        found = [StoredRun(**values) for values in table.filter(chosen).to_pylist()]
+        found = _runs(table.filter((pc.field("case") == case) & (pc.field("sample") == sample)))
         if not found:
             raise OutputError(f"case {case}, sample {sample} is not stored yet: {path} lacks it")
         return found[0]
@@ -125,19 +144,37 @@ class Replay:
         OutputError
             A block cannot be read.
         """
-        schema = runs_schema(self.config.record, self.config.model)
-        condition = parse_condition(text, schema)
+        condition = parse_condition(text, runs_schema(self.config.record, self.config.model))
         columns = list(dict.fromkeys((*FIELDS, *condition.columns)))
         found: list[StoredRun] = []
         for batch in self._store.iter_batches(columns):
-            table = pa.Table.from_batches([batch])
-            chosen = table.filter(condition.expression).select(list(FIELDS))
-            found += [StoredRun(**values) for values in chosen.slice(0, first).to_pylist()]
-            if len(found) >= first:
+            table = pa.Table.from_batches([batch]).filter(condition.expression)
+            found += _runs(table.slice(0, first - len(found)).select(FIELDS))
+            if len(found) == first:
                 break
         if not found:
             raise ConfigError(f"--where {text}: no stored run of {self._store.directory} is so")
-        return found[:first]
+        return found
+
+    def select(
+        self, case: int | None, sample: int | None, where: str | None, first: int | None = None
+    ) -> list[StoredRun]:
+        """Runs by case and sample, or the first by a condition: as the command line has them.
+
+        Raises
+        ------
+        ConfigError
+            If it is not one of the two ways, or there is no such run.
+        """
+        if where is not None:
+            if case is not None or sample is not None:
+                raise ConfigError("--where and --case, --sample are both given; keep one way")
+            return self.where(where, first or 1)
+        if case is None or sample is None:
+            raise ConfigError("which run? give --case and --sample, or --where")
+        if first is not None:
+            raise ConfigError("--first goes with --where")
+        return [self.find(case, sample)]
 
     def prove(self, run: StoredRun, threads: int | None = 1) -> None:
         """Integrate a run as the sweep did, and compare its whole row bit for bit.
@@ -148,112 +185,36 @@ class Replay:
             It differs.
         """
         number = np.array([run.case * self._plan.samples + run.sample])
-        for _, _, names in differing_rows(self._store, self._plan, self._manifest, number, threads):
+        for _, _, names in differing_rows(self._stored, number, threads):
             raise OutputError(
                 f"{run.name} comes out otherwise than stored, in {', '.join(names[:6])}"
                 f"{' and others' if len(names) > 6 else ''}; see rattlesweep verify"
             )
 
-    def course(
-        self,
-        run: StoredRun,
-        *,
-        t_end: float | None = None,
-        channels: Sequence[str] = ("t", "n"),
-        points: int | None = None,
-        dt: float | None = None,
-        steps: bool = False,
-        watch: Callable[[float], None] | None = None,
-    ) -> Course:
-        """The run as a trajectory, past its reversals.
+    def prepare(self, run: StoredRun, t_end: float | None = None) -> PreparedRun:
+        """The run for :class:`rattlesweep.study.onerun.course.Course`, past its reversals.
 
         Parameters
         ----------
         run : StoredRun
         t_end : float, optional
             Where it ends, in ``sqrt(a/g)``; by default the sweep's own horizon for this run.
-        channels, points, dt, steps, watch
-            As for :class:`rattlesweep.study.onerun.course.Course`.
 
         Raises
         ------
         ConfigError
-            If an argument is wrong.
+            If ``t_end`` is no time.
         """
-        prepared = self._prepared(run, t_end)
-        return Course.of_run(
-            prepared, channels=channels, points=points, dt=dt, steps=steps, watch=watch
-        )
-
-    def _prepared(
-        self, run: StoredRun, t_end: float | None
-    ) -> tuple[Config, Launches, Batch | None]:
         launches = prepare(self._plan, np.array([run.case]), np.array([run.sample]))
         if t_end is not None:
             if not (np.isfinite(t_end) and t_end > 0):
-                raise ConfigError(f"--t-end {t_end:g}: a finite, positive time is needed")
+                raise ConfigError(f"t_end {t_end:g}: a finite, positive time is needed")
             launches = replace(launches, t_end=np.array([t_end]))
         return self.config, launches, make_batch(launches, self.config.model)
 
 
-def check_course(run: StoredRun, course: Course, model: str) -> None:
-    """Compare a followed trajectory with the stored row, bit for bit.
-
-    The first zero of its spin is ``t_r``; where the run ends at the stored ``t_end`` without one,
-    its number of steps is ``n_steps``.
-
-    Raises
-    ------
-    OutputError
-        It differs.
-    """
-    if model not in MODELS or run.status != "ok":
-        return
-    first = course.zeros[0] if course.zeros else None
-    reached = run.t_end <= course.t
-    if run.t_r is None:
-        wrong = first is not None and first <= run.t_end
-        wrong |= course.t == run.t_end and course.n_steps != run.n_steps
-    else:
-        wrong = first != run.t_r if reached else first is not None
-    if wrong:
-        raise OutputError(
-            f"{run.name} reverses at {first!r} when it is followed, and is stored with t_r = "
-            f"{run.t_r!r}"
-        )
-
-
-def said(run: StoredRun) -> str:
-    """What has been proved, in one line."""
-    if run.status != "ok":
-        return f"{run.name}: status {run.status} as stored, bit for bit"
-    t_r = "no reversal" if run.t_r is None else f"t_r {run.t_r!r}"
-    return f"{run.name}: {t_r} and type {run.type} as stored, bit for bit"
-
-
-def find(
-    source: Replay,
-    case: int | None,
-    sample: int | None,
-    where: str | None,
-    first: int | None = None,
-) -> list[StoredRun]:
-    """Runs by case and sample, or by a condition.
-
-    Raises
-    ------
-    ConfigError
-        If it is not one of the two ways, or there is no such run.
-    """
-    if where is not None:
-        if case is not None or sample is not None:
-            raise ConfigError("--where and --case, --sample are both given; keep one way")
-        return source.where(where, first or 1)
-    if case is None or sample is None:
-        raise ConfigError("which run? give --case and --sample, or --where")
-    if first is not None:
-        raise ConfigError("--first goes with --where")
-    return [source.find(case, sample)]
+def _runs(table: pa.Table) -> list[StoredRun]:
+    return [StoredRun(**values) for values in table.to_pylist()]
 
 
 def targets(

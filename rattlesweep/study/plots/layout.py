@@ -7,15 +7,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rattlesweep.errors import OutputError
-from rattlesweep.sweeps.config.load import Config, ConfigError, GridSource, SdSource, parse_config
+from rattlesweep.sweeps.config.load import Config, ConfigError, GridSource, SdSource
 from rattlesweep.sweeps.config.messages import not_one_of
-from rattlesweep.sweeps.store.provenance import read_manifest
+from rattlesweep.sweeps.store.manifest import Manifest
 from rattlesweep.sweeps.store.store import Store
+from rattlesweep.sweeps.store.stored import open_stored
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -74,7 +75,7 @@ class Layout:
     Attributes
     ----------
     store : Store
-    manifest : dict
+    manifest : Manifest
     config : Config
     cases : tuple of Axis
         Targets, ``n_i``, ``omega_xy0``, as far as there are any, the first varying slowest.
@@ -83,7 +84,7 @@ class Layout:
     """
 
     store: Store
-    manifest: dict[str, Any]
+    manifest: Manifest
     config: Config
     cases: tuple[Axis, ...]
     grid: tuple[Axis, ...]
@@ -101,7 +102,7 @@ class Layout:
     @property
     def population(self) -> bool:
         """Whether a case has many bodies that no axis tells apart."""
-        return not self.grid and self.manifest["samples"] > 1
+        return not self.grid and self.manifest.samples > 1
 
     def ranks(self, case: Integers, sample: Integers) -> dict[str, Integers]:
         """Place of some runs along each axis."""
@@ -136,29 +137,18 @@ def read_layout(directory: Path) -> Layout:
     OutputError
         It is damaged, or holds no runs yet.
     """
-    store = Store(directory)
     if not directory.exists():
         raise ConfigError(f"{directory}: there is no such directory")
-    manifest = read_manifest(store)
-    known = {key: value for key, value in manifest["config"].items() if value is not None}
-    try:
-        config = parse_config(known)
-    except ConfigError as error:
-        raise OutputError(
-            f"{store.manifest_path}: its config is not one of this version: {error.messages[0]}"
-        ) from None
+    stored = open_stored(directory)
+    store, manifest, config = stored.store, stored.manifest, stored.config
     if not store.block_indices():
         raise OutputError(f"{directory} holds no runs yet")
     cases: list[Axis] = []
     if isinstance(config.bodies, SdSource) and config.bodies.target is not None:
         cases.append(Axis.of(config.bodies.target.name, config.bodies.target.values))
-    if config.spin is not None and manifest["cases"][0].get("n_i") is not None:
+    if config.spin is not None and manifest.cases[0].n_i is not None:
         cases.append(Axis.of("n_i", config.spin.n_i))
         cases.append(Axis.of("omega_xy0", config.spin.omega_xy0))
-    if math.prod(len(axis.values) for axis in cases) != len(manifest["cases"]):
-        raise OutputError(
-            f"{store.manifest_path} is damaged: its cases are not those of its config"
-        )
     grid: list[Axis] = []
     if isinstance(config.bodies, GridSource):
         grid = [Axis.of(name, given) for name, given in config.bodies.axes.values().items()]

@@ -97,7 +97,7 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
         ("pictures", "Pictures", _pictures(pictures)),
         ("cases", "Cases", _cases(layout, summary)),
         ("failures", "Failures", _failures(facts, status)),
-        ("cost", "Cost", _cost(layout.manifest, facts, status)),
+        ("cost", "Cost", _cost(layout.manifest.dump(), facts, status)),
         ("config", "Config", html.code(config_yaml(_known(layout.manifest["config"])))),
         ("provenance", "Provenance", _provenance(layout, digest)),
         ("notes", "Notes", _notes(layout, facts, status)),

@@ -21,14 +21,19 @@ import numpy as np
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics.body import PARAMETERS
-from rattlesweep.study.onerun.course import Course, even_points
+from rattlesweep.study.onerun.course import Course
+from rattlesweep.study.onerun.rows import Rows
 from rattlesweep.sweeps.store.atomic import replace_file
 from rattlesweep.sweeps.store.provenance import package_version
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
     from numpy.typing import NDArray
+
+    from rattlesweep.study.onerun.course import PreparedRun
+    from rattlesweep.sweeps.blocks.single import Launch
 
     Floats = NDArray[np.float64]
 
@@ -87,49 +92,55 @@ def check_model(model: str) -> None:
         raise ConfigError(f"the model {model} has no body that moves; show needs the full one")
 
 
-def rows_for(course: Course, points: int | None) -> int:
-    """Rows of the page.
-
-    Raises
-    ------
-    ConfigError
-        If so long a run does not go into a page, or so few points make none.
-    """
-    if points is not None:
-        if not 2 <= points <= MOST_ROWS:
-            raise ConfigError(f"--points {points}: 2 to {MOST_ROWS} go into a page")
-        return points
-    least = course.rows_of_periods(LEAST)
-    if least > MOST_ROWS:
-        longest = course.t_end * (MOST_ROWS - 1) / least
-        raise ConfigError(
-            f"t_end {course.t_end:g} is too long for one page; --t-end {math.floor(longest)} or "
-            "less goes into it"
-        )
-    return min(MOST_ROWS, max(FEWEST_ROWS, course.rows_of_periods(PER_PERIOD)))
-
-
-def make_scene(course: Course, points: int | None = None) -> Scene:
-    """Integrate a run and gather what its page shows.
+def course_of(
+    run: Launch | PreparedRun,
+    points: int | None = None,
+    watch: Callable[[float], None] | None = None,
+) -> Course:
+    """The run with the channels and the rows that its page needs.
 
     Parameters
     ----------
-    course : Course
-        Not yet begun, with the channels of :data:`CHANNELS`; its times are chosen here.
+    run, watch
+        As for :class:`rattlesweep.study.onerun.course.Course`.
     points : int, optional
         Rows; by default so many that the motion is smooth.
 
     Raises
     ------
     ConfigError
-        If the run is too long for a page.
+        If so long a run does not go into a page, or so few points make none.
     """
-    course.times = even_points(course.t_end, rows_for(course, points))
+    if points is not None and not 2 <= points <= MOST_ROWS:
+        raise ConfigError(f"--points {points}: 2 to {MOST_ROWS} go into a page")
+    rows = Rows(points, per_period=PER_PERIOD, least=FEWEST_ROWS, most=MOST_ROWS)
+    course = Course(run, channels=CHANNELS, rows=rows, watch=watch)
+    least = math.ceil(LEAST * course.periods) + 1
+    if points is None and least > MOST_ROWS:
+        longest = course.t_end * (MOST_ROWS - 1) / least
+        raise ConfigError(
+            f"t_end {course.t_end:g} is too long for one page; --t-end {math.floor(longest)} or "
+            "less goes into it"
+        )
+    return course
+
+
+def make_scene(course: Course) -> Scene:
+    """Integrate a run and gather what its page shows.
+
+    Parameters
+    ----------
+    course : Course
+        Of :func:`course_of`, not yet begun.
+
+    Raises
+    ------
+    ConfigError
+        If the run ends at its launch.
+    """
+    assert course.times is not None
     step = course.t_end / (len(course.times) - 1)
-    chunks = list(course)
-    if not chunks:
-        raise ConfigError(f"the run ends at its launch: {course.status.meaning}")
-    columns = {c.name: np.concatenate([chunk[c.name] for chunk in chunks]) for c in course.channels}
+    columns = course.columns()
     # A run that came to no good is shown as far as it has numbers.
     good = np.logical_and.reduce([np.isfinite(column) for column in columns.values()])
     rows = len(good) if good.all() else int(np.argmin(good))
@@ -139,7 +150,6 @@ def make_scene(course: Course, points: int | None = None) -> Scene:
     t = step * np.arange(rows, dtype=np.float64)
     runs = course.launches
     b = {name: float(getattr(runs.bodies, name)[0]) for name in PARAMETERS}
-    n_i, omega_xy0, psi = (float(getattr(runs, name)[0]) for name in ("n_i", "omega_xy0", "psi"))
     spin = runs.gh.spin(np.linspace(0, t[-1], THEORY_POINTS))
     rise = max(1.0, MARGIN * float(np.max(_rise(columns["u_x"], columns["u_y"], b))))
     first = course.zeros[0] if course.zeros else t[-1]
@@ -152,7 +162,7 @@ def make_scene(course: Course, points: int | None = None) -> Scene:
         "trail": TRAIL * 2 * math.pi / float(runs.modes.omega_r[0]),
         "speed": min(FAST, max(SLOW, first / SECONDS)),
         "weights": _weights(b),
-        "facts": _facts(course, b, n_i, omega_xy0, psi),
+        "facts": _facts(course, b),
     }
     return Scene(t, {name: columns[name] for name in COLUMNS}, spin, rise, about)
 
@@ -179,11 +189,10 @@ def _weights(b: dict[str, float]) -> list[tuple[float, float, float]]:
     return [(r_x, 0, radius), (-r_x, 0, radius), (0, r_y, radius), (0, -r_y, radius)]
 
 
-def _facts(
-    course: Course, b: dict[str, float], n_i: float, omega_xy0: float, psi: float
-) -> list[tuple[str, str]]:
+def _facts(course: Course, b: dict[str, float]) -> list[tuple[str, str]]:
     """What there is to know of the run, in words."""
     runs = course.launches
+    n_i, omega_xy0, psi = (float(getattr(runs, name)[0]) for name in ("n_i", "omega_xy0", "psi"))
     m = runs.modes
     method = ", ".join(f"{value:g}" if isinstance(value, float) else str(value)
                        for value in course.integrator.values())  # fmt: skip
@@ -203,8 +212,8 @@ def _facts(
     ]
     if course.zeros != course.reversals:
         lines.insert(-2, ("zero crossings", _listed(course.zeros, course.t)))
-    if course.seen.warning:
-        lines.append(("beware", course.seen.warning))
+    if course.observer.warning:
+        lines.append(("beware", course.observer.warning))
     # Exponents keep the hyphen that programs read.
     return [(name, re.sub(r"(?<!e)-", "−", text)) for name, text in lines]
 
@@ -234,8 +243,9 @@ def make_page(scene: Scene, title: str, subtitle: str) -> bytes:
         "table": encode(table),
         "theory": encode(scene.theory),
     }
+    folder = files("rattlesweep.study.viewer") / "page"
     text = {
-        name: (files("rattlesweep.study") / "page" / file).read_text(encoding="utf-8")
+        name: (folder / file).read_text(encoding="utf-8")
         for name, file in (
             ("page", "page.html"), ("style", "page.css"), ("three", "three.min.js"),
             ("scene", "scene.js"), ("player", "player.js"),
@@ -264,28 +274,13 @@ def _digest(text: str) -> str:
 def describe(course: Course) -> str:
     """The run in one line of plain text."""
     runs = course.launches
-    b = runs.bodies
-    values = ", ".join(
-        f"{sign} {float(getattr(b, name)[0]):.4g}"
-        for name, sign in (
-            ("alpha", "α"),
-            ("beta", "β"),
-            ("gamma", "γ"),
-            ("theta", "θ"),
-            ("phi", "φ"),
-        )
-    )
+    values = [float(getattr(runs.bodies, name)[0]) for name in PARAMETERS]
+    body = ", ".join(f"{sign} {value:.4g}" for sign, value in zip("αβγθφ", values, strict=False))
     launch = f"n_i {runs.n_i[0]:g}, ω_xy0 {runs.omega_xy0[0]:g}"
-    line = f"{values}, ξ {math.degrees(b.xi[0]):.3g}°; {launch}; units M = a = g = 1"
+    line = f"{body}, ξ {math.degrees(values[-1]):.3g}°; {launch}; units M = a = g = 1"
     return line.replace("-", "−")
 
 
 def save(scene: Scene, path: Path, title: str, subtitle: str) -> None:
-    """Write the page, which appears whole or not at all.
-
-    Raises
-    ------
-    OutputError
-        If it cannot be written.
-    """
+    """Write the page, which appears whole or not at all."""
     replace_file(path, make_page(scene, title, subtitle))

@@ -10,14 +10,14 @@ import pyarrow as pa
 
 from rattlesweep.integrate.task import Task
 from rattlesweep.sweeps.blocks.block import finish_block, prepare_runs
-from rattlesweep.sweeps.tables.arrow import build_table
+from rattlesweep.sweeps.tables.arrow import ContentHash, build_table
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rattlesweep.integrate.batch import Control
     from rattlesweep.sweeps.cases.plan import Plan
-    from rattlesweep.sweeps.store.store import Store
+    from rattlesweep.sweeps.store.stored import Stored
 
 # Runs that are integrated at a time.
 AT_ONCE = 10_000
@@ -42,11 +42,7 @@ def compute_rows(
 
 
 def differing_rows(
-    store: Store,
-    plan: Plan,
-    manifest: Mapping[str, Any],
-    numbers: NDArray[np.int64],
-    threads: int | None = None,
+    stored: Stored, numbers: NDArray[np.int64], threads: int | None = None
 ) -> Iterator[tuple[int, int, list[str]]]:
     """Integrate stored runs again.
 
@@ -62,28 +58,29 @@ def differing_rows(
     columns : list of str
         Names of the columns that do.
     """
-    size = manifest["config"]["block_size"]
+    plan = stored.plan
+    size = plan.block_size
     for start in range(0, len(numbers), AT_ONCE):
         part = numbers[start : start + AT_ONCE]
         case, sample = np.divmod(part, plan.samples)
         pieces = []
         for index in np.unique(part // size):
             rows = part[part // size == index] - index * size
-            pieces.append(store.read_block(int(index)).take(pa.array(rows)))
-        stored = pa.concat_tables(pieces)
+            pieces.append(stored.store.read_block(int(index)).take(pa.array(rows)))
+        found = pa.concat_tables(pieces)
         task: Task[Mapping[str, Any]] = Task(
             lambda control, case=case, sample=sample: compute_rows(  # type: ignore[misc]
                 plan, case, sample, threads, control
             )
         )
-        again = build_table(task.wait(), stored.schema)
-        if again.equals(stored) and _same_bits(again, stored):
+        again = build_table(task.wait(), found.schema)
+        if again.equals(found) and _same_bits(again, found):
             continue
         for row in range(len(part)):
-            one, other = again.slice(row, 1), stored.slice(row, 1)
+            one, other = again.slice(row, 1), found.slice(row, 1)
             names = [
                 name
-                for name in stored.schema.names
+                for name in found.schema.names
                 if not _same_bits(one.select([name]), other.select([name]))
             ]
             if names:
@@ -92,8 +89,6 @@ def differing_rows(
 
 def _same_bits(one: pa.Table, other: pa.Table) -> bool:
     """Equality that tells zeros of different sign apart."""
-    from rattlesweep.sweeps.tables.arrow import ContentHash
-
     digests = []
     for table in (one, other):
         digest = ContentHash(table.schema)

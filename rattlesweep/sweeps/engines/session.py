@@ -13,12 +13,19 @@ from typing import TYPE_CHECKING, Any
 
 from rattlesweep.errors import ConfigError, DamagedManifest, OutputError
 from rattlesweep.sweeps.cases.shards import Shard, deal
-from rattlesweep.sweeps.config.load import resolved
-from rattlesweep.sweeps.engines.opened import Opened, examine
 from rattlesweep.sweeps.engines.progress import Costs
+from rattlesweep.sweeps.store.blockfile import Note
 from rattlesweep.sweeps.store.locks import hold
-from rattlesweep.sweeps.store.provenance import new_manifest, now, read_manifest, table_files
-from rattlesweep.sweeps.store.receipts import Note, Receipt, count_failed
+from rattlesweep.sweeps.store.manifest import (
+    Expected,
+    Manifest,
+    Receipt,
+    SessionProgress,
+    SessionRecord,
+    count_failed,
+)
+from rattlesweep.sweeps.store.output import Output, examine
+from rattlesweep.sweeps.store.provenance import now, table_files
 from rattlesweep.sweeps.store.recover import put_in_order
 from rattlesweep.sweeps.store.store import Store
 from rattlesweep.sweeps.tables.arrow import DamagedError, same_schema
@@ -55,7 +62,7 @@ class Session:
         Numbers of complete blocks with types of other thresholds, and with failed runs to do again.
     """
 
-    opened: Opened
+    opened: Output
     base: Path | None
     shard: Shard | None
     threads: int
@@ -67,10 +74,19 @@ class Session:
     retype: list[int] = field(default_factory=list)
     retry: list[int] = field(default_factory=list)
     kept: int = 0
-    _noted: set[int] = field(default_factory=set)
+    # Blocks about to be written anew: the manifest is to have no receipt of them.
     _forgotten: set[int] = field(default_factory=set)
-    _entry: dict[str, Any] = field(default_factory=dict)
     _due: float = 0.0
+
+    def __post_init__(self) -> None:
+        self._record = SessionRecord(
+            started=now(),
+            state="running",
+            shard=None if self.shard is None else str(self.shard),
+            host=socket.gethostname(),
+            pid=os.getpid(),
+            threads=self.threads,
+        )
 
     @property
     def store(self) -> Store:
@@ -101,7 +117,7 @@ class Session:
             If a block may not be read.
         """
         schema = runs_schema(self.plan.config.record, self.plan.config.model)
-        known = (self.opened.manifest or {}).get("receipts", {})
+        known = self.opened.manifest.receipts if self.opened.manifest else {}
         for block in self.blocks:
             try:
                 found = self.store.inspect_block(block.index)
@@ -109,7 +125,7 @@ class Session:
                 self.pending.append(block)
                 continue
             wanted = self.opened.note(block)
-            old = Receipt.load(known.get(str(block.index)))
+            old = known.get(block.index)
             if (
                 found.note is None
                 or not wanted.same_runs(found.note)
@@ -129,7 +145,7 @@ class Session:
                 self.kept += self.begun[block.index]
                 continue
             seconds = None if old is None else old.seconds
-            self.receipts[block.index] = replace(found.receipt, seconds=seconds)
+            self.receipts[block.index] = found.receipt.took(seconds)
             self.kept += block.rows
             if found.note.classify != wanted.classify:
                 self.retype.append(block.index)
@@ -170,52 +186,46 @@ class Session:
 
     def begin(self) -> None:
         """Say in the manifest that this session is at work."""
-        self._entry = {
-            "started": now(),
-            "state": "running",
-            "shard": None if self.shard is None else str(self.shard),
-            "host": socket.gethostname(),
-            "pid": os.getpid(),
-            "threads": self.threads,
-        }
-        config = resolved(self.plan.config) | {"block_size": self.plan.block_size}
+        config = self.plan.config.model_copy(update={"block_size": self.plan.block_size})
 
-        def change(manifest: dict[str, Any]) -> None:
-            manifest["state"] = "running"
-            manifest["config"] = config
+        def change(manifest: Manifest) -> None:
+            manifest.state, manifest.config = "running", config
             # Of files that were not found as they were written.
             for block in self.pending:
                 if block.index not in self.receipts:
-                    manifest["receipts"].pop(str(block.index), None)
-            manifest.pop("classified", None)
-            others = [entry for entry in manifest["sessions"] if not self._is_mine(entry)]
-            manifest["sessions"] = [*others[-REMEMBERED:], self._entry]
+                    manifest.receipts.pop(block.index, None)
+            manifest.clear("classified")
+            manifest.sessions = [*self._others(manifest)[-REMEMBERED:], self._record]
 
         if self.opened.manifest is None and self.store.has_manifest():
             self._replace_damaged()
         self.store.update_manifest(change, self._blank)
         self._due = time.monotonic() + NOTE_EVERY
 
-    def _blank(self) -> dict[str, Any]:
+    def _blank(self) -> Manifest:
         """A manifest with all that this session knows: it may be removed while that is at work."""
-        receipts = {str(i): r.dump() for i, r in self.receipts.items()}
-        blank = new_manifest(self.plan, self.opened.hash_, self.base)
-        return blank | {"receipts": receipts, "sessions": [self._entry]}
+        manifest = Manifest.begin(self.plan, self.opened.hash_, self.base)
+        manifest.receipts, manifest.sessions = dict(self.receipts), [self._record]
+        return manifest
 
     def _replace_damaged(self) -> None:
         # Another shard may have mended it since it was examined.
         try:
-            read_manifest(self.store)
+            self.store.read_manifest()
         except DamagedManifest:
             self.store.write_manifest(self._blank())
 
+    def _others(self, manifest: Manifest) -> list[SessionRecord]:
+        return [session for session in manifest.sessions if session.key != self._record.key]
+
     def expect(self, forecast: Callable[[], dict[str, Any] | None]) -> None:
         """Keep what the sweep is expected to take, if nobody has before and it can be told."""
-        if "expected" in (self.opened.manifest or {}) or (expected := forecast()) is None:
+        known = self.opened.manifest and self.opened.manifest.expected
+        if known or (expected := forecast()) is None:
             return
 
-        def change(manifest: dict[str, Any]) -> None:
-            manifest.setdefault("expected", expected)
+        def change(manifest: Manifest) -> None:
+            manifest.expected = manifest.expected or Expected.model_validate(expected)
 
         self.store.update_manifest(change, self._blank)
 
@@ -232,15 +242,13 @@ class Session:
         bool
             Whether it is whole.
         """
-        if receipt.rows < self.plan.block(index).rows:
+        if not self.opened.note(self.plan.block(index)).is_whole(receipt.rows):
             self.begun[index] = receipt.rows
             return False
         if self.begun.pop(index, None) is not None or seconds is None:
             # Not all of its runs were integrated just now.
             seconds = self.receipts[index].seconds if index in self.receipts else None
-        seconds = None if seconds is None else round(seconds, 4)
-        self.receipts[index] = replace(receipt, seconds=seconds)
-        self._noted.discard(index)
+        self.receipts[index] = receipt.took(seconds)
         self._forgotten.discard(index)
         return True
 
@@ -269,64 +277,54 @@ class Session:
     def forget(self, indices: list[int]) -> None:
         """Take receipts out of the manifest before their blocks are replaced."""
 
-        def change(manifest: dict[str, Any]) -> None:
+        def change(manifest: Manifest) -> None:
             for index in indices:
-                manifest["receipts"].pop(str(index), None)
+                manifest.receipts.pop(index, None)
 
         if indices:
-            self.store.update_manifest(change, self._blank)
-            self._noted.difference_update(indices)
             self._forgotten.update(indices)
+            self.store.update_manifest(change, self._blank)
 
     def note(self, progress: Progress) -> None:
         """Write receipts and progress down, if it is time to."""
         if time.monotonic() >= self._due:
             start = time.monotonic()
-            self._write({"progress": {**asdict(progress), "at": now()}})
+            self._record.progress = SessionProgress(**asdict(progress), at=now())
+            self.store.update_manifest(self._enter, self._blank)
             self._due = time.monotonic() + max(NOTE_EVERY, 50 * (time.monotonic() - start))
 
-    def end(self, state: str, whole: bool, totals: dict[str, Any]) -> dict[str, Any]:
-        """Write down how the session ended, and whether the whole sweep is done; the manifest."""
+    def end(self, state: str, whole: bool, totals: dict[str, Any]) -> None:
+        """Write down how the session ended, and whether the whole sweep is done."""
+        fields = self._record.model_dump(exclude_unset=True, exclude={"progress"})
+        self._record = SessionRecord(**fields | {"finished": now(), "state": state} | totals)
 
-        def finish(manifest: dict[str, Any]) -> None:
-            done = whole and state == "complete"
-            # A share may be complete where the sweep is not.
-            manifest["state"] = "complete" if done else {"complete": "partial"}.get(state, state)
-            others = [s for s in manifest["sessions"] if not self._is_mine(s)]
-            if not done and any(s.get("state") == "running" for s in others):
-                manifest["state"] = "running"
-            if done:
-                manifest["finished"] = now()
-            manifest["failed"] = count_failed(manifest["receipts"].values())
-            for key in ("seconds", "kernel_seconds"):
-                past = sum(s.get(key, 0.0) for s in others)
-                manifest[key] = round(past + totals[key], 3)
-            manifest["bytes"] = sum(r["bytes"] for r in manifest["receipts"].values())
-            manifest["peak_memory"] = totals["peak_memory"]
+        def change(manifest: Manifest) -> None:
+            self._enter(manifest)
+            others = self._others(manifest)
+            if whole and state == "complete":
+                manifest.state, manifest.finished = "complete", now()
+            elif any(session.state == "running" for session in others):
+                manifest.state = "running"
+            else:
+                # A share may be complete where the sweep is not.
+                manifest.state = "partial" if state == "complete" else self._record.state
+            manifest.failed = count_failed(manifest.receipts.values())
+            manifest.seconds = round(sum(s.seconds for s in manifest.sessions), 3)
+            manifest.kernel_seconds = round(sum(s.kernel_seconds for s in manifest.sessions), 3)
+            manifest.bytes = sum(receipt.bytes for receipt in manifest.receipts.values())
+            manifest.peak_memory = self._record.peak_memory
 
-        return self._write({"finished": now(), "state": state, **totals}, finish)
+        self.store.update_manifest(change, self._blank)
 
-    def _is_mine(self, entry: dict[str, Any]) -> bool:
-        return all(entry.get(key) == self._entry[key] for key in ("started", "host", "pid"))
-
-    def _write(self, news: dict[str, Any], more: Any = lambda manifest: None) -> dict[str, Any]:
-        known = self._noted | self._forgotten
-        fresh = {i: r for i, r in self.receipts.items() if i not in known}
-
-        def change(manifest: dict[str, Any]) -> None:
-            manifest["receipts"] |= {str(i): r.dump() for i, r in fresh.items()}
-            manifest["receipts"] = dict(
-                sorted(manifest["receipts"].items(), key=lambda item: int(item[0]))
-            )
-            for entry in manifest["sessions"]:
-                if self._is_mine(entry):
-                    entry.pop("progress", None)
-                    entry |= news
-            more(manifest)
-
-        manifest = self.store.update_manifest(change, self._blank)
-        self._noted.update(fresh)
-        return manifest
+    def _enter(self, manifest: Manifest) -> None:
+        """Put what this session knows by now into the manifest."""
+        manifest.receipts |= {
+            index: receipt
+            for index, receipt in self.receipts.items()
+            if index not in self._forgotten
+        }
+        mine = self._record
+        manifest.sessions = [mine if s.key == mine.key else s for s in manifest.sessions]
 
 
 @contextmanager

@@ -10,14 +10,15 @@ from typing import Any
 import pyarrow as pa
 
 from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.sweeps.config.load import differences, override_config, physics_part, resolved
-from rattlesweep.sweeps.inspect.retype import stored_cases
+from rattlesweep.sweeps.config.load import Config, differences, physics_part, resolved
 from rattlesweep.sweeps.inspect.summary import summarise
 from rattlesweep.sweeps.store.atomic import probe_directory
+from rattlesweep.sweeps.store.blockfile import Note
 from rattlesweep.sweeps.store.locks import hold
-from rattlesweep.sweeps.store.provenance import command_line, now, read_manifest
-from rattlesweep.sweeps.store.receipts import Note, Receipt, borders, count_failed
+from rattlesweep.sweeps.store.manifest import Manifest, Receipt, SessionRecord, count_failed
+from rattlesweep.sweeps.store.provenance import command_line, now
 from rattlesweep.sweeps.store.store import Store
+from rattlesweep.sweeps.store.stored import Stored, open_stored
 from rattlesweep.sweeps.tables.arrow import DamagedError
 
 # Runs in a file: about 28 MB, and as much as a block may have, so that a merged
@@ -94,28 +95,26 @@ def merge(
     OutputError
         A block is damaged, sources contradict each other, or a file cannot be written.
     """
-    stores = [Store(path) for path in sources]
-    manifests = [read_manifest(store) for store in stores]
-    _check_config(stores, manifests)
-    if any(_same_place(store.directory, output) for store in stores):
+    shares = [open_stored(path) for path in sources]
+    _check_config(shares)
+    if any(share.directory.resolve() == output.resolve() for share in shares):
         raise ConfigError(f"--output {output}: is one of the directories to be merged; give a new")
-    pieces, absent = _cover(stores, manifests)
+    pieces, absent = _cover(shares)
     target = Store(output)
     target.check_ours()
     probe_directory(output)
     with hold(output):
-        old = _held(target, manifests[0])
-        size = MERGED_SIZE if not absent else manifests[0]["config"]["block_size"]
-        if old is not None:
-            size = old["config"]["block_size"]
+        earlier = _earlier(target, shares[0])
+        size = MERGED_SIZE if not absent else shares[0].config.block_size
+        if earlier is not None:
+            size = earlier.config.block_size
         target.prepare()
         target.remove_stale_temporaries()
         result = Merged(output)
-        manifest = _manifest(stores, manifests, old, output, size)
+        manifest = _manifest(shares, earlier, output, size)
         target.write_manifest(manifest)
-        receipts: dict[str, Any] = {}
         touched = {i for p in pieces for i in range(p.first // size, -(-p.stop // size))}
-        touched |= {i for i in target.block_indices() if i < manifest["blocks"]}
+        touched |= {i for i in target.block_indices() if i < manifest.blocks}
         spans = []
         for place, index in enumerate(sorted(touched)):
             report(place / len(touched))
@@ -126,55 +125,56 @@ def merge(
                     continue
                 table = _gather(pieces, note.first, note.stop)
                 receipt = target.rewrite_block(index, table, note)
-            receipts[str(index)] = receipt.dump()
+            manifest.receipts[index] = receipt
             spans.append((note.first, note.stop))
             result.runs += receipt.rows
-        result.files, result.missing = len(spans), _gaps(spans, manifest["runs"])
-        result.failed = count_failed(receipts.values())
-        size_on_disk = sum(receipt["bytes"] for receipt in receipts.values())
-        manifest |= {"receipts": receipts, "failed": result.failed, "bytes": size_on_disk}
+        result.files, result.missing = len(spans), _gaps(spans, manifest.runs)
+        result.failed = manifest.failed = count_failed(manifest.receipts.values())
+        manifest.bytes = sum(receipt.bytes for receipt in manifest.receipts.values())
         if result.missing:
-            manifest["state"] = "stopped"
+            manifest.state = "stopped"
         else:
-            result.summary = summarise(target, stored_cases(manifest))
+            result.summary = summarise(target, manifest.cases)
             target.write_summary(result.summary)
-            manifest |= {"state": "complete", "finished": now()}
+            manifest.state, manifest.finished = "complete", now()
         target.write_manifest(manifest)
     return result
 
 
-def _check_config(stores: list[Store], manifests: list[dict[str, Any]]) -> None:
+def _check_config(shares: list[Stored]) -> None:
     """Refuse shares of different sweeps."""
-    first = manifests[0]
-    for store, manifest in zip(stores[1:], manifests[1:], strict=True):
-        changes = differences(_matter(first["config"]), _matter(manifest["config"]))
-        if not changes and manifest["config_hash"] != first["config_hash"]:
-            changes = ["the table of bodies has changed"]
-        if changes:
+    for share in shares[1:]:
+        if what := _other_sweep(shares[0].manifest, share.manifest):
             raise ConfigError(
-                f"{store.directory}: its config is not that of {stores[0].directory} "
-                f"({'; '.join(changes[:3])}); only shares of one sweep can be merged"
+                f"{share.directory}: its config is not that of {shares[0].directory} ({what}); "
+                "only shares of one sweep can be merged"
             )
 
 
-def _matter(config: dict[str, Any]) -> dict[str, Any]:
-    limit = {"max_steps": config["integrator"]["max_steps"]}
-    return physics_part(config) | limit | {"classify": config["classify"]}
+def _other_sweep(one: Manifest, other: Manifest) -> str:
+    """In what two sweeps differ; empty if they are one."""
+    changes = differences(_matter(one.config), _matter(other.config))
+    if not changes and one.config_hash != other.config_hash:
+        changes = ["the table of bodies has changed"]
+    return "; ".join(changes[:3])
 
 
-def _cover(
-    stores: list[Store], manifests: list[dict[str, Any]]
-) -> tuple[list[_Piece], list[tuple[int, int]]]:
+def _matter(config: Config) -> dict[str, Any]:
+    data = resolved(config)
+    limit = {"max_steps": config.integrator.max_steps}
+    return physics_part(data) | limit | {"classify": data["classify"]}
+
+
+def _cover(shares: list[Stored]) -> tuple[list[_Piece], list[tuple[int, int]]]:
     """All blocks there are, by their runs, and the runs that none has."""
-    pieces = []
-    for store, manifest in zip(stores, manifests, strict=True):
-        pieces += [
-            _Piece(store, index, *borders(manifest, index))
-            for index in store.block_indices()
-            if index < manifest["blocks"] and store.is_complete(index)
-        ]
+    pieces = [
+        _Piece(share.store, index, *share.manifest.borders(index))
+        for share in shares
+        for index in share.store.block_indices()
+        if index < share.manifest.blocks and share.store.glance(index)[1]
+    ]
     pieces.sort(key=lambda piece: (piece.first, -piece.stop))
-    return pieces, _gaps([(piece.first, piece.stop) for piece in pieces], manifests[0]["runs"])
+    return pieces, _gaps([(piece.first, piece.stop) for piece in pieces], shares[0].manifest.runs)
 
 
 def _gaps(spans: list[tuple[int, int]], end: int) -> list[tuple[int, int]]:
@@ -221,68 +221,57 @@ def _kept(target: Store, index: int, note: Note) -> Receipt | None:
     return found.receipt if found.note == note and found.complete else None
 
 
-def _held(target: Store, manifest: dict[str, Any]) -> dict[str, Any] | None:
+def _earlier(target: Store, share: Stored) -> Manifest | None:
     """Manifest of the output, if it has one, which must be of the same sweep."""
     if not target.has_manifest():
         if target.block_indices():
             raise ConfigError(f"--output {target.directory}: it holds runs already; give a new one")
         return None
-    old = read_manifest(target)
-    changes = differences(_matter(old["config"]), _matter(manifest["config"]))
-    if changes or old["config_hash"] != manifest["config_hash"]:
-        what = "; ".join(changes[:3]) or "the table of bodies has changed"
+    earlier = target.read_manifest()
+    if what := _other_sweep(earlier, share.manifest):
         raise ConfigError(
             f"--output {target.directory}: it holds another sweep ({what}); give a new one"
         )
-    return old
+    return earlier
 
 
-def _manifest(
-    stores: list[Store],
-    manifests: list[dict[str, Any]],
-    old: dict[str, Any] | None,
-    output: Path,
-    size: int,
-) -> dict[str, Any]:
+def _manifest(shares: list[Stored], earlier: Manifest | None, output: Path, size: int) -> Manifest:
     """The manifest of the merged directory: the first one's, with the sessions of all."""
-    first = {key: value for key, value in manifests[0].items() if key != "finished"}
-    config = resolved(override_config(first["config"], [])) | {
-        "block_size": size,
-        "output": str(output),
-    }
     # What an earlier merge has noted first: its directories may be given again.
-    every = manifests if old is None else [old, *manifests]
-    places = [store.directory for store in stores]
-    sessions: dict[Any, dict[str, Any]] = {}
-    for manifest, place in zip(every, places if old is None else [output, *places], strict=True):
+    every = [(share.directory, share.manifest) for share in shares]
+    if earlier is not None:
+        every = [(output, earlier), *every]
+    sessions: dict[Any, SessionRecord] = {}
+    for place, manifest in every:
         origin = {
             "directory": str(place),
-            **{key: manifest[key] for key in ("versions", "machine", "command")},
+            "versions": manifest.versions,
+            "machine": manifest.machine,
+            "command": manifest.command,
         }
-        for session in manifest["sessions"]:
-            key = tuple(session.get(name) for name in ("started", "host", "pid", "shard"))
-            sessions.setdefault(key, {**origin, **session})
-    commands = [c for m in every for c in m.get("commands", [m["command"]])]
-    done = sorted(sessions.values(), key=lambda session: str(session["started"]))
-    return first | {
+        for session in manifest.sessions:
+            own = session.model_dump(exclude_unset=True)
+            sessions.setdefault(session.key, SessionRecord(**origin | own))
+    done = sorted(sessions.values(), key=lambda session: session.started)
+    commands = [words for _, m in every for words in (m.commands or [m.command])]
+    peaks = [m.peak_memory for _, m in every if m.peak_memory]
+    first = shares[0].manifest
+    fresh = {
         "state": "running",
-        "config": config,
-        "blocks": -(-first["runs"] // size),
-        "started": min(m["started"] for m in every),
+        "config": first.config.model_copy(update={"block_size": size, "output": str(output)}),
+        "blocks": -(-first.runs // size),
+        "started": min(m.started for _, m in every),
         "command": command_line(),
-        "commands": [c for place, c in enumerate(commands) if c not in commands[:place]],
+        "commands": [words for k, words in enumerate(commands) if words not in commands[:k]],
         "sessions": done,
         "receipts": {},
-        **{
-            key: round(sum(session.get(key, 0.0) for session in done), 3)
-            for key in ("seconds", "kernel_seconds")
-        },
-        "peak_memory": max((m.get("peak_memory") or 0 for m in every), default=0) or None,
+        "seconds": round(sum(session.seconds for session in done), 3),
+        "kernel_seconds": round(sum(session.kernel_seconds for session in done), 3),
+        "peak_memory": max(peaks, default=None),
     }
-
-
-def _same_place(one: Path, other: Path) -> bool:
-    return one.resolve() == other.resolve()
+    merged = first.model_copy(update=fresh)
+    merged.clear("finished")
+    return merged
 
 
 __all__ = ["MERGED_SIZE", "Merged", "merge"]

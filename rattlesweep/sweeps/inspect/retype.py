@@ -13,8 +13,10 @@ from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps.config.load import override_config, resolved
 from rattlesweep.sweeps.inspect.summary import summarise
 from rattlesweep.sweeps.store.locks import hold
-from rattlesweep.sweeps.store.provenance import now, read_manifest
-from rattlesweep.sweeps.store.store import Found, Store
+from rattlesweep.sweeps.store.manifest import Classified, Manifest, Receipt
+from rattlesweep.sweeps.store.provenance import now
+from rattlesweep.sweeps.store.store import Store
+from rattlesweep.sweeps.store.stored import Stored, open_stored
 from rattlesweep.sweeps.tables.arrow import DamagedError
 from rattlesweep.sweeps.tables.types import TYPES, classify
 
@@ -25,7 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rattlesweep.sweeps.config.load import Classify, Config
-    from rattlesweep.sweeps.store.receipts import Receipt
+    from rattlesweep.sweeps.store.blockfile import BlockFile
 
 
 class _Noting(Protocol):
@@ -40,7 +42,7 @@ class _Noting(Protocol):
 
 def retype_blocks(
     store: Store, indices: Sequence[int], thresholds: Classify, noting: _Noting
-) -> int:
+) -> None:
     """Give the runs of some blocks the types that these thresholds ask for.
 
     Parameters
@@ -51,49 +53,22 @@ def retype_blocks(
     thresholds : Classify
     noting
         Hears which blocks are replaced.
-
-    Returns
-    -------
-    int
-        Number of runs whose type has changed.
     """
-    changed = 0
     noting.forget(list(indices))
     for index in indices:
-        note = _inspect(store, index).note
-        table = store.read_block(index)
-        types = typed(table, thresholds)
-        changed += _differing(table.column("type").combine_chunks(), types)
-        place = table.schema.get_field_index("type")
-        if note is not None:
-            note = replace(note, classify=thresholds.model_dump())
-        table = table.set_column(place, table.schema.field(place), types)
-        noting.wrote(index, store.rewrite_block(index, table, note))
-    return changed
+        receipt, _ = _retype(store, index, _inspect(store, index), thresholds)
+        noting.wrote(index, receipt)
 
 
-class _Receipts:
-    """Receipts in the manifest of a directory that no sweep is at work in."""
-
-    def __init__(self, store: Store) -> None:
-        self._store = store
-        self._seconds: dict[str, float] = {}
-        self.fresh: dict[str, Any] = {}
-
-    def forget(self, indices: list[int]) -> None:
-        """Drop receipts."""
-
-        def change(manifest: dict[str, Any]) -> None:
-            for index in map(str, indices):
-                old = manifest["receipts"].pop(index, {})
-                self._seconds |= {index: old["seconds"]} if "seconds" in old else {}
-
-        self._store.update_manifest(change)
-
-    def wrote(self, index: int, receipt: Receipt) -> None:
-        """Keep a receipt."""
-        seconds = self._seconds.get(str(index))
-        self.fresh[str(index)] = replace(receipt, seconds=seconds).dump()
+def _retype(store: Store, index: int, file: BlockFile, thresholds: Classify) -> tuple[Receipt, int]:
+    """Write a block with other types; its receipt, and how many runs have changed theirs."""
+    table = file.table()
+    before, after = table.column("type").combine_chunks(), typed(table, thresholds)
+    place = table.schema.get_field_index("type")
+    note = file.note and replace(file.note, classify=thresholds.model_dump())
+    table = table.set_column(place, table.schema.field(place), after)
+    changed = pc.sum(pc.not_equal(pc.fill_null(before, ""), pc.fill_null(after, "")))
+    return store.rewrite_block(index, table, note), int(changed.as_py() or 0)
 
 
 @dataclass(frozen=True)
@@ -140,90 +115,75 @@ def retype(directory: Path, overrides: Sequence[str] = ()) -> Retyped:
     OutputError
         If a file is damaged or cannot be written, or another process works there.
     """
-    store = Store(directory)
-    config_of(store, overrides)  # before anything is made there
+    _changed_config(open_stored(directory), overrides)  # before anything is made there
     with hold(directory):
-        manifest, config = config_of(store, overrides)
-        thresholds = resolved(config)["classify"]
-        before = manifest["config"]["classify"]
-        own = manifest.get("classified", {}).get("config", before)
+        stored = open_stored(directory)
+        store, manifest = stored.store, stored.manifest
+        config = _changed_config(stored, overrides)
+        thresholds, before = resolved(config)["classify"], resolved(stored.config)["classify"]
+        own = manifest.classified.config if manifest.classified else before
         store.remove_stale_temporaries()
-        receipts = _Receipts(store)
-        found = {index: _inspect(store, index) for index in store.block_indices()
-                 if index < manifest["blocks"]}  # fmt: skip
-        old = [i for i, f in found.items() if f.note is None or f.note.classify != thresholds]
-        # Those that a killed process has typed have lost theirs.
-        whole = {
-            str(i): f.receipt.dump()
-            for i, f in found.items()
-            if f.note is not None and f.note.sweep == manifest["config_hash"] and f.complete
-        }
-        changed = retype_blocks(store, old, config.classify, receipts) if old else 0
-        summary = summarise(store, stored_cases(manifest))
+        indices = [index for index in store.block_indices() if index < manifest.blocks]
+        old = []
+        for index in indices:
+            note, _ = store.glance(index)
+            if note is None or note.classify != thresholds:
+                old.append(index)
+        if old:
+            store.update_manifest(lambda manifest: _forget(manifest, old))
+        changed = 0
+        receipts: dict[int, Receipt] = {}
+        for index in indices:
+            file = _inspect(store, index)
+            known = manifest.receipts.get(index)
+            if index in old:
+                seconds = None if known is None else known.seconds
+                receipt, differing = _retype(store, index, file, config.classify)
+                changed, receipt = changed + differing, receipt.took(seconds)
+            elif known is not None:
+                receipt = known
+            elif file.note is not None and file.note.sweep == manifest.config_hash:
+                receipt = file.receipt  # a killed process has typed it, and it has lost its own
+            else:
+                continue
+            if file.complete:
+                receipts[index] = receipt
+        summary = summarise(store, manifest.cases)
         store.write_summary(summary)
 
-        def change(manifest: dict[str, Any]) -> None:
-            manifest["config"] = manifest["config"] | {"classify": thresholds}
-            manifest.pop("classified", None)
+        def change(manifest: Manifest) -> None:
+            manifest.config = config
+            manifest.clear("classified")
             if thresholds != own:
-                manifest["classified"] = {"config": own, "now": thresholds, "at": now()}
-            known = whole | manifest["receipts"] | receipts.fresh
-            order = sorted(known.items(), key=lambda item: int(item[0]))
+                manifest.classified = Classified(config=own, now=thresholds, at=now())
             # What a stopped session has left of a block has no receipt.
-            manifest["receipts"] = {i: r for i, r in order if found[int(i)].complete}
+            manifest.receipts = receipts
 
         store.update_manifest(change)
     return Retyped(changed, len(old), before, own, thresholds, summary)
 
 
-def config_of(store: Store, overrides: Sequence[str]) -> tuple[dict[str, Any], Config]:
-    """Manifest and config of a directory, with other thresholds.
+def _forget(manifest: Manifest, indices: list[int]) -> None:
+    for index in indices:
+        manifest.receipts.pop(index, None)
 
-    Raises
-    ------
-    ConfigError
-        If it is no output directory, or an override is not of ``classify``.
-    OutputError
-        If its manifest is damaged.
-    """
-    manifest = read_manifest(store)
+
+def _changed_config(stored: Stored, overrides: Sequence[str]) -> Config:
+    """The config of a directory with other thresholds."""
     for text in overrides:
         if not text.strip().startswith("classify."):
             raise ConfigError(
                 f"--set {text}: only keys of classify can change without integrating, such as "
                 "classify.sw_departure=0.1"
             )
-    return manifest, override_config(manifest["config"], overrides)
+    return override_config(resolved(stored.config), overrides)
 
 
-def _inspect(store: Store, index: int) -> Found:
+def _inspect(store: Store, index: int) -> BlockFile:
     try:
         return store.inspect_block(index)
     except DamagedError as error:
         raise OutputError(f"{store.block_path(index)} is damaged: {error}") from error
-
-
-@dataclass(frozen=True)
-class StoredCase:
-    """A case as the manifest names it."""
-
-    index: int
-    target_name: str | None
-    target: float | None
-    n_i: float | None
-    omega_xy0: float | None
-
-
-def stored_cases(manifest: dict[str, Any]) -> list[StoredCase]:
-    """Cases of an output directory."""
-    cases = []
-    for entry in manifest["cases"]:
-        name = next((key for key in ("K_p", "K_r") if key in entry), None)
-        target = entry[name] if name else None
-        cases.append(
-            StoredCase(entry["case"], name, target, entry.get("n_i"), entry.get("omega_xy0"))
-        )
-    return cases
 
 
 def _floats(table: pa.Table, name: str) -> NDArray[np.float64]:
@@ -243,8 +203,3 @@ def typed(table: pa.Table, thresholds: Classify) -> pa.Array:
     )
     indices = pa.array(codes, mask=codes < 0)
     return pa.DictionaryArray.from_arrays(indices, pa.array(TYPES)).cast(pa.string())
-
-
-def _differing(before: pa.Array, after: pa.Array) -> int:
-    changed = pc.not_equal(pc.fill_null(before, ""), pc.fill_null(after, ""))
-    return int(pc.sum(changed).as_py() or 0)

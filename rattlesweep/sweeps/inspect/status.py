@@ -6,14 +6,14 @@ from collections import Counter
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any
 
 from rattlesweep.durations import clock
 from rattlesweep.errors import MAX_LINE, one_line
+from rattlesweep.sweeps.store.blockfile import Note
 from rattlesweep.sweeps.store.locks import holder
-from rattlesweep.sweeps.store.provenance import read_manifest
-from rattlesweep.sweeps.store.receipts import Note, Receipt, borders
+from rattlesweep.sweeps.store.manifest import Manifest
 from rattlesweep.sweeps.store.store import Store
+from rattlesweep.sweeps.store.stored import open_stored
 from rattlesweep.sweeps.tables.arrow import DamagedError
 
 # Seconds that are still a date.
@@ -76,51 +76,50 @@ def status_of(directory: Path) -> Status:
     OutputError
         It cannot be read, or its manifest is damaged.
     """
-    store = Store(directory)
     at_work = holder(directory)
-    manifest = read_manifest(store)
-    runs = manifest["runs"]
+    stored = open_stored(directory)
+    store, manifest = stored.store, stored.manifest
     failed: Counter[str] = Counter()
     damaged: list[int] = []
     blocks = done = begun = 0
     for index in store.block_indices():
-        if index >= manifest["blocks"]:
+        if index >= manifest.blocks:
             continue
-        receipt = Receipt.load(manifest["receipts"].get(str(index)))
+        receipt = manifest.receipts.get(index)
         if receipt is None:
             # Not noted yet, so the file is asked.
             try:
-                found = store.inspect_block(index)
+                file = store.inspect_block(index)
             except DamagedError:
                 damaged.append(index)
                 continue
-            receipt = found.receipt
-            if not Note.of(manifest, index).same_runs(found.note):
+            receipt = file.receipt
+            if not Note.of(manifest, index).same_runs(file.note):
                 damaged.append(index)
                 continue
-            if not found.complete:
+            if not file.complete:
                 begun += receipt.rows
                 continue
         blocks += 1
         failed.update(receipt.failed)
-        first, stop = borders(manifest, index)
+        first, stop = manifest.borders(index)
         done += min(receipt.rows, stop - first)
-    seconds = float(manifest.get("seconds", 0.0))
     left, ends = _time_left(manifest, done + begun, at_work is not None)
+    died = at_work is None and manifest.state == "running"
     return Status(
         directory=str(directory),
-        name=manifest["name"],
-        state=_state(manifest, at_work),
+        name=manifest.name,
+        state="running" if at_work is not None else "died" if died else manifest.state,
         holder=at_work,
-        runs=runs,
+        runs=manifest.runs,
         runs_done=done,
-        blocks=manifest["blocks"],
+        blocks=manifest.blocks,
         blocks_done=blocks,
         runs_begun=begun,
         failed=dict(sorted(failed.items())),
         damaged=damaged,
-        strays=_strays(store, manifest["blocks"]),
-        seconds=seconds,
+        strays=_strays(store, manifest.blocks),
+        seconds=manifest.seconds,
         left=left,
         ends=ends,
     )
@@ -133,36 +132,25 @@ def _strays(store: Store, blocks: int) -> list[str]:
         return []
 
 
-def _state(manifest: dict[str, Any], at_work: str | None) -> str:
-    if at_work is not None:
-        return "running"
-    return "died" if manifest["state"] == "running" else str(manifest["state"])
-
-
-def _time_left(
-    manifest: dict[str, Any], done: int, at_work: bool
-) -> tuple[float | None, str | None]:
+def _time_left(manifest: Manifest, done: int, at_work: bool) -> tuple[float | None, str | None]:
     """Seconds left, and the end if somebody is at work."""
-    if done >= manifest["runs"]:
+    if done >= manifest.runs:
         return 0.0, None
-    running = [s for s in manifest["sessions"] if s.get("state") == "running" and "progress" in s]
-    if at_work and running:
-        # Each process knows its own share best; the last to end ends the sweep.
-        ends = [
-            datetime.fromisoformat(s["progress"]["at"])
-            + timedelta(seconds=min(s["progress"]["left"], LONGEST))
-            for s in running
-            if s["progress"]["left"] is not None
-        ]
-        if ends:
-            end = max(ends)
-            left = max(0.0, (end - datetime.now(UTC)).total_seconds())
-            return left, end.isoformat(timespec="seconds")
-    timed = [r for r in map(Receipt.load, manifest["receipts"].values()) if r and r.seconds]
+    # Each process knows its own share best; the last to end ends the sweep.
+    ends = [
+        datetime.fromisoformat(session.progress.at)
+        + timedelta(seconds=min(session.progress.left, LONGEST))
+        for session in manifest.sessions
+        if session.state == "running" and session.progress and session.progress.left is not None
+    ]
+    if at_work and ends:
+        left = max(0.0, (max(ends) - datetime.now(UTC)).total_seconds())
+        return left, max(ends).isoformat(timespec="seconds")
+    timed = [receipt for receipt in manifest.receipts.values() if receipt.seconds]
     if not timed:
         return None, None
     each = sum(r.seconds or 0.0 for r in timed) / max(sum(r.rows for r in timed), 1)
-    return each * (manifest["runs"] - done), None
+    return each * (manifest.runs - done), None
 
 
 def describe(status: Status) -> str:

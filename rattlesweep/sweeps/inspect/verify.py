@@ -6,31 +6,29 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.errors import ConfigError, DamagedManifest, OutputError
 from rattlesweep.sweeps.blocks.block import STATUS_WORDS
 from rattlesweep.sweeps.blocks.recompute import differing_rows
-from rattlesweep.sweeps.config.load import override_config
-from rattlesweep.sweeps.inspect.retype import stored_cases, typed
+from rattlesweep.sweeps.inspect.retype import typed
 from rattlesweep.sweeps.inspect.summary import same_summary, summarise
 from rattlesweep.sweeps.store.atomic import is_temporary, reason
+from rattlesweep.sweeps.store.blockfile import BlockFile, Note
 from rattlesweep.sweeps.store.locks import holder
-from rattlesweep.sweeps.store.provenance import identity, read_manifest
-from rattlesweep.sweeps.store.receipts import Note, Receipt, borders, count_failed
-from rattlesweep.sweeps.store.store import Found, Store
+from rattlesweep.sweeps.store.manifest import Manifest, count_failed
+from rattlesweep.sweeps.store.store import Store
+from rattlesweep.sweeps.store.stored import Stored, open_stored
 from rattlesweep.sweeps.tables.arrow import DamagedError, same_schema
 from rattlesweep.sweeps.tables.columns import runs_schema
 from rattlesweep.sweeps.tables.types import TYPES
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-    from rattlesweep.sweeps.config.load import Config
 
 
 @dataclass
@@ -105,22 +103,19 @@ def verify(
     OutputError
         It cannot be read.
     """
-    store = Store(directory)
     verdict = Verdict()
     try:
-        manifest = read_manifest(store)
-        config = override_config(manifest["config"], [])
-    except OutputError as error:
-        if not store.has_manifest():
-            raise
+        stored = open_stored(directory)
+    except DamagedManifest as error:
         verdict.problems.append(f"{error}; `rattlesweep run` recreates it")
         return verdict
+    store, manifest = stored.store, stored.manifest
     at_work = holder(directory)
     if at_work is not None:
         verdict.remarks.append(f"{directory} is in use by {at_work}; blocks may come and go")
-    whole = _check_blocks(store, manifest, config, verdict, report)
-    verdict.problems += _foreign_files(store, manifest["blocks"], at_work is not None)
-    complete = manifest["state"] == "complete"
+    whole = _check_blocks(store, manifest, verdict, report)
+    verdict.problems += _foreign_files(store, manifest.blocks, at_work is not None)
+    complete = manifest.state == "complete"
     if verdict.missing and complete:
         verdict.problems.append(
             f"{store.runs}: {_listed(verdict.missing)} of a sweep that is said to be complete "
@@ -129,76 +124,55 @@ def verify(
     if complete and not verdict.problems:
         verdict.problems += _check_summary(store, manifest)
     if recompute:
-        verdict.problems += _check_numbers(
-            store, manifest, config, whole, recompute, seed, threads, verdict
-        )
+        verdict.problems += _check_numbers(stored, whole, recompute, seed, threads, verdict)
     return verdict
 
 
 def _check_blocks(
-    store: Store,
-    manifest: dict[str, Any],
-    config: Config,
-    verdict: Verdict,
-    report: Callable[[float], None],
+    store: Store, manifest: Manifest, verdict: Verdict, report: Callable[[float], None]
 ) -> list[int]:
     """Check every block; the numbers of those without a fault."""
-    schema = runs_schema(config.record, config.model)
-    present = [index for index in store.block_indices() if index < manifest["blocks"]]
-    ends = [-1, *present, manifest["blocks"]]
+    schema = runs_schema(manifest.config.record, manifest.config.model)
+    present = [index for index in store.block_indices() if index < manifest.blocks]
+    ends = [-1, *present, manifest.blocks]
     verdict.missing = [(a + 1, b) for a, b in pairwise(ends) if b > a + 1]
     whole = []
     for place, index in enumerate(present):
         report(place / len(present))
         try:
-            rows, faults = _faults(store, index, manifest, config, schema)
+            file = store.inspect_block(index)
+            faults = [*_faults(index, file, manifest, schema)]
         except DamagedError as error:
-            rows, faults = 0, [f"is damaged: {error}"]
-        verdict.problems += [f"{store.block_path(index)} {fault}" for fault in faults]
+            faults = [f"is damaged: {error}"]
         if faults:
-            continue
-        first, stop = borders(manifest, index)
-        if rows < stop - first:
+            verdict.problems += [f"{store.block_path(index)} {fault}" for fault in faults]
+        elif not file.complete:
             verdict.missing.append((index, index + 1))
-            verdict.begun += rows
-            continue
-        whole.append(index)
-        verdict.blocks += 1
-        verdict.runs += rows
+            verdict.begun += file.receipt.rows
+        else:
+            whole.append(index)
+            verdict.blocks += 1
+            verdict.runs += file.receipt.rows
     verdict.missing.sort()
     return whole
 
 
-def _faults(
-    store: Store, index: int, manifest: dict[str, Any], config: Config, schema: pa.Schema
-) -> tuple[int, list[str]]:
-    """Rows of a block, and what is wrong with it, worst first."""
-    found = store.inspect_block(index)
-    return found.receipt.rows, list(_faults_of(store, index, found, manifest, config, schema))
-
-
-def _faults_of(
-    store: Store,
-    index: int,
-    found: Found,
-    manifest: dict[str, Any],
-    config: Config,
-    schema: pa.Schema,
-) -> Iterator[str]:
+def _faults(index: int, file: BlockFile, manifest: Manifest, schema: pa.Schema) -> Iterator[str]:
+    """What is wrong with a block, worst first."""
     wanted = Note.of(manifest, index)
-    if not wanted.same_runs(found.note):
+    if not wanted.same_runs(file.note):
         yield "is a block of another sweep, or of another place in this one"
         return
-    if not same_schema(found.schema, schema):
+    if not same_schema(file.schema, schema):
         yield "has other columns than its config asks for"
         return
-    receipt = Receipt.load(manifest["receipts"].get(str(index)))
-    if receipt is not None and receipt.sha256 != found.receipt.sha256:
+    receipt = manifest.receipts.get(index)
+    if receipt is not None and receipt.sha256 != file.receipt.sha256:
         yield "is not the file that the manifest has the checksum of"
-    if receipt is None and found.complete and manifest["state"] == "complete":
+    if receipt is None and file.complete and manifest.state == "complete":
         yield "has no checksum in the manifest"
-    table = store.read_block(index)
-    samples = manifest["samples"]
+    table = file.table()
+    samples = manifest.samples
     sample = table.column("sample").to_numpy()
     numbers = table.column("case").to_numpy().astype(np.int64) * samples + sample
     all_runs = np.arange(wanted.first, wanted.stop)
@@ -207,9 +181,9 @@ def _faults_of(
     if not np.array_equal(numbers, some) or not ((sample >= 0) & (sample < samples)).all():
         yield "has runs missing, double or out of order"
     yield from _bad_values(table)
-    if found.note is not None and found.note.classify != wanted.classify:
+    if file.note is not None and file.note.classify != wanted.classify:
         yield "has types of other thresholds; `rattlesweep classify` renews them"
-    elif not typed(table, config.classify).equals(table.column("type").combine_chunks()):
+    elif not typed(table, manifest.config.classify).equals(table.column("type").combine_chunks()):
         yield "has types that do not follow from its numbers"
 
 
@@ -264,13 +238,13 @@ def _foreign_files(store: Store, blocks: int, at_work: bool) -> Iterator[str]:
             yield f"{left[0]} was left by a process that died; `rattlesweep run` removes it"
 
 
-def _check_summary(store: Store, manifest: dict[str, Any]) -> Iterator[str]:
+def _check_summary(store: Store, manifest: Manifest) -> Iterator[str]:
     try:
         stored = store.read_summary()
     except OutputError as error:
         yield f"{error}; `rattlesweep run` recreates it"
         return
-    made = summarise(store, stored_cases(manifest)).replace_schema_metadata(None)
+    made = summarise(store, manifest.cases).replace_schema_metadata(None)
     if stored.schema.names != made.schema.names:
         # Of an earlier version, which gave Bondi's share in the unsteady direction too.
         common = [
@@ -279,14 +253,12 @@ def _check_summary(store: Store, manifest: dict[str, Any]) -> Iterator[str]:
         stored, made = stored.select(common), made.select(common)
     if not same_summary(stored, made):
         yield f"{store.summary_path} does not follow from the runs; `rattlesweep run` recreates it"
-    if count_failed(manifest["receipts"].values()) != manifest["failed"]:
+    if count_failed(manifest.receipts.values()) != manifest.failed:
         yield f"{store.manifest_path} counts failed runs other than those there are"
 
 
 def _check_numbers(
-    store: Store,
-    manifest: dict[str, Any],
-    config: Config,
+    stored: Stored,
     whole: list[int],
     count: int,
     seed: int | None,
@@ -294,19 +266,13 @@ def _check_numbers(
     verdict: Verdict,
 ) -> Iterator[str]:
     """Integrate random runs again."""
-    from rattlesweep.sweeps.cases.plan import make_plan
-
-    base = None if manifest.get("base") is None else Path(manifest["base"])
     try:
-        plan = make_plan(config, base)
+        stored.plan  # noqa: B018
     except ConfigError as error:
         yield f"no run can be integrated again: {error.messages[0]}"
         return
-    if identity(plan, base) != manifest["config_hash"]:
-        yield "no run can be integrated again: the table of bodies has changed"
-        return
-    chosen = _choose([borders(manifest, index) for index in whole], count, seed)
-    for case, sample, columns in differing_rows(store, plan, manifest, chosen, threads):
+    chosen = _choose([stored.manifest.borders(index) for index in whole], count, seed)
+    for case, sample, columns in differing_rows(stored, chosen, threads):
         yield (
             f"case {case}, sample {sample} comes out otherwise when integrated again, in "
             f"{', '.join(columns[:4])}{' and others' if len(columns) > 4 else ''}"

@@ -1,9 +1,10 @@
 """Who works in an output directory.
 
 Locks are the operating system's (``flock``): they end with the process that holds them, however it
-ends, so no lock is ever stale. A whole sweep holds its directory alone; shards share it, and each
-holds its own share alone. Where a file system has no locks, two processes may do the
-same blocks twice; their files are the same, and each appears in one step.
+ends, so no lock is ever stale, and their files stay where they are. A whole sweep holds its
+directory alone; shards share it, and each holds its own share alone. Where a file system has no
+locks, two processes may do the same blocks twice; their files are the same, and each appears in one
+step.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 from rattlesweep.errors import OutputError
 from rattlesweep.sweeps.store.atomic import read_file, reason
@@ -33,7 +34,7 @@ except ImportError:  # Windows
     fcntl = None
 
 FOLDER = ".locks"
-_WHOLE, _TURN = "directory", "manifest"
+_WHOLE, _MANIFEST = "directory", "manifest"
 # Seconds for which a lock may be in the hands of somebody who only looks.
 PATIENCE = 0.3
 _MOST_WORDS = 1 << 20
@@ -51,7 +52,7 @@ def holder(directory: Path) -> str | None:
         names = sorted(os.listdir(directory / FOLDER))
     except OSError:
         return None
-    for path in (directory / FOLDER / name for name in names if name != _TURN):
+    for path in (directory / FOLDER / name for name in names if name != _MANIFEST):
         with contextlib.suppress(OSError), open(path, "rb", opener=_at_once) as handle:
             if not _try(handle.fileno(), shared=True):
                 return _words(path)
@@ -82,6 +83,7 @@ def hold(directory: Path, share: str | None = None) -> Iterator[None]:
     folder = directory / FOLDER
     with contextlib.ExitStack() as stack:
         try:
+            folder.mkdir(exist_ok=True)
             if not stack.enter_context(_locked(folder / _WHOLE, shared=share is not None)):
                 raise Busy(f"{directory} is in use by {holder(directory) or 'another process'}")
             if share is not None and not stack.enter_context(_locked(folder / share, shared=False)):
@@ -94,15 +96,15 @@ def hold(directory: Path, share: str | None = None) -> Iterator[None]:
 
 
 @contextmanager
-def turn(directory: Path) -> Iterator[None]:
-    """Wait for this process's turn to change what shards share: a moment.
+def manifest_lock(directory: Path) -> Iterator[None]:
+    """Wait until no other shard changes the manifest, and keep others waiting: a moment.
 
     Raises
     ------
     OutputError
         The directory cannot be written.
     """
-    path = directory / FOLDER / _TURN
+    path = directory / FOLDER / _MANIFEST
     with contextlib.ExitStack() as stack:
         try:
             if fcntl is not None and path.parent.is_dir():
@@ -116,49 +118,16 @@ def turn(directory: Path) -> Iterator[None]:
 
 @contextmanager
 def _locked(path: Path, *, shared: bool) -> Iterator[bool]:
-    """Hold a lock file, if no other process does; its last holder removes it."""
-    handle = _open_locked(path, shared)
-    if handle is None:
-        yield False
-        return
-    try:
-        if not shared:
+    """Hold a lock file, if no other process does; the file says who holds it alone."""
+    end = time.monotonic() + PATIENCE
+    with open(path, "a+b") as handle:
+        while not (mine := _try(handle.fileno(), shared=shared)) and time.monotonic() < end:
+            time.sleep(0.02)
+        if mine and not shared:
             handle.truncate(0)
             handle.write(json.dumps(_me()).encode())
             handle.flush()
-        yield True
-    finally:
-        # Other shares may be at work; a file that cannot be removed locks nothing once closed.
-        # Where the directory was moved meanwhile, a file of this name is another's lock.
-        with contextlib.suppress(OSError):
-            mine = os.path.samestat(os.fstat(handle.fileno()), os.stat(path))
-            if mine and (not shared or _try(handle.fileno(), shared=False)):
-                path.unlink(missing_ok=True)
-                if path.name == _WHOLE:
-                    (path.parent / _TURN).unlink(missing_ok=True)
-                path.parent.rmdir()
-        with contextlib.suppress(OSError):  # it is to hold what could not be written before
-            handle.close()
-
-
-def _open_locked(path: Path, shared: bool) -> BinaryIO | None:
-    end = time.monotonic() + PATIENCE
-    while True:
-        path.parent.mkdir(exist_ok=True)
-        # Whoever leaves may remove the folder or the file meanwhile: a lock on what is no longer
-        # there locks nothing.
-        with contextlib.suppress(FileNotFoundError):
-            handle = open(path, "a+b")  # noqa: SIM115
-            if _try(handle.fileno(), shared=shared):
-                with contextlib.suppress(FileNotFoundError):
-                    if os.path.samestat(os.fstat(handle.fileno()), os.stat(path)):
-                        return handle
-            elif time.monotonic() >= end:
-                handle.close()
-                return None
-            else:
-                time.sleep(0.02)
-            handle.close()
+        yield mine
 
 
 def _at_once(path: str, flags: int) -> int:

@@ -1,25 +1,47 @@
-"""What a manifest must be before any of it is believed: it is input, like a config."""
+"""``manifest.json``: what a sweep is and how far it is, typed, and checked before it is believed.
+
+It is input, like a config: strict in what this version relies on, while keys that a later one adds
+are left alone and written again. What was not set is not written.
+"""
 
 from __future__ import annotations
 
+import re
+from collections import Counter
+from collections.abc import Iterable
 from datetime import datetime
-from typing import Annotated, Any, Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import (
     AfterValidator,
     BaseModel,
+    BeforeValidator,
     ConfigDict,
     Field,
+    SerializerFunctionWrapHandler,
     ValidationError,
     ValidationInfo,
+    field_serializer,
     field_validator,
+    model_serializer,
     model_validator,
 )
 
 from rattlesweep.errors import ConfigError, one_line
-from rattlesweep.sweeps.config.load import Config, SdSource, TableSource, override_config
+from rattlesweep.sweeps.config.load import (
+    Config,
+    SdSource,
+    TableSource,
+    override_config,
+    resolved,
+)
+from rattlesweep.sweeps.store.provenance import command_line, machine, now, versions
 
-FORMAT = 2
+if TYPE_CHECKING:
+    from rattlesweep.sweeps.cases.plan import Plan
+
+FORMAT: Literal[2] = 2
 
 
 def _is_time(text: str) -> str:
@@ -28,64 +50,154 @@ def _is_time(text: str) -> str:
     return text
 
 
+def _block_number(key: Any) -> int:
+    if isinstance(key, int):
+        return key
+    if not re.fullmatch(r"[0-9]{1,18}", key):
+        raise ValueError("it is no number of a block")
+    return int(key)
+
+
 Count = Annotated[int, Field(ge=0, le=2**62)]
 Seconds = Annotated[float, Field(ge=0, le=1e18)]
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 Time = Annotated[str, Field(max_length=64), AfterValidator(_is_time)]
 Failed = dict[str, Count]
+Versions = dict[str, str]
+Machine = dict[str, str | int | None]
 
 
 class _Part(BaseModel):
-    """Strict in what this version relies on; what a later one adds is left alone."""
+    model_config = ConfigDict(strict=True, allow_inf_nan=False, extra="allow")
 
-    model_config = ConfigDict(strict=True, allow_inf_nan=False)
-
-
-class _Case(_Part):
-    case: Count
-    K_p: float | None = None
-    K_r: float | None = None
-    n_i: float | None = None
-    omega_xy0: float | None = None
+    def clear(self, key: str) -> None:
+        """Take a key out, as if it had never been set."""
+        setattr(self, key, None)
+        self.model_fields_set.discard(key)
 
 
-class _Receipt(_Part):
+class Receipt(_Part):
+    """What is kept of a block: its file's checksum, its rows and its failed runs by status.
+
+    Attributes
+    ----------
+    seconds : float or None
+        Time of its integration; None where that is not known.
+    """
+
     sha256: Sha256
     rows: Count
     bytes: Count
     failed: Failed = {}
     seconds: Seconds | None = None
 
+    @model_serializer(mode="wrap")
+    def _without_what_is_empty(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return {key: value for key, value in serialize(self).items() if value not in ({}, None)}
 
-class _Progress(_Part):
+    def took(self, seconds: float | None) -> Receipt:
+        """The same with the time of its integration."""
+        return self.model_copy(update={"seconds": None if seconds is None else round(seconds, 4)})
+
+    def dump(self) -> dict[str, Any]:
+        """As plain data, for other processes."""
+        return self.model_dump()
+
+    @classmethod
+    def load(cls, data: Any) -> Receipt:
+        """From that."""
+        return cls.model_validate(data)
+
+
+class StoredCase(_Part):
+    """A case; a target is there only where it has one."""
+
+    case: Count
+    K_p: float | None = None
+    K_r: float | None = None
+    n_i: float | None = None
+    omega_xy0: float | None = None
+
+    @property
+    def index(self) -> int:
+        """Its number."""
+        return self.case
+
+    @property
+    def target_name(self) -> str | None:
+        """``"K_p"``, ``"K_r"`` or none."""
+        return next((name for name in ("K_p", "K_r") if name in self.model_fields_set), None)
+
+    @property
+    def target(self) -> float | None:
+        """Target value of that."""
+        return None if self.target_name is None else getattr(self, self.target_name)
+
+
+class SessionProgress(_Part):
+    """How far a session is; `left` in seconds, None where it cannot tell."""
+
     at: Time
     left: Seconds | None
 
 
-class _Session(_Part):
+class SessionRecord(_Part):
+    """One process's work on a sweep; `directory` to `command` once it is merged with others."""
+
+    directory: str | None = None
+    versions: Versions | None = None
+    machine: Machine | None = None
+    command: list[str] | None = None
     started: Time
     state: Literal["running", "stopped", "complete"]
+    shard: str | None = None
+    host: str | None = None
+    pid: int | None = None
+    threads: int | None = None
     finished: Time | None = None
     seconds: Seconds = 0.0
+    load_seconds: Seconds = 0.0
     kernel_seconds: Seconds = 0.0
+    blocks: Count = 0
     peak_memory: Count | None = None
-    progress: _Progress | None = None
+    progress: SessionProgress | None = None
+
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """What tells it from every other session."""
+        return self.started, self.host, self.pid, self.shard
 
 
-class _Classified(_Part):
+class Classified(_Part):
+    """Thresholds of the sweep's config, and those by which `classify` typed its runs since."""
+
     config: dict[str, float]
     now: dict[str, float]
     at: Time
 
 
-class _Expected(_Part):
+class Expected(_Part):
+    """What a sweep was expected to take, with the ends of an interval, in seconds."""
+
     seconds: Seconds = 0.0
     low: Seconds = 0.0
     high: Seconds = 0.0
 
 
 class Manifest(_Part):
-    """The parts of ``manifest.json`` that commands rely on."""
+    """What ``manifest.json`` says.
+
+    Attributes
+    ----------
+    config : Config
+        In the blocks that the directory was begun with.
+    config_hash : str
+        Of what determines the numbers (:func:`rattlesweep.sweeps.store.provenance.identity`).
+    base : str or None
+        Where the relative path of a table of bodies starts.
+    receipts : dict
+        Of complete blocks, by their numbers.
+    """
 
     format: Literal[2]
     name: str
@@ -93,29 +205,31 @@ class Manifest(_Part):
     config: Config
     config_hash: Sha256
     base: Annotated[str, Field(pattern=r"^[^\x00]*$")] | None = None
-    cases: list[_Case] = Field(min_length=1)
+    cases: list[StoredCase] = Field(min_length=1)
     samples: Count
     runs: Count
     blocks: Count
-    versions: dict[str, str]
-    machine: dict[str, str | int | None]
+    versions: Versions
+    machine: Machine
     started: Time
-    finished: Time | None = None
     command: list[str]
     commands: list[list[str]] = []
     failed: Failed
-    sessions: list[_Session]
-    receipts: dict[Annotated[str, Field(pattern=r"^[0-9]{1,18}$")], _Receipt]
+    sessions: list[SessionRecord]
+    receipts: dict[Annotated[int, BeforeValidator(_block_number)], Receipt]
+    expected: Expected | None = None
+    finished: Time | None = None
     seconds: Seconds = 0.0
     kernel_seconds: Seconds = 0.0
     bytes: Count = 0
     peak_memory: Count | None = None
-    expected: _Expected | None = None
-    classified: _Classified | None = None
+    classified: Classified | None = None
 
     @field_validator("config", mode="before")
     @classmethod
     def _is_a_config(cls, data: Any) -> Config:
+        if isinstance(data, Config):
+            return data
         if not isinstance(data, dict):
             raise ValueError("it is no config")
         try:
@@ -125,7 +239,7 @@ class Manifest(_Part):
 
     @field_validator("cases")
     @classmethod
-    def _are_the_configs(cls, cases: list[_Case], info: ValidationInfo) -> list[_Case]:
+    def _are_the_configs(cls, cases: list[StoredCase], info: ValidationInfo) -> list[StoredCase]:
         config = info.data.get("config")
         if [case.case for case in cases] != list(range(len(cases))):
             raise ValueError("they are not numbered from 0")
@@ -147,19 +261,88 @@ class Manifest(_Part):
             raise ValueError("its blocks are not those of its runs")
         return self
 
+    @field_serializer("config")
+    def _resolved(self, config: Config) -> dict[str, Any]:
+        return resolved(config)
 
-def check(data: dict[str, Any]) -> Manifest:
-    """Check what was read from ``manifest.json``.
+    @classmethod
+    def parse(cls, data: dict[str, Any]) -> Manifest:
+        """Check what was read from ``manifest.json``.
 
-    Raises
-    ------
-    ValueError
-        Something in it cannot be; says what, in a few words fit for a terminal.
-    """
-    try:
-        return Manifest.model_validate(data)
-    except ValidationError as error:
-        first = error.errors(include_url=False, include_input=False, include_context=False)[0]
-        where = ".".join(map(str, first["loc"]))
-        what = first["msg"].removeprefix("Value error, ")
-        raise ValueError(one_line(f"{where}: {what}" if where else what, 300)) from None
+        Raises
+        ------
+        ConfigError
+            It is of another format.
+        ValueError
+            Something in it cannot be; says what, in a few words fit for a terminal.
+        """
+        found = data.get("format")
+        if isinstance(found, int) and found != FORMAT:
+            raise ConfigError(
+                f"it was written in format {found}; this version writes format {FORMAT}, so "
+                "choose another output or start over with --fresh"
+            )
+        try:
+            return cls.model_validate(data)
+        except ValidationError as error:
+            first = error.errors(include_url=False, include_input=False, include_context=False)[0]
+            where = ".".join(map(str, first["loc"]))
+            what = first["msg"].removeprefix("Value error, ")
+            raise ValueError(one_line(f"{where}: {what}" if where else what, 300)) from None
+
+    @classmethod
+    def begin(cls, plan: Plan, hash_: str, base: Path | None) -> Manifest:
+        """The manifest of a sweep that begins; `base` is where its table's path starts."""
+        return cls(
+            format=FORMAT,
+            name=plan.config.name,
+            state="running",
+            config=plan.config.model_copy(update={"block_size": plan.block_size}),
+            config_hash=hash_,
+            base=None if base is None else str(base),
+            cases=[
+                StoredCase(
+                    case=case.index,
+                    n_i=case.n_i,
+                    omega_xy0=case.omega_xy0,
+                    **({case.target_name: case.target} if case.target_name else {}),
+                )
+                for case in plan.cases
+            ],
+            samples=int(plan.samples),
+            runs=int(plan.runs),
+            blocks=int(plan.n_blocks),
+            versions=versions(),
+            machine=machine(),
+            started=now(),
+            command=command_line(),
+            failed={},
+            sessions=[],
+            receipts={},
+        )
+
+    def dump(self) -> dict[str, Any]:
+        """As JSON has it, receipts in their order."""
+        data = self.model_dump(exclude_unset=True)
+        receipts = sorted(data["receipts"].items())
+        return data | {"receipts": {str(index): receipt for index, receipt in receipts}}
+
+    # Until every reader takes attributes.
+    def __getitem__(self, key: str) -> Any:
+        return self.dump()[key]
+
+    def get(self, key: str, default: Any = None) -> Any:
+        return self.dump().get(key, default)
+
+    def borders(self, index: int) -> tuple[int, int]:
+        """Numbers of the runs of a block, from and up to."""
+        size = self.config.block_size
+        return index * size, min((index + 1) * size, self.runs)
+
+
+def count_failed(receipts: Iterable[Receipt]) -> dict[str, int]:
+    """Runs by status, other than ``ok``."""
+    failed: Counter[str] = Counter()
+    for receipt in receipts:
+        failed.update(receipt.failed)
+    return dict(sorted(failed.items()))

@@ -1,4 +1,4 @@
-"""What a directory says of its origin: config, versions, machine, times."""
+"""Where numbers come from: this program, this machine, this moment, and what determines them."""
 
 from __future__ import annotations
 
@@ -11,13 +11,10 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rattlesweep.errors import ConfigError, DamagedManifest
-from rattlesweep.sweeps.config.load import TableSource, physics_hash, resolved
-from rattlesweep.sweeps.store.manifest import FORMAT, check
+from rattlesweep.sweeps.config.load import TableSource, physics_hash
 
 if TYPE_CHECKING:
     from rattlesweep.sweeps.cases.plan import Plan
-    from rattlesweep.sweeps.store.store import Store
 
 PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "pandas", "pyarrow")
 
@@ -81,57 +78,6 @@ def versions() -> dict[str, str]:
     }
 
 
-def new_manifest(plan: Plan, hash_: str, base: Path | None) -> dict[str, Any]:
-    """The manifest of a sweep that begins; `base` is where its table's path starts."""
-    return {
-        "format": FORMAT,
-        "name": plan.config.name,
-        "state": "running",
-        "config": resolved(plan.config) | {"block_size": plan.block_size},
-        "config_hash": hash_,
-        "base": None if base is None else str(base),
-        "cases": [
-            {
-                "case": case.index,
-                **({case.target_name: case.target} if case.target_name else {}),
-                "n_i": case.n_i,
-                "omega_xy0": case.omega_xy0,
-            }
-            for case in plan.cases
-        ],
-        "samples": plan.samples,
-        "runs": plan.runs,
-        "blocks": plan.n_blocks,
-        "versions": versions(),
-        "machine": machine(),
-        "started": now(),
-        "command": command_line(),
-        "failed": {},
-        "sessions": [],
-        "receipts": {},
-    }
-
-
-def read_manifest(store: Store) -> dict[str, Any]:
-    """The manifest of a sweep; as :meth:`Store.read_manifest`, checked part by part.
-
-    Raises
-    ------
-    ConfigError
-        There is none, or it is of another format.
-    DamagedManifest
-        It is not what was written, or says what cannot be.
-    """
-    data = store.read_manifest()
-    if isinstance(data.get("format"), int) and data["format"] != FORMAT:
-        raise ConfigError(
-            f"{store.directory}: it was written in format {data['format']}; this version writes "
-            f"format {FORMAT}, so choose another output or start over with --fresh"
-        )
-    try:
-        manifest = check(data)
-    except ValueError as error:
-        raise DamagedManifest(f"{store.manifest_path} is damaged: {error}") from None
-    store.rows = manifest.config.block_size
-    # With what an older version did not know of, at its default.
-    return data | {"config": resolved(manifest.config)}
+def read_manifest(store: Any) -> Any:
+    """Moved to `Store.read_manifest`; until all have followed."""
+    return store.read_manifest()

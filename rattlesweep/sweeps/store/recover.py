@@ -6,17 +6,17 @@ from typing import TYPE_CHECKING
 
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps.store.atomic import reason
-from rattlesweep.sweeps.store.store import Store, inspect_file
+from rattlesweep.sweeps.store.blockfile import Note, read_block_file
 from rattlesweep.sweeps.tables.arrow import DamagedError
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from rattlesweep.sweeps.cases.plan import Plan
-    from rattlesweep.sweeps.store.receipts import Note
+    from rattlesweep.sweeps.store.store import Store
 
 
-def adopted_size(store: Store, blocks: list[int], sweep: str, plan: Plan) -> int:
+def block_size_of(store: Store, blocks: list[int], sweep: str, plan: Plan) -> int:
     """Runs a block in a directory whose manifest is lost.
 
     Parameters
@@ -101,11 +101,11 @@ def put_in_order(store: Store, plan: Plan, sweep: str) -> list[str]:
 
 
 def _note(path: Path) -> Note | None:
-    """What a whole file says of itself."""
+    """What a file that holds a whole block says of itself."""
     try:
-        found = inspect_file(path)
+        file = read_block_file(path)
     except DamagedError:
         return None
-    note = found.note
-    # A file with fewer rows than it speaks of is no block that is finished.
-    return note if note is not None and found.receipt.rows == note.stop - note.first else None
+    # With more or fewer rows than it speaks of, it is no block that is finished.
+    note = file.note
+    return note if note is not None and file.receipt.rows == note.stop - note.first else None

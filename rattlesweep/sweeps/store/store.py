@@ -9,12 +9,10 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import hashlib
 import os
 import re
 import stat
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +20,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from rattlesweep.errors import ConfigError, DamagedManifest, OutputError
-from rattlesweep.sweeps.store import sealed as sealedjson
+from rattlesweep.sweeps.store import sealed
 from rattlesweep.sweeps.store.atomic import (
     NotAFile,
     probe_directory,
@@ -32,37 +30,28 @@ from rattlesweep.sweeps.store.atomic import (
     rename_file,
     replace_file,
 )
-from rattlesweep.sweeps.store.locks import turn
-from rattlesweep.sweeps.store.receipts import Note, Receipt
+from rattlesweep.sweeps.store.blockfile import (
+    MOST_ROWS,
+    BlockFile,
+    Note,
+    read_block_file,
+    receipt_of,
+)
+from rattlesweep.sweeps.store.locks import manifest_lock
+from rattlesweep.sweeps.store.manifest import Manifest, Receipt
 from rattlesweep.sweeps.tables.arrow import (
-    NOTE,
     DamagedError,
     build_table,
     encode,
+    encode_hashed,
     open_sealed,
 )
 
 _BLOCK = re.compile(r"block-(\d{6,18})\.parquet")
-# Bytes that a file can have: a block with so many rows, and any other.
-MOST_ROWS = 200_000
-_ROW, _REST = 1 << 14, 1 << 20
 MOST_BYTES = 1 << 31
+"""Bytes that a file which is no block can have."""
 # In every manifest, and in the footer of every table.
 _MARKS = (b'"config_hash"', b"rattlesweep.sha256")
-
-
-@dataclass(frozen=True)
-class Found:
-    """A block that is in place and undamaged."""
-
-    schema: pa.Schema
-    note: Note | None
-    receipt: Receipt
-
-    @property
-    def complete(self) -> bool:
-        """Whether it has all its rows; what a stopped session leaves of a block has fewer."""
-        return self.note is None or self.receipt.rows >= self.note.stop - self.note.first
 
 
 class Store:
@@ -241,39 +230,37 @@ class Store:
         ValueError
             The columns do not make a table of `schema`: a mistake of the calling code.
         """
-        return self._write_table(self.block_path(index), build_table(columns, schema), note)
+        table = build_table(columns, schema)
+        data, sha256 = encode_hashed(table, None if note is None else note.dump())
+        self._put_table(self.block_path(index), data, table.num_rows)
+        return receipt_of(data, sha256, table.column("status"))
 
     def rewrite_block(self, index: int, table: pa.Table, note: Note | None = None) -> Receipt:
-        """Put `table` in the place of block `index`, as safely as `write_block`.
-
-        Raises
-        ------
-        OutputError
-            The file cannot be written; the old block is still there.
-        ValueError
-            A column that must have a value in every row lacks one.
-        """
+        """Put `table` in the place of block `index`, as `write_block`."""
         columns = {name: table.column(name) for name in table.schema.names}
         return self.write_block(index, columns, table.schema, note)
 
-    def inspect_block(self, index: int) -> Found:
-        """What block `index` holds, proved undamaged to the bit.
+    def inspect_block(self, index: int) -> BlockFile:
+        """Block `index`, proved undamaged to the bit; errors as for `read_block_file`."""
+        return read_block_file(self.block_path(index), self.rows)
+
+    def glance(self, index: int) -> tuple[Note | None, bool]:
+        """The note of block `index`, and whether it is complete; unproved, but soon known.
 
         Raises
         ------
-        DamagedError
-            It is not there, or not whole.
         OutputError
-            The file may not be read, which says nothing about what it holds.
+            It is missing, unreadable or obviously damaged.
         """
-        return inspect_file(self.block_path(index), self.rows)
+        with self._streamed(index) as file:
+            note = Note.load(file)
+            return note, note is None or note.is_whole(file.metadata.num_rows)
 
     def is_complete(self, index: int) -> bool:
-        """Whether block `index` has all its rows, by its own account; nothing is proved."""
+        """Whether block `index` is there with all its rows, by its own account."""
         try:
-            with pq.ParquetFile(self.block_path(index)) as file:
-                return _complete(file)
-        except (pa.ArrowException, OSError):
+            return self.glance(index)[1]
+        except OutputError:
             return False
 
     def read_block(self, index: int, columns: Sequence[str] | None = None) -> pa.Table:
@@ -286,13 +273,11 @@ class Store:
         """
         path = self.block_path(index)
         try:
-            data = read_file(path, _most_bytes(self.rows))
-            table = open_sealed(data).read(columns=_listed(columns))
-        except OSError as error:
-            raise OutputError(f"cannot read {path}: {reason(error)}") from error
-        except (DamagedError, pa.ArrowException) as error:
+            return self.inspect_block(index).table(columns)
+        except DamagedError as error:
+            if isinstance(error.__cause__, OSError):
+                raise OutputError(f"cannot read {path}: {error}") from error
             raise OutputError(f"{path} is damaged: {error}") from error
-        return table.replace_schema_metadata(None)
 
     def iter_blocks(self, columns: Sequence[str] | None = None) -> Iterator[tuple[int, pa.Table]]:
         """Yield (number, table) of the blocks in place, in order; errors as for `read_block`."""
@@ -315,33 +300,36 @@ class Store:
             A block is unreadable or damaged, or lacks one of the columns.
         """
         for index in self.block_indices():
-            path = self.block_path(index)
-            try:
-                if not stat.S_ISREG(os.stat(path).st_mode):
-                    raise NotAFile("it is no regular file")
-                with pq.ParquetFile(path, page_checksum_verification=True) as file:
-                    if complete and not _complete(file):
-                        continue
-                    absent = set(columns or ()).difference(file.schema_arrow.names)
-                    if absent:
-                        raise OutputError(f"{path} has no column {', '.join(sorted(absent))}")
-                    # One row group at a time: ParquetFile.iter_batches holds a whole block.
-                    for group in range(file.num_row_groups):
-                        yield from file.read_row_group(group, _listed(columns)).to_batches()
-            except (pa.ArrowException, OSError) as error:
+            with self._streamed(index) as file:
+                note = Note.load(file)
+                if complete and note and not note.is_whole(file.metadata.num_rows):
+                    continue
+                if absent := sorted(set(columns or ()).difference(file.schema_arrow.names)):
+                    raise OutputError(f"{self.block_path(index)} has no column {', '.join(absent)}")
+                # One row group at a time: ParquetFile.iter_batches holds a whole block.
+                for group in range(file.num_row_groups):
+                    yield from file.read_row_group(group, columns and list(columns)).to_batches()
+
+    @contextlib.contextmanager
+    def _streamed(self, index: int) -> Iterator[pq.ParquetFile]:
+        """A block's file to read parts of, of which the pages alone are proved."""
+        path = self.block_path(index)
+        try:
+            if not stat.S_ISREG(os.stat(path).st_mode):
+                raise NotAFile("it is no regular file")
+            with pq.ParquetFile(path, page_checksum_verification=True) as file:
+                yield file
+        except (pa.ArrowException, OSError) as error:
+            # Arrow's own are without a number.
+            if isinstance(error, OSError) and (error.errno or isinstance(error, NotAFile)):
                 raise OutputError(f"cannot read {path}: {reason(error)}") from error
+            raise OutputError(f"{path} is damaged: {reason(error)}") from error
 
     # -------------------------------------------------- summary and manifest
 
     def write_summary(self, table: pa.Table) -> None:
-        """Write `summary.parquet`, as safely as a block.
-
-        Raises
-        ------
-        OutputError
-            The file cannot be written.
-        """
-        self._write_table(self.summary_path, table)
+        """Write `summary.parquet`, as safely as a block."""
+        self._put_table(self.summary_path, encode(table), table.num_rows)
 
     def read_summary(self) -> pa.Table:
         """Read `summary.parquet`.
@@ -359,59 +347,53 @@ class Store:
             raise OutputError(f"{self.summary_path} is damaged: {error}") from error
         return table.replace_schema_metadata(None)
 
-    def write_manifest(self, manifest: Mapping[str, Any]) -> None:
-        """Write `manifest.json`, as safely as a block; see `sealedjson.dump`.
-
-        Raises
-        ------
-        OutputError
-            The file cannot be written.
-        ValueError, TypeError
-            It holds NaN, infinity, or something JSON has no word for.
-        """
-        self._put(self.manifest_path, sealedjson.dump(manifest))
-
     def has_manifest(self) -> bool:
-        """Whether there is a `manifest.json`, damaged or not.
-
-        Raises
-        ------
-        OutputError
-            The system does not say.
-        """
+        """Whether there is a `manifest.json`, damaged or not."""
         try:
             return self.manifest_path.exists()
         except OSError as error:
             raise OutputError(f"cannot read {self.manifest_path}: {reason(error)}") from error
 
-    def read_manifest(self) -> dict[str, Any]:
-        """Read `manifest.json`, having proved that it is whole.
+    def read_manifest(self) -> Manifest:
+        """Read `manifest.json`, proved whole and checked part by part.
 
         Raises
         ------
         ConfigError
-            There is none, so this is no output directory.
+            There is none, so this is no output directory, or it is of another format.
         DamagedManifest
-            It is not what `write_manifest` writes.
+            It is not what `write_manifest` writes, or says what cannot be.
         OutputError
             It cannot be read.
         """
         try:
-            return sealedjson.load(read_file(self.manifest_path, MOST_BYTES))
+            manifest = Manifest.parse(sealed.load(read_file(self.manifest_path, MOST_BYTES)))
         except (FileNotFoundError, NotADirectoryError):
             raise ConfigError(
                 f"{self.directory} is not an output directory: it has no manifest.json"
             ) from None
+        except ConfigError as error:
+            raise ConfigError(f"{self.directory}: {error}") from None
         except (NotAFile, ValueError) as error:
             raise DamagedManifest(f"{self.manifest_path} is damaged: {error}") from error
         except OSError as error:
             raise OutputError(f"cannot read {self.manifest_path}: {reason(error)}") from error
+        self.rows = manifest.config.block_size
+        return manifest
+
+    def write_manifest(self, manifest: Manifest) -> None:
+        """Write `manifest.json`, as safely as a block.
+
+        Raises
+        ------
+        OutputError
+            The file cannot be written.
+        """
+        self._put(self.manifest_path, sealed.dump(manifest.dump()))
 
     def update_manifest(
-        self,
-        change: Callable[[dict[str, Any]], None],
-        blank: Callable[[], dict[str, Any]] | None = None,
-    ) -> dict[str, Any]:
+        self, change: Callable[[Manifest], None], blank: Callable[[], Manifest] | None = None
+    ) -> None:
         """Change `manifest.json` in one step that no other process can come between.
 
         Parameters
@@ -421,37 +403,29 @@ class Store:
         blank
             Makes the one to begin with where there is none.
 
-        Returns
-        -------
-        dict
-            The manifest as written.
-
         Raises
         ------
         ConfigError, OutputError
             As for `read_manifest` and `write_manifest`.
         """
         self._check_in_place()
-        with turn(self.directory):
+        with manifest_lock(self.directory):
             begin = blank is not None and not self.has_manifest()
             manifest = blank() if blank is not None and begin else self.read_manifest()
             change(manifest)
             self.write_manifest(manifest)
-        return manifest
 
-    def _write_table(self, path: Path, table: pa.Table, note: Note | None = None) -> Receipt:
+    def _put_table(self, path: Path, data: bytes, rows: int) -> None:
         def reads_back(temporary: Path) -> None:
             try:
                 with pq.ParquetFile(temporary) as file:
-                    rows = file.metadata.num_rows
+                    found = file.metadata.num_rows
             except pa.ArrowException as error:
                 raise OSError(errno.EIO, f"does not read back: {reason(error)}") from error
-            if rows != table.num_rows:
-                raise OSError(errno.EIO, f"reads back {rows} of {table.num_rows} rows")
+            if found != rows:
+                raise OSError(errno.EIO, f"reads back {found} of {rows} rows")
 
-        data = encode(table, None if note is None else note.dump())
         self._put(path, data, reads_back)
-        return _receipt(data, table.column("status") if "status" in table.schema.names else None)
 
     def _put(
         self, path: Path, data: bytes, check: Callable[[Path], None] = lambda temporary: None
@@ -470,43 +444,6 @@ class Store:
             raise
 
 
-def inspect_file(path: Path, rows: int = MOST_ROWS) -> Found:
-    """What a file of so many rows at most holds, as `Store.inspect_block`, by whatever name.
-
-    Raises
-    ------
-    DamagedError, OutputError
-        As there.
-    """
-    try:
-        data = read_file(path, _most_bytes(rows))
-        file = open_sealed(data)
-        status = file.read(columns=["status"]).column("status")
-    except PermissionError as error:
-        raise OutputError(f"cannot read {path}: {reason(error)}") from error
-    except OSError as error:
-        raise DamagedError(reason(error)) from error
-    except (pa.ArrowException, KeyError) as error:
-        raise DamagedError(f"it has no status: {reason(error)}") from error
-    schema = file.schema_arrow
-    note = Note.load((schema.metadata or {}).get(NOTE))
-    return Found(schema, note, _receipt(data, status))
-
-
-def _complete(file: pq.ParquetFile) -> bool:
-    note = Note.load((file.schema_arrow.metadata or {}).get(NOTE))
-    return note is None or file.metadata.num_rows >= note.stop - note.first
-
-
-def _receipt(data: bytes, status: pa.ChunkedArray | None) -> Receipt:
-    rows, failed = 0, {}
-    if status is not None:
-        rows = len(status)
-        counts = {entry["values"]: entry["counts"] for entry in status.value_counts().to_pylist()}
-        failed = {word: count for word, count in sorted(counts.items()) if word != "ok"}
-    return Receipt(hashlib.sha256(data).hexdigest(), rows, len(data), failed)
-
-
 def _name(index: int) -> str:
     return f"block-{index:06d}.parquet"
 
@@ -516,11 +453,3 @@ def _number(name: str) -> int | None:
     match = _BLOCK.fullmatch(name)
     number = None if match is None else int(match[1])
     return number if number is not None and _name(number) == name else None
-
-
-def _most_bytes(rows: int) -> int:
-    return _REST + rows * _ROW
-
-
-def _listed(columns: Sequence[str] | None) -> list[str] | None:
-    return None if columns is None else list(columns)

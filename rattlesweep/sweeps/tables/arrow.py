@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -135,8 +135,13 @@ def _series(values: Any, kind: pa.DataType) -> pa.Array:
     )
 
 
-def encode(table: pa.Table, note: bytes | None = None) -> bytes:
-    """Turn a table into the bytes of a sealed Parquet file; equal tables give equal bytes.
+def encode(table: pa.Table) -> bytes:
+    """Turn a table into the bytes of a sealed Parquet file; equal tables give equal bytes."""
+    return encode_hashed(table)[0]
+
+
+def encode_hashed(table: pa.Table, note: bytes | None = None) -> tuple[bytes, str]:
+    """As `encode`, with the SHA-256 of the whole file in hexadecimal.
 
     Parameters
     ----------
@@ -160,8 +165,9 @@ def encode(table: pa.Table, note: bytes | None = None) -> bytes:
     )
     data = bytearray(sink.getvalue())
     start = _find_seal(data)
-    data[start : start + len(_BLANK)] = hashlib.sha256(data).hexdigest().encode()
-    return bytes(data)
+    seal, finish = _digests(data, start)
+    data[start : start + len(_BLANK)] = seal
+    return bytes(data), finish(seal)
 
 
 def open_sealed(data: bytes) -> pq.ParquetFile:
@@ -172,18 +178,37 @@ def open_sealed(data: bytes) -> pq.ParquetFile:
     DamagedError
         They are cut short, changed, or not of this program.
     """
+    return open_hashed(data)[0]
+
+
+def open_hashed(data: bytes) -> tuple[pq.ParquetFile, str]:
+    """As `open_sealed`, with the SHA-256 of the whole file in hexadecimal."""
     start = _find_seal(data)
-    stop = start + len(_BLANK)
-    view = memoryview(data)
-    digest = hashlib.sha256(view[:start])
-    digest.update(_BLANK)
-    digest.update(view[stop:])
-    if digest.hexdigest().encode() != data[start:stop]:
+    seal, finish = _digests(data, start)
+    if seal != data[start : start + len(_BLANK)]:
         raise DamagedError("its checksum does not match")
     try:
-        return pq.ParquetFile(pa.BufferReader(data), page_checksum_verification=True)
+        file = pq.ParquetFile(pa.BufferReader(data), page_checksum_verification=True)
     except (pa.ArrowException, OSError) as error:
         raise DamagedError(f"it is not Parquet: {error}") from error
+    return file, finish(seal)
+
+
+def _digests(data: bytes | bytearray, start: int) -> tuple[bytes, Callable[[bytes], str]]:
+    """The seal that belongs at `start`, and what tells the file's own digest once it is there.
+
+    What comes before, which is nearly all of it, is hashed once for both.
+    """
+    view = memoryview(data)
+    before = hashlib.sha256(view[:start])
+
+    def digest(seal: bytes) -> str:
+        sha = before.copy()
+        sha.update(seal)
+        sha.update(view[start + len(_BLANK) :])
+        return sha.hexdigest()
+
+    return digest(_BLANK).encode(), digest
 
 
 def _find_seal(data: bytes | bytearray) -> int:

@@ -1,0 +1,84 @@
+"""Reversals and contact forces of a run, from its accepted steps, whatever rows are asked for."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+# The spin has reversed once it has gone from beyond this share of the launch's spin to beyond it on
+# the other side.  Where the spin has plateaus, any share from 0.05 to 0.5 counts the same (GH at
+# n_i = 0.1 and -0.1, with theta = 0.64, 0.75 and 0.9); a spin that wanders has no sure count.
+PLATEAU_SHARE = 0.25
+
+
+@dataclass
+class Observer:
+    """Looks at the launch and at the accepted steps as they come.
+
+    Attributes
+    ----------
+    plateau : float
+        Modulus of the launch's spin, in ``sqrt(g/a)``.
+    reversals : list of float
+        Of each reversal (:data:`PLATEAU_SHARE`) its first zero.
+    normal_min, friction_max : float
+        Least normal force in ``M g``, and the largest ratio of the tangential to the normal force.
+    lifts, slips : float
+        When the first is first negative and the second first above 1; NaN if never.
+    """
+
+    plateau: float
+    reversals: list[float] = field(default_factory=list)
+    normal_min: float = math.inf
+    friction_max: float = 0.0
+    lifts: float = math.nan
+    slips: float = math.nan
+    # The last time beyond that share of the plateau, and the sign of the spin then.
+    _last: tuple[float, float] = (0.0, 0.0)
+
+    def spin(self, t: Floats, n: Floats, zeros: Sequence[float]) -> None:
+        """Look at spins; ``zeros`` are all those of the spin up to the last of them."""
+        far = np.abs(n) > PLATEAU_SHARE * self.plateau
+        t = np.concatenate([[self._last[0]], t[far]])
+        side = np.concatenate([[self._last[1]], np.sign(n[far])])
+        for k in np.flatnonzero(side[1:] * side[:-1] < 0):
+            first = bisect_right(zeros, t[k])
+            self.reversals += zeros[first : first + 1]
+        self._last = float(t[-1]), float(side[-1])
+
+    def forces(self, t: Floats, normal: Floats, tangential: Floats) -> None:
+        """Look at contact forces."""
+        down = normal > 0
+        ratio = np.divide(tangential, normal, out=np.zeros(len(t)), where=down)
+        if not self.lifts <= t[0] and (normal < 0).any():
+            self.lifts = float(t[np.argmax(normal < 0)])
+        if not self.slips <= t[0] and (ratio > 1).any():
+            self.slips = float(t[np.argmax(ratio > 1)])
+        self.normal_min = min(self.normal_min, float(normal.min()))
+        self.friction_max = max(self.friction_max, float(ratio.max()))
+
+    @property
+    def warning(self) -> str:
+        """What the model does that no real body would, in one sentence; empty if nothing."""
+        if math.isfinite(self.lifts):
+            return (
+                f"contact would be lost at t = {self.lifts:.4g}, where the normal force becomes "
+                f"negative (least: {self.normal_min:.2g} M g); the model keeps the body on the "
+                "plane all the same"
+            )
+        if math.isfinite(self.slips):
+            return (
+                "rolling without slip needs a coefficient of friction above 1 from "
+                f"t = {self.slips:.4g} (largest: {self.friction_max:.3g})"
+            )
+        return ""

@@ -1,0 +1,116 @@
+"""Which rows a trajectory has."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from rattlesweep.errors import ConfigError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class EvenTimes:
+    """``step * k / parts`` for ``k`` from 0 to ``count - 1``; made where they are sliced out."""
+
+    count: int
+    step: float
+    parts: int = 1
+
+    def __len__(self) -> int:
+        return self.count
+
+    def __getitem__(self, part: slice) -> Floats:
+        k = np.arange(*part.indices(self.count), dtype=float)
+        # One division, of exact whole numbers: the last of N points is the horizon itself.
+        return self.step * (k / self.parts)
+
+
+Times: TypeAlias = "EvenTimes | Floats"
+
+
+@dataclass(frozen=True)
+class Rows:
+    """One way to choose the rows; without any, so many in a period of the pitch.
+
+    Attributes
+    ----------
+    points : int, optional
+        So many, evenly from 0 to the horizon.
+    dt : float, optional
+        One every ``dt``, in ``sqrt(a/g)``.
+    steps : bool
+        One per accepted step.
+    times : array_like, optional
+        Increasing times from 0 to the horizon, in ``sqrt(a/g)``.
+    per_period, least, most : int
+        Rows in a period of the pitch if none of these is given, and how many at least and at most.
+    """
+
+    points: int | None = None
+    dt: float | None = None
+    steps: bool = False
+    times: Any = None
+    per_period: int = 20
+    least: int = 2001
+    most: int | None = None
+
+    def up_to(self, t_end: float, periods: float) -> Times | None:
+        """Times of the rows; None for those of the accepted steps.
+
+        Parameters
+        ----------
+        t_end : float
+            Horizon, in ``sqrt(a/g)``.
+        periods : float
+            Periods of the pitch up to there; 0 for a model without them.
+
+        Raises
+        ------
+        ConfigError
+            If more than one way is given, or it makes no increasing times from 0 to ``t_end``.
+        """
+        ways = {"points": self.points, "dt": self.dt, "steps": self.steps or None,
+                "times": self.times}  # fmt: skip
+        given = [name for name, value in ways.items() if value is not None]
+        if len(given) > 1:
+            raise ConfigError(f"{' and '.join(given)} are both given; keep one of them")
+        if self.steps:
+            return None
+        if self.times is not None:
+            return _checked(self.times, t_end)
+        if self.dt is not None:
+            return _spaced(self.dt, t_end)
+        points = self.points
+        if points is None:
+            points = max(self.least, math.ceil(periods * self.per_period) + 1)
+            points = points if self.most is None else min(points, self.most)
+        if points < 2:
+            raise ConfigError(f"points {points}: at least 2 are wanted, the launch and the end")
+        return EvenTimes(points, t_end, points - 1)
+
+
+def _checked(times: Any, t_end: float) -> Floats:
+    array = np.array(times, dtype=float, ndmin=1)
+    if array.ndim != 1 or not array.size or not np.all(np.isfinite(array)):
+        raise ConfigError("times: a list of finite numbers is needed")
+    if array[0] < 0 or array[-1] > t_end or np.any(np.diff(array) <= 0):
+        raise ConfigError(f"times: they must increase, from 0 at least to t_end = {t_end:g}")
+    return array
+
+
+def _spaced(dt: float, t_end: float) -> EvenTimes:
+    if not (math.isfinite(dt) and dt > 0):
+        raise ConfigError(f"dt {dt:g}: the distance of two rows must be positive")
+    # A last row at the horizon, also where rounding has dt * k just above it.
+    count = math.floor(t_end / dt * (1 + 1e-15)) + 1
+    while dt * (count - 1) > t_end:
+        count -= 1
+    return EvenTimes(count, dt)

@@ -1,0 +1,75 @@
+"""A sweep that is on disk, opened; the way in for everything that reads one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rattlesweep.errors import ConfigError
+from rattlesweep.sweeps.store.manifest import Manifest, StoredCase
+from rattlesweep.sweeps.store.provenance import identity
+from rattlesweep.sweeps.store.store import Store
+
+if TYPE_CHECKING:
+    from rattlesweep.sweeps.cases.plan import Plan
+    from rattlesweep.sweeps.config.load import Config
+
+
+@dataclass(frozen=True)
+class Stored:
+    """A sweep on disk: its files, and what its manifest says."""
+
+    store: Store
+    manifest: Manifest
+
+    @property
+    def directory(self) -> Path:
+        """Where it is."""
+        return self.store.directory
+
+    @property
+    def config(self) -> Config:
+        """The config of its runs."""
+        return self.manifest.config
+
+    @property
+    def cases(self) -> list[StoredCase]:
+        """Its cases."""
+        return self.manifest.cases
+
+    @cached_property
+    def plan(self) -> Plan:
+        """What its runs can be had again from.
+
+        Raises
+        ------
+        ConfigError
+            Its table of bodies is not there, or has changed.
+        """
+        # Numba, which most readers of a sweep do without.
+        from rattlesweep.sweeps.cases.plan import make_plan
+
+        base = None if self.manifest.base is None else Path(self.manifest.base)
+        plan = make_plan(self.config, base)
+        if identity(plan, base) != self.manifest.config_hash:
+            raise ConfigError(
+                f"{self.directory}: its table of bodies has changed, so its runs cannot be had "
+                "again"
+            )
+        return plan
+
+
+def open_stored(directory: Path | str) -> Stored:
+    """Open an output directory.
+
+    Raises
+    ------
+    ConfigError
+        It is none.
+    OutputError
+        It cannot be read, or its manifest is damaged.
+    """
+    store = Store(directory)
+    return Stored(store, store.read_manifest())
