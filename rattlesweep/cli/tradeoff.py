@@ -55,8 +55,9 @@ def tradeoff(
     t_r, and writes tradeoff.parquet, tradeoff.svg and tradeoff.png.
     """
     from rattlesweep.integrate.batch import available_threads
-    from rattlesweep.study.tradeoff import output as tradeoff_output
-    from rattlesweep.study.tradeoff.measure import DEFAULT, FULL, QUICK, measure
+    from rattlesweep.study.tradeoff.measure import measure
+    from rattlesweep.study.tradeoff.report import as_data, as_text, save
+    from rattlesweep.study.tradeoff.settings import DEFAULT, FULL, QUICK
     from rattlesweep.sweeps.config.load import load_config, override_config
     from rattlesweep.sweeps.store.atomic import probe_directory
 
@@ -76,11 +77,10 @@ def tradeoff(
         threads=threads or available_threads(),
         report=stages(start),
     )
-    files = tradeoff_output.save(study, directory)
+    files = save(study, directory)
     if as_json:
-        data = tradeoff_output.as_data(study)
-        click.echo(json.dumps(data, indent=2, allow_nan=False))
+        click.echo(json.dumps(as_data(study), indent=2, allow_nan=False))
     else:
-        click.echo(tradeoff_output.as_text(study))
+        click.echo(as_text(study))
     say(f"{', '.join(p.name for p in files)} in {directory}; {time.monotonic() - start:.1f} s")
     return DONE

@@ -14,27 +14,22 @@ tolerances reach more cheaply.
 
 from __future__ import annotations
 
+import statistics
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
 
 from rattlesweep.errors import ConfigError
-from rattlesweep.study.tradeoff.cost import Cost, measure_costs
-from rattlesweep.study.tradeoff.plain import plain_rk4
+from rattlesweep.physics import theory
 from rattlesweep.study.tradeoff.reference import Confirmation, Reference, confirm, make_reference
-from rattlesweep.study.tradeoff.settings import (
-    DEFAULT,
-    FULL,
-    QUICK,
-    Scope,
-    Setting,
-    settings,
-)
-from rattlesweep.study.tradeoff.table import Row
-from rattlesweep.study.work import Answer, Work, draw, integrate, take, with_horizon
-from rattlesweep.sweeps.blocks.block import finish_block
+from rattlesweep.study.tradeoff.runs import Runs, Solution, draw
+from rattlesweep.study.tradeoff.scalar_rk4 import scalar_rk4
+from rattlesweep.study.tradeoff.settings import FULL, Scope, Setting, settings
+from rattlesweep.sweeps.blocks.block import finish_block, take
+from rattlesweep.sweeps.cases.launches import with_theory
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -42,6 +37,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from rattlesweep.integrate.batch import Batch
     from rattlesweep.sweeps.config.load import Config
 
     Floats = NDArray[np.float64]
@@ -49,10 +45,24 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Study:
-    """What was measured."""
+    """What was measured.
 
-    rows: list[Row]
-    work: Work
+    Attributes
+    ----------
+    rows : DataFrame
+        One row a setting, with the columns of :data:`rattlesweep.study.tradeoff.table.SCHEMA`;
+        NaN where there is nothing, infinity for the error of a run without ``t_r``.
+    runs : Runs
+    reference : Reference
+    confirmation : Confirmation
+    horizon : float
+        Where runs are cut for the cost, in ``sqrt(a/g)``.
+    seconds : float
+        That it took.
+    """
+
+    rows: pd.DataFrame
+    runs: Runs
     reference: Reference
     confirmation: Confirmation
     horizon: float
@@ -61,25 +71,21 @@ class Study:
     @property
     def facts(self) -> dict[str, Any]:
         """What the rows rest on."""
-        r = self.reference
+        r, within = self.reference, self.confirmation.largest
         return {
-            "runs": len(self.work),
+            "runs": len(self.runs),
             "reversing_in_both": r.reverse_in_both,
             "compared": int(r.both.sum()),
             "dropped": r.dropped,
             "references_differ_median": float(np.median(r.apart)) if r.apart.size else None,
             "references_differ_p99": float(np.quantile(r.apart, 0.99)) if r.apart.size else None,
             "confirmed_runs": self.confirmation.runs,
-            "confirmed_within": _number(self.confirmation.largest),
+            "confirmed_within": within if np.isfinite(within) else None,
             "confirmed_missed": self.confirmation.missed,
-            "units": float(r.answer.t_end.sum()),
+            "units": float(r.solution.t_end.sum()),
             "timing_horizon": self.horizon,
             "seconds": self.seconds,
         }
-
-
-def _number(value: float) -> float | None:
-    return value if np.isfinite(value) else None
 
 
 def measure(
@@ -117,47 +123,125 @@ def measure(
     """
     begin = time.perf_counter()
     report("runs and references")
-    work = draw(config, base, samples=samples, least=scope.least)
-    reference = make_reference(work, threads)
+    runs = draw(config, base, samples=samples, least=scope.least)
+    reference = make_reference(runs, threads)
     if not reference.both.any():
         raise ConfigError(
             "no run of this config reverses by its horizon, so there is no error of t_r to "
             "measure; choose other spins or a longer horizon"
         )
     report("an independent integrator on a few runs")
-    confirmation = confirm(work, reference, units=scope.confirm)
-    all_ = chosen or settings()
-    costs = measure_costs(work, all_, scope, report)
-    yardstick = next((c.seconds / c.units for s, c in costs.items() if s.method == "plain"), np.nan)
-    lived = np.minimum(reference.answer.t_end, scope.horizon)
-    mean = float(lived[with_horizon(work)].mean())
+    confirmation = confirm(runs, reference, units=scope.confirm)
+    lived = np.minimum(reference.solution.t_end, scope.horizon)
+    mean = float(lived[runs.bounded].mean())
+    costs = _measure_costs(runs, chosen or settings(), mean, scope, report)
+    yardstick = next((c.seconds for s, c in costs.items() if s.method == "plain"), np.nan)
     rows = []
-    for setting in all_:
+    for setting, cost in costs.items():
         report(f"errors of {setting.model}, {setting.method} {setting.name} {setting.value:g}")
-        per_unit = costs[setting].seconds / costs[setting].units * 1e6
-        if setting.model == "gh":
-            per_unit = costs[setting].seconds / len(work) / mean * 1e6
-        index = _part(work, reference, setting, costs[setting], scope)
-        answer = _answer(work, setting, index, threads)
+        index = _affordable(runs, reference, setting, cost.tries, scope)
         rows.append(
-            _row(setting, answer, reference, index, per_unit, per_unit * mean,
-                 yardstick * 1e6 / per_unit)
-        )  # fmt: skip
-    return Study(rows, work, reference, confirmation, scope.horizon, time.perf_counter() - begin)
+            {
+                "model": setting.model,
+                "method": setting.method,
+                "setting": setting.name,
+                "value": setting.value,
+                "runs": len(index),
+                "reversing": int(reference.both[index].sum()),
+                "us_per_unit": 1e6 * cost.seconds,
+                "us_per_run": 1e6 * cost.seconds * mean,
+                "speedup": yardstick / cost.seconds,
+                **_errors(_solve(runs, setting, index, threads), reference, index),
+            }
+        )
+    seconds = time.perf_counter() - begin
+    return Study(pd.DataFrame(rows), runs, reference, confirmation, scope.horizon, seconds)
 
 
-def _part(
-    work: Work, reference: Reference, setting: Setting, cost: Cost, scope: Scope
+@dataclass(frozen=True)
+class _Cost:
+    """Of one run over one unit of time: steps tried, and seconds of one thread."""
+
+    tries: float
+    seconds: float
+
+
+def _measure_costs(
+    runs: Runs, chosen: list[Setting], mean: float, scope: Scope, report: Callable[[str], None]
+) -> dict[Setting, _Cost]:
+    """Processor time of every setting: medians over rounds in which all take their turn.
+
+    A first call, which is not timed, compiles the kernel and counts steps and units of time.
+    """
+    calls, counts = {}, {}
+    for setting in chosen:
+        report(f"kernel of {setting.model}, {setting.method}")
+        calls[setting] = _timed_call(runs, setting, mean, scope)
+        counts[setting] = calls[setting]()
+    spent: dict[Setting, list[float]] = {setting: [] for setting in chosen}
+    for r in range(scope.rounds):
+        report(f"costs, round {r + 1} of {scope.rounds}")
+        for setting, call in calls.items():
+            before = time.process_time()
+            call()
+            spent[setting].append(time.process_time() - before)
+    return {
+        setting: _Cost(tries / units, statistics.median(spent[setting]) / units)
+        for setting, (tries, units) in counts.items()
+    }
+
+
+def _timed_call(
+    runs: Runs, setting: Setting, mean: float, scope: Scope
+) -> Callable[[], tuple[float, float]]:
+    """What is timed: it gives the steps tried, and the runs' units of time together."""
+    if setting.model == "gh":
+        return lambda: _closed_form(runs, mean)
+    batch = take(runs.batches[setting.model], np.flatnonzero(runs.bounded))
+    horizon = scope.horizon
+    if setting.name == "dt":
+        # Steps of one size cost the same anywhere: shorter runs tell as much.
+        share = 0.3 if setting.method == "plain" else 1.0
+        most = share * scope.cost_stages * setting.value / setting.stages
+        horizon = min(horizon, _horizon_for(batch.t_end, most))
+    batch = replace(batch, t_end=np.minimum(batch.t_end, horizon))
+
+    def call() -> tuple[float, float]:
+        found = _integrate(runs, setting, batch, 1)
+        return found.tries, float(found.t_end.sum())
+
+    return call
+
+
+def _closed_form(runs: Runs, mean: float) -> tuple[float, float]:
+    """Evaluate t_rGH of all runs from the parameters of their bodies."""
+    la, b = runs.launches, runs.launches.bodies
+    modes = theory.modes(b.alpha, b.beta, b.theta, b.phi, b.xi)
+    with_theory(la.case, la.sample, b, la.n_i, la.omega_xy0, la.psi, modes, runs.config.horizon)
+    return 0.0, len(runs) * mean
+
+
+def _horizon_for(t_end: Floats, units: float) -> float:
+    """Horizon at which these runs come to so many units of time together."""
+    low, high = 0.0, float(t_end.max())
+    for _ in range(60):
+        middle = (low + high) / 2
+        low, high = (middle, high) if np.minimum(t_end, middle).sum() < units else (low, middle)
+    return high
+
+
+def _affordable(
+    runs: Runs, reference: Reference, setting: Setting, tries: float, scope: Scope
 ) -> NDArray[np.intp]:
     """Runs for the errors: all that one can afford, drawn from those that are not too long.
 
     It depends on the config and the setting alone, not on the machine's speed.
     """
-    good = np.flatnonzero(with_horizon(work))
+    good = np.flatnonzero(runs.bounded)
     if setting.model != "full":
         return good
-    most = scope.plain_stages if setting.method == "plain" else scope.stages
-    price = np.maximum(reference.answer.t_end[good], 1.0) * cost.tries * setting.stages
+    most = scope.scalar_stages if setting.method == "plain" else scope.stages
+    price = np.maximum(reference.solution.t_end[good], 1.0) * tries * setting.stages
     if price.sum() <= most:
         return good
     # A run that is long beside the rest would be integrated alone, in one lane of many.
@@ -166,73 +250,56 @@ def _part(
     return np.sort(good[kept])
 
 
-def _answer(work: Work, setting: Setting, index: NDArray[np.intp], threads: int) -> Answer:
-    if setting.model == "gh":
-        chosen = work.config.model_copy(update={"model": "gh"})
-        columns = finish_block(chosen, work.launches, None)
-        return Answer(
-            t_r=columns["t_r"][index],
-            t_end=columns["t_end"][index],
-            types=columns["type"][0][index],
-            ok=np.ones(len(index), dtype=bool),
-            n_end=columns["n_end"][index],
-            drift=np.full(len(index), np.nan),
-            tries=0.0,
-        )
-    batch = take(work.batch(setting.model), index)
-    if setting.method == "plain":
-        t_r = plain_rk4(batch)
-        nothing = np.full(len(index), np.nan)
-        # It sees no oscillation, and so knows no types.
-        types = np.full(len(index), -2)
-        good = np.ones(len(index), dtype=bool)
-        return Answer(t_r, batch.t_end, types, good, nothing, nothing, 0.0)
-    return integrate(work.config, batch, setting.model, setting.integrator, threads)
+def _solve(runs: Runs, setting: Setting, index: NDArray[np.intp], threads: int) -> Solution:
+    """Some of the runs by a setting."""
+    if setting.model != "gh":
+        return _integrate(runs, setting, take(runs.batches[setting.model], index), threads)
+    chosen = runs.config.model_copy(update={"model": "gh"})
+    columns = finish_block(chosen, take(runs.launches, index), None)
+    return Solution(
+        t_r=columns["t_r"],
+        t_end=columns["t_end"],
+        types=columns["type"][0],
+        ok=np.ones(len(index), dtype=bool),
+        n_end=columns["n_end"],
+        drift=np.full(len(index), np.nan),
+        tries=0.0,
+    )
 
 
-def _row(
-    setting: Setting,
-    answer: Answer,
-    reference: Reference,
-    index: NDArray[np.intp],
-    per_unit: float,
-    per_run: float,
-    speedup: float,
-) -> Row:
+def _integrate(runs: Runs, setting: Setting, batch: Batch, threads: int) -> Solution:
+    if setting.method != "plain":
+        return runs.integrate(batch, setting.model, setting.integrator, threads)
+    t_r, nothing = scalar_rk4(batch), np.full(len(batch), np.nan)
+    t_end = np.where(np.isnan(t_r), batch.t_end, t_r)
+    # It sees no oscillation, and so knows no types.
+    types, ok = np.full(len(batch), -2), np.ones(len(batch), dtype=bool)
+    return Solution(t_r, t_end, types, ok, nothing, nothing, float(t_end.sum()) / setting.value)
+
+
+def _errors(found: Solution, reference: Reference, index: NDArray[np.intp]) -> dict[str, Any]:
+    """The columns of a row that say how well the runs ``index`` came out."""
     both, neither = reference.both[index], reference.neither[index]
-    with np.errstate(invalid="ignore"):
-        error = np.abs(answer.t_r / reference.answer.t_r[index] - 1)[both]
-    found = error[np.isfinite(error)]
+    error = np.abs(found.t_r / reference.solution.t_r[index] - 1)[both]
+    finite = error[np.isfinite(error)]
     error = np.where(np.isfinite(error), error, np.inf)
     # No interpolation: half of infinity is no error.
     median, p90, p99 = (
         np.quantile(error, (0.5, 0.9, 0.99), method="inverted_cdf") if len(error) else [np.nan] * 3
     )
-    known = (both | neither) & (answer.types > -2)
-    drift = answer.drift[answer.ok & np.isfinite(answer.drift)]
-    flips = answer.types[known] != reference.answer.types[index][known]
-    return Row(
-        model=setting.model,
-        method=setting.method,
-        setting=setting.name,
-        value=setting.value,
-        runs=len(index),
-        reversing=int(both.sum()),
-        us_per_unit=per_unit,
-        us_per_run=per_run,
-        speedup=speedup,
-        error_median=float(median),
-        error_p90=float(p90),
-        error_p99=float(p99),
-        error_max=float(found.max()) if len(found) else float("nan"),
-        share_above_1e_6=float((error > 1e-6).mean()) if len(error) else float("nan"),
-        missed=int((np.isnan(answer.t_r) & both & answer.ok).sum()),
-        false=int((np.isfinite(answer.t_r) & neither).sum()),
-        type_flips=float(flips.mean()) if len(flips) else float("nan"),
-        energy_drift_median=float(np.median(drift)) if len(drift) else float("nan"),
-        energy_drift_max=float(drift.max()) if len(drift) else float("nan"),
-        failed=int((~answer.ok).sum()),
-    )
-
-
-__all__ = ["DEFAULT", "FULL", "QUICK", "Scope", "Setting", "Study", "measure", "settings"]
+    known = (both | neither) & (found.types > -2)
+    flips = found.types[known] != reference.solution.types[index][known]
+    drift = found.drift[found.ok & np.isfinite(found.drift)]
+    return {
+        "error_median": float(median),
+        "error_p90": float(p90),
+        "error_p99": float(p99),
+        "error_max": float(finite.max()) if len(finite) else np.nan,
+        "share_above_1e_6": float((error > 1e-6).mean()) if len(error) else np.nan,
+        "missed": int((np.isnan(found.t_r) & both & found.ok).sum()),
+        "false": int((np.isfinite(found.t_r) & neither).sum()),
+        "type_flips": float(flips.mean()) if len(flips) else np.nan,
+        "energy_drift_median": float(np.median(drift)) if len(drift) else np.nan,
+        "energy_drift_max": float(drift.max()) if len(drift) else np.nan,
+        "failed": int((~found.ok).sum()),
+    }

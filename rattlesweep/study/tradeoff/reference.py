@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rattlesweep.study.work import Answer, Work, integrate
+from rattlesweep.physics.body import PARAMETERS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    from rattlesweep.study.tradeoff.runs import Runs, Solution
 
     Floats = NDArray[np.float64]
     Vector = tuple[float, float, float]
@@ -31,7 +33,7 @@ class Reference:
 
     Attributes
     ----------
-    answer : Answer
+    solution : Solution
         Of the first method.
     both : ndarray of bool
         Both methods have a reversal, and agree on its time to :data:`AGREE`.
@@ -44,7 +46,7 @@ class Reference:
         Relative difference of the two times, where there are two.
     """
 
-    answer: Answer
+    solution: Solution
     both: NDArray[np.bool_]
     neither: NDArray[np.bool_]
     reverse_in_both: int
@@ -56,18 +58,18 @@ class Reference:
         return int((~self.both & ~self.neither).sum())
 
 
-def make_reference(work: Work, threads: int) -> Reference:
+def make_reference(runs: Runs, threads: int) -> Reference:
     """Integrate the runs with two methods at a tight tolerance."""
     one, other = (
-        integrate(work.config, work.full, "full", {"method": method, "tol": TOL}, threads)
+        runs.integrate(runs.batches["full"], "full", {"method": method, "tol": TOL}, threads)
         for method in METHODS
     )
     reversal = np.isfinite(one.t_r) & np.isfinite(other.t_r)
     apart = np.abs(one.t_r / other.t_r - 1)
     none = np.isnan(one.t_r) & np.isnan(other.t_r) & one.ok & other.ok
-    none &= np.abs(one.n_end - other.n_end) <= AGREE_N * np.abs(work.launches.n_i)
+    none &= np.abs(one.n_end - other.n_end) <= AGREE_N * np.abs(runs.launches.n_i)
     return Reference(
-        answer=one,
+        solution=one,
         both=reversal & (apart < AGREE),
         neither=none & (one.types == other.types),
         reverse_in_both=int(reversal.sum()),
@@ -161,17 +163,17 @@ class Confirmation:
     missed: int
 
 
-def confirm(work: Work, reference: Reference, *, units: float) -> Confirmation:
+def confirm(runs: Runs, reference: Reference, *, units: float) -> Confirmation:
     """Check the reference on a few cheap runs of each direction and amplitude.
 
     Parameters
     ----------
-    work, reference
+    runs, reference
     units : float
         Time to integrate in all; plain Python takes about 1 ms for a unit.
     """
-    launches = work.launches
-    t_r = np.where(reference.both, reference.answer.t_r, np.inf)
+    launches = runs.launches
+    t_r = np.where(reference.both, reference.solution.t_r, np.inf)
     picks: list[int] = []
     for sign in (-1, 1):
         for omega in np.unique(launches.omega_xy0):
@@ -180,24 +182,15 @@ def confirm(work: Work, reference: Reference, *, units: float) -> Confirmation:
             )
             picks += group[np.argsort(t_r[group], kind="stable")][:2].tolist()
     picks.sort(key=lambda k: t_r[k])
-    apart: list[float] = []
-    spent = 0.0
-    for k in picks:
-        spent += t_r[k]
-        if spent > units and apart:
-            break
-        body = {
-            name: float(getattr(launches.bodies, name)[k])
-            for name in ("alpha", "beta", "gamma", "theta", "phi", "xi")
-        }
-        found = independent_reversal(
-            body,
-            float(launches.n_i[k]),
-            float(launches.omega_xy0[k]),
-            float(launches.psi[k]),
-            1.01 * float(t_r[k]),
+    # As many as the time allows, and at least one.
+    affordable = max(1, int((np.cumsum(t_r[picks]) <= units).sum()))
+    apart = []
+    for k in picks[:affordable]:
+        body = {name: float(getattr(launches.bodies, name)[k]) for name in PARAMETERS}
+        n_i, omega_xy0, psi = (
+            float(x[k]) for x in (launches.n_i, launches.omega_xy0, launches.psi)
         )
+        found = independent_reversal(body, n_i, omega_xy0, psi, 1.01 * float(t_r[k]))
         apart.append(abs(found / float(t_r[k]) - 1))
-    missed = int(np.isnan(apart).sum())
     good = [value for value in apart if value == value]
-    return Confirmation(len(apart), float(max(good, default=np.nan)), missed)
+    return Confirmation(len(apart), float(max(good, default=np.nan)), len(apart) - len(good))

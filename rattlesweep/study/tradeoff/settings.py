@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from rattlesweep.integrate.tableau import METHODS
-from rattlesweep.study.tradeoff.plain import DT
+from rattlesweep.study.tradeoff.scalar_rk4 import DT
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -49,8 +49,8 @@ class Scope:
     stages : float
         Evaluations of the right-hand side to spend on the errors of one setting; what takes more
         has its errors from a part of the runs.
-    plain_stages, cost_stages : float
-        The same for plain RK4, and for one measurement of a cost.
+    scalar_stages, cost_stages : float
+        The same for scalar RK4, and for one measurement of a cost.
     confirm : float
         Time that the independent integrator may integrate in all.
     """
@@ -59,7 +59,7 @@ class Scope:
     rounds: int = 3
     horizon: float = 1000.0
     stages: float = 6e8
-    plain_stages: float = 1e8
+    scalar_stages: float = 1e8
     cost_stages: float = 5e7
     confirm: float = 4000.0
 

@@ -1,4 +1,4 @@
-"""What one would write first: scalar RK4, one run after another.  The yardstick of speed."""
+"""Scalar RK4, one run after another, as one would write it first: the yardstick of speed."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def rk4_step(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, dt):  # type: ignore[no-u
     )
 
 
-def _plain_rk4(y0, constants, t_end, dt, t_r):  # type: ignore[no-untyped-def]
+def _reversals(y0, constants, t_end, dt, t_r):  # type: ignore[no-untyped-def]
     for k in range(len(y0)):
         ix, iy, iz, cxx, cxy, cyy = constants[k]
         p, q, a, b, c = y0[k]
@@ -64,12 +64,12 @@ def _plain_rk4(y0, constants, t_end, dt, t_r):  # type: ignore[no-untyped-def]
 @cache
 def _compiled() -> Callable[..., Any]:
     compiled: Callable[..., Any] = cached(
-        _plain_rk4, fastmath=full.FASTMATH, error_model="numpy", nogil=True
+        _reversals, fastmath=full.FASTMATH, error_model="numpy", nogil=True
     )
     return compiled
 
 
-def plain_rk4(batch: Batch) -> NDArray[np.float64]:
+def scalar_rk4(batch: Batch) -> NDArray[np.float64]:
     """Times of reversal by RK4 at dt 0.002 with the package's own equations.
 
     The spin's sign is looked at once a step and its zero interpolated linearly; nothing else is
