@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -13,8 +14,9 @@ from numpy.typing import NDArray
 from rattlesweep.errors import OutputError
 from rattlesweep.paper.data.columns import number, schema, word
 from rattlesweep.paper.data.progress import Progress
-from rattlesweep.physics.body import Rattleback
 from rattlesweep.study.onerun.course import Course, Trajectory, collect
+from rattlesweep.study.onerun.rows import Rows
+from rattlesweep.sweeps.blocks.single import Launch
 from rattlesweep.sweeps.tables.columns import FORCE, TIME
 
 Floats = NDArray[np.float64]
@@ -37,18 +39,20 @@ FORCES = schema(
 
 
 def follow(
-    body: Rattleback, *, words: str, progress: Progress, dt: float = DT, **launch: Any
+    launch: Launch, channels: Sequence[str], words: str, progress: Progress, dt: float = DT
 ) -> tuple[Trajectory, Course]:
-    """One run, past its reversals.
+    """One run, past its reversals, with a row every ``dt``.
 
     Parameters
     ----------
-    body, dt, launch
+    launch, channels
         As for :class:`rattlesweep.study.onerun.course.Course`.
     words : str
         What it is, for the progress and for errors.
     """
-    course = Course(body, dt=dt, watch=lambda share: progress(share, words), **launch)
+    course = Course(
+        launch, channels=channels, rows=Rows(dt=dt), watch=lambda share: progress(share, words)
+    )
     found = collect(course)
     if found.status != "ok":
         raise OutputError(f"{words}: the run ended at t = {found.t_end:g} with {found.status}")
