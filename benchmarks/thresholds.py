@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 
 from rattlesweep.api import load
-from rattlesweep.sweeps.config.load import Classify
+from rattlesweep.sweeps.config.schema import Classify
 from rattlesweep.sweeps.tables.types import TYPES, classify
 
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     import pyarrow as pa
 
-    from rattlesweep.sweeps.config.load import Config
+    from rattlesweep.sweeps.config.schema import Config
     from rattlesweep.sweeps.engines.engine import Progress
 
 DONE, FAILED, WRONG, SOME_FAILED, EARLY, INTERRUPTED, TERMINATED = 0, 1, 2, 3, 75, 130, 143

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import config, get_num_threads, set_num_threads, threading_layer
 
+from rattlesweep.integrate.defaults import DT, MAX_STEPS, TOL
 from rattlesweep.integrate.lanes import columns as C
 from rattlesweep.integrate.lanes.build import kernel, parallel, workspace
 from rattlesweep.integrate.lanes.step import SUBSTEPS
@@ -217,9 +218,9 @@ def integrate(
     tableau: Tableau,
     model: Model,
     *,
-    tol: float = 1e-9,
-    dt: float = 0.002,
-    max_steps: int = 100_000_000,
+    tol: float = TOL,
+    dt: float = DT,
+    max_steps: int = MAX_STEPS,
     record: frozenset[str] = frozenset(),
     threads: int | None = None,
     control: Control | None = None,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from rattlesweep.sweeps.config.load import load_config
 
 if TYPE_CHECKING:
-    from rattlesweep.sweeps.config.load import Config
+    from rattlesweep.sweeps.config.schema import Config
 
 
 @dataclass(frozen=True)

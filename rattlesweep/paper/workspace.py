@@ -22,7 +22,8 @@ import pyarrow as pa
 from rattlesweep.errors import OutputError
 from rattlesweep.paper.settings import Sizes, sweep_config
 from rattlesweep.sweeps.cases.plan import Plan, make_plan
-from rattlesweep.sweeps.config.load import Config, parse_config, resolved
+from rattlesweep.sweeps.config.load import parse_config, resolved
+from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.engines.engine import run_sweep
 from rattlesweep.sweeps.store.atomic import probe_directory, reason, replace_file
 from rattlesweep.sweeps.store.store import Store

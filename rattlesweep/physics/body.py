@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     Floats = NDArray[np.float64]
+
+T = TypeVar("T", float, "Floats")
 
 PARAMETERS = ("alpha", "beta", "gamma", "theta", "phi", "xi")
 
@@ -64,17 +66,15 @@ class Rattleback:
         """A light shell with two dumbbells; ``f_sd = I_yy / I_zz`` in (0, 0.5)."""
         if not 0 < f_sd < 0.5:
             raise ValueError(f"f_sd is {f_sd:g}; it must lie between 0 and 0.5")
-        alpha, beta = shell_dumbbell(gamma, f_sd)
-        return cls(float(alpha), float(beta), gamma, theta, phi, xi)
+        return cls(*shell_dumbbell(gamma, f_sd), gamma, theta, phi, xi)
 
     def mirrored(self) -> Rattleback:
         """Reflection in the x-z plane: the steady and the unsteady direction change places."""
         return Rattleback(self.alpha, self.beta, self.gamma, self.theta, self.phi, -self.xi)
 
 
-def shell_dumbbell(gamma: ArrayLike, f_sd: ArrayLike) -> tuple[Floats, Floats]:
-    """``alpha`` and ``beta`` of shell-dumbbell bodies."""
-    gamma, f_sd = np.asarray(gamma, float), np.asarray(f_sd, float)
+def shell_dumbbell(gamma: T, f_sd: T) -> tuple[T, T]:
+    """``alpha`` and ``beta`` of shell-dumbbell bodies; the sampler compiles it for scalars."""
     return (1 - f_sd) * gamma + 1, f_sd * gamma + 1
 
 

@@ -13,14 +13,9 @@ from hypothesis import strategies as st
 from ruamel.yaml import YAML
 from test_config import GOOD
 
-from rattlesweep.sweeps.config.load import (
-    Config,
-    ConfigError,
-    load_config,
-    parse_config,
-    physics_hash,
-    resolved,
-)
+from rattlesweep.errors import ConfigError
+from rattlesweep.sweeps.config.load import load_config, parse_config, physics_hash, resolved
+from rattlesweep.sweeps.config.schema import Config
 
 JARGON = ("Traceback", "pydantic", "Input should", "ruamel", "http", "<class", "object at")
 QUICK = settings(

@@ -18,8 +18,11 @@ from hypothesis import strategies as st
 from test_config import EXAMPLE, GRID, PRESET, SHELL
 from test_run import invoke
 
-from rattlesweep.sweeps.config.load import ConfigError, SdSource, load_config
-from rattlesweep.sweeps.sense.sense import check_physics, checked_plan
+from rattlesweep.errors import ConfigError
+from rattlesweep.sweeps.cases.plan import make_plan
+from rattlesweep.sweeps.config.bodies import SdSource
+from rattlesweep.sweeps.config.load import load_config
+from rattlesweep.sweeps.sense.sense import check_physics
 
 GH = "alpha,beta,gamma,theta,phi,xi\n13.04,1.522,12.28,0.6429,0.036,-0.03\n"
 GOOD = {
@@ -147,13 +150,12 @@ def judge(path: Path) -> bool:
     start = time.process_time()
     try:
         config = load_config(path)
-        bodies = config.bodies
-        if isinstance(bodies, SdSource) and bodies.target is not None:
-            # The sampler may rightly take long for one: what is said before is enough.
-            warnings = check_physics(config)
-        else:
-            plan, warnings = checked_plan(config, path.parent)
-            assert plan.runs > 0
+        # As `checked_plan`, but for the sampler, which may rightly take long for a target.
+        with config.locating():
+            plan = make_plan(config, path.parent)
+        warnings = check_physics(plan)
+        assert plan.runs > 0
+        if not (isinstance(config.bodies, SdSource) and config.bodies.target):
             assert len(plan.source.bodies(0, plan.runs_of(plan.block(0))[1][:1]).theta) == 1
         lines, refused = warnings, False
     except ConfigError as error:

@@ -34,7 +34,8 @@ from rattlesweep.paper.symbols import symbols
 from rattlesweep.paper.workspace import Workspace
 from rattlesweep.study import html
 from rattlesweep.sweeps.blocks.single import single_run
-from rattlesweep.sweeps.config.load import Classify, Integrator, load_config, resolved
+from rattlesweep.sweeps.config.load import load_config, resolved
+from rattlesweep.sweeps.config.schema import Classify, Integrator
 from rattlesweep.sweeps.tables.arrow import open_sealed
 from rattlesweep.sweeps.tables.chaos import is_chaotic
 

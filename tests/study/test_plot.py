@@ -18,13 +18,14 @@ from test_run import invoke, tree
 from theory_mp import n_c1_squared
 
 import rattlesweep as rs
+from rattlesweep.errors import ConfigError
 from rattlesweep.study.plots import scatter as plot_scatter
 from rattlesweep.study.plots.layout import Axis, Layout, read_layout
 from rattlesweep.study.plots.map import BONDI_LABEL, NO_REVERSAL
 from rattlesweep.study.plots.registry import choose_picture
 from rattlesweep.study.plots.table import EDGES, tally
 from rattlesweep.study.style import FAILED, MISSING, TYPE_STYLE, encode, styled
-from rattlesweep.sweeps.config.load import ConfigError, parse_config
+from rattlesweep.sweeps.config.load import parse_config
 
 BODIES = {"source": "sd", "samples": 12, "target": {"K_r": [0.005, 0.02, 0.05, 0.1],
                                                     "rel_tol": 0.05}}  # fmt: skip

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rattlesweep.integrate.cache import cached, specialise
+from rattlesweep.integrate.defaults import TOL
 from rattlesweep.integrate.lanes import rows as R
 from rattlesweep.integrate.lanes.build import loaded
 from rattlesweep.integrate.lanes.step import Layout, compile_attempt, compile_lane_functions
@@ -197,7 +198,7 @@ def growth_along(
     *,
     tableau: Tableau = DOP853,
     model: Model = FULL,
-    tol: float = 1e-9,
+    tol: float = TOL,
     seed: ArrayLike | None = None,
 ) -> Floats:
     """Logarithm of a tangent's growth along one run, past any number of reversals.

@@ -2,8 +2,8 @@
 
 Templates like those of :mod:`rattlesweep.integrate.lanes.kernel`.  ``march`` is the sweep's
 kernel with one run in one lane: the same ``attempt``, ``decide``, ``commit`` and search for zeros,
-so that the accepted steps and the first reversal are those of a sweep, bit for bit.  It differs in that a
-reversal does not end the run, and that every accepted step is written down.  ``aside`` gives
+so that the accepted steps and the first reversal are those of a sweep, bit for bit.  It differs in
+that a reversal does not end the run, and that every accepted step is written down.  ``aside`` gives
 states at any times, each by one step of the method from the accepted step before it, one time in
 each lane; no accepted step depends on them.
 """

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rattlesweep.integrate.batch import MAX_DAMPING
+from rattlesweep.integrate.defaults import DT, MAX_STEPS, TOL
 from rattlesweep.integrate.follow import march as follow
 from rattlesweep.integrate.follow.kernels import (
     ATTITUDE,
@@ -95,9 +96,9 @@ class Follower:
         tableau: Tableau,
         model: Model,
         *,
-        tol: float = 1e-9,
-        dt: float = 0.002,
-        max_steps: int = 100_000_000,
+        tol: float = TOL,
+        dt: float = DT,
+        max_steps: int = MAX_STEPS,
         attitude: bool = False,
         look: Callable[[Floats, Floats], None] | None = None,
         watch: Callable[[float], None] | None = None,

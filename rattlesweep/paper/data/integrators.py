@@ -11,7 +11,7 @@ import pyarrow as pa
 from rattlesweep.paper.data.columns import count, number, schema, table, word
 from rattlesweep.paper.data.progress import Progress, between
 from rattlesweep.paper.workspace import LAUNCH, Workspace
-from rattlesweep.sweeps.config.load import Classify, Integrator
+from rattlesweep.sweeps.config.schema import Classify, Integrator
 from rattlesweep.sweeps.tables.columns import TIME
 from rattlesweep.sweeps.tables.types import TYPES
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from rattlesweep.integrate.batch import Batch
     from rattlesweep.sweeps.cases.launches import Launches
-    from rattlesweep.sweeps.config.load import Config
+    from rattlesweep.sweeps.config.schema import Config
 
     Floats = NDArray[np.float64]
 

@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rattlesweep.errors import OutputError
-from rattlesweep.sweeps.config.load import Config, ConfigError, GridSource, SdSource
+from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.sweeps.config.bodies import SdSource
+from rattlesweep.sweeps.config.grid import GridSource
 from rattlesweep.sweeps.config.messages import not_one_of
+from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.store.manifest import Manifest
 from rattlesweep.sweeps.store.store import Store
 from rattlesweep.sweeps.store.stored import open_stored

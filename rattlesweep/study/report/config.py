@@ -9,7 +9,7 @@ from typing import Any
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
-from rattlesweep.sweeps.config.load import Linspace, Logspace
+from rattlesweep.sweeps.config.fields import Linspace, Logspace
 
 # A list at least this long is written as an axis if it is one to the last bit.
 LONG = 8

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rattlesweep.integrate.batch import Batch
-    from rattlesweep.sweeps.config.load import Config
+    from rattlesweep.sweeps.config.schema import Config
 
     Floats = NDArray[np.float64]
 

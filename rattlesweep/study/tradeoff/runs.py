@@ -13,7 +13,8 @@ from rattlesweep.integrate.task import Task
 from rattlesweep.sweeps.blocks.block import run_batch
 from rattlesweep.sweeps.cases.launches import full_batch, prepare, reduced_batch
 from rattlesweep.sweeps.cases.plan import make_plan
-from rattlesweep.sweeps.config.load import SdSource, override_config, resolved
+from rattlesweep.sweeps.config.bodies import SdSource
+from rattlesweep.sweeps.config.load import override_config, resolved
 from rattlesweep.sweeps.tables.types import classify
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
     from rattlesweep.integrate.batch import Batch
     from rattlesweep.sweeps.cases.launches import Launches
-    from rattlesweep.sweeps.config.load import Config
+    from rattlesweep.sweeps.config.schema import Config
 
     Floats = NDArray[np.float64]
     Flags = NDArray[np.bool_]

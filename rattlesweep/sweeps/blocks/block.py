@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import numpy as np
 
 from rattlesweep.integrate.batch import Batch, Control, Outcome, integrate
+from rattlesweep.integrate.defaults import DT, TOL
 from rattlesweep.integrate.follow.lyapunov import exponents
 from rattlesweep.integrate.model import MODELS
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.sweeps.cases.launches import Launches, make_batch, prepare
 from rattlesweep.sweeps.tables.arrow import ragged
 from rattlesweep.sweeps.tables.types import TYPES, classify
@@ -22,7 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rattlesweep.sweeps.cases.plan import Block, Plan
-    from rattlesweep.sweeps.config.load import Config
+    from rattlesweep.sweeps.config.schema import Config
 
 T = TypeVar("T")
 STATUS_WORDS = [status.label for status in Status]
@@ -134,8 +136,8 @@ def run_batch(
         batch if good.all() else take(batch, good),
         METHODS[settings.method],
         MODELS[config.model],
-        tol=settings.tol or 1e-9,
-        dt=settings.dt or 0.002,
+        tol=settings.tol or TOL,
+        dt=settings.dt or DT,
         max_steps=settings.max_steps,
         record=frozenset(config.record),
         threads=threads,
@@ -167,7 +169,7 @@ def _inputs(launches: Launches) -> dict[str, Any]:
     return {
         "case": launches.case,
         "sample": launches.sample,
-        **{name: getattr(b, name) for name in ("alpha", "beta", "gamma", "theta", "phi", "xi")},
+        **{name: getattr(b, name) for name in PARAMETERS},
         "f_sd": b.f_sd,
         "n_i": launches.n_i,
         "omega_xy0": launches.omega_xy0,

@@ -16,7 +16,7 @@ from rattlesweep.sweeps.config.load import parse_config
 if TYPE_CHECKING:
     from rattlesweep.integrate.batch import Batch
     from rattlesweep.sweeps.cases.launches import Launches
-    from rattlesweep.sweeps.config.load import Config
+    from rattlesweep.sweeps.config.schema import Config
 
 
 @dataclass(frozen=True)

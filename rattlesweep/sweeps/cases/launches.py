@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from rattlesweep.sweeps.cases.plan import Plan
     from rattlesweep.sweeps.cases.sources import Bodies
-    from rattlesweep.sweeps.config.load import Horizon
+    from rattlesweep.sweeps.config.schema import Horizon
 
     Floats = NDArray[np.float64]
 

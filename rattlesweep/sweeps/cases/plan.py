@@ -15,7 +15,8 @@ import numpy as np
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.cases.sources import Source, TableBodies, make_source
-from rattlesweep.sweeps.config.load import Config, SdSource
+from rattlesweep.sweeps.config.bodies import SdSource
+from rattlesweep.sweeps.config.schema import Config
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -14,7 +14,7 @@ from rattlesweep.sweeps.blocks.block import prepare_runs
 from rattlesweep.sweeps.cases.launches import Launches, prepare
 from rattlesweep.sweeps.cases.plan import make_plan
 from rattlesweep.sweeps.cases.sources import CHUNK
-from rattlesweep.sweeps.config.load import SdSource
+from rattlesweep.sweeps.config.bodies import SdSource
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -3,8 +3,7 @@
 # mypy: disable-error-code="no-untyped-def"
 from __future__ import annotations
 
-import threading
-from functools import cache
+from functools import cache, partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +12,8 @@ from numba import njit
 
 from rattlesweep.integrate.batch import available_threads
 from rattlesweep.integrate.cache import cached, specialise
-from rattlesweep.physics import theory
+from rattlesweep.integrate.task import Control, side_by_side
+from rattlesweep.physics import body, theory
 from rattlesweep.sweeps.cases import philox
 from rattlesweep.sweeps.cases.philox import uniforms
 
@@ -22,23 +22,33 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-# Name of the threads that draw; they may outlive a Ctrl-C for as long as one sample takes.
-THREAD = "rattlesweep-draw"
-POLL = 0.05
-
-# The formulas of the theory, compiled for scalars: one source for both uses.  The second
-# calls the first by its global name.
+# The formulas, compiled for scalars: one source for both uses.  The last calls the second by its
+# global name.
+_shell_dumbbell = njit(nogil=True)(body.shell_dumbbell)
 _hessian = njit(nogil=True)(theory.hessian)
 torque_coefficients = njit(nogil=True)(
     specialise(theory.torque_coefficients, "torque_coefficients_scalar", hessian=_hessian)
 )
 
 
+@njit(nogil=True)
+def body_at(u, ranges):
+    """``gamma, f_sd, theta, phi, xi, alpha, beta`` at a point ``u`` of the unit cube."""
+    gamma = ranges[0, 0] + (ranges[0, 1] - ranges[0, 0]) * u[0]
+    f_sd = ranges[1, 0] + (ranges[1, 1] - ranges[1, 0]) * u[1]
+    theta = ranges[2, 0] + (ranges[2, 1] - ranges[2, 0]) * u[2]
+    phi = ranges[3, 0] + (ranges[3, 1] - ranges[3, 0]) * u[3]
+    # From (low, high]: the skew angle is never zero.
+    xi = -np.radians(ranges[4, 1] - (ranges[4, 1] - ranges[4, 0]) * u[4])
+    alpha, beta = _shell_dumbbell(gamma, f_sd)
+    return gamma, f_sd, theta, phi, xi, alpha, beta
+
+
 def _draw(
     first, last, stop, seed, samples, group, ranges, which, target, rel_tol, max_draws,
     out, draws, nearest,
 ):  # fmt: skip
-    """Fill ``out`` with ``gamma, f_sd, theta, phi, xi, alpha, beta`` of each sample.
+    """Fill ``out`` with what `body_at` gives for each sample.
 
     ``which`` is 0 for no target, 1 for K_p and 2 for K_r.  Where no draw meets the target ``draws``
     is -1 and ``nearest`` holds the coefficient that came closest.  Works on the samples from
@@ -50,16 +60,9 @@ def _draw(
         best = np.inf
         draws[i] = -1
         for k in range(max_draws):
-            u = uniforms(seed, group, samples[i], k)
-            gamma = ranges[0, 0] + (ranges[0, 1] - ranges[0, 0]) * u[0]
-            f_sd = ranges[1, 0] + (ranges[1, 1] - ranges[1, 0]) * u[1]
-            theta = ranges[2, 0] + (ranges[2, 1] - ranges[2, 0]) * u[2]
-            phi = ranges[3, 0] + (ranges[3, 1] - ranges[3, 0]) * u[3]
-            # From (low, high]: the skew angle is never zero.
-            xi = -np.radians(ranges[4, 1] - (ranges[4, 1] - ranges[4, 0]) * u[4])
-            alpha = (1 - f_sd) * gamma + 1
-            beta = f_sd * gamma + 1
+            drawn = body_at(uniforms(seed, group, samples[i], k), ranges)
             if which > 0:
+                _, _, theta, phi, xi, alpha, beta = drawn
                 coefficients = torque_coefficients(alpha, beta, theta, phi, xi)
                 value = coefficients[2] if which == 1 else coefficients[3]
                 off = abs(value - target)
@@ -69,13 +72,8 @@ def _draw(
                 if off > rel_tol * target:
                     continue
             draws[i] = k + 1
-            out[0, i] = gamma
-            out[1, i] = f_sd
-            out[2, i] = theta
-            out[3, i] = phi
-            out[4, i] = xi
-            out[5, i] = alpha
-            out[6, i] = beta
+            for row in range(7):
+                out[row, i] = drawn[row]
             break
 
 
@@ -130,43 +128,17 @@ def draw_bodies(
         seed, samples, group, np.ascontiguousarray(ranges, dtype=float), which,
         float(target), float(rel_tol), max_draws, out, draws, nearest,
     )  # fmt: skip
-    stop = np.zeros(1, dtype=np.int64)
-    if which == 0:
-        kernel()(0, samples.size, stop, *settings)
-    else:
-        _in_threads(threads or available_threads(), samples.size, stop, settings)
+    draw, control = kernel(), Control()
+    # Compiled here, if at all: in a thread CPython 3.11 may map and unmap its stack at every call
+    # (a million times, which took as long again as the compilation).
+    draw(0, samples.size if which == 0 else 0, control.flag, *settings)
+    if which > 0:
+        threads = threads or available_threads()
+        edges = np.linspace(0, samples.size, threads + 1).astype(int).tolist()
+        # In threads of their own: this one goes on hearing Ctrl-C.
+        side_by_side([partial(_part, *ends, settings) for ends in pairwise(edges)], threads)
     return out, draws, nearest
 
 
-def _in_threads(
-    threads: int, size: int, stop: NDArray[np.int64], settings: tuple[Any, ...]
-) -> None:
-    """Draw in threads of their own: the calling one goes on hearing Ctrl-C."""
-    errors: list[BaseException] = []
-    draw = kernel()
-    # Compiled here, if at all: in a thread CPython 3.11 may map and unmap its stack at every call
-    # (a million times, which took as long again as the compilation).
-    draw(0, 0, stop, *settings)
-
-    def work(first: int, last: int) -> None:
-        try:
-            draw(first, last, stop, *settings)
-        except BaseException as error:
-            errors.append(error)
-
-    edges = np.linspace(0, size, threads + 1).astype(int).tolist()
-    team = [
-        threading.Thread(target=work, args=ends, daemon=True, name=THREAD)
-        for ends in pairwise(edges)
-    ]
-    for thread in team:
-        thread.start()
-    try:
-        for thread in team:
-            while thread.is_alive():
-                thread.join(POLL)
-    except BaseException:
-        stop[0] = 1
-        raise
-    if errors:
-        raise errors[0]
+def _part(first: int, last: int, settings: tuple[Any, ...], control: Control) -> None:
+    kernel()(first, last, control.flag, *settings)

@@ -16,16 +16,9 @@ import numpy as np
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics.body import PARAMETERS, Rattleback, shell_dumbbell, violations
 from rattlesweep.sweeps.cases.sampler import draw_bodies
-from rattlesweep.sweeps.config.load import (
-    Config,
-    ExplicitBase,
-    GridSource,
-    PresetBase,
-    PresetSource,
-    SdSource,
-    ShellDumbbellBase,
-    TableSource,
-)
+from rattlesweep.sweeps.config.bodies import PresetSource, SdSource, TableSource
+from rattlesweep.sweeps.config.grid import GridSource, PresetBase
+from rattlesweep.sweeps.config.schema import Config
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -91,7 +84,8 @@ def make_source(config: Config, base: Path | None = None) -> Source:
         return SdBodies(config.seed, bodies)
     if isinstance(bodies, PresetSource):
         parameters = _preset(bodies.name) | bodies.overrides.given()
-        _check(parameters, "bodies.overrides")
+        for _, sentence in violations(**parameters):
+            raise ConfigError(f"bodies.overrides: {sentence}")
         return GridBodies(parameters, {})
     if isinstance(bodies, TableSource):
         from rattlesweep.sweeps.cases.table import read_table
@@ -106,19 +100,20 @@ class SdBodies:
     def __init__(self, seed: int, source: SdSource) -> None:
         self.samples = source.samples
         self._seed = seed
-        names = ("gamma", "f_sd", "theta", "phi", "minus_xi_deg")
-        self._ranges = np.array([getattr(source.ranges, name) for name in names])
+        self._ranges = np.array(source.ranges.ends())
         self._target = source.target
         self._chunk = lru_cache(maxsize=64)(self._draw_chunk)
+
+    def check_targets(self) -> None:
+        """Draw a few bodies of each target: one out of reach shows in its first samples."""
         if self._target is not None:
-            # Before anything is written: a target out of reach shows in its first samples.
             for group in range(len(self._target.values)):
-                self._draw(group, np.arange(min(self.samples, 16)))
+                self._columns(group, np.arange(min(self.samples, 16)))
 
     def bodies(self, group: int, samples: Integers) -> Bodies:
         """Bodies of some samples of the cases of target ``group``."""
         if self._target is None:
-            return self._draw(group, samples)
+            return _from_columns(self._columns(group, samples))
         # Every case of a target asks for the same bodies, and redrawing is slow.
         chunk, place = np.divmod(samples, CHUNK)
         columns = np.empty((7, len(samples)))
@@ -131,9 +126,6 @@ class SdBodies:
     def _draw_chunk(self, group: int, chunk: int) -> Floats:
         samples = np.arange(chunk * CHUNK, min((chunk + 1) * CHUNK, self.samples))
         return self._columns(group, samples)
-
-    def _draw(self, group: int, samples: Integers) -> Bodies:
-        return _from_columns(self._columns(group, samples))
 
     def _columns(self, group: int, samples: Integers) -> Floats:
         samples = np.ascontiguousarray(samples, dtype=np.int64)
@@ -188,22 +180,13 @@ def _preset(name: str) -> dict[str, float]:
     return {parameter: getattr(body, parameter) for parameter in PARAMETERS}
 
 
-def _check(parameters: dict[str, float], where: str) -> None:
-    for _, sentence in violations(**{name: parameters[name] for name in PARAMETERS}):
-        raise ConfigError(f"{where}: {sentence}")
-
-
 def _grid(source: GridSource) -> GridBodies:
     base = source.base
     if isinstance(base, PresetBase):
         parameters = _preset(base.preset)
-    elif isinstance(base, ShellDumbbellBase):
-        parameters = {"gamma": base.gamma, "f_sd": base.f_sd, "theta": base.theta}
-        parameters |= {"phi": base.phi, "xi": float(base.xi_radians or 0.0)}
     else:
-        assert isinstance(base, ExplicitBase)
-        parameters = {name: getattr(base, name) for name in PARAMETERS[:-1]}
-        parameters["xi"] = float(base.xi_radians or 0.0)
+        # Of the two skew angles one is given.
+        parameters = base.model_dump(exclude={"xi_deg"}) | {"xi": base.xi_radians}
     axes: dict[str, Floats] = {}
     for name, values in source.axes.values().items():
         array = np.asarray(values, dtype=float)

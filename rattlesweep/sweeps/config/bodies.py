@@ -10,6 +10,7 @@ from rattlesweep.sweeps.config.fields import (
     Alpha,
     Base,
     Beta,
+    FSd,
     Gamma,
     Phi,
     PositiveNumbers,
@@ -23,51 +24,39 @@ Preset = Literal["GH"]
 MAX_BODIES = 10**12
 
 
-def _overlap(phi: list[float], theta: list[float]) -> float:
-    """Share of draws with phi >= theta, from uniform and independent ranges that overlap."""
-    if phi[0] == phi[1] or theta[0] == theta[1]:
-        low, high, end = (*theta, phi[0]) if phi[0] == phi[1] else (-phi[1], -phi[0], -theta[0])
-        return 1.0 if low == high else (end - low) / (high - low)
-    # The rectangle's part below the diagonal: a triangle less the corners that stick out of it.
-    area = sum(
-        sign * max(0.0, top - bottom) ** 2 / 2
-        for sign, top, bottom in (
-            (1, phi[1], theta[0]),
-            (-1, phi[0], theta[0]),
-            (-1, phi[1], theta[1]),
-            (1, phi[0], theta[1]),
-        )
-    )
-    return area / (phi[1] - phi[0]) / (theta[1] - theta[0])
-
-
 class SdRanges(Base):
     """Ranges that shell-dumbbell bodies are drawn from; the paper's Table I unless given."""
 
-    gamma: Annotated[list[float], *interval("gamma")] = Field(default=[5.0, 15.0])
-    f_sd: Annotated[list[float], *interval("f_sd")] = Field(default=[0.05, 0.15])
-    theta: Annotated[list[float], *interval("theta")] = Field(default=[0.6, 0.95])
-    phi: Annotated[list[float], *interval("phi")] = Field(
-        default=[0.01, 0.1], validate_default=True
-    )
-    minus_xi_deg: Annotated[list[float], *interval("minus_xi_deg")] = Field(default=[0.0, 6.0])
+    gamma: Annotated[list[Gamma], *interval("gamma")] = Field(default=[5.0, 15.0])
+    f_sd: Annotated[list[FSd], *interval("f_sd")] = Field(default=[0.05, 0.15])
+    theta: Annotated[list[Theta], *interval("theta")] = Field(default=[0.6, 0.95])
+    phi: Annotated[list[Phi], *interval("phi")] = Field(default=[0.01, 0.1], validate_default=True)
+    # Drawn from (low, high]: zero may bound the skew angle, but is never drawn.
+    minus_xi_deg: Annotated[
+        list[Annotated[float, Field(ge=0, lt=90)]], *interval("minus_xi_deg")
+    ] = Field(default=[0.0, 6.0])
+
+    @field_validator("minus_xi_deg")
+    @classmethod
+    def _skewed(cls, minus_xi_deg: list[float]) -> list[float]:
+        if minus_xi_deg[1] == 0:
+            raise ValueError("the range leaves only xi = 0, which never reverses; raise its end")
+        return minus_xi_deg
 
     @field_validator("phi")
     @classmethod
     def _below_theta(cls, phi: list[float], info: ValidationInfo) -> list[float]:
         theta = info.data.get("theta")
-        if theta and phi[0] >= theta[1]:
-            raise ValueError(
-                f"phi >= theta for all bodies, as phi is at least {phi[0]:g} and theta at most "
-                f"{theta[1]:g}; 0 < phi < theta < 1 is needed"
-            )
         if theta and phi[1] >= theta[0]:
             raise ValueError(
                 f"phi >= theta is possible, as phi goes up to {phi[1]:g} and theta down to "
-                f"{theta[0]:g}, in {100 * _overlap(phi, theta):.3g} % of draws; the ranges must "
-                "not meet"
+                f"{theta[0]:g}; the ranges must not meet"
             )
         return phi
+
+    def ends(self) -> list[list[float]]:
+        """The ranges in the order of the fields, in which bodies are drawn."""
+        return [getattr(self, name) for name in type(self).model_fields]
 
 
 class Target(Base):
@@ -158,9 +147,8 @@ class Overrides(Skewed):
     needs_skew: ClassVar[bool] = False
 
     def given(self) -> dict[str, float]:
-        """The parameters that are set, in the order of a body, with xi in radians."""
-        names = ("alpha", "beta", "gamma", "theta", "phi")
-        values = {name: getattr(self, name) for name in names} | {"xi": self.xi_radians}
+        """The parameters that are set, with xi in radians."""
+        values = self.model_dump(exclude={"xi_deg"}) | {"xi": self.xi_radians}
         return {name: value for name, value in values.items() if value is not None}
 
 

@@ -1,10 +1,17 @@
 """The kinds of values that configs are made of: numbers with limits, lists, closed intervals."""
 
 import math
-from collections.abc import Callable
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    WithJsonSchema,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
 
 from rattlesweep.sweeps.config.yamlfile import is_number
@@ -18,28 +25,21 @@ class Base(BaseModel):
     )
 
 
-class Limits(NamedTuple):
-    """The open interval a body parameter lives in, and the same in words."""
-
-    low: float
-    high: float
-    words: str
-
-
 MAX_SPEED = 1e6
 """Of spins and oscillations, in sqrt(g/a): 5e6 turns a second of a body of 1 cm."""
 
 LIMITS = {
-    "alpha": Limits(1, 1e6, "1 < beta < alpha < 1e6"),
-    "beta": Limits(1, 1e6, "1 < beta < alpha < 1e6"),
-    "gamma": Limits(0, 1e6, "0 < gamma < 1e6"),
-    "theta": Limits(0, 1, "0 < phi < theta < 1"),
-    "phi": Limits(0, 1, "0 < phi < theta < 1"),
-    "xi": Limits(-math.pi / 2, 0, "-pi/2 < xi < 0"),
-    "xi_deg": Limits(-90, 0, "-90 < xi_deg < 0"),
-    "minus_xi_deg": Limits(0, 90, "0 < minus_xi_deg < 90"),
-    "f_sd": Limits(0, 0.5, "0 < f_sd < 0.5"),
+    "alpha": (1, 1e6),
+    "beta": (1, 1e6),
+    "gamma": (0, 1e6),
+    "theta": (0, 1),
+    "phi": (0, 1),
+    "xi": (-math.pi / 2, 0),
+    "xi_deg": (-90, 0),
+    "minus_xi_deg": (0, 90),
+    "f_sd": (0, 0.5),
 }
+"""The open interval each body parameter lives in; how they go together is for `physics.body`."""
 
 DESCRIPTIONS = {
     "alpha": "I_xx / (M a^2) + 1, moment of inertia about the x axis; no unit, above beta.",
@@ -55,103 +55,133 @@ DESCRIPTIONS = {
 """What each body parameter means. Symbols are those of Kondo and Nakanishi (2017)."""
 
 
-def limit_problem(name: str, value: float, what: str = "") -> str | None:
-    """Why `value` is no value of the body parameter `name`; None if it is one."""
-    limits = LIMITS[name]
-    subject = f"{what} {value:g}".strip()
-    if value >= limits.high:
-        return f"{subject} is not below {limits.high:.6g}; {name} must satisfy {limits.words}"
-    if value <= limits.low:
-        return f"{subject} is not above {limits.low:.6g}; {name} must satisfy {limits.words}"
-    return None
+def _limited(name: str) -> Any:
+    low, high = LIMITS[name]
+    return Field(gt=low, lt=high)
 
 
-def _limited(name: str) -> Callable[[float], float]:
-    def check(value: float) -> float:
-        if problem := limit_problem(name, value):
-            raise ValueError(problem)
-        return value
-
-    return check
-
-
-def _limit_schema(name: str) -> dict[str, Any]:
-    limits = LIMITS[name]
-    return {
-        "type": "number",
-        "exclusiveMinimum": limits.low,
-        "exclusiveMaximum": limits.high,
-    }
+Alpha = Annotated[float, _limited("alpha")]
+Beta = Annotated[float, _limited("beta")]
+Gamma = Annotated[float, _limited("gamma")]
+Theta = Annotated[float, _limited("theta")]
+Phi = Annotated[float, _limited("phi")]
+Xi = Annotated[float, _limited("xi")]
+XiDeg = Annotated[float, _limited("xi_deg")]
+FSd = Annotated[float, _limited("f_sd")]
 
 
-def _parameter(name: str) -> Any:
-    return (
-        AfterValidator(_limited(name)),
-        WithJsonSchema(_limit_schema(name)),
-        Field(description=DESCRIPTIONS[name]),
-    )
+MAX_AXIS = 10**6
 
 
-Alpha = Annotated[float, *_parameter("alpha")]
-Beta = Annotated[float, *_parameter("beta")]
-Gamma = Annotated[float, *_parameter("gamma")]
-Theta = Annotated[float, *_parameter("theta")]
-Phi = Annotated[float, *_parameter("phi")]
-Xi = Annotated[float, *_parameter("xi")]
-XiDeg = Annotated[float, *_parameter("xi_deg")]
-FSd = Annotated[float, *_parameter("f_sd")]
+def _whole_n(ends: list[float]) -> list[float]:
+    if len(ends) != 3:
+        raise ValueError(f"three numbers are wanted, [low, high, n], and not {len(ends)}")
+    if ends[2] != int(ends[2]) or not 1 <= ends[2] <= MAX_AXIS:
+        raise ValueError(f"n is {ends[2]:g}; it must be a whole number from 1 to {MAX_AXIS}")
+    return ends
 
 
-def _as_list(value: Any) -> Any:
-    if isinstance(value, int | float) and not isinstance(value, bool):
-        return [value]
-    if isinstance(value, dict) and ("linspace" in value or "logspace" in value):
-        from rattlesweep.sweeps.config.grid import spaced  # it imports this module
-
-        return spaced(value)
-    if not isinstance(value, list):
-        raise PydanticCustomError("number_or_list", "a number or a list of numbers is needed")
-    return value
+def _of_one_sign(ends: list[float]) -> list[float]:
+    low, high, _ = ends
+    if low == 0 or not 0 < high / low < math.inf:
+        raise ValueError(
+            f"no constant ratio leads from {low:g} to {high:g}; "
+            "both ends must have the same sign and neither be 0"
+        )
+    return ends
 
 
-def _listed(values: list[float]) -> list[float]:
+_ENDS: Any = Field(
+    description="[low, high, n]: n values between and including low and high.",
+    json_schema_extra={"minItems": 3, "maxItems": 3},
+)
+Ends = Annotated[list[float], AfterValidator(_whole_n)]
+
+
+class Spaced(Base):
+    """Values between two ends that follow a law."""
+
+    @property
+    def ends(self) -> tuple[float, float, int]:
+        """The first value, the last one, and how many there are."""
+        low, high, n = next(iter(self.__dict__.values()))
+        return low, high, int(n)
+
+    def between(self, low: float, high: float, share: float) -> float:
+        """The value at a share of the way."""
+        raise NotImplementedError
+
+    def values(self) -> list[float]:
+        """All values, in their order."""
+        low, high, n = self.ends
+        inner = [self.between(low, high, i / (n - 1)) for i in range(1, n - 1)]
+        return [low, *inner, high] if n > 1 else [low]
+
+    @model_validator(mode="after")
+    def _differ(self) -> "Spaced":
+        low, high, n = self.ends
+        if (n == 1) != (low == high):
+            raise ValueError(
+                f"{n} values from {low:g} to {high:g} cannot be spaced; "
+                "give equal ends with n = 1 and different ones with more"
+            )
+        if n > 1:
+            # Values are closest at an end; neighbours closer than this may round to one number.
+            second, last = (self.between(low, high, i / (n - 1)) for i in (1, n - 2))
+            for one, other in ((low, second), (last, high)):
+                if not abs(one - other) > 4 * math.ulp(max(abs(one), abs(other))):
+                    raise ValueError(
+                        f"{n} values from {low!r} to {high!r} would not all differ; give fewer"
+                    )
+        return self
+
+
+class Linspace(Spaced):
+    """Evenly spaced values."""
+
+    linspace: Ends = _ENDS
+
+    def between(self, low: float, high: float, share: float) -> float:
+        """The value at a share of the way."""
+        return low + (high - low) * share
+
+
+class Logspace(Spaced):
+    """Values with a constant ratio; the ends are values, not exponents."""
+
+    logspace: Annotated[Ends, AfterValidator(_of_one_sign)] = _ENDS
+
+    def between(self, low: float, high: float, share: float) -> float:
+        """The value at a share of the way."""
+        return low * math.pow(high / low, share)
+
+
+def no_repeats(values: list[Any]) -> list[Any]:
+    """The values, if there are any and none stands twice."""
     if not values:
         raise ValueError("the list is empty; give at least one number")
-    no_repeats(values)
-    return values
-
-
-def no_repeats(values: list[Any]) -> None:
-    """Raise ValueError if a value stands twice in `values`."""
     seen = set()
     for value in values:
         if value in seen:
             raise ValueError(f"{value} is repeated; give each value once")
         seen.add(value)
-
-
-def _positive(values: list[float]) -> list[float]:
-    for value in values:
-        if value <= 0:
-            raise ValueError(f"{value:g} is not above 0; every value must be positive")
     return values
 
 
-def _slow(values: list[float]) -> list[float]:
-    for value in values:
-        if not abs(value) <= MAX_SPEED:
-            raise ValueError(f"{value:g} is faster than any body turns; at most {MAX_SPEED:g}")
-    return values
+def _as_list(value: Any) -> Any:
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return [value]
+    if isinstance(value, dict) and "logspace" in value:
+        return Logspace.model_validate(value).values()
+    if isinstance(value, dict) and "linspace" in value:
+        return Linspace.model_validate(value).values()
+    if not isinstance(value, list):
+        raise PydanticCustomError("number_or_list", "a number or a list of numbers is needed")
+    return value
 
 
-def _nonzero(values: list[float]) -> list[float]:
-    if 0 in values:
-        raise ValueError("the spin 0 has no direction; every n_i must be positive or negative")
-    return values
-
-
-def number_list_schema(**item: Any) -> dict[str, Any]:
-    """JSON schema of a number, a list of distinct ones, or numbers spaced like a grid's axis."""
+def _numbers(**item: Any) -> Any:
+    """Annotations of a list of distinct numbers that may be one number, or spaced ones."""
     number = {"type": "number", **item}
     ends = {"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3}
     spaced = [
@@ -160,26 +190,28 @@ def number_list_schema(**item: Any) -> dict[str, Any]:
         for name in ("linspace", "logspace")
     ]  # fmt: skip
     numbers = {"type": "array", "items": number, "minItems": 1, "uniqueItems": True}
-    return {"anyOf": [number, numbers, *spaced]}
+    return (
+        BeforeValidator(_as_list),
+        AfterValidator(no_repeats),
+        WithJsonSchema({"anyOf": [number, numbers, *spaced]}),
+    )
 
 
-Numbers = Annotated[list[float], BeforeValidator(_as_list), AfterValidator(_listed)]
-PositiveNumbers = Annotated[
-    Numbers, AfterValidator(_positive), WithJsonSchema(number_list_schema(exclusiveMinimum=0))
+def _directed(spin: float) -> float:
+    if spin == 0:
+        raise ValueError("the spin 0 has no direction; every n_i must be positive or negative")
+    return spin
+
+
+Positive = Annotated[float, Field(gt=0)]
+PositiveNumbers = Annotated[list[Positive], *_numbers(exclusiveMinimum=0)]
+OscillationNumbers = Annotated[
+    list[Annotated[Positive, Field(le=MAX_SPEED)]],
+    *_numbers(exclusiveMinimum=0, maximum=MAX_SPEED),
 ]
 SpinNumbers = Annotated[
-    Numbers,
-    AfterValidator(_nonzero),
-    AfterValidator(_slow),
-    WithJsonSchema(
-        number_list_schema(minimum=-MAX_SPEED, maximum=MAX_SPEED, **{"not": {"const": 0}})
-    ),
-]
-OscillationNumbers = Annotated[
-    Numbers,
-    AfterValidator(_positive),
-    AfterValidator(_slow),
-    WithJsonSchema(number_list_schema(exclusiveMinimum=0, maximum=MAX_SPEED)),
+    list[Annotated[float, Field(ge=-MAX_SPEED, le=MAX_SPEED), AfterValidator(_directed)]],
+    *_numbers(minimum=-MAX_SPEED, maximum=MAX_SPEED, **{"not": {"const": 0}}),
 ]
 
 
@@ -193,27 +225,10 @@ def _ordered(ends: list[float]) -> list[float]:
     return ends
 
 
-def _within(name: str) -> Callable[[list[float]], list[float]]:
-    def check(ends: list[float]) -> list[float]:
-        # The skew angle is drawn from (low, high]: zero may bound it, but is never drawn.
-        if name == "minus_xi_deg" and ends == [0, 0]:
-            raise ValueError("the range leaves only xi = 0, which never reverses; raise its end")
-        low_is_open = name == "minus_xi_deg" and ends[0] == 0
-        for value, what in zip(ends, ("the lower end", "the upper end"), strict=True):
-            if value == 0 and low_is_open:
-                continue
-            if problem := limit_problem(name, value, what):
-                raise ValueError(problem)
-        return ends
-
-    return check
-
-
 def interval(name: str) -> Any:
     """Annotations of a field that holds the range ``[low, high]`` of a body parameter."""
     return (
         AfterValidator(_ordered),
-        AfterValidator(_within(name)),
         WithJsonSchema(
             {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
         ),
@@ -223,4 +238,4 @@ def interval(name: str) -> Any:
 
 def tag_number(value: Any) -> str:
     """Union branch of something that is a word or a number; quoted numbers count as numbers."""
-    return "~word" if isinstance(value, str) and not is_number(value) else "~number"
+    return "word" if isinstance(value, str) and not is_number(value) else "number"

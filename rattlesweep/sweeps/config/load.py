@@ -1,8 +1,4 @@
-"""Configs: read them, check them, compare them.
-
-The way in for the rest of the package. The models are in `config_models`, `config_bodies` and
-`config_grid`; the words of the error messages in `config_errors`.
-"""
+"""Configs: read them, check them, compare them."""
 
 import copy
 import hashlib
@@ -17,58 +13,10 @@ from pydantic import BaseModel, ValidationError
 
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.sweeps.config import yamlfile
-from rattlesweep.sweeps.config.bodies import (
-    Overrides,
-    PresetSource,
-    SdRanges,
-    SdSource,
-    TableSource,
-    Target,
-)
-from rattlesweep.sweeps.config.grid import (
-    Axes,
-    ExplicitBase,
-    GridSource,
-    Linspace,
-    Logspace,
-    PresetBase,
-    ShellDumbbellBase,
-)
-from rattlesweep.sweeps.config.messages import describe, problems_of
-from rattlesweep.sweeps.config.places import MAX_TOLD, Origin, Places, dotted, locating
-from rattlesweep.sweeps.config.schema import Classify, Config, Horizon, Integrator, Spin
-from rattlesweep.sweeps.config.yamlfile import Key, Problem
-
-__all__ = [
-    "Axes",
-    "Classify",
-    "Config",
-    "ConfigError",
-    "ExplicitBase",
-    "GridSource",
-    "Horizon",
-    "Integrator",
-    "Linspace",
-    "Logspace",
-    "Overrides",
-    "PresetBase",
-    "PresetSource",
-    "SdRanges",
-    "SdSource",
-    "ShellDumbbellBase",
-    "Spin",
-    "TableSource",
-    "Target",
-    "config_json_schema",
-    "differences",
-    "load_config",
-    "locating",
-    "override_config",
-    "parse_config",
-    "physics_hash",
-    "physics_part",
-    "resolved",
-]
+from rattlesweep.sweeps.config.messages import describe
+from rattlesweep.sweeps.config.places import MAX_TOLD, Key, Origin, Places, Problem, dotted
+from rattlesweep.sweeps.config.schema import Config
+from rattlesweep.sweeps.config.validation import problems_of
 
 NOT_PHYSICS = ("name", "output", "classify", "block_size")
 """Keys that change no stored number."""
@@ -145,10 +93,10 @@ def parse_config(data: Mapping[str, Any]) -> Config:
         With everything that is wrong, one line each: key and sentence.
     """
     problems: list[Problem] = []
-    plain = _plain(data, (), problems)
-    if not isinstance(plain, dict):
-        raise ConfigError(f"{describe(plain)} found where a mapping is needed; give a dict")
-    return _checked(plain, problems, Places())
+    read = _as_read(data, (), problems)
+    if not isinstance(read, dict):
+        raise ConfigError(f"{describe(read)} found where a mapping is needed; give a dict")
+    return _checked(read, problems, Places())
 
 
 def override_config(data: Mapping[str, Any], overrides: Sequence[str]) -> Config:
@@ -168,6 +116,8 @@ def override_config(data: Mapping[str, Any], overrides: Sequence[str]) -> Config
 def config_json_schema() -> dict[str, Any]:
     """JSON Schema (draft 2020-12) of a config."""
     schema = Config.model_json_schema()
+    # Of OpenAPI, and not of JSON Schema.
+    del schema["properties"]["bodies"]["discriminator"]
     schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
     schema["title"] = "rattlesweep config"
     return schema
@@ -279,15 +229,15 @@ def _override(data: dict[str, Any], origins: dict[Key, Origin], text: str) -> li
     return []
 
 
-def _plain(value: Any, key: Key, problems: list[Problem]) -> Any:
+def _as_read(value: Any, key: Key, problems: list[Problem]) -> Any:
     """Python data as a config file would give it; NaN and the like become problems."""
     if len(key) > yamlfile.MAX_DEPTH:
         # At once: data that holds itself has no end, and may double at each level.
         raise ConfigError(f"{dotted(key[:1])}: is nested too deeply; a config has 5 levels")
     if isinstance(value, Mapping):
-        return {str(k): _plain(v, (*key, str(k)), problems) for k, v in value.items()}
+        return {str(k): _as_read(v, (*key, str(k)), problems) for k, v in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(v, (*key, i), problems) for i, v in enumerate(value)]
+        return [_as_read(v, (*key, i), problems) for i, v in enumerate(value)]
     if isinstance(value, bool):
         return value
     # NumPy's numbers are registered as these.

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
-from rattlesweep.errors import ConfigError, one_line
-from rattlesweep.sweeps.config.yamlfile import Key, Problem
+from rattlesweep.errors import one_line
 
-if TYPE_CHECKING:
-    from rattlesweep.sweeps.config.schema import Config
+Key = tuple[str | int, ...]
+"""Where a value stands in nested data: ``("bodies", "ranges", "theta", 1)``."""
 
 Origin = tuple[int, int] | str
 """Line and column in the file, or the ``--set KEY=VALUE`` that gave the value."""
@@ -21,6 +19,14 @@ MAX_TOLD = 20
 """Problems told in full; of the rest only the number."""
 
 _DOTTED = re.compile(r"[A-Za-z_]\w*(?:\.\w+|\[\d+\])*(?=: )")
+
+
+class Problem(NamedTuple):
+    """One thing wrong with the value at `key`, which stands at `position` where that is known."""
+
+    key: Key
+    message: str
+    position: tuple[int, int] | None = None
 
 
 def dotted(key: Key) -> str:
@@ -47,25 +53,31 @@ class Places:
     file: str | None = field(default=None, compare=False)
     origins: Mapping[Key, Origin] = field(default_factory=dict, compare=False)
 
-    def rank(self, key: Key, position: tuple[int, int] | None = None) -> tuple[int, int, int]:
+    def origin(self, problem: Problem) -> Origin | None:
+        """Place of a problem: its own, that of its key, or of the nearest key around it."""
+        if problem.position is not None and self.file is not None:
+            return problem.position
+        key = problem.key
+        while key not in self.origins and key:
+            key = key[:-1]
+        return self.origins.get(key)
+
+    def rank(self, problem: Problem) -> tuple[int, int, int]:
         """What problems are sorted by: their place in the file, then that among the settings."""
-        origin = position if position is not None and self.file else self._origin(key)
+        origin = self.origin(problem)
         if isinstance(origin, tuple):
             return 0, *origin
         return (0 if origin is None else 1), 0, 0
 
     def line(self, problem: Problem) -> str:
         """One line: place, key, sentence."""
-        origin = self._origin(problem.key)
-        if problem.position is not None and self.file is not None:
-            origin = problem.position
+        origin = self.origin(problem)
         place = f"{self.file}:{origin[0]}:{origin[1]}" if isinstance(origin, tuple) else origin
         return ": ".join(part for part in (place, dotted(problem.key), problem.message) if part)
 
     def lines(self, problems: Iterable[Problem], more: int = 0) -> list[str]:
         """A line per problem, in the order of their places; `more` are known only by number."""
-        ordered = sorted(problems, key=lambda one: self.rank(one.key, one.position))
-        lines = list(dict.fromkeys(self.line(problem) for problem in ordered))
+        lines = list(dict.fromkeys(self.line(one) for one in sorted(problems, key=self.rank)))
         more += max(0, len(lines) - MAX_TOLD)
         if more:
             rest = f"and {more} more; fix these first"
@@ -80,22 +92,3 @@ class Places:
         parts = re.findall(r"\w+", found[0])
         key: Key = tuple(int(part) if part.isdigit() else part for part in parts)
         return self.line(Problem(key, message[found.end() + 2 :]))
-
-    def _origin(self, key: Key) -> Origin | None:
-        """Place of a key, or of the nearest one around it."""
-        while key not in self.origins and key:
-            key = key[:-1]
-        return self.origins.get(key)
-
-
-@contextmanager
-def locating(config: Config) -> Iterator[None]:
-    """Give the messages of a ConfigError from inside the places of the keys they begin with."""
-    try:
-        yield
-    except ConfigError as error:
-        keys = type(config).model_fields
-        raise ConfigError(
-            config.places.locate(line) if re.split(r"\W", line)[0] in keys else line
-            for line in error.messages
-        ) from None

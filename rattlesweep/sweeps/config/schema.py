@@ -1,7 +1,9 @@
 """What a sweep is, as frozen models. Units are M = a = g = 1: times in sqrt(a/g)."""
 
-from collections.abc import Mapping
-from typing import Annotated, Any, Literal, NamedTuple
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Annotated, Any, Literal, NamedTuple, get_args
 
 from pydantic import (
     ConfigDict,
@@ -14,6 +16,8 @@ from pydantic import (
     model_validator,
 )
 
+from rattlesweep.errors import ConfigError
+from rattlesweep.integrate.defaults import DT, MAX_STEPS, TOL
 from rattlesweep.sweeps.config.bodies import PresetSource, SdSource, TableSource
 from rattlesweep.sweeps.config.fields import (
     Base,
@@ -23,14 +27,10 @@ from rattlesweep.sweeps.config.fields import (
     tag_number,
 )
 from rattlesweep.sweeps.config.grid import GridSource
+from rattlesweep.sweeps.config.messages import not_one_of
 from rattlesweep.sweeps.config.places import Places
 
-SOURCES = {"sd": SdSource, "preset": PresetSource, "table": TableSource, "grid": GridSource}
-
 MAX_CASES = 100_000
-
-DEFAULT_TOL = 1e-9
-DEFAULT_DT = 0.002
 
 
 class Accuracy(NamedTuple):
@@ -52,7 +52,7 @@ class Accuracy(NamedTuple):
 
 ACCURACIES = {
     "draft": Accuracy("dop853", 1e-6, 2.8e-7, 2.3e-5),
-    "standard": Accuracy("dop853", DEFAULT_TOL, 2.2e-10, 1.2e-8),
+    "standard": Accuracy("dop853", TOL, 2.2e-10, 1.2e-8),
     "reference": Accuracy("verner98", 1e-12, 3.2e-14, 2.5e-12),
 }
 """Words for how accurate runs shall be.
@@ -70,26 +70,13 @@ def methods() -> Mapping[str, Any]:
     return METHODS
 
 
-def _source_kind(bodies: Any) -> str | None:
-    source = bodies.get("source") if isinstance(bodies, dict) else getattr(bodies, "source", None)
-    return f"~{source}" if isinstance(source, str) and source in SOURCES else None
-
-
 Bodies = Annotated[
-    Annotated[SdSource, Tag("~sd")]
-    | Annotated[PresetSource, Tag("~preset")]
-    | Annotated[TableSource, Tag("~table")]
-    | Annotated[GridSource, Tag("~grid")],
-    Discriminator(
-        _source_kind,
-        custom_error_type="body_source",
-        custom_error_message="the source of bodies is not known",
-    ),
+    SdSource | PresetSource | TableSource | GridSource, Field(discriminator="source")
 ]
 
 Psi = Annotated[
-    Annotated[Literal["relevant", "pitch", "roll"], Tag("~word")]
-    | Annotated[Annotated[float, Field(ge=-360, le=360)], Tag("~number")],
+    Annotated[Literal["relevant", "pitch", "roll"], Tag("word")]
+    | Annotated[Annotated[float, Field(ge=-360, le=360)], Tag("number")],
     Discriminator(tag_number),
 ]
 
@@ -165,7 +152,7 @@ class Integrator(Base):
         validate_default=True,
         description=(
             "Error allowed per step relative to the oscillation, no unit; for adaptive methods "
-            f"only, which take {DEFAULT_TOL:g} unless given."
+            f"only, which take {TOL:g} unless given."
         ),
     )
     dt: float | None = Field(
@@ -174,11 +161,11 @@ class Integrator(Base):
         validate_default=True,
         description=(
             "Size of a step in sqrt(a/g); for methods of fixed step only, which take "
-            f"{DEFAULT_DT:g} unless given."
+            f"{DT:g} unless given."
         ),
     )
     max_steps: int = Field(
-        default=100_000_000, ge=1, le=2**62, description="Steps after which a run is given up."
+        default=MAX_STEPS, ge=1, le=2**62, description="Steps after which a run is given up."
     )
     accuracy: Literal["draft", "standard", "reference"] | None = Field(
         default=None,
@@ -215,8 +202,6 @@ class Integrator(Base):
     @field_validator("method")
     @classmethod
     def _known(cls, method: str) -> str:
-        from rattlesweep.sweeps.config.messages import not_one_of
-
         if method not in methods():
             raise ValueError(not_one_of(method, methods()))
         return method
@@ -228,7 +213,7 @@ class Integrator(Base):
         if method is None:
             return tol
         if methods()[method].adaptive:
-            return DEFAULT_TOL if tol is None else tol
+            return TOL if tol is None else tol
         if tol is not None:
             raise ValueError(f"{method} has steps of one size and takes no tol; leave it out")
         return None
@@ -240,7 +225,7 @@ class Integrator(Base):
         if method is None:
             return dt
         if not methods()[method].adaptive:
-            return DEFAULT_DT if dt is None else dt
+            return DT if dt is None else dt
         if dt is not None:
             raise ValueError(f"{method} chooses its own steps and takes no dt; leave it out")
         return None
@@ -267,7 +252,7 @@ class Classify(Base):
     )
 
 
-RECORDS = ("energy", "contact", "windows", "lyapunov")
+Record = Literal["energy", "contact", "windows", "lyapunov"]
 
 
 class Config(Base):
@@ -304,7 +289,7 @@ class Config(Base):
     classify: Classify = Field(
         default_factory=lambda: Classify(), description="Thresholds between types of runs."
     )
-    record: list[Literal["energy", "contact", "windows", "lyapunov"]] = Field(
+    record: list[Record] = Field(
         default_factory=list,
         description="Extra columns; each costs time.",
         json_schema_extra={"uniqueItems": True},
@@ -352,8 +337,9 @@ class Config(Base):
     @field_validator("record")
     @classmethod
     def _once_and_in_order(cls, record: list[str]) -> list[str]:
-        no_repeats(record)
-        return [name for name in RECORDS if name in record]
+        if record:
+            no_repeats(record)
+        return [name for name in get_args(Record) if name in record]
 
     @property
     def places(self) -> Places:
@@ -364,6 +350,18 @@ class Config(Base):
         """Remember where the keys stand; returns the config itself."""
         self._places = places
         return self
+
+    @contextmanager
+    def locating(self) -> Iterator[None]:
+        """Give the messages of a ConfigError from inside the places of the keys they begin with."""
+        try:
+            yield
+        except ConfigError as error:
+            keys = type(self).model_fields
+            raise ConfigError(
+                self._places.locate(line) if re.split(r"\W", line)[0] in keys else line
+                for line in error.messages
+            ) from None
 
     @property
     def directory(self) -> str:

@@ -1,26 +1,30 @@
 """Reads YAML 1.2 into plain Python data, and remembers where every value stands.
 
-Works on the parser's events rather than on ruamel's round-trip objects. Those would stop at the
-first repeated key, follow aliases, obey YAML 1.1 where a file asks for it, and accept ``1_000``.
+Works on ruamel's nodes rather than on its objects.  Those would stop at the first repeated key,
+follow aliases, obey YAML 1.1 where a file asks for it, and accept ``1_000``.
 Scalars follow the core schema of YAML 1.2 (section 10.3.2 of its specification).
 """
 
 import math
 import os
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
+
+from ruamel.yaml import YAML
+from ruamel.yaml.composer import Composer
+from ruamel.yaml.error import MarkedYAMLError
+from ruamel.yaml.events import AliasEvent
+from ruamel.yaml.nodes import MappingNode, ScalarNode, SequenceNode
+from ruamel.yaml.reader import ReaderError
 
 from rattlesweep.errors import ConfigError, one_line
+from rattlesweep.sweeps.config.places import Key, Problem
 
-Key = tuple[str | int, ...]
-"""Where a value stands in nested data: ``("bodies", "ranges", "theta", 1)``."""
-
-# The parser takes 20 us a value and 1 us a character: what is larger is refused in a second.
+# Reading takes 40 us a value and 1 us a character: what is larger is refused in a second.
 MAX_BYTES = 250_000
-MAX_EVENTS = 20_000
+MAX_NODES = 20_000
 MAX_DEPTH = 30
 
 _NULL = re.compile(r"|~|null|Null|NULL")
@@ -29,14 +33,6 @@ _FALSE = re.compile(r"false|False|FALSE")
 _INT = re.compile(r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+")
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 _NOT_FINITE = re.compile(r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)")
-
-
-class Problem(NamedTuple):
-    """One thing wrong with the value at `key`, which stands at `position` where that is known."""
-
-    key: Key
-    message: str
-    position: tuple[int, int] | None = None
 
 
 @dataclass
@@ -52,7 +48,7 @@ class Document:
     problems
         Bad values and repeated keys. `data` leaves them out and can be looked at further.
     broken
-        Whether reading stopped at a problem, the last one; what comes behind it is not known.
+        Whether the text is not YAML, as the one problem says; there is no data then.
     """
 
     data: Any = None
@@ -61,12 +57,12 @@ class Document:
     broken: bool = False
 
 
-class _Stop(Exception):
-    """Reading cannot go on behind this problem."""
+class _NotYaml(Exception):
+    """The text cannot be read, for the reason and at the mark that are given."""
 
     def __init__(self, message: str, mark: Any = None, key: Key = ()) -> None:
         super().__init__(message)
-        self.problem = Problem(key, message, _position(mark))
+        self.problem = Problem(key, message, None if mark is None else _position(mark))
 
 
 def is_number(text: str) -> bool:
@@ -122,175 +118,143 @@ def parse(text: str) -> Document:
     """
     document = Document()
     try:
-        _Builder(text, document).build()
-    except _Stop as stop:
-        document.data = None
-        document.broken = True
-        document.problems.append(stop.problem)
+        # The pure parser: the C one follows YAML 1.1.
+        yaml = YAML(typ="safe", pure=True)
+        yaml.Composer = _Composer
+        if (node := _composed(yaml, text)) is not None:
+            document.data = _Reader(document, yaml.composer.refused).value(node, ())
+    except _NotYaml as error:
+        return Document(problems=[error.problem], broken=True)
     return document
 
 
-def _position(mark: Any) -> tuple[int, int] | None:
-    return None if mark is None else (mark.line + 1, mark.column + 1)
+def _position(mark: Any) -> tuple[int, int]:
+    return mark.line + 1, mark.column + 1
 
 
-def _events(text: str) -> Iterator[Any]:
-    """Parser events of `text`; whatever goes wrong in the parser becomes a `_Stop`."""
-    from ruamel.yaml import YAML
-    from ruamel.yaml.error import MarkedYAMLError
-    from ruamel.yaml.reader import ReaderError
+class _Composer(Composer):
+    """Makes nodes of a text: of a bounded number and depth, and none out of aliases."""
 
+    def __init__(self, loader: Any = None) -> None:
+        super().__init__(loader)
+        self.warn_double_anchors = False
+        self.nodes = self.level = 0
+        # What is no part of a config, by the identity of the node that has it.
+        self.refused: dict[int, str] = {}
+
+    def compose_document(self) -> Any:
+        event = self.parser.peek_event()
+        if event.version is not None and tuple(event.version) != (1, 2):
+            raise _NotYaml(
+                "the %YAML line asks for another version; remove it, as configs are YAML 1.2",
+                event.start_mark,
+            )
+        return super().compose_document()
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        event = self.parser.peek_event()
+        mark = event.start_mark
+        self.nodes += 1
+        if self.nodes > MAX_NODES:
+            raise _NotYaml(
+                f"more than {MAX_NODES} keys and values up to here; a config is a short YAML "
+                "file, and long lists of bodies go into a table",
+                mark,
+            )
+        if isinstance(event, AliasEvent):
+            self.parser.get_event()
+            node = ScalarNode(None, "", mark, mark)
+            self.refused[id(node)] = "aliases (*name) are not supported; write the value out"
+            return node
+        if self.level > MAX_DEPTH:
+            # Also for speed: the parser takes time that grows with the square of the depth.
+            raise _NotYaml(f"more than {MAX_DEPTH} levels are nested; a config has at most 5", mark)
+        self.level += 1
+        node = super().compose_node(parent, index)
+        self.level -= 1
+        if event.anchor is not None:
+            self.refused[id(node)] = "anchors (&name) are not supported; remove it"
+        if event.tag not in (None, "!"):
+            self.refused[id(node)] = "tags (!name) are not supported; remove it"
+        return node
+
+
+def _composed(yaml: YAML, text: str) -> Any:
+    """The root node of `text`, None if it is empty; whatever goes wrong becomes a `_NotYaml`."""
     try:
-        # The pure parser: the C one follows YAML 1.1.
-        for count, event in enumerate(YAML(typ="safe", pure=True).parse(text)):
-            if count == MAX_EVENTS:
-                raise _Stop(
-                    f"more than {MAX_EVENTS} keys and values up to here; a config is a short YAML "
-                    "file, and long lists of bodies go into a table",
-                    event.start_mark,
-                )
-            yield event
-    except MarkedYAMLError as error:
-        raise _Stop(_syntax_message(error), error.problem_mark or error.context_mark) from None
-    except ReaderError as error:
-        before = text[: error.position]
-        stop = _Stop(
-            f"the character U+{ord(text[error.position]):04X} is not allowed in YAML; remove it"
-        )
-        column = len(before) - before.rfind("\n")
-        stop.problem = stop.problem._replace(position=(before.count("\n") + 1, column))
-        raise stop from None
-    except _Stop:
+        return yaml.compose(text)
+    except _NotYaml:
         raise
+    except MarkedYAMLError as error:
+        raise _NotYaml(_syntax_message(error), error.problem_mark or error.context_mark) from None
+    except ReaderError as error:
+        before, character = text[: error.position], ord(text[error.position])
+        broken = _NotYaml(f"the character U+{character:04X} is not allowed in YAML; remove it")
+        place = before.count("\n") + 1, len(before) - before.rfind("\n")
+        broken.problem = broken.problem._replace(position=place)
+        raise broken from None
     except Exception as error:
         # On malformed text ruamel also lets ValueError, OverflowError, IndexError ... escape.
-        raise _Stop(
+        raise _NotYaml(
             f"the text is not valid YAML ({type(error).__name__} while reading it); "
             "check its quotes and escapes"
         ) from None
 
 
-def _too_deep(event: Any) -> _Stop:
-    # Also for speed: the parser takes time that grows with the square of the depth.
-    message = f"more than {MAX_DEPTH} levels are nested; a config has at most 5"
-    return _Stop(message, event.start_mark)
-
-
-def _syntax_message(error: Any) -> str:
+def _syntax_message(error: MarkedYAMLError) -> str:
     problem = " ".join(str(error.problem or error.context or "it cannot be read").split())
     if "'\\t'" in problem:
         return "a tab found where YAML requires spaces; indent with spaces"
     if "another document" in problem:
         return "a second YAML document begins; keep one document in the file"
-    if "undefined alias" in problem:
-        return "aliases (*name) are not supported; write the value out"
     problem = problem.replace("'<stream end>'", "the end of the text")
     return f"not valid YAML ({one_line(problem, 120)}); check indentation, brackets and quotes"
 
 
-class _Builder:
-    """Turns parser events into a `Document`."""
+@dataclass
+class _Reader:
+    """Turns nodes into the data of `document`; `refused` has what is wrong with some of them."""
 
-    def __init__(self, text: str, document: Document) -> None:
-        self.events = _events(text)
-        self.document = document
+    document: Document
+    refused: dict[int, str]
 
-    def build(self) -> None:
-        found = False
-        for event in self.events:
-            kind = type(event).__name__
-            if kind == "DocumentStartEvent":
-                if found:
-                    raise _Stop(
-                        "a second YAML document begins; keep one document in the file",
-                        event.start_mark,
-                    )
-                if event.version is not None and tuple(event.version) != (1, 2):
-                    raise _Stop(
-                        "the %YAML line asks for another version; remove it, as configs are "
-                        "YAML 1.2",
-                        event.start_mark,
-                    )
-                found = True
-                self.document.data = self._node(next(self.events), ())
+    def value(self, node: Any, key: Key) -> Any:
+        if message := self.refused.get(id(node)):
+            self.problem(key, node, message)
+        if isinstance(node, MappingNode):
+            return self.mapping(node, key)
+        if isinstance(node, SequenceNode):
+            for index, item in enumerate(node.value):
+                self.document.positions[*key, index] = _position(item.start_mark)
+            return [self.value(item, (*key, index)) for index, item in enumerate(node.value)]
+        return node.value if node.style else self.scalar(node, key)
 
-    def _report(self, key: Key, event: Any, message: str) -> None:
-        self.document.problems.append(Problem(key, message, _position(event.start_mark)))
+    def problem(self, key: Key, node: Any, message: str) -> None:
+        self.document.problems.append(Problem(key, message, _position(node.start_mark)))
 
-    def _place(self, key: Key, event: Any) -> None:
-        self.document.positions[key] = (event.start_mark.line + 1, event.start_mark.column + 1)
-
-    def _node(self, event: Any, key: Key) -> Any:
-        kind = type(event).__name__
-        if kind == "AliasEvent":
-            self._report(key, event, "aliases (*name) are not supported; write the value out")
-            return None
-        if len(key) > MAX_DEPTH:
-            raise _too_deep(event)
-        if event.anchor is not None:
-            self._report(key, event, "anchors (&name) are not supported; remove it")
-        if event.tag not in (None, "!"):
-            self._report(key, event, "tags (!name) are not supported; remove it")
-        if kind == "MappingStartEvent":
-            return self._mapping(key)
-        if kind == "SequenceStartEvent":
-            return self._list(key)
-        return self._scalar(event, key)
-
-    def _mapping(self, key: Key) -> dict[str, Any]:
+    def mapping(self, node: MappingNode, key: Key) -> dict[str, Any]:
         data: dict[str, Any] = {}
-        while type(event := next(self.events)).__name__ != "MappingEndEvent":
-            if type(event).__name__ != "ScalarEvent":
-                raise _Stop(
+        for name, value in node.value:
+            if not isinstance(name, ScalarNode) or id(name) in self.refused:
+                raise _NotYaml(
                     "a list, mapping or alias found where a key should be; write a name",
-                    event.start_mark,
+                    name.start_mark,
                     key,
                 )
             # Keys are names as they are written, also where a value would be a number or null.
-            name = event.value
-            child = (*key, name)
-            if name in data:
+            child = (*key, name.value)
+            if name.value in data:
                 line = self.document.positions[child][0]
-                self._report(
-                    child, event, f"the key is repeated (first in line {line}); keep one of the two"
+                self.problem(
+                    child, name, f"the key is repeated (first in line {line}); keep one of the two"
                 )
-                self._skip(next(self.events))
                 continue
-            self.document.positions[child] = (
-                event.start_mark.line + 1,
-                event.start_mark.column + 1,
-            )
-            data[name] = None
-            data[name] = self._node(next(self.events), child)
+            self.document.positions[child] = _position(name.start_mark)
+            data[name.value] = self.value(value, child)
         return data
 
-    def _skip(self, event: Any) -> None:
-        depth = 0
-        while True:
-            kind = type(event).__name__
-            depth += kind in ("MappingStartEvent", "SequenceStartEvent")
-            depth -= kind in ("MappingEndEvent", "SequenceEndEvent")
-            if depth == 0:
-                return
-            if depth > MAX_DEPTH:
-                raise _too_deep(event)
-            event = next(self.events)
-
-    def _list(self, key: Key) -> list[Any]:
-        data: list[Any] = []
-        while type(event := next(self.events)).__name__ != "SequenceEndEvent":
-            child = (*key, len(data))
-            self.document.positions[child] = (
-                event.start_mark.line + 1,
-                event.start_mark.column + 1,
-            )
-            data.append(self._node(event, child))
-        return data
-
-    def _scalar(self, event: Any, key: Key) -> Any:
-        text: str = event.value
-        if event.style is not None:
-            return text
+    def scalar(self, node: ScalarNode, key: Key) -> Any:
+        text: str = node.value
         if _NULL.fullmatch(text):
             return None
         if _TRUE.fullmatch(text):
@@ -298,28 +262,23 @@ class _Builder:
         if _FALSE.fullmatch(text):
             return False
         if _NOT_FINITE.fullmatch(text):
-            self._report(key, event, f"{text} is not a finite number; write a finite one")
-            return None
+            return self.problem(key, node, f"{text} is not a finite number; write a finite one")
         if _INT.fullmatch(text):
             # Length first: int() refuses thousands of digits, and is slow on hundreds.
             value = int(text, {"o": 8, "x": 16}.get(text[1:2], 10)) if len(text) < 100 else 2**64
             if number_problem(value):
-                self._report(
-                    key,
-                    event,
+                return self.problem(
+                    key, node,
                     f"the integer {one_line(text, 24)} does not fit into 64 bits; "
                     "write a smaller one, or a decimal such as 1e20 where a number is meant",
-                )
-                return None
+                )  # fmt: skip
             return value
         if _FLOAT.fullmatch(text):
             number = float(text)
             if math.isinf(number):
-                self._report(
-                    key,
-                    event,
+                return self.problem(
+                    key, node,
                     f"{one_line(text, 24)} is too large for a number; write one below 1.8e308",
-                )
-                return None
+                )  # fmt: skip
             return number
         return text

@@ -18,7 +18,7 @@ from rattlesweep.sweeps.engines.head_start import Work, prepare_work, write_work
 
 if TYPE_CHECKING:
     from rattlesweep.sweeps.cases.plan import Block
-    from rattlesweep.sweeps.config.load import Config
+    from rattlesweep.sweeps.config.schema import Config
     from rattlesweep.sweeps.engines.engine import Job
 
     Columns = Mapping[str, Any]

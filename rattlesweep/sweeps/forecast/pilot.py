@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from rattlesweep.sweeps.cases.launches import Launches
     from rattlesweep.sweeps.cases.pool import Pool
-    from rattlesweep.sweeps.config.load import Config
+    from rattlesweep.sweeps.config.schema import Config
 
     Floats = NDArray[np.float64]
     Integers = NDArray[np.int64]

@@ -10,7 +10,8 @@ from typing import Any
 import pyarrow as pa
 
 from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.sweeps.config.load import Config, differences, physics_part, resolved
+from rattlesweep.sweeps.config.load import differences, physics_part, resolved
+from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.inspect.summary import summarise
 from rattlesweep.sweeps.store.atomic import probe_directory
 from rattlesweep.sweeps.store.blockfile import Note

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from rattlesweep.sweeps.config.load import Classify, Config
+    from rattlesweep.sweeps.config.schema import Classify, Config
     from rattlesweep.sweeps.store.blockfile import BlockFile
 
 

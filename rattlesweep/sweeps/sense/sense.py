@@ -13,21 +13,22 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import MAX_DAMPING
 from rattlesweep.integrate.tableau import METHODS, Tableau
-from rattlesweep.physics import theory
 from rattlesweep.sweeps.cases.launches import make_batch
 from rattlesweep.sweeps.cases.plan import Plan, make_plan
-from rattlesweep.sweeps.config.load import Config, ConfigError, SdRanges, SdSource, locating
-from rattlesweep.sweeps.config.yamlfile import Key, Problem
-from rattlesweep.sweeps.sense.sample import Sample, body_of, limits, sample_runs
+from rattlesweep.sweeps.cases.sources import SdBodies
+from rattlesweep.sweeps.config.bodies import SdSource
+from rattlesweep.sweeps.config.places import Key, Problem
+from rattlesweep.sweeps.config.schema import Config
+from rattlesweep.sweeps.sense.sample import Sample, sample_runs
 from rattlesweep.sweeps.sense.targets import target_problems
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rattlesweep.integrate.batch import Batch
-    from rattlesweep.sweeps.cases.sources import Source
 
     Floats = NDArray[np.float64]
     Mask = NDArray[np.bool_]
@@ -64,22 +65,17 @@ def checked_plan(config: Config, base: Path | None = None) -> tuple[Plan, list[s
         If the plan cannot be made, or if none of its runs can be right; each line names file, line
         and column of the key where they are known.
     """
-    # Random bodies first: a target out of reach would be redrawn for hours.
-    drawn = isinstance(config.bodies, SdSource)
-    warnings = check_physics(config) if drawn else []
-    with locating(config):
+    with config.locating():
         plan = make_plan(config, base)
-    return plan, warnings if drawn else check_physics(config, plan.source)
+    warnings = check_physics(plan)
+    if isinstance(plan.source, SdBodies):
+        with config.locating():
+            plan.source.check_targets()
+    return plan, warnings
 
 
-def check_physics(config: Config, source: Source | None = None) -> list[str]:
-    """Warnings about a config: place, key, sentence.
-
-    Parameters
-    ----------
-    config : Config
-    source : Source, optional
-        The bodies; not needed, and not looked at, for random ones.
+def check_physics(plan: Plan) -> list[str]:
+    """Warnings about a plan: place, key, sentence.
 
     Raises
     ------
@@ -87,26 +83,23 @@ def check_physics(config: Config, source: Source | None = None) -> list[str]:
         If no run of the sweep can be right.
     """
     with np.errstate(all="ignore"):
-        found = list(_findings(config, source))
-    places = config.places
+        found = list(_findings(plan))
+    places = plan.config.places
     if any(one.fatal for one in found):
         raise ConfigError(places.lines(Problem(one.key, one.message) for one in found if one.fatal))
     return places.lines(Problem(one.key, one.message) for one in found)
 
 
-def _findings(config: Config, source: Source | None) -> Iterator[_Finding]:
+def _findings(plan: Plan) -> Iterator[_Finding]:
+    config = plan.config
     bodies = config.bodies
     if isinstance(bodies, SdSource) and bodies.target is not None:
         key: Key = ("bodies", "target", bodies.target.name)
-        fatal = False
-        for sentence, out in target_problems(bodies):
-            fatal |= out
-            yield _Finding(key, sentence, out)
-        if fatal:
+        problems = [_Finding(key, *problem) for problem in target_problems(bodies)]
+        yield from problems
+        if any(one.fatal for one in problems):
             return
-    sample = sample_runs(config, source)
-    if sample is None:
-        return
+    sample = sample_runs(plan)
     yield from _horizon(config, sample)
     launches = sample.launches
     # Without a horizon there is nothing to judge by; the runs get a status of their own.
@@ -172,20 +165,16 @@ def _step(config: Config, sample: Sample, batch: Batch, method: Tableau) -> Iter
     dt = config.integrator.dt
     assert dt is not None
     key: Key = ("integrator", "dt")
-    launches = sample.launches
     limit = stability_limit(method)
     # At the launch's spin and without spin, which is where a reversal leads.
-    slowest = np.minimum(batch.swing / 2, launches.modes.omega_p)
-    least, where = float(slowest.min()), f"in {sample.words}"
-    if isinstance(config.bodies, SdSource):
-        least, where = min(least, slowest_pitch(config.bodies.ranges)), "anywhere in the ranges"
+    slowest = np.minimum(batch.swing / 2, sample.launches.modes.omega_p)
     fits = _largest_step(sample, batch, method, dt)
     unstable = dt * slowest > limit
-    if dt * least > limit:
+    if unstable.all():
         yield _Finding(
             key,
-            f"{dt:g} is beyond the stability of {method.name} for every body: dt omega_p must be "
-            f"below {limit:.3g}, and omega_p is at least {least:.3g} {where}; {fits}",
+            f"{dt:g} is beyond the stability of {method.name} for {_told(unstable, sample)}: dt "
+            f"omega_p must be below {limit:.3g}, and omega_p is {_span(slowest)}; {fits}",
             True,
         )
         return
@@ -243,20 +232,6 @@ def stability_limit(method: Tableau) -> float:
     return float(phase[growing[0]]) if growing.size else np.inf
 
 
-def slowest_pitch(ranges: SdRanges) -> float:
-    """Lower bound of omega_p over the ranges, rigorous, in ``sqrt(g/a)``.
-
-    ``omega_p^2`` is the larger eigenvalue of ``H``, which falls with every inertia and curvature
-    and rises with the skew angle (its trace does, at constant determinant).
-    """
-    ends = limits(ranges)
-    corners = body_of(np.array([[ends[0, 1]] * 2, ends[1], [0.5] * 2, [0.1] * 2, [1.0] * 2]))
-    found = theory.modes(
-        corners.alpha.max(), corners.beta.max(), ends[2, 1], ends[3, 1], -np.radians(ends[4, 0])
-    )
-    return float(found.omega_p)
-
-
 def _max_steps(config: Config, sample: Sample, batch: Batch) -> Iterator[_Finding]:
     """Steps allowed against the horizon; an adaptive step spans less than a pitch period."""
     steps, dt = config.integrator.max_steps, config.integrator.dt
@@ -267,7 +242,6 @@ def _max_steps(config: Config, sample: Sample, batch: Batch) -> Iterator[_Findin
     key: Key = ("integrator", "max_steps")
     least = f"{_figure(float(np.max(t_end / reach)) * steps)} steps"
     lost = reach < np.minimum(t_end, EARLY * t_rgh)
-    short = reach < np.minimum(t_end, t_rgh)
     far = reach < t_end
     if lost.all():
         yield _Finding(
@@ -276,14 +250,6 @@ def _max_steps(config: Config, sample: Sample, batch: Batch) -> Iterator[_Findin
             f"t_rGH, {_span(t_rgh)}, in {_told(lost, sample)}: none can be done; give {least}, or "
             "a shorter horizon",
             True,
-        )
-    elif short.any():
-        yield _Finding(
-            key,
-            f"{steps} steps {each} end before the horizon and before t_rGH in "
-            f"{_told(short, sample)}, which will most likely end as step_limit; give {least}, or "
-            "a shorter horizon",
-            False,
         )
     elif far.any():
         yield _Finding(

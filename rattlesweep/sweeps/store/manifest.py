@@ -29,13 +29,9 @@ from pydantic import (
 )
 
 from rattlesweep.errors import ConfigError, one_line
-from rattlesweep.sweeps.config.load import (
-    Config,
-    SdSource,
-    TableSource,
-    override_config,
-    resolved,
-)
+from rattlesweep.sweeps.config.bodies import SdSource, TableSource
+from rattlesweep.sweeps.config.load import override_config, resolved
+from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.store.provenance import command_line, machine, now, versions
 
 if TYPE_CHECKING:

@@ -11,7 +11,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rattlesweep.sweeps.config.load import TableSource, physics_hash
+from rattlesweep.sweeps.config.bodies import TableSource
+from rattlesweep.sweeps.config.load import physics_hash
 
 if TYPE_CHECKING:
     from rattlesweep.sweeps.cases.plan import Plan

@@ -14,7 +14,7 @@ from rattlesweep.sweeps.store.store import Store
 
 if TYPE_CHECKING:
     from rattlesweep.sweeps.cases.plan import Plan
-    from rattlesweep.sweeps.config.load import Config
+    from rattlesweep.sweeps.config.schema import Config
 
 
 @dataclass(frozen=True)

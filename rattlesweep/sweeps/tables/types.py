@@ -18,7 +18,7 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from rattlesweep.sweeps.config.load import Classify
+    from rattlesweep.sweeps.config.schema import Classify
 
 TYPES = ("R", "SS", "SW", "unclassified")
 R, SS, SW, UNCLASSIFIED = range(4)

@@ -1,0 +1,195 @@
+"""Says in plain sentences, key by key, what pydantic found wrong with data of some model."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from functools import cache
+from typing import Any, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from rattlesweep.sweeps.config.messages import not_one_of, out_of_range, quoted, wrong_kind
+from rattlesweep.sweeps.config.nearest import fold, nearest
+from rattlesweep.sweeps.config.places import MAX_TOLD, Key, Places, Problem
+
+Models = list[type[BaseModel]]
+
+# A word like one of another section must be more like it than one of its own.
+ALIKE_ELSEWHERE = 0.8
+
+_WANTED = {
+    "float_type": "a number",
+    "float_parsing": "a number",
+    "int_type": "a whole number",
+    "int_from_float": "a whole number",
+    "int_parsing": "a whole number",
+    "number_or_list": "a number or a list of numbers",
+    "string_type": "text",
+    "list_type": "a list",
+    "dict_type": "a mapping",
+    "model_type": "a mapping",
+    "model_attributes_type": "a mapping",
+}
+
+_LIMITS = {
+    "greater_than": ("gt", "above"),
+    "greater_than_equal": ("ge", "at least"),
+    "less_than": ("lt", "below"),
+    "less_than_equal": ("le", "at most"),
+}
+
+
+def problems_of(
+    error: ValidationError, model: type[BaseModel], data: Any, known: set[Key], places: Places
+) -> tuple[list[Problem], int]:
+    """Errors of a validation as one plain sentence each and the key it is about.
+
+    Parameters
+    ----------
+    error, model, data
+        What was wrong with which data of a config of which model.
+    known
+        Keys of which, and of what is below them, enough is said already.
+    places
+        Where the keys stand: the first `MAX_TOLD` are put in words.
+
+    Returns
+    -------
+    tuple
+        The problems, and how many more there are.
+    """
+    every = list(_errors(error, model))
+    unknown: dict[Key, list[str]] = {}
+    for key, _, one in every:
+        if one["type"] == "extra_forbidden":
+            unknown.setdefault(key[:-1], []).append(str(key[-1]))
+    found = [
+        (key, models, one)
+        for key, models, one in every
+        if not any(key[:depth] in known for depth in range(len(key) + 1))
+        # What is missing stands there under a misspelt name, which is told.
+        and not (one["type"] == "missing" and nearest(str(key[-1]), unknown.get(key[:-1], ())))
+    ]
+    found.sort(key=lambda item: places.rank(Problem(item[0], "")))
+    bodies = data.get("bodies") if isinstance(data, dict) else None
+    source = bodies.get("source") if isinstance(bodies, dict) else None
+    homes = _homes(model, source if isinstance(source, str) else None)
+    told = [_problem(key, models, one, homes) for key, models, one in found[:MAX_TOLD]]
+    return list(dict.fromkeys(told)), max(0, len(found) - MAX_TOLD)
+
+
+def _errors(
+    error: ValidationError, model: type[BaseModel] | None, before: Key = ()
+) -> Iterator[tuple[Key, Models, Any]]:
+    """Errors with their keys and with the models that may stand there, or around a wrong key."""
+    for one in error.errors(include_url=False):
+        extra = one["type"] == "extra_forbidden"
+        key, models = _walk(model, one["loc"][:-1] if extra else one["loc"])
+        # The user's own word comes last; it may well look like a tag.
+        key = (*before, *key, *map(str, one["loc"][-1:] if extra else ()))
+        inner = one.get("ctx", {}).get("error")
+        if isinstance(inner, ValidationError):
+            yield from _errors(inner, None, key)
+        else:
+            yield key, models, one
+
+
+def _walk(model: type[BaseModel] | None, location: Iterable[Any]) -> tuple[Key, Models]:
+    """The key that pydantic's location stands for, which also names tags, and the models there."""
+    here: Models = [] if model is None else [model]
+    key: list[str | int] = []
+    for part in location:
+        fields = [m.model_fields[part].annotation for m in here if part in m.model_fields]
+        if fields or isinstance(part, int) or model is None:
+            key.append(part)
+            here = [one for inside in fields for one in models_in(inside)]
+        else:
+            here = [one for one in here if part in (one.__name__, *_sources([one]))]
+    return tuple(key), here
+
+
+def models_in(annotation: Any) -> Models:
+    """The models inside unions and annotations."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    inner = get_args(annotation)
+    inner = inner[:1] if hasattr(annotation, "__metadata__") else inner
+    return [model for one in inner for model in models_in(one)]
+
+
+def _sources(models: Models) -> list[str]:
+    """The words by which a key `source` chooses among models."""
+    fields = [model.model_fields.get("source") for model in models]
+    return [word for field in fields if field for word in get_args(field.annotation)]
+
+
+def _problem(key: Key, models: Models, error: Any, homes: dict[str, tuple[str, ...]]) -> Problem:
+    kind, value, context = error["type"], error["input"], error.get("ctx", {})
+    if kind == "extra_forbidden":
+        names = [name for model in models for name in model.model_fields]
+        message = unknown_key(str(key[-1]), names, homes)
+    elif kind == "missing":
+        message = "the key is missing; add it"
+        if key == ("bodies",):
+            message = "the key is missing; say with it where parameter sets come from"
+    elif kind == "union_tag_not_found" and isinstance(value, dict):
+        if near := nearest("source", map(str, value)):
+            return Problem((*key, near), f'unknown key {quoted(near)}; did you mean "source"?')
+        key = (*key, "source")
+        message = f"the key is missing; it must be one of {', '.join(_sources(models))}"
+    elif kind == "union_tag_invalid" and isinstance(value, dict):
+        key, message = (*key, "source"), not_one_of(value.get("source"), _sources(models))
+    elif kind == "value_error":
+        message = str(context["error"])
+    elif kind == "literal_error":
+        choices = [c.strip("'") for c in context["expected"].replace(" or ", ", ").split(", ")]
+        message = not_one_of(value, choices)
+    elif kind in _LIMITS:
+        name, bound = _LIMITS[kind]
+        message = out_of_range(f"{value!r}", bound, context[name])
+    elif kind in _WANTED:
+        message = wrong_kind(value, _WANTED[kind])
+    elif kind == "string_too_short":
+        message = "the text is empty; write at least one character"
+    elif kind == "finite_number":
+        message = f"{value!r} is not a finite number; write a finite one"
+    else:
+        # Reached by nothing known; still names the offending value and never pydantic's words.
+        message = wrong_kind(value, "what the schema allows")
+    return Problem(key, message)
+
+
+def unknown_key(key: str, names: Sequence[str], homes: dict[str, tuple[str, ...]]) -> str:
+    """What an unknown key may have been meant to be: one of `names`, or one of another section."""
+    unknown = f"unknown key {quoted(key)}"
+    if fold(key) not in map(fold, names) and key in homes:
+        return f"{unknown} here; it belongs {_section(homes[key])}"
+    if near := nearest(key, names):
+        return f"{unknown}; did you mean {quoted(near)}?"
+    if far := nearest(key, homes, ALIKE_ELSEWHERE):
+        return f"{unknown}; did you mean {quoted(far)}, {_section(homes[far])}?"
+    if not names:
+        return f"{unknown}; remove it"
+    return f"{unknown}; the keys allowed here are {', '.join(names)}"
+
+
+def _section(homes: tuple[str, ...]) -> str:
+    return " or ".join(f"under {home}" if home else "at the top level" for home in homes)
+
+
+@cache
+def _homes(root: type[BaseModel], source: str | None) -> dict[str, tuple[str, ...]]:
+    """Sections in which each key is at home, by key; left out where they are too many to tell."""
+    found: dict[str, list[str]] = {}
+
+    def collect(model: type[BaseModel], path: str) -> None:
+        for name, field in model.model_fields.items():
+            homes = found.setdefault(name, [])
+            if path not in homes:
+                homes.append(path)
+            inside = models_in(field.annotation)
+            for inner in [one for one in inside if source in _sources([one])] or inside:
+                collect(inner, f"{path}.{name}".removeprefix("."))
+
+    collect(root, "")
+    return {key: tuple(homes) for key, homes in found.items() if len(homes) <= 3}
