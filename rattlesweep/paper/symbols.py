@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from html import escape
 
-from rattlesweep.study.html import Html
+from markupsafe import Markup
 
 GREEK = {
     "alpha": "α", "beta": "β", "gamma": "γ", "theta": "θ", "phi": "φ", "xi": "ξ",
@@ -37,7 +37,7 @@ _POWER = re.compile(r"\^([+-]?\d+(?:/\d+)?)")
 _SIZE = re.compile(r"(?<![\w|])omega_xy0\b")
 
 
-def symbols(text: str) -> Html:
+def symbols(text: str) -> Markup:
     """Escaped text with its symbols set as such."""
     text = escape(text, quote=False)
     for plain, sign in SIGNS.items():
@@ -46,4 +46,4 @@ def symbols(text: str) -> Html:
     text = _SIZE.sub("|ω<sub>xy0</sub>|", text)
     text = _INDEXED.sub(lambda m: f"<i>{GREEK.get(m[1], m[1])}</i><sub>{m[2]}</sub>", text)
     text = _LETTER.sub(lambda m: f"<i>{GREEK[m[1]]}</i>", text)
-    return Html(_POWER.sub(r"<sup>\1</sup>", text))
+    return Markup(_POWER.sub(r"<sup>\1</sup>", text))

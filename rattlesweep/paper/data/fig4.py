@@ -12,6 +12,7 @@ from rattlesweep.paper.data.columns import count, number, schema, table, word
 from rattlesweep.paper.data.follow import FORCE_CHANNELS, FORCES, follow, forces, thinned
 from rattlesweep.paper.data.progress import Progress, between
 from rattlesweep.physics.body import Rattleback
+from rattlesweep.sweeps.blocks.single import Launch
 from rattlesweep.sweeps.tables.columns import RATE, TIME
 
 Floats = NDArray[np.float64]
@@ -63,11 +64,9 @@ def data(progress: Progress) -> dict[str, pa.Table]:
     tables: dict[str, pa.Table] = {}
     rows, presses, extrema = [], [], []
     for k, (name, (n_i, t_end)) in enumerate(ENDS.items()):
-        found, course = follow(
-            Rattleback.gh(), n_i=n_i, omega_xy0=OMEGA_XY0, t_end=t_end, integrator=INTEGRATOR,
-            channels=("t", "n", "n_gh", *COMPONENTS, *FORCE_CHANNELS),
-            words=f"GH at n_i = {n_i:g}", progress=between(progress, k / 2, (k + 1) / 2),
-        )  # fmt: skip
+        launch = Launch(Rattleback.gh(), n_i, OMEGA_XY0, t_end, integrator=INTEGRATOR)
+        channels, part = ("t", "n", "n_gh", *COMPONENTS, *FORCE_CHANNELS), (k / 2, (k + 1) / 2)
+        found, course = follow(launch, channels, f"GH at n_i = {n_i:g}", between(progress, *part))
         modes = course.launches.modes
         relevant = float((modes.omega_p if n_i > 0 else modes.omega_r)[0])
         period = 2 * np.pi / relevant
@@ -115,11 +114,9 @@ def frequency(extrema: Floats, middle: float | None, width: float) -> float | No
 
 def free_frequency(size: float, main: str, length: float) -> float | None:
     """Frequency of a mode of GH alone, launched with this rate and nearly no spin."""
-    found, _ = follow(
-        Rattleback.gh(), n_i=1e-6, omega_xy0=size, t_end=length, channels=("t", main), dt=0.01,
-        psi="pitch" if main == "omega_x" else "roll", integrator=INTEGRATOR,
-        words="a mode alone", progress=lambda share, words: None,
-    )  # fmt: skip
+    mode = "pitch" if main == "omega_x" else "roll"
+    launch = Launch(Rattleback.gh(), 1e-6, size, length, psi=mode, integrator=INTEGRATOR)
+    found, _ = follow(launch, ("t", main), "a mode alone", lambda share, words: None, dt=0.01)
     t, _ = maxima(found.table["t"].to_numpy(), found.table[main].to_numpy())
     # Its first periods: it drives the spin, and that it.
     return frequency(t, length / 8, length / 8)

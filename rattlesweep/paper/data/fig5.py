@@ -13,6 +13,7 @@ from rattlesweep.paper.data.follow import FORCE_CHANNELS, FORCES, follow, forces
 from rattlesweep.paper.data.progress import Progress
 from rattlesweep.paper.workspace import StoredRuns
 from rattlesweep.physics.body import Rattleback
+from rattlesweep.sweeps.blocks.single import Launch
 from rattlesweep.sweeps.tables.columns import RATE, TIME
 
 # Of (b); its length is not named in the paper.
@@ -21,7 +22,7 @@ SPIN = schema("t n omega_x")
 Z95 = 1.959964
 
 
-def data(sweep: StoredRuns, progress: Progress, t_end: float = T_END) -> dict[str, pa.Table]:
+def data(sweep: StoredRuns, progress: Progress) -> dict[str, pa.Table]:
     """Data of Fig. 5.
 
     Returns
@@ -30,12 +31,10 @@ def data(sweep: StoredRuns, progress: Progress, t_end: float = T_END) -> dict[st
         ``times``: one row a point of part (a), see :func:`times`; ``spin``, ``forces``: the run
         of part (b), in the sweep's integrator.
     """
-    words = f"GH at n_i = {N_I:g}"
-    found, _ = follow(
-        Rattleback.gh(), n_i=N_I, omega_xy0=OMEGA_XY0, t_end=t_end, words=words,
-        channels=("t", "n", "omega_x", *FORCE_CHANNELS), progress=progress,
-        integrator=sweep.config.integrator.model_dump(exclude_none=True),
-    )  # fmt: skip
+    integrator = sweep.config.integrator.model_dump(exclude_none=True)
+    launch = Launch(Rattleback.gh(), N_I, OMEGA_XY0, T_END, integrator=integrator)
+    channels = ("t", "n", "omega_x", *FORCE_CHANNELS)
+    found, _ = follow(launch, channels, f"GH at n_i = {N_I:g}", progress)
     return {
         "times": times(sweep),
         "spin": pa.Table.from_pandas(found.table[SPIN.names], schema=SPIN, preserve_index=False),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,13 +10,12 @@ import pandas as pd
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from rattlesweep.paper.data.chaos import CHAOS, EDGE, exponents
+from rattlesweep.paper.data.chaos import CHAOS, EDGE, exponents, launch_of
 from rattlesweep.paper.data.columns import count, number, schema, table, word
 from rattlesweep.paper.data.follow import FORCE_CHANNELS, FORCES, SPIN, follow, forces, thinned
 from rattlesweep.paper.data.integrators import basin, rk4
 from rattlesweep.paper.data.progress import Progress, between
 from rattlesweep.paper.workspace import LAUNCH, StoredRuns, Workspace
-from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.sweeps.tables.cells import wilson
 from rattlesweep.sweeps.tables.columns import RATE, TIME
 
@@ -145,17 +145,15 @@ def examples(sweep: StoredRuns, wobbling: pd.DataFrame, progress: Progress) -> d
     columns = (*LAUNCH, "sample", "n_end", "n_departure", "t_end", "type")
     runs = sweep.runs(columns)
     rows = choose(runs, wobbling)
+    integrator = sweep.config.integrator.model_dump(exclude_none=True)
     tables, presses = {}, []
     for k, row in enumerate(rows):
         key = ["K_r", "n_i", "omega_xy0", "sample"]
         run = runs[(runs[key] == [row[name] for name in key]).all(axis=1)].iloc[0]
         row["shown"] = min(LONGEST, float(run["t_end"]))
-        found, _ = follow(
-            body_of(run), n_i=float(run["n_i"]), omega_xy0=float(run["omega_xy0"]),
-            t_end=row["shown"], channels=("t", "n", *FORCE_CHANNELS),
-            integrator=sweep.config.integrator.model_dump(exclude_none=True),
-            words=f"Fig. 6(b), {row['example']}", progress=between(progress, k / 3, (k + 1) / 3),
-        )  # fmt: skip
+        launch = replace(launch_of(run), t_end=row["shown"], integrator=integrator)
+        words, part = f"Fig. 6(b), {row['example']}", between(progress, k / 3, (k + 1) / 3)
+        found, _ = follow(launch, ("t", "n", *FORCE_CHANNELS), words, part)
         tables[row["example"]] = thinned(found.table, SPIN, {"n": BINS})
         name = row["example"].removeprefix("spin_").replace("chaotic", "chaotic SW")
         presses.append(forces(f"Fig. 6(b), {name}", found.table))
@@ -189,8 +187,3 @@ def at(runs: pd.DataFrame, values: dict[str, float]) -> NDArray[np.bool_]:
             for name, value in values.items()]  # fmt: skip
     both: NDArray[np.bool_] = np.logical_and.reduce(same)
     return both
-
-
-def body_of(run: pd.Series) -> Rattleback:
-    """Body of a run of the sweep."""
-    return Rattleback(**{name: float(run[name]) for name in PARAMETERS})

@@ -17,6 +17,7 @@ from rattlesweep.paper.data.progress import Progress, between
 from rattlesweep.physics import reduced
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.study.onerun.course import Course, Trajectory
+from rattlesweep.sweeps.blocks.single import Launch
 from rattlesweep.sweeps.tables.columns import RATE, TIME
 
 Floats = NDArray[np.float64]
@@ -64,19 +65,18 @@ def data(progress: Progress, *, t_end: float = T_END, tol: float = TOL) -> dict[
     invariants, presses, spins = [], [], []
     for k, body in enumerate(BODIES):
         part = between(progress, k / len(BODIES), (k + 1) / len(BODIES))
-        launch: dict[str, Any] = {
-            "n_i": N_I, "omega_xy0": OMEGA_XY0, "t_end": t_end, "e_r0": E_R0,
-            "words": f"GH with theta = {body.theta:g}",
-        }  # fmt: skip
-        found, course = follow(
-            body, **launch, integrator={"method": "dop853", "tol": tol},
-            channels=("t", "n", "n_reduced", "E_p", "E_r", "energy_drift", *FORCE_CHANNELS),
-            progress=between(part, 0.0, 0.9),
-        )  # fmt: skip
+        words = f"GH with theta = {body.theta:g}"
+        launch = Launch(
+            body, N_I, OMEGA_XY0, t_end, integrator={"method": "dop853", "tol": tol}, e_r0=E_R0
+        )
+        channels = ("t", "n", "n_reduced", "E_p", "E_r", "energy_drift", *FORCE_CHANNELS)
+        found, course = follow(launch, channels, words, between(part, 0.0, 0.9))
+        alone = replace(
+            launch, model="reduced", integrator={"method": "dop853", "tol": REDUCED_TOL}
+        )
         simple, _ = follow(
-            body, **launch, integrator={"method": "dop853", "tol": REDUCED_TOL}, model="reduced",
-            channels=("t", "n", "energy_drift", "C_I"), dt=1.0, progress=between(part, 0.9, 1.0),
-        )  # fmt: skip
+            alone, ("t", "n", "energy_drift", "C_I"), words, between(part, 0.9, 1.0), dt=1.0
+        )
         of_full, casimir = full_model(found, course)
         beside = simple.table
         of_reduced = [

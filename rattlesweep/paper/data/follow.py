@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from rattlesweep.errors import OutputError
 from rattlesweep.paper.data.columns import number, schema, word
 from rattlesweep.paper.data.progress import Progress
-from rattlesweep.physics.body import Rattleback
 from rattlesweep.study.onerun.course import Course, Trajectory, collect
 from rattlesweep.study.onerun.rows import Rows
 from rattlesweep.sweeps.blocks.single import Launch
@@ -40,32 +39,19 @@ FORCES = schema(
 
 
 def follow(
-    body: Rattleback,
-    *,
-    channels: Sequence[str],
-    words: str,
-    progress: Progress,
-    dt: float = DT,
-    **launch: Any,
+    launch: Launch, channels: Sequence[str], words: str, progress: Progress, dt: float = DT
 ) -> tuple[Trajectory, Course]:
-    """One run, past its reversals.
+    """One run, past its reversals, with a row every ``dt``.
 
     Parameters
     ----------
-    body, launch
-        As for :class:`rattlesweep.sweeps.blocks.single.Launch`.
-    channels : sequence of str
+    launch, channels
         As for :class:`rattlesweep.study.onerun.course.Course`.
-    dt : float
-        Distance of two rows, in ``sqrt(a/g)``.
     words : str
         What it is, for the progress and for errors.
     """
     course = Course(
-        Launch(body, **launch),
-        channels=channels,
-        rows=Rows(dt=dt),
-        watch=lambda share: progress(share, words),
+        launch, channels=channels, rows=Rows(dt=dt), watch=lambda share: progress(share, words)
     )
     found = collect(course)
     if found.status != "ok":
