@@ -321,7 +321,7 @@ def sweep(
     """
     from rattlesweep.errors import ConfigWarning
     from rattlesweep.sweeps.config.load import load_config, parse_config
-    from rattlesweep.sweeps.engines.engine import run_sweep
+    from rattlesweep.sweeps.engines.run import run_sweep
     from rattlesweep.sweeps.sense.sense import checked_plan
 
     file = isinstance(config, str | Path)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from rattlesweep.sweeps.config.load import Config
-    from rattlesweep.sweeps.engines.engine import Progress
+    from rattlesweep.sweeps.engines.progress import Progress
 
 DONE, FAILED, WRONG, SOME_FAILED, EARLY, INTERRUPTED, TERMINATED = 0, 1, 2, 3, 75, 130, 143
 # Seconds between lines of progress where there is no terminal.

@@ -23,7 +23,7 @@ from rattlesweep.cli.common import (
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rattlesweep.sweeps.engines.engine import Job, Report
+    from rattlesweep.sweeps.engines.job import Job, Result
 
 
 @click.command(
@@ -76,8 +76,8 @@ def run(
     from rattlesweep.durations import seconds_of
     from rattlesweep.errors import ConfigError
     from rattlesweep.sweeps.cases.shards import Shard
-    from rattlesweep.sweeps.engines.engine import run_sweep
     from rattlesweep.sweeps.engines.opened import examine
+    from rattlesweep.sweeps.engines.run import run_sweep
     from rattlesweep.sweeps.forecast.forecast import describe, forecast
     from rattlesweep.sweeps.sense.sense import checked_plan
 
@@ -133,7 +133,7 @@ def _engine(
     return make_engine(scheduler, workers, threads)
 
 
-def _close(report: Report, quiet: bool, verbose: bool) -> int:
+def _close(report: Result, quiet: bool, verbose: bool) -> int:
     """Say what became of a sweep; the exit code."""
     for remark in report.remarks:
         say(f"note: {remark}")

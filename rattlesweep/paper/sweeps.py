@@ -15,8 +15,8 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.paper.sources import code_key
 from rattlesweep.sweeps.cases.plan import Case, Plan, make_plan
 from rattlesweep.sweeps.config.load import Config, parse_config, resolved
-from rattlesweep.sweeps.engines.engine import run_sweep
 from rattlesweep.sweeps.engines.opened import examine
+from rattlesweep.sweeps.engines.run import run_sweep
 from rattlesweep.sweeps.store.atomic import probe_directory, replace_file
 from rattlesweep.sweeps.store.store import Store
 from rattlesweep.sweeps.tables.arrow import encode
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rattlesweep.paper.settings import Paper
-    from rattlesweep.sweeps.engines.engine import Progress
+    from rattlesweep.sweeps.engines.progress import Progress
 
     Report = Callable[[float, str], None]
 
