@@ -162,15 +162,16 @@ class Pilot:
         """Load the kernel, and integrate for about so many seconds."""
         if self.config.model == "gh" or not self.cost.any():
             return
-        loaded = load_kernel(self.config)
-        rows = np.flatnonzero(self.cost)
         begin = time.perf_counter()
+        load_kernel(self.config)
+        rows = np.flatnonzero(self.cost)
         _, one = prepare_runs(self.small, self.case[rows[:1]], self.sample[rows[:1]])
         assert one is not None
         self._integrate(replace(one, t_end=np.minimum(one.t_end, 1.0)), np.inf)
+        loaded = time.perf_counter() - begin
+        self.load_seconds = loaded if loaded < COMPILED else LOADED
+        self.compile_seconds = None if loaded < COMPILED else loaded
         end = time.perf_counter() + budget
-        self.load_seconds = end - budget - begin + min(loaded, LOADED)
-        self.compile_seconds = loaded if loaded > COMPILED else None
         self._try_pieces(rows[np.unique(np.linspace(0, len(rows) - 1, PIECES).astype(int))], budget)
         count = FIRST
         while not self.cut and not self.all_known and count >= FIRST // 2:
