@@ -400,7 +400,7 @@ def sweep(
     >>> rs.sweep("configs/quickstart.yaml").runs.t_r.describe()  # doctest: +SKIP
     """
     from rattlesweep.sweeps.config.load import load_config, parse_config
-    from rattlesweep.sweeps.engines.engine import run_sweep
+    from rattlesweep.sweeps.engines.run import run_sweep
     from rattlesweep.sweeps.sense.sense import checked_plan
 
     if isinstance(config, str | Path):

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rattlesweep.sweeps.cases.shards import Shard
-    from rattlesweep.sweeps.engines.engine import Job, Report
+    from rattlesweep.sweeps.engines.job import Job, Result
 
 
 @command(
@@ -78,7 +78,7 @@ def run(
 
     Prints one row per case on standard output.
     """
-    from rattlesweep.sweeps.engines.engine import run_sweep
+    from rattlesweep.sweeps.engines.run import run_sweep
     from rattlesweep.sweeps.forecast.forecast import describe, forecast
     from rattlesweep.sweeps.sense.sense import checked_plan
     from rattlesweep.sweeps.store.output import examine
@@ -131,7 +131,7 @@ def _engine(
     return make_engine(scheduler, workers, threads)
 
 
-def _close(report: Report, quiet: bool, verbose: bool) -> int:
+def _close(report: Result, quiet: bool, verbose: bool) -> int:
     """Say what became of a sweep; the exit code."""
     for remark in report.remarks:
         say(f"note: {remark}")

@@ -21,7 +21,7 @@ from rattlesweep.integrate.lanes import kernel as lanes
 from rattlesweep.sweeps.cases import sampler
 from rattlesweep.sweeps.cases.plan import make_plan
 from rattlesweep.sweeps.config.load import load_config
-from rattlesweep.sweeps.engines.engine import run_sweep
+from rattlesweep.sweeps.engines.run import run_sweep
 from rattlesweep.sweeps.engines.slurm import limit_of, margin_of, memory_of
 from rattlesweep.sweeps.inspect.content_hash import content_hash
 from rattlesweep.sweeps.inspect.verify import verify

@@ -11,7 +11,7 @@ from rattlesweep.cli.common.output import say
 from rattlesweep.durations import clock
 
 if TYPE_CHECKING:
-    from rattlesweep.sweeps.engines.engine import Progress
+    from rattlesweep.sweeps.engines.progress import Progress
 
 # Seconds between lines of progress where there is no terminal.
 LINE_EVERY = 60.0

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rattlesweep.errors import ConfigError, DamagedManifest, OutputError
+from rattlesweep.sweeps.cases.costs import Costs
 from rattlesweep.sweeps.cases.shards import Shard, deal
-from rattlesweep.sweeps.engines.progress import Costs
 from rattlesweep.sweeps.store.blockfile import Note
 from rattlesweep.sweeps.store.locks import hold
 from rattlesweep.sweeps.store.manifest import (
@@ -358,7 +358,9 @@ def open_session(
         opened = replace(examine(plan, directory, base), retry_failed=retry_failed)
         opened.remarks.extend(put_in_order(store, opened.plan, opened.hash_))
         costs = Costs(opened.plan)
-        yield Session(opened, base, shard, threads, costs, deal(opened.plan, shard, costs))
+        shares = deal(opened.plan, 1 if shard is None else shard.count, costs)
+        blocks = shares[0 if shard is None else shard.index]
+        yield Session(opened, base, shard, threads, costs, blocks)
 
 
 def remove_runs(store: Store) -> None:
