@@ -108,6 +108,12 @@ def test_verdicts_follow_the_measurement():
     assert u1(points(scatter=0.9)).verdict == "partly"
 
 
+def test_points_without_a_run_settle_nothing():
+    frame = points().to_pandas()
+    frame.loc[3, "runs"] = 0
+    assert u1(pa.Table.from_pandas(frame)) is None
+
+
 def fractions(wrong=0):
     """Types as Bondi's threshold has them, of which a few runs are on the wrong side."""
     rows = []

@@ -118,7 +118,7 @@ def large_oscillation(tables: Tables) -> Measured:
             f"{name}: {count}"
             for name, count in zip(others["definition"], others["count"], strict=True)
         ),
-        "past": basin["runs"].iloc[0], "bears": ", ".join(
+        "past": basin["runs"].max(), "bears": ", ".join(
             f"{row.SS} at {row.omega_xy0:g}" for row in basin.itertuples()
         ),
     }  # fmt: skip
