@@ -35,7 +35,9 @@ def now() -> str:
 
 def command_line() -> list[str]:
     """The words of the command that this process is."""
-    return [Path(sys.argv[0]).name, *sys.argv[1:]]
+    words = [Path(sys.argv[0]).name, *sys.argv[1:]]
+    # A path need not be UTF-8, and JSON must.
+    return [word.encode(errors="backslashreplace").decode() for word in words]
 
 
 def machine() -> dict[str, Any]:
