@@ -21,13 +21,20 @@ class CaseLike(Protocol):
     """A case as a summary names it; the cases of a sweep are numbered from 0."""
 
     @property
-    def target_name(self) -> str | None: ...
+    def target_name(self) -> str | None:
+        """``"K_p"``, ``"K_r"`` or none."""
+
     @property
-    def target(self) -> float | None: ...
+    def target(self) -> float | None:
+        """Target value of that."""
+
     @property
-    def n_i(self) -> float | None: ...
+    def n_i(self) -> float | None:
+        """Initial spin in ``sqrt(g/a)``; none where rows differ."""
+
     @property
-    def omega_xy0(self) -> float | None: ...
+    def omega_xy0(self) -> float | None:
+        """Initial rate of the oscillation in ``sqrt(g/a)``; none where rows differ."""
 
 
 class Summary:

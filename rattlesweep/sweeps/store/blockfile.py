@@ -7,6 +7,7 @@ the same note, but fewer rows than that speaks of. `Note.is_whole` is what tells
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -25,6 +26,19 @@ MOST_ROWS = 200_000
 """Rows that a block can have."""
 # Bytes that its file can have, for each row and for the rest.
 _ROW, _REST = 1 << 14, 1 << 20
+_BLOCK = re.compile(r"block-(\d{6,18})\.parquet")
+
+
+def block_name(index: int) -> str:
+    """Name of a block's file."""
+    return f"block-{index:06d}.parquet"
+
+
+def block_number(name: str) -> int | None:
+    """Number of the block that has its place by this name."""
+    match = _BLOCK.fullmatch(name)
+    number = None if match is None else int(match[1])
+    return number if number is not None and block_name(number) == name else None
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
-import re
 import stat
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -34,6 +33,8 @@ from rattlesweep.sweeps.store.blockfile import (
     MOST_ROWS,
     BlockFile,
     Note,
+    block_name,
+    block_number,
     read_block_file,
     receipt_of,
 )
@@ -47,7 +48,6 @@ from rattlesweep.sweeps.tables.arrow import (
     open_sealed,
 )
 
-_BLOCK = re.compile(r"block-(\d{6,18})\.parquet")
 MOST_BYTES = 1 << 31
 """Bytes that a file which is no block can have."""
 # In every manifest, and in the footer of every table.
@@ -170,11 +170,11 @@ class Store:
 
     def block_path(self, index: int) -> Path:
         """Where block `index` has its place."""
-        return self.runs / _name(index)
+        return self.runs / block_name(index)
 
     def is_block(self, path: Path) -> bool:
         """Whether a file has the name of a block."""
-        return _number(path.name) is not None
+        return block_number(path.name) is not None
 
     def block_indices(self) -> list[int]:
         """Numbers of the blocks in place, ascending; other files in `runs` are ignored."""
@@ -186,14 +186,14 @@ class Store:
             raise OutputError(f"cannot use {self.directory}: a file is in the way") from error
         except OSError as error:
             raise OutputError(f"cannot read {self.runs}: {reason(error)}") from error
-        return sorted(number for name in names if (number := _number(name)) is not None)
+        return sorted(number for name in names if (number := block_number(name)) is not None)
 
     def strays(self, blocks: int) -> Iterator[Path]:
         """Files that readers of ``runs/*.parquet`` take for runs, but none of so many blocks."""
         for name in sorted(os.listdir(self.runs)):
             if name.startswith(".") or not name.endswith(".parquet"):
                 continue
-            number = _number(name)
+            number = block_number(name)
             if number is None or number >= blocks:
                 yield self.runs / name
 
@@ -396,14 +396,3 @@ class Store:
         except OutputError:
             self._check_in_place()  # which says why a file was not found
             raise
-
-
-def _name(index: int) -> str:
-    return f"block-{index:06d}.parquet"
-
-
-def _number(name: str) -> int | None:
-    """Number of the block that has its place by this name."""
-    match = _BLOCK.fullmatch(name)
-    number = None if match is None else int(match[1])
-    return number if number is not None and _name(number) == name else None

@@ -1,81 +1,19 @@
-"""The Python interface: a few calls over the rooms below, which they import when they are made."""
+"""One run: simulated, as a time series, or a stored one again."""
 
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rattlesweep.errors import ConfigError, ConfigWarning, OutputError
-from rattlesweep.physics import theory
+from rattlesweep.errors import ConfigError
 from rattlesweep.physics.body import Rattleback
-from rattlesweep.physics.launch import direction, garcia_hubbard
-from rattlesweep.physics.theory import Modes
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    import pandas as pd
+    from collections.abc import Sequence
 
     from rattlesweep.study.onerun.course import Trajectory
-
-__all__ = ["ConfigError", "Modes", "OutputError", "Rattleback", "Run", "Sweep", "load", "modes",
-           "replay", "reversal_time_gh", "simulate", "sweep", "trajectory"]  # fmt: skip
-
-
-def modes(body: Rattleback) -> Modes:
-    """Frequencies, directions and torque coefficients of a body (Eqs. def-omega_pr, Kp, Kr).
-
-    Parameters
-    ----------
-    body : Rattleback
-
-    Returns
-    -------
-    Modes
-        With floats: ``omega_p omega_r omega_p0 omega_r0`` in ``sqrt(g/a)``, ``psi_p psi_r`` in
-        radians, ``K_p K_r`` without a unit.
-
-    Examples
-    --------
-    >>> import rattlesweep as rs
-    >>> round(rs.modes(rs.Rattleback.gh()).omega_p, 3)
-    1.439
-    """
-    found = theory.modes(body.alpha, body.beta, body.theta, body.phi, body.xi)
-    numbers: dict[str, Any] = {name: float(value) for name, value in vars(found).items()}
-    return replace(found, **numbers)
-
-
-def reversal_time_gh(body: Rattleback, n_i: float, omega_xy0: float) -> float:
-    """Garcia and Hubbard's time of reversal (Eqs. trgh-p, trgh-m), in ``sqrt(a/g)``.
-
-    Parameters
-    ----------
-    body : Rattleback
-    n_i : float
-        Initial spin, not zero; its sign chooses the direction.
-    omega_xy0 : float
-        Oscillation along the relevant mode, above zero; both in ``sqrt(g/a)``.
-
-    Raises
-    ------
-    ConfigError
-        If there is no such launch.
-
-    Examples
-    --------
-    >>> import rattlesweep as rs
-    >>> round(rs.reversal_time_gh(rs.Rattleback.gh(), n_i=0.1, omega_xy0=0.01), 1)
-    108.2
-    """
-    from rattlesweep.study.derived import check_launch
-
-    check_launch(n_i, omega_xy0)
-    found = theory.modes(body.alpha, body.beta, body.theta, body.phi, body.xi)
-    psi = direction(found, n_i, "relevant")
-    return float(garcia_hubbard(body, found, n_i, omega_xy0, psi).t_rgh)
 
 
 @dataclass(frozen=True)
@@ -298,118 +236,3 @@ def _integrator(method: str, tol: float | None, dt_step: float | None) -> dict[s
     """The config's `integrator`, which refuses what its method does not take."""
     given = {"method": method, "tol": tol, "dt": dt_step}
     return {key: value for key, value in given.items() if value is not None}
-
-
-class Sweep:
-    """An output directory; tables are read when they are asked for.
-
-    Parameters
-    ----------
-    directory : path
-        Of a sweep, whole or still running.
-
-    Attributes
-    ----------
-    directory : Path
-    manifest : dict
-        The resolved config, its hash, versions, machine and times.
-    """
-
-    def __init__(self, directory: str | Path) -> None:
-        from rattlesweep.sweeps.store.stored import open_stored
-
-        self.directory = Path(directory)
-        self._stored = open_stored(self.directory)
-        self.manifest: dict[str, Any] = self._stored.manifest.dump()
-
-    @property
-    def runs(self) -> pd.DataFrame:
-        """One row a run: the columns of ``runs/*.parquet``; no rows before the first block."""
-        import pyarrow as pa
-
-        from rattlesweep.sweeps.tables.columns import runs_schema
-
-        tables = [table for _, table in self._stored.store.iter_blocks()]
-        if not tables:
-            config = self._stored.config
-            tables = [runs_schema(config.record, config.model).empty_table()]
-        frame: pd.DataFrame = pa.concat_tables(tables).to_pandas()
-        return frame
-
-    @property
-    def summary(self) -> pd.DataFrame:
-        """One row a case."""
-        frame: pd.DataFrame = self._stored.store.read_summary().to_pandas()
-        return frame
-
-    def __repr__(self) -> str:
-        """Name the directory and how far it is."""
-        return f"<Sweep {self.directory}: {self.manifest['runs']} runs, {self.manifest['state']}>"
-
-
-def load(directory: str | Path) -> Sweep:
-    """Open an output directory.
-
-    Raises
-    ------
-    ConfigError
-        If it is none.
-
-    Examples
-    --------
-    >>> import rattlesweep as rs
-    >>> rs.load("out/steady").summary[["n_i", "fraction_R"]]  # doctest: +SKIP
-    """
-    return Sweep(directory)
-
-
-def sweep(
-    config: str | Path | Mapping[str, Any],
-    *,
-    output: str | Path | None = None,
-    threads: int | None = None,
-) -> Sweep:
-    """Run a sweep, or go on with one that was stopped.
-
-    Parameters
-    ----------
-    config : path or mapping
-        A config file, or what one would hold.
-    output : path, optional
-        Output directory; overrides the config's.
-    threads : int, optional
-        Threads of the kernel.
-
-    Returns
-    -------
-    Sweep
-
-    Raises
-    ------
-    ConfigError, OutputError
-        If the config is wrong, or the directory cannot be written.
-
-    Warns
-    -----
-    ConfigWarning
-        Of what makes little physical sense in the config, as ``rattlesweep run`` does.
-
-    Examples
-    --------
-    >>> import rattlesweep as rs
-    >>> rs.sweep("configs/quickstart.yaml").runs.t_r.describe()  # doctest: +SKIP
-    """
-    from rattlesweep.sweeps.config.load import load_config, parse_config
-    from rattlesweep.sweeps.engines.run import run_sweep
-    from rattlesweep.sweeps.sense.sense import checked_plan
-
-    if isinstance(config, str | Path):
-        loaded, base = load_config(config), Path(config).resolve().parent
-    else:
-        loaded, base = parse_config(config), None
-    plan, doubts = checked_plan(loaded, base)
-    for doubt in doubts:
-        warnings.warn(doubt, ConfigWarning, stacklevel=2)
-    directory = Path(output if output is not None else loaded.directory)
-    run_sweep(plan, directory, base=base, threads=threads)
-    return Sweep(directory)
