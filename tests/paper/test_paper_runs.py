@@ -194,7 +194,7 @@ def test_one_chaotic_slow_run_is_enough_for_partly():
     assert one.verdict == "partly"
     assert one.low < one.value == 0.001 < one.high < 0.01
     assert "The 1 chaotic ones" in one.evidence
-    assert s5(wobbling(slow=100, fast=0)).verdict == "disagree"
+    assert s5(wobbling(slow=150, fast=0)).verdict == "disagree"
     assert s5(wobbling().query("n_i == -0.5")) is None
 
 
