@@ -41,7 +41,7 @@ def modes(body: Rattleback) -> Modes:
     --------
     >>> import rattlesweep as rs
     >>> round(rs.modes(rs.Rattleback.gh()).omega_p, 3)
-    1.434
+    1.439
     """
     found = theory.modes(body.alpha, body.beta, body.theta, body.phi, body.xi)
     numbers: dict[str, Any] = {name: float(value) for name, value in vars(found).items()}
@@ -320,7 +320,6 @@ class Sweep:
 
         self.directory = Path(directory)
         self._stored = open_stored(self.directory)
-        self._store = self._stored.store
         self.manifest: dict[str, Any] = self._stored.manifest.dump()
 
     @property
@@ -330,7 +329,7 @@ class Sweep:
 
         from rattlesweep.sweeps.tables.columns import runs_schema
 
-        tables = [table for _, table in self._store.iter_blocks()]
+        tables = [table for _, table in self._stored.store.iter_blocks()]
         if not tables:
             config = self._stored.config
             tables = [runs_schema(config.record, config.model).empty_table()]
@@ -340,7 +339,7 @@ class Sweep:
     @property
     def summary(self) -> pd.DataFrame:
         """One row a case."""
-        frame: pd.DataFrame = self._store.read_summary().to_pandas()
+        frame: pd.DataFrame = self._stored.store.read_summary().to_pandas()
         return frame
 
     def __repr__(self) -> str:
@@ -401,7 +400,7 @@ def sweep(
     >>> rs.sweep("configs/quickstart.yaml").runs.t_r.describe()  # doctest: +SKIP
     """
     from rattlesweep.sweeps.config.load import load_config, parse_config
-    from rattlesweep.sweeps.engines.engine import run_sweep
+    from rattlesweep.sweeps.engines.run import run_sweep
     from rattlesweep.sweeps.sense.sense import checked_plan
 
     if isinstance(config, str | Path):

@@ -4,28 +4,24 @@ from __future__ import annotations
 
 import re
 
-from rattlesweep.errors import ConfigError
-
 _UNITS = {"d": 86400.0, "h": 3600.0, "m": 60.0, "min": 60.0, "s": 1.0}
 _PART = r"(\d+(?:\.\d+)?)\s*(d|h|min|m|s)"
 
 
-def seconds_of(text: str, flag: str) -> float:
+def seconds_of(text: str) -> float:
     """Seconds of a text such as ``3h50m``, ``90s``, ``1.5h`` or ``2d 4h``.
 
     Raises
     ------
-    ConfigError
+    ValueError
         It is something else, or no time at all.
     """
     whole = text.strip()
     if not re.fullmatch(rf"(?:{_PART}\s*)+", whole):
-        raise ConfigError(
-            f"{flag} {text}: is no length of time; write it with units, as in 3h50m, 90s or 2d"
-        )
+        raise ValueError("is no length of time; write it with units, as in 3h50m, 90s or 2d")
     seconds = sum(float(number) * _UNITS[unit] for number, unit in re.findall(_PART, whole))
     if not 0 < seconds < 1e10:
-        raise ConfigError(f"{flag} {text}: is out of range; give more than nothing")
+        raise ValueError("is out of range; give more than nothing")
     return seconds
 
 

@@ -2,36 +2,35 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 import click
 
-from rattlesweep.cli import options
-from rattlesweep.cli.common import DONE, guarded
+from rattlesweep.cli.common import command, options, to_json
+from rattlesweep.text import align
 
 
-@click.command(
-    epilog="\b\nExamples:\n  rattlesweep body --preset GH\n  rattlesweep body --gamma 10 --f-sd "
-    "0.1 --theta 0.8 --phi 0.05 --xi-deg -3 --json"
+@command(
+    section="One run",
+    examples=(
+        "rattlesweep body --preset GH",
+        "rattlesweep body --gamma 10 --f-sd 0.1 --theta 0.8 --phi 0.05 --xi-deg -3 --json",
+    ),
 )
-@options.body_options
-@options.spin_options
-@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
-@guarded
-def body(as_json: bool, n_i: float, omega_xy0: float, **given: Any) -> int:
+@options.body
+@options.spin
+@options.as_json
+def body(body: dict[str, Any], spin: dict[str, Any], as_json: bool) -> None:
     """Print derived quantities of one body: modes, torque coefficients, thresholds, reversal times.
 
     The spin and the oscillation, in sqrt(g/a), matter for the reversal times only.
     """
     from rattlesweep.study.derived import derived, make_body
 
-    values = derived(make_body(given), n_i, omega_xy0)
+    values = derived(make_body(body), **spin)
     if as_json:
-        click.echo(json.dumps({q.name: q.value for q in values}, indent=2, allow_nan=False))
-        return DONE
-    width = max(len(q.name) for q in values)
-    for q in values:
-        shown = "none" if q.value is None else f"{q.value:.10g}"
-        click.echo(f"{q.name:<{width}}  {shown:>15}  {q.unit:<9}  {q.description}".rstrip())
-    return DONE
+        click.echo(to_json({q.name: q.value for q in values}))
+        return
+    numbers = ["none" if q.value is None else f"{q.value:.10g}" for q in values]
+    lines = [(q.name, n, q.unit, q.description) for q, n in zip(values, numbers, strict=True)]
+    click.echo(align(lines, "<><"))

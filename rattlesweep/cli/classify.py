@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import click
-
-from rattlesweep.cli.common import DONE, OVERRIDES, guarded, print_summary, say
+from rattlesweep.cli.common import command, options, print_summary, say
 
 
-@click.command(
-    epilog="\b\nExample:\n  rattlesweep classify out/quickstart --set classify.sw_departure=0.1"
+@command(
+    section="Sweeps",
+    examples=("rattlesweep classify out/quickstart --set classify.sw_departure=0.1",),
 )
-@click.argument("directory", type=click.Path())
-@OVERRIDES
-@guarded
-def classify(directory: str, overrides: tuple[str, ...]) -> int:
+@options.directory
+@options.overrides
+def classify(directory: Path, overrides: tuple[str, ...]) -> None:
     """Classify the stored runs of a directory again, without integrating.
 
     Rewrites the types in the blocks and the summary, and notes both the thresholds of the config
@@ -23,8 +21,8 @@ def classify(directory: str, overrides: tuple[str, ...]) -> int:
     """
     from rattlesweep.sweeps.inspect.retype import retype
 
-    done = retype(Path(directory), overrides)
-    print_summary(done.summary, Path(directory))
+    done = retype(directory, overrides)
+    print_summary(done.summary, directory)
     say(
         f"{done.changed} runs have changed their type; written: {done.blocks} blocks, "
         f"summary.parquet and manifest.json in {directory}"
@@ -36,7 +34,6 @@ def classify(directory: str, overrides: tuple[str, ...]) -> int:
             f"`rattlesweep run` would put back those of the config ({_words(done.own)}): to keep "
             "these, set them there"
         )
-    return DONE
 
 
 def _words(thresholds: dict[str, float]) -> str:

@@ -5,27 +5,30 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
+from click import argument, option
 
 from rattlesweep.cli.common import (
     DONE,
     EARLY,
     SOME_FAILED,
     Meter,
-    check_output,
+    command,
+    options,
     print_summary,
-    resumable,
     say,
+    types,
 )
 
 
-@click.command(
-    epilog="\b\nExample:\n  rattlesweep merge out/steady-0 out/steady-1 --output out/steady"
+@command(
+    section="Sweeps",
+    resumes=True,
+    examples=("rattlesweep merge out/steady-0 out/steady-1 --output out/steady",),
 )
-@click.argument("directories", metavar="DIR...", type=click.Path(), nargs=-1, required=True)
-@click.option("--output", metavar="DIR", required=True, help="The directory to write.")
-@click.option("-q", "--quiet", is_flag=True, help="No progress and no closing table.")
-@resumable
-def merge(directories: tuple[str, ...], output: str, quiet: bool) -> int:
+@argument("directories", metavar="DIR...", type=click.Path(path_type=Path), nargs=-1, required=True)
+@option("-o", "--output", type=types.DIRECTORY, required=True, help="The directory to write.")
+@options.quiet
+def merge(directories: tuple[Path, ...], output: Path, quiet: bool) -> int:
     """Merge the directories of one sweep's shards into files of sensible size.
 
     Checks that they belong to one config and agree where they overlap. Runs that the output has
@@ -34,9 +37,8 @@ def merge(directories: tuple[str, ...], output: str, quiet: bool) -> int:
     """
     from rattlesweep.sweeps.inspect.merge import merge as join
 
-    check_output(output)
     with Meter(quiet) as meter:
-        merged = join([Path(d) for d in directories], Path(output), report=meter.counting("files"))
+        merged = join(list(directories), output, report=meter.counting("files"))
     if merged.summary is not None and not quiet:
         print_summary(merged.summary, merged.directory)
     say(f"{merged.runs} runs in {merged.files} files in {output}")

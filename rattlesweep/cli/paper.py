@@ -6,32 +6,31 @@ import time
 from pathlib import Path
 
 import click
+from click import option
 
-from rattlesweep.cli.common import (
-    DONE,
-    SOME_FAILED,
-    Meter,
-    check_output,
-    check_threads,
-    resumable,
-    say,
-)
+from rattlesweep.cli.common import DONE, SOME_FAILED, Meter, command, options, say, types
 
 
-@click.command(
-    epilog="\b\nExamples:\n  rattlesweep paper --quick\n  rattlesweep paper --only fig6,fig7 "
-    "--output out/paper"
+@command(
+    section="Study",
+    resumes=True,
+    examples=(
+        "rattlesweep paper --quick",
+        "rattlesweep paper --only fig6,fig7 --output out/paper",
+    ),
 )
-@click.option(
-    "--output", metavar="DIR", help="Output directory; by default out/paper, or out/paper-quick."
+@option(
+    "-o",
+    "--output",
+    type=types.DIRECTORY,
+    help="Output directory; by default out/paper, or out/paper-quick.",
 )
-@click.option("--quick", is_flag=True, help="Fewer samples: faster, with wide intervals.")
-@click.option("--only", metavar="NAMES", help="Figures to make, such as fig6,fig7, or theory.")
-@click.option("--threads", type=click.IntRange(1), help="Number of threads of the kernels.")
-@click.option("-q", "--quiet", is_flag=True, help="No progress and no closing table.")
-@resumable
+@option("--quick", is_flag=True, help="Fewer samples: faster, with wide intervals.")
+@option("--only", metavar="NAMES", help="Figures to make, such as fig6,fig7, or theory.")
+@options.threads
+@options.quiet
 def paper(
-    output: str | None,
+    output: Path | None,
     quick: bool,
     only: str | None,
     threads: int | None,
@@ -44,9 +43,6 @@ def paper(
     runs are kept, and only the counts of fig3 (half a minute at most) are lost. Prints the
     verdicts on standard output, with the number of checks that hold.
     """
-    check_output(output)
-    check_threads(threads)
-
     from rattlesweep.integrate.batch import available_threads
     from rattlesweep.paper.registry import choose
     from rattlesweep.paper.report import closing_table, tally
@@ -54,7 +50,7 @@ def paper(
     from rattlesweep.paper.settings import FULL, QUICK
 
     names = choose(only)
-    directory = Path(output or ("out/paper-quick" if quick else "out/paper"))
+    directory = output or Path("out/paper-quick" if quick else "out/paper")
     start = time.monotonic()
     with Meter(quiet) as meter:
         done = reproduce(

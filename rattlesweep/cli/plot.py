@@ -5,92 +5,95 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
+from click import option
 
-from rattlesweep.cli import options
-from rattlesweep.cli.common import DONE, guarded, say
+from rattlesweep.cli.common import command, options, say, types
 
 
-@click.command(
-    epilog="\b\nExamples:\n  rattlesweep plot out/quickstart\n"
-    "  rattlesweep plot out/steady --kind ratio --select n_i=-0.1,-0.3 --output ratio.pdf\n"
-    "  rattlesweep plot out/steady --kind scatter --x K_r --ylim 10,1e4\n"
-    "  rattlesweep plot out/map-theta-spin --select theta=0.84:0.99 --select n_i=-0.45:0"
+@command(
+    section="Pictures and pages",
+    examples=(
+        "rattlesweep plot out/quickstart",
+        "rattlesweep plot out/steady --kind ratio --select n_i=-0.1,-0.3 --output ratio.pdf",
+        "rattlesweep plot out/steady --kind scatter --x K_r --ylim 10,1e4",
+        "rattlesweep plot out/map-theta-spin --select theta=0.84:0.99 --select n_i=-0.45:0",
+    ),
 )
-@click.argument("directory", type=click.Path())
-@click.option(
+@options.directory
+@option(
     "--kind",
-    metavar="KIND",
-    help="fractions, times (t_r), ratio (t_r/t_rGH), map, distribution or scatter; by default the "
-    "one that suits the sweep.",
+    type=types.KINDS,
+    help="What to draw; times are t_r, and ratio is t_r/t_rGH. By default what suits the sweep.",
 )
-@click.option(
+@option(
     "--x",
     metavar="NAME",
     help="Quantity along the abscissa: something that the config varies, such as n_i, or any "
     "column of the runs, such as K_p or n_0, for a scatter of t_r.",
 )
-@click.option(
+@option(
     "--select",
     metavar="NAME=VALUES",
     multiple=True,
     help="Only these values, as in n_i=-0.3,-0.5 or theta=0.6:0.7; may be repeated.",
 )
-@click.option(
-    "--log/--linear", default=None, help="Logarithmic or linear axes; by default by range."
-)
-@click.option("--xlim", metavar="LOW,HIGH", help="Limits of the abscissa.")
-@click.option("--ylim", metavar="LOW,HIGH", help="Limits of the ordinate.")
-@click.option("--size", metavar="W,H", help="Width and height in inches.")
-@click.option(
-    "--dpi", type=click.FloatRange(20, 1200), default=150.0, help="Dots per inch of a PNG."
-)
-@click.option("--style", metavar="FILE", help="A Matplotlib style file (.mplstyle).")
-@options.title_option
-@click.option(
-    "--output",
+@option("--log/--linear", default=None, help="Logarithmic or linear axes; by default by range.")
+@option("--xlim", type=types.LIMITS, help="Limits of the abscissa.")
+@option("--ylim", type=types.LIMITS, help="Limits of the ordinate.")
+@option("--size", type=types.SIZE, help="Width and height in inches.")
+@option("--dpi", type=click.FloatRange(20, 1200), default=150.0, help="Dots per inch of a PNG.")
+@option(
+    "--style",
     metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="A Matplotlib style file (.mplstyle).",
+)
+@options.title(types.FORMULA)
+@option(
+    "-o",
+    "--output",
+    type=types.file(".svg", ".png", ".pdf"),
     multiple=True,
     help="An .svg, .png or .pdf file; may be repeated. By default DIRECTORY/KIND.svg and .png.",
 )
-@click.option("--data", metavar="FILE", help="Also write the plotted numbers, as .csv or .parquet.")
-@guarded
+@option(
+    "--data",
+    type=types.file(".csv", ".parquet"),
+    help="Also write the plotted numbers, as .csv or .parquet.",
+)
 def plot(
-    directory: str,
+    directory: Path,
     kind: str | None,
     x: str | None,
     select: tuple[str, ...],
     log: bool | None,
-    xlim: str | None,
-    ylim: str | None,
-    size: str | None,
+    xlim: tuple[float, float] | None,
+    ylim: tuple[float, float] | None,
+    size: tuple[float, float] | None,
     dpi: float,
-    style: str | None,
+    style: Path | None,
     title: str | None,
-    output: tuple[str, ...],
-    data: str | None,
-) -> int:
+    output: tuple[Path, ...],
+    data: Path | None,
+) -> None:
     """Plot a sweep: fractions of types, reversal times against theory, or a map of a grid.
 
     Works at any time, even while the sweep is running. Prints the paths of what it writes.
     """
-    from rattlesweep.study.plots import files as plot_files
+    from rattlesweep.study.plots.files import write_data, write_figure
     from rattlesweep.study.plots.layout import read_layout
-    from rattlesweep.study.plots.registry import choose_picture, default_outputs
+    from rattlesweep.study.plots.registry import read_picture
     from rattlesweep.study.style import styled
 
-    paths, table = plot_files.named_outputs(output), plot_files.named_data(data)
-    inches = plot_files.parse_size(size)
-    limits = [plot_files.parse_limits(*each) for each in (("--xlim", xlim), ("--ylim", ylim))]
-    options.check_title(title, formulas=True)
-    with styled(None if style is None else Path(style)):
-        picture = choose_picture(read_layout(Path(directory)), kind, x=x, select=select)
-        paths = paths or default_outputs(Path(directory), picture.kind)
-        figure = picture.figure(title=title, log=log, size=inches, xlim=limits[0], ylim=limits[1])
-        plot_files.write_figure(figure, paths, dpi)
-    if table is not None:
-        plot_files.write_data(picture.data(), table)
-        paths.append(table)
+    with styled(style):
+        picture = read_picture(read_layout(directory), kind, x=x, select=select)
+        name = picture.kind.name
+        paths = list(output) or [directory / f"{name}.{ending}" for ending in ("svg", "png")]
+        figure = picture.figure(title=title, log=log, size=size, xlim=xlim, ylim=ylim)
+        write_figure(figure, paths, dpi)
+    if data is not None:
+        write_data(picture.table(), data)
+        paths.append(data)
     for path in paths:
         click.echo(path)
-    say(f"{picture.kind}: {picture.said()}")
-    return DONE
+    say(f"{name}: {picture.data.words()}")

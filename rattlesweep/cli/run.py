@@ -6,63 +6,68 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+from click import option
 
 from rattlesweep.cli.common import (
     DONE,
     EARLY,
-    OVERRIDES,
     SOME_FAILED,
     Meter,
-    check_threads,
-    load_sweep,
+    command,
+    options,
     print_summary,
-    resumable,
     say,
+    types,
 )
+from rattlesweep.errors import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rattlesweep.sweeps.engines.engine import Job, Report
+    from rattlesweep.sweeps.cases.shards import Shard
+    from rattlesweep.sweeps.engines.job import Job, Result
 
 
-@click.command(
-    epilog="\b\nExamples:\n  rattlesweep run configs/quickstart.yaml --set bodies.samples=100\n"
-    "  rattlesweep run configs/steady.yaml --max-time 3h50m\n"
-    "  rattlesweep run configs/steady.yaml --shard 0/4 --output out/steady-0"
+@command(
+    section="Sweeps",
+    resumes=True,
+    examples=(
+        "rattlesweep run configs/quickstart.yaml --set bodies.samples=100",
+        "rattlesweep run configs/steady.yaml --max-time 3h50m",
+        "rattlesweep run configs/steady.yaml --shard 0/4 --output out/steady-0",
+    ),
 )
-@click.argument("config", type=click.Path())
-@click.option("--output", metavar="DIR", help="Output directory; overrides the config's.")
-@OVERRIDES
-@click.option("--threads", type=click.IntRange(1), help="Number of threads of the kernel.")
-@click.option(
+@options.config
+@options.output
+@options.overrides
+@option("-j", "--threads", type=click.IntRange(1), help="Number of threads of the kernel.")
+@option(
     "--engine",
     type=click.Choice(["local", "dask"]),
     default="local",
     help="Where blocks are computed: in this process, or by the workers of a Dask cluster.",
 )
-@click.option("--scheduler", metavar="ADDRESS", help="Address of an existing Dask scheduler.")
-@click.option(
+@option("--scheduler", metavar="ADDRESS", help="Address of an existing Dask scheduler.")
+@option(
     "--workers", type=click.IntRange(1), help="Worker processes of a Dask cluster started here."
 )
-@click.option("--shard", metavar="I/N", help="Compute share I of N only, with I from 0 to N-1.")
-@click.option("--max-time", metavar="TIME", help="Stop after this much time, such as 3h50m.")
-@click.option("--fresh", is_flag=True, help="Delete the existing runs and start over.")
-@click.option("--retry-failed", is_flag=True, help="Repeat the runs whose status is not ok.")
-@click.option("--dry-run", is_flag=True, help="Print the forecast, as `plan` does, and stop.")
-@click.option("-q", "--quiet", is_flag=True, help="No progress and no closing table.")
-@click.option("-v", "--verbose", is_flag=True, help="Report where the time went.")
-@resumable
+@option("--shard", type=types.SHARD, help="Compute share I of N only, with I from 0 to N-1.")
+@option("--max-time", type=types.TIME, help="Stop after this much time, such as 3h50m.")
+@option("--fresh", is_flag=True, help="Delete the existing runs and start over.")
+@option("--retry-failed", is_flag=True, help="Repeat the runs whose status is not ok.")
+@option("--dry-run", is_flag=True, help="Print the forecast, as `plan` does, and stop.")
+@options.quiet
+@option("-v", "--verbose", is_flag=True, help="Report where the time went.")
 def run(
-    config: str,
-    output: str | None,
+    config: Path,
+    output: Path | None,
     overrides: tuple[str, ...],
     threads: int | None,
     engine: str,
     scheduler: str | None,
     workers: int | None,
-    shard: str | None,
-    max_time: str | None,
+    shard: Shard | None,
+    max_time: float | None,
     fresh: bool,
     retry_failed: bool,
     dry_run: bool,
@@ -73,23 +78,18 @@ def run(
 
     Prints one row per case on standard output.
     """
-    from rattlesweep.durations import seconds_of
-    from rattlesweep.errors import ConfigError
-    from rattlesweep.sweeps.cases.shards import Shard
-    from rattlesweep.sweeps.engines.engine import run_sweep
-    from rattlesweep.sweeps.engines.opened import examine
+    from rattlesweep.sweeps.engines.run import run_sweep
     from rattlesweep.sweeps.forecast.forecast import describe, forecast
     from rattlesweep.sweeps.sense.sense import checked_plan
+    from rattlesweep.sweeps.store.output import examine
 
-    share = None if shard is None else Shard.parse(shard)
-    seconds = None if max_time is None else seconds_of(max_time, "--max-time")
-    loaded = load_sweep(config, overrides, output)
-    if fresh and share is not None:
+    loaded = options.load_sweep(config, overrides, output)
+    if fresh and shard is not None:
         raise ConfigError("--fresh: would remove the runs of other shards; start over without it")
-    base = Path(config).resolve().parent
+    base = config.resolve().parent
     work_off = _engine(engine, scheduler, workers, threads)
     if scheduler is None:
-        check_threads(threads)
+        types.check_threads(threads)
     plan, warnings = checked_plan(loaded, base)
     for warning in warnings:
         say(f"warning: {warning}")
@@ -97,8 +97,7 @@ def run(
     if dry_run:
         if not fresh:
             examine(plan, directory, base)
-        shards = None if share is None else share.count
-        click.echo(describe(forecast(plan, threads, shards=shards)))
+        click.echo(describe(forecast(plan, threads, shards=shard.count if shard else None)))
         return DONE
     with Meter(quiet) as meter:
         report = run_sweep(
@@ -107,8 +106,8 @@ def run(
             base=base,
             threads=threads,
             report=meter,
-            shard=share,
-            max_time=seconds,
+            shard=shard,
+            max_time=max_time,
             fresh=fresh,
             retry_failed=retry_failed,
             engine=work_off,
@@ -120,7 +119,6 @@ def _engine(
     name: str, scheduler: str | None, workers: int | None, threads: int | None
 ) -> Callable[[Job], None]:
     """The engine that the options ask for."""
-    from rattlesweep.errors import ConfigError
     from rattlesweep.sweeps.engines import local
 
     if name == "local":
@@ -133,7 +131,7 @@ def _engine(
     return make_engine(scheduler, workers, threads)
 
 
-def _close(report: Report, quiet: bool, verbose: bool) -> int:
+def _close(report: Result, quiet: bool, verbose: bool) -> int:
     """Say what became of a sweep; the exit code."""
     for remark in report.remarks:
         say(f"note: {remark}")

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import json
-
 import click
 
-from rattlesweep.cli.common import DONE, guarded
+from rattlesweep.cli.common import command, to_json
 
 
-@click.command(epilog="\b\nExample:\n  rattlesweep schema > rattlesweep.schema.json")
-@guarded
-def schema() -> int:
+@command(section="Study", examples=("rattlesweep schema > rattlesweep.schema.json",))
+def schema() -> None:
     """Print the JSON Schema of the config."""
     from rattlesweep.sweeps.config.load import config_json_schema
 
-    click.echo(json.dumps(config_json_schema(), indent=2))
-    return DONE
+    click.echo(to_json(config_json_schema()))

@@ -2,57 +2,46 @@
 
 from __future__ import annotations
 
-import json
 import time
 from pathlib import Path
 
 import click
+from click import argument, option
 
-from rattlesweep.cli.common import (
-    DONE,
-    OVERRIDES,
-    check_output,
-    check_threads,
-    guarded,
-    say,
-    stages,
+from rattlesweep.cli.common import Meter, command, options, say, to_json
+
+
+@command(
+    section="Study",
+    examples=(
+        "rattlesweep tradeoff --quick",
+        "rattlesweep tradeoff configs/tradeoff.yaml --output out/tradeoff",
+    ),
 )
-
-
-@click.command(
-    epilog="\b\nExamples:\n  rattlesweep tradeoff --quick\n  rattlesweep tradeoff "
-    "configs/tradeoff.yaml --output out/tradeoff"
-)
-@click.argument("config", type=click.Path(), required=False)
-@click.option("--output", metavar="DIR", help="Output directory; overrides the config's.")
-@click.option(
+@argument("config", type=click.Path(path_type=Path), required=False)
+@options.output
+@option(
     "--samples", type=click.IntRange(1), help="Number of bodies; by default enough for 2000 runs."
 )
-@click.option(
-    "--quick", is_flag=True, help="Fewer runs and measurements: takes seconds, but rough."
-)
-@OVERRIDES
-@click.option(
-    "--threads",
-    type=click.IntRange(1),
-    help="Threads for measuring errors; costs are measured on one.",
-)
-@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
-@guarded
+@option("--quick", is_flag=True, help="Fewer runs and measurements: takes seconds, but rough.")
+@options.overrides
+@options.threads
+@options.as_json
 def tradeoff(
-    config: str | None,
-    output: str | None,
+    config: Path | None,
+    output: Path | None,
     samples: int | None,
     quick: bool,
     overrides: tuple[str, ...],
     threads: int | None,
     as_json: bool,
-) -> int:
+) -> None:
     """Measure speed against accuracy of methods, settings and models on the same runs.
 
     Draws runs from CONFIG, by default shell-dumbbell bodies in both directions; ignores its model,
     integrator and record. Prints a table and the cheapest settings for some errors of
-    t_r, and writes tradeoff.parquet, tradeoff.svg and tradeoff.png.
+    t_r, and writes tradeoff.parquet, tradeoff.svg and tradeoff.png. Costs are measured on one
+    thread, whatever --threads says.
     """
     from rattlesweep.integrate.batch import available_threads
     from rattlesweep.study.tradeoff.measure import measure
@@ -64,23 +53,17 @@ def tradeoff(
     loaded = (
         override_config(DEFAULT, overrides) if config is None else load_config(config, overrides)
     )
-    check_output(output)
-    directory = Path(output if output is not None else loaded.directory)
-    check_threads(threads)
+    directory = output or Path(loaded.directory)
     probe_directory(directory)
     start = time.monotonic()
     study = measure(
         loaded,
-        None if config is None else Path(config).resolve().parent,
+        None if config is None else config.resolve().parent,
         samples=samples,
         scope=QUICK if quick else FULL,
         threads=threads or available_threads(),
-        report=stages(start),
+        report=Meter().stage,
     )
     files = save(study, directory)
-    if as_json:
-        click.echo(json.dumps(as_data(study), indent=2, allow_nan=False))
-    else:
-        click.echo(as_text(study))
+    click.echo(to_json(as_data(study)) if as_json else as_text(study))
     say(f"{', '.join(p.name for p in files)} in {directory}; {time.monotonic() - start:.1f} s")
-    return DONE

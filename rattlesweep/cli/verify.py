@@ -2,34 +2,34 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
 from pathlib import Path
 
 import click
+from click import option
 
-from rattlesweep.cli.common import DONE, FAILED, Meter, check_threads, guarded, say
+from rattlesweep.cli.common import DONE, FAILED, Meter, command, options, say, to_json
+from rattlesweep.errors import printable
 
 
-@click.command(epilog="\b\nExample:\n  rattlesweep verify out/quickstart --recompute 100")
-@click.argument("directory", type=click.Path())
-@click.option(
+@command(section="Sweeps", examples=("rattlesweep verify out/quickstart --recompute 100",))
+@options.directory
+@option(
     "--recompute",
     type=click.IntRange(0),
     metavar="N",
     default=0,
     help="Integrate N random runs again and compare them bit for bit.",
 )
-@click.option(
+@option(
     "--seed",
     type=click.IntRange(0),
     help="Seed for choosing these runs; by default a new one each time.",
 )
-@click.option("--threads", type=click.IntRange(1), help="Number of threads of the kernel.")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
-@guarded
+@options.threads
+@options.as_json
 def verify(
-    directory: str, recompute: int, seed: int | None, threads: int | None, as_json: bool
+    directory: Path, recompute: int, seed: int | None, threads: int | None, as_json: bool
 ) -> int:
     """Verify an output directory, every bit of it.
 
@@ -37,20 +37,18 @@ def verify(
     Prints one line per problem and exits with 1 if there is any. `rattlesweep run` repairs what
     it finds by computing those blocks again.
     """
-    from rattlesweep.errors import printable
     from rattlesweep.sweeps.inspect.verify import verify as check
 
-    check_threads(threads)
     with Meter() as meter:
         verdict = check(
-            Path(directory),
+            directory,
             recompute=recompute,
             seed=seed,
             threads=threads,
             report=meter.counting("blocks"),
         )
     if as_json:
-        click.echo(json.dumps(asdict(verdict), indent=2))
+        click.echo(to_json(asdict(verdict)))
     else:
         for problem in verdict.problems:
             click.echo(printable(problem))

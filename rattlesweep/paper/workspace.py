@@ -24,7 +24,7 @@ from rattlesweep.paper.settings import Sizes, sweep_config
 from rattlesweep.sweeps.cases.plan import Plan, make_plan
 from rattlesweep.sweeps.config.load import parse_config, resolved
 from rattlesweep.sweeps.config.schema import Config
-from rattlesweep.sweeps.engines.engine import run_sweep
+from rattlesweep.sweeps.engines.run import run_sweep
 from rattlesweep.sweeps.store.atomic import probe_directory, reason, replace_file
 from rattlesweep.sweeps.store.store import Store
 from rattlesweep.sweeps.tables.arrow import DamagedError, encode, open_sealed
@@ -256,9 +256,7 @@ class Workspace:
         """Runs of these sweeps whose status is not ``ok``."""
         stores = [Store(self.directory / "sweeps" / name) for name in sweeps]
         return sum(
-            sum(store.read_manifest().get("failed", {}).values())
-            for store in stores
-            if store.has_manifest()
+            sum(store.read_manifest().failed.values()) for store in stores if store.has_manifest()
         )
 
 

@@ -40,8 +40,6 @@ def make_body(given: dict[str, Any]) -> Rattleback:
     preset = given.pop("preset", None)
     try:
         if preset is not None:
-            if preset != "GH":
-                raise ConfigError(f"--preset {preset}: no such body; GH is the one there is")
             if "f_sd" in given:
                 raise ConfigError("--f-sd does not go with --preset; give alpha and beta instead")
             gh = {name: getattr(Rattleback.gh(), name) for name in PARAMETERS}

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from rattlesweep.sweeps.blocks.block import Interrupted, finish_block
-from rattlesweep.sweeps.engines import dask_worker as daskworker
+from rattlesweep.sweeps.engines import remainder
 
 _place = Path(os.environ["RATTLESWEEP_TESTS_GATE"])
 
@@ -32,4 +32,4 @@ def _held(*args: Any, control: Any, **kwargs: Any) -> Any:
     return finish_block(*args, control=control, **kwargs)
 
 
-daskworker.finish_block = _held
+remainder.finish_block = _held

@@ -19,7 +19,7 @@ from typing import Any
 from syscalls import Calls
 
 from rattlesweep import cli
-from rattlesweep.sweeps.engines import local
+from rattlesweep.sweeps.engines import remainder
 
 
 def _serve(folder: Path, config: str) -> None:
@@ -102,17 +102,17 @@ def _prepare(order: dict[str, Any]) -> None:
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (order["fsize"],) * 2)
     if "pace" in order:
-        finish = local.finish_block
+        finish = remainder.finish_block
 
         def slowly(*args: Any, control: Any, **kwargs: Any) -> Any:
             end = time.monotonic() + order["pace"]
             while time.monotonic() < end and not control.stopping:
                 time.sleep(0.005)
             if control.stopping:
-                raise local.Interrupted
+                raise remainder.Interrupted
             return finish(*args, control=control, **kwargs)
 
-        local.finish_block = slowly
+        remainder.finish_block = slowly
     if "calls" in order:
         calls = dict(order["calls"])
         log = calls.pop("log", None)

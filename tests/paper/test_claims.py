@@ -108,8 +108,10 @@ def test_verdicts_follow_the_measurement():
     assert u1(points(scatter=0.9)).verdict == "partly"
 
 
-def test_points_that_the_paper_does_not_speak_of_settle_nothing():
-    assert u1(points().slice(0, 4)) is None
+def test_points_without_a_run_settle_nothing():
+    frame = points().to_pandas()
+    frame.loc[3, "runs"] = 0
+    assert u1(pa.Table.from_pandas(frame)) is None
 
 
 def fractions(wrong=0):

@@ -475,7 +475,7 @@ def test_progress_rises_to_one(made):
 def test_every_claim_of_the_sweeps_is_in_the_table(made):
     directory, done, _ = made
     ids = [claim.id for claim in done.claims]
-    # S8 needs more runs of a point than there are here.
+    # Too few runs of a point to tell of S8.
     assert ids == ["U1", "U2", "S1", "S2", "S3", "S4", "S5", "S6", "S7"]
     table = open_sealed((directory / "claims.parquet").read_bytes()).read()
     assert table.column("id").to_pylist() == ids

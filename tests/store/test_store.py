@@ -301,43 +301,46 @@ def test_writing_fails(
     assert {p: p.read_bytes() for p in store.directory.rglob("*") if p.is_file()} == before
 
 
-def test_disk_full_half_way(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+class ShortFile:
+    """A file that takes some of what is written, and says so or not."""
+
+    def __init__(self, file: Any, taken: slice, number: int | None) -> None:
+        self.file, self.taken, self.number = file, taken, number
+
+    def __enter__(self) -> ShortFile:
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        self.file.close()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.file, name)
+
+    def write(self, data: bytes) -> None:
+        self.file.write(data[self.taken])
+        if self.number is not None:
+            raise OSError(self.number, os.strerror(self.number))
+
+
+@pytest.mark.parametrize(
+    ("taken", "number", "words"),
+    [
+        (slice(5000), errno.ENOSPC, "No space left"),
+        (slice(-9), None, "does not read back"),
+    ],
+    ids=["a full disk", "a disk that lies"],
+)
+def test_a_file_of_which_a_part_arrives(
+    taken: slice, number: int | None, words: str, store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
     real = os.fdopen
-
-    def small_disk(*args: Any) -> Any:
-        file = real(*args)
-        wrapped = FullDisk(file)
-        return wrapped
-
-    class FullDisk:
-        def __init__(self, file: Any) -> None:
-            self.file = file
-
-        def __enter__(self) -> FullDisk:
-            return self
-
-        def __exit__(self, *_: Any) -> None:
-            self.file.close()
-
-        def write(self, data: bytes) -> None:
-            self.file.write(data[: len(data) // 2])
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
     table = store.read_block(0)
-    monkeypatch.setattr(files.os, "fdopen", small_disk)
-    with pytest.raises(OutputError, match="No space left"):
-        store.rewrite_block(1, table)
+    with monkeypatch.context() as patch:
+        patch.setattr(files.os, "fdopen", lambda *args: ShortFile(real(*args), taken, number))
+        with pytest.raises(OutputError, match=words):
+            store.rewrite_block(1, table)
     assert not temporaries(store.directory)
     assert whole(store, 1, SCHEMA, 400)
-
-
-def test_file_that_does_not_read_back(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
-    table = store.read_block(0)
-    real = files._write
-    monkeypatch.setattr(files, "_write", lambda path, data: real(path, data[:-9]))
-    with pytest.raises(OutputError, match="does not read back"):
-        store.rewrite_block(1, table)
-    assert not temporaries(store.directory)
 
 
 def test_ctrl_c_leaves_nothing(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:

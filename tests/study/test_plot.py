@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +20,11 @@ from theory_mp import n_c1_squared
 import rattlesweep as rs
 from rattlesweep.errors import ConfigError
 from rattlesweep.study.plots import scatter as plot_scatter
-from rattlesweep.study.plots.layout import Axis, Layout, read_layout
+from rattlesweep.study.plots.counts import Counts
+from rattlesweep.study.plots.distribution import EDGES
+from rattlesweep.study.plots.layout import Axis, Layout, read_layout, read_rows
 from rattlesweep.study.plots.map import BONDI_LABEL, NO_REVERSAL
-from rattlesweep.study.plots.registry import choose_picture
-from rattlesweep.study.plots.table import EDGES, tally
+from rattlesweep.study.plots.registry import KINDS, choose_picture, read_picture
 from rattlesweep.study.style import FAILED, MISSING, TYPE_STYLE, encode, styled
 from rattlesweep.sweeps.config.load import parse_config
 
@@ -64,7 +65,7 @@ SWEEPS: dict[str, dict[str, Any]] = {
         "integrator": {"max_steps": 400},
     },
 }  # fmt: skip
-KINDS = {
+DEFAULT = {
     "steady": "fractions",
     "unsteady": "times",
     "map": "map",
@@ -86,9 +87,16 @@ def sweeps(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def drawn(layout: Layout, kind: str | None = None, log: bool | None = None, **choice: Any) -> Any:
     """A picture's figure, laid out."""
     with styled():
-        figure = choose_picture(layout, kind, **choice).figure(log=log)
+        figure = read_picture(layout, kind, **choice).figure(log=log)
         figure.canvas.draw()
     return figure
+
+
+def counted(layout: Layout, *names: str) -> Any:
+    """The table of runs by their place along some axes."""
+    counts = Counts(layout, names)
+    read_rows(layout, counts)
+    return counts.table()
 
 
 # ------------------------------------------------------------------------ numbers
@@ -96,7 +104,7 @@ def drawn(layout: Layout, kind: str | None = None, log: bool | None = None, **ch
 
 def test_counts_and_moments_against_pandas(sweeps: Path) -> None:
     layout = read_layout(sweeps / "steady")
-    table = tally(layout, ["n_i", "K_r", "omega_xy0"]).table().to_pandas()
+    table = counted(layout, "n_i", "K_r", "omega_xy0").to_pandas()
     runs = rs.load(sweeps / "steady").runs
     summary = rs.load(sweeps / "steady").summary
     runs = runs.merge(summary[["case", "K_r"]], on="case", suffixes=("_body", ""))
@@ -116,17 +124,17 @@ def test_counts_and_moments_against_pandas(sweeps: Path) -> None:
             assert row[f"{name}_sem"] == pytest.approx(values.sem(), rel=1e-10, nan_ok=True)
         assert row["t_rgh_mean"] == pytest.approx(cell["t_rgh"].mean(), rel=1e-12)
     # Bondi's threshold is one of the steady direction.
-    unsteady = tally(read_layout(sweeps / "unsteady"), ["n_i"]).table()
+    unsteady = counted(read_layout(sweeps / "unsteady"), "n_i")
     assert unsteady["fraction_bondi"].null_count == len(unsteady) > 0
     assert table["fraction_SS"].max() > 0.2
     assert table["fraction_SW"].max() > 0
 
 
 def test_distribution_counts_every_reversal_once(sweeps: Path) -> None:
-    picture = choose_picture(read_layout(sweeps / "steady"), "distribution")
+    picture = read_picture(read_layout(sweeps / "steady"), "distribution")
     runs = rs.load(sweeps / "steady").runs
     ratio = (runs["t_r"] / runs["t_rgh"])[runs["type"] == "R"]
-    assert picture.data()["runs"].to_numpy().tolist() == np.histogram(ratio, EDGES)[0].tolist()
+    assert picture.table()["runs"].to_numpy().tolist() == np.histogram(ratio, EDGES)[0].tolist()
 
 
 def test_axes_are_sorted_and_know_their_scale() -> None:
@@ -147,34 +155,41 @@ def test_the_right_picture_by_default(sweeps: Path, tmp_path: Path, name: str) -
     options = [word for path in outputs for word in ("--output", str(path))]
     done = invoke("plot", str(sweeps / name), *options)
     assert done.exit_code == 0, done.stderr
-    assert done.stderr.startswith(f"{KINDS[name]}: ")
+    assert done.stderr.startswith(f"{DEFAULT[name]}: ")
     for path, start in zip(outputs, (b"<?xml", b"\x89PNG", b"%PDF"), strict=True):
         assert path.read_bytes().startswith(start)
     assert sorted(tmp_path.iterdir()) == sorted(outputs)
 
 
-@pytest.mark.parametrize("kind", ["fractions", "times", "ratio", "map"])
-@pytest.mark.parametrize("x", ["K_r", "n_i", "omega_xy0"])
-@pytest.mark.parametrize("select", [[], ["n_i=-0.5"], ["omega_xy0=0.01"]])
-def test_nothing_that_varies_is_mixed(sweeps: Path, kind: str, x: str, select: list[str]) -> None:
+def test_nothing_that_varies_is_mixed(sweeps: Path) -> None:
     layout = read_layout(sweeps / "steady")
-    if kind == "map" and select and select[0].startswith(x):
-        with pytest.raises(ConfigError, match=f"only one value of {x} is left"):
-            choose_picture(layout, kind, x=x, select=select)
-        return
-    picture = choose_picture(layout, kind, x=x, select=select)
-    left = {"K_r", "n_i", "omega_xy0"} - {text.split("=")[0] for text in select}
-    assert left <= set(picture.names)
-    assert picture.names[0] == x
-    assert picture.counted.runs.max() == 12
+    for kind, x, select in product(
+        ("fractions", "times", "ratio", "map"), ("K_r", "n_i", "omega_xy0"),
+        ([], ["n_i=-0.5"], ["omega_xy0=0.01"]),
+    ):  # fmt: skip
+        if kind == "map" and select and select[0].startswith(x):
+            with pytest.raises(ConfigError, match=f"only one value of {x} is left"):
+                choose_picture(layout, kind, x=x, select=select)
+            continue
+        picture = choose_picture(layout, kind, x=x, select=select)
+        left = {"K_r", "n_i", "omega_xy0"} - {text.split("=")[0] for text in select}
+        assert left <= set(picture.names)
+        assert picture.names[0] == x
+    # 12 bodies a case, and no more in a cell.
+    assert read_picture(layout, "times", x="n_i").data.cells.runs.max() == 12
+
+
+def test_help_names_every_kind() -> None:
+    words = invoke("plot", "--help").stdout
+    assert all(name in words for name in KINDS)
 
 
 def test_areas_are_the_shares(sweeps: Path) -> None:
     layout = read_layout(sweeps / "steady")
-    picture = choose_picture(layout, "fractions", select=["n_i=-0.5", "omega_xy0=0.01"])
+    picture = read_picture(layout, "fractions", select=["n_i=-0.5", "omega_xy0=0.01"])
     with styled():
         (axes,) = picture.figure().axes
-    table = picture.data().to_pandas().sort_values("K_r")
+    table = picture.table().to_pandas().sort_values("K_r")
     below = np.zeros(4)
     areas = {area.get_label(): area for area in axes.collections if area.get_label()}
     for name, (colour, _, hatch, text) in TYPE_STYLE.items():
@@ -192,10 +207,10 @@ def test_areas_are_the_shares(sweeps: Path) -> None:
 
 def test_times_are_the_means_and_the_theory_is_dashed(sweeps: Path) -> None:
     layout = read_layout(sweeps / "unsteady")
-    picture = choose_picture(layout, "times", select=["n_i=0.1"])
+    picture = read_picture(layout, "times", select=["n_i=0.1"])
     with styled():
         (axes,) = picture.figure().axes
-    table = picture.data().to_pandas().sort_values("K_p")
+    table = picture.table().to_pandas().sort_values("K_p")
     means = [line for line in axes.lines if line.get_linestyle() == "-"]
     theory = [line for line in axes.lines if line.get_linestyle() == "--"]
     assert means[0].get_ydata() == pytest.approx(table["t_r_mean"].to_numpy())
@@ -287,7 +302,7 @@ def test_failed_and_missing_cells_are_seen(sweeps: Path, tmp_path: Path) -> None
 def test_nothing_lies_over_anything(sweeps: Path, kind: str) -> None:
     select = [] if kind == "map" else ["omega_xy0=0.01"]
     with styled():
-        picture = choose_picture(read_layout(sweeps / "steady"), kind, select=select)
+        picture = read_picture(read_layout(sweeps / "steady"), kind, select=select)
         figure = picture.figure(title="A title")
         figure.canvas.draw()
     words = [legend.get_title().get_text() for legend in figure.legends] or [figure.get_suptitle()]
@@ -352,7 +367,7 @@ def test_equal_pictures_are_equal_files(sweeps: Path) -> None:
     made = []
     for _ in range(2):
         with styled():
-            figure = choose_picture(layout).figure(title="twice")
+            figure = read_picture(layout).figure(title="twice")
             made.append({kind: encode(figure, kind, 80) for kind in ("svg", "png", "pdf")})
     assert made[0] == made[1]
 
@@ -449,7 +464,7 @@ def test_what_is_wrong_is_one_sentence(here: Path, case: str) -> None:
 @pytest.mark.parametrize("kind", ["times", "fractions"])
 def test_a_small_picture_keeps_its_legend(sweeps: Path, kind: str) -> None:
     with styled():
-        picture = choose_picture(read_layout(sweeps / "steady"), kind, select=["omega_xy0=0.01"])
+        picture = read_picture(read_layout(sweeps / "steady"), kind, select=["omega_xy0=0.01"])
         figure = picture.figure(size=(3.4, 2.6), title="A title that is longer than the picture "
                                 "is wide, as titles in papers tend to be")  # fmt: skip
         figure.canvas.draw()
@@ -473,7 +488,7 @@ def test_points_that_are_moved_are_said_to_be(sweeps: Path) -> None:
 def test_limits_are_those_of_every_panel(sweeps: Path, tmp_path: Path) -> None:
     with styled():
         for kind in ("times", "ratio", "map"):
-            picture = choose_picture(read_layout(sweeps / "steady"), kind, x="K_r")
+            picture = read_picture(read_layout(sweeps / "steady"), kind, x="K_r")
             figure = picture.figure(xlim=(0.01, 0.06), log=False)
             panels = [axes for axes in figure.axes if axes.get_label() != "<colorbar>"]
             assert len(panels) > 1
@@ -500,14 +515,13 @@ def test_a_scatter_shows_each_reversal_once(sweeps: Path, tmp_path: Path) -> Non
 
 def test_a_large_scatter_is_thinned_evenly(sweeps: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(plot_scatter, "MOST_POINTS", 20)
-    layout = read_layout(sweeps / "steady")
-    points = plot_scatter.gather(layout, "K_r", {})
+    points = read_picture(read_layout(sweeps / "steady"), "scatter", x="K_r").data
     runs = rs.load(sweeps / "steady").runs
     t_r = runs["t_r"].dropna().to_numpy()
     assert points.total == len(t_r) > 40
     stride = -(-len(t_r) // 20)
     stride = 1 << (stride - 1).bit_length()
-    assert points.t_r.tolist() == t_r[::stride].tolist()
+    assert points.table()["t_r"].to_pylist() == t_r[::stride].tolist()
 
 
 # --------------------------------------------------------------- spins as an axis

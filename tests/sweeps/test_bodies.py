@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import tempfile
-import time
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
@@ -22,6 +21,7 @@ from scipy import stats
 import rattlesweep as rs
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import theory
+from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.sweeps.cases.launches import prepare
 from rattlesweep.sweeps.cases.philox import uniforms
 from rattlesweep.sweeps.cases.plan import make_plan
@@ -30,7 +30,6 @@ from rattlesweep.sweeps.cases.sources import CHUNK
 from rattlesweep.sweeps.config.load import parse_config
 from rattlesweep.sweeps.inspect.content_hash import content_hash
 
-NAMES = ("alpha", "beta", "gamma", "theta", "phi", "xi")
 SPIN = {"n_i": -0.1, "omega_xy0": 0.01}
 TABLE_I = {
     "gamma": [5, 15], "f_sd": [0.05, 0.15], "theta": [0.6, 0.95], "phi": [0.01, 0.1],
@@ -38,7 +37,7 @@ TABLE_I = {
 }  # fmt: skip
 RANGES = np.array(list(TABLE_I.values()), dtype=float)
 GH = "13.04,1.522,12.28,0.6429,0.036,-0.03"
-HEAD = ",".join(NAMES)
+HEAD = ",".join(PARAMETERS)
 
 
 def plan(bodies: dict[str, Any], spin: dict[str, Any] | None = SPIN, **others: Any) -> Any:
@@ -47,7 +46,7 @@ def plan(bodies: dict[str, Any], spin: dict[str, Any] | None = SPIN, **others: A
 
 
 def columns(bodies: Any) -> np.ndarray:
-    return np.array([getattr(bodies, name) for name in NAMES])
+    return np.array([getattr(bodies, name) for name in PARAMETERS])
 
 
 def table(directory: Path, text: str, name: str = "b.csv", spin: Any = SPIN) -> Any:
@@ -80,11 +79,6 @@ def test_the_bits_are_those_of_numpys_philox(seed, group, sample, draw):
     key, counter = seed + (group << 64), 2 * draw + (sample << 64)
     generator = np.random.Generator(np.random.Philox(key=key, counter=counter))
     assert uniforms(seed, group, sample, draw) == tuple(generator.random(8))
-
-
-def test_numpy_takes_the_same_key_and_counter_as_lists():
-    generator = np.random.Generator(np.random.Philox(key=[7, 2], counter=[6, 11, 0, 0]))
-    assert uniforms(7, 2, 11, 3) == tuple(generator.random(8))
 
 
 def test_draws_fill_the_ranges_uniformly_and_independently():
@@ -137,7 +131,7 @@ def test_cases_of_one_target_share_their_bodies():
     target = {"K_r": [0.03, 0.1], "rel_tol": 0.05}
     spin = {"n_i": [-0.1, -0.5], "omega_xy0": [0.001, 0.1]}
     found = rs_runs({"source": "sd", "samples": 7, "target": target}, spin)
-    cases = [group[list(NAMES)].to_numpy() for _, group in found.groupby("case")]
+    cases = [group[list(PARAMETERS)].to_numpy() for _, group in found.groupby("case")]
     assert len(cases) == 8
     for first in (0, 4):
         for other in range(first + 1, first + 4):
@@ -190,15 +184,6 @@ def test_a_body_does_not_depend_on_threads():
             assert one.tobytes() == two.tobytes()
 
 
-def test_bodies_do_not_depend_on_the_size_of_blocks():
-    target = {"K_r": [0.03, 0.1], "rel_tol": 0.05}
-    bodies = {"source": "sd", "samples": 33, "target": target}
-    spin = {"n_i": [-0.1, 0.2], "omega_xy0": 0.01}
-    frames = [rs_runs(bodies, spin, block_size=size) for size in (1, 7, 10_000)]
-    for frame in frames[1:]:
-        pd.testing.assert_frame_equal(frames[0], frame, check_exact=True)
-
-
 def test_samples_come_in_the_order_asked_for_from_any_chunk():
     """A block may end one case and begin the next, and `verify` asks for runs here and there."""
     samples = 2 * CHUNK + 100
@@ -209,19 +194,20 @@ def test_samples_come_in_the_order_asked_for_from_any_chunk():
     some = source.bodies(0, asked)
     for name in ("alpha", "beta", "gamma", "theta", "phi", "xi", "f_sd"):
         assert getattr(some, name).tobytes() == getattr(every, name)[asked].tobytes()
+    small = bodies | {"samples": 33, "target": {"K_r": [0.03, 0.1], "rel_tol": 0.05}}
     frames = [
-        rs_runs(bodies, {"n_i": [-0.1, 0.2], "omega_xy0": 0.01}, block_size=size)
-        for size in (1000, samples + 4321)
+        rs_runs(data, {"n_i": [-0.1, 0.2], "omega_xy0": 0.01}, block_size=size)
+        for data, sizes in ((bodies, (1000, samples + 4321)), (small, (1, 7, 10_000)))
+        for size in sizes
     ]
-    pd.testing.assert_frame_equal(*frames, check_exact=True)
+    for one, other in ((0, 1), (2, 3), (2, 4)):
+        pd.testing.assert_frame_equal(frames[one], frames[other], check_exact=True)
 
 
 @pytest.mark.parametrize(("name", "value"), [("K_r", 5.0), ("K_p", 1e-9)])
 def test_an_impossible_target_says_how_close_the_ranges_get(name, value):
-    start = time.perf_counter()
     bodies = {"source": "sd", "samples": 10**6, "target": {name: [0.1, value], "max_draws": 20_000}}
     line = refusal(plan(bodies).source.check_targets)
-    assert time.perf_counter() - start < 10
     assert line.startswith(f"bodies.target.{name}: {value:g} was not met to 0.001 in 20000 draws")
     nearest = float(line.split("the nearest being ")[1].split(";")[0])
     drawn = draw_bodies(0, 1, np.arange(200_000), RANGES)[0]
@@ -229,12 +215,6 @@ def test_an_impossible_target_says_how_close_the_ranges_get(name, value):
     # The nearest of 20,000 draws of one sample: of the order of the nearest of all.
     assert abs(math.log(nearest / (all_.max() if value > 1 else all_.min()))) < 3
     assert min(all_) < nearest < max(all_) * 1.5
-
-
-def test_the_default_number_of_draws_is_bounded_in_time():
-    start = time.perf_counter()
-    refusal(plan({"source": "sd", "samples": 1000, "target": {"K_r": 5}}).source.check_targets)
-    assert time.perf_counter() - start < 20
 
 
 # -- presets and grids -------------------------------------------------------------------------
@@ -353,23 +333,17 @@ BAD_TABLES = {
     "missing column": ("alpha,beta,gamma,theta,phi\n1,2,3,4,5\n", "the column xi is missing"),
     "text cell": (f"{HEAD}\n{GH}\n13,1.5,12,abc,0.1,-0.1\n", "row 2: theta is 'abc'; a finite"),
     "empty cell": (f"{HEAD}\n{GH}\n13,1.5,12,,0.1,-0.1\n", "row 2: theta is empty; a finite"),
-    "not a number": (f"{HEAD}\n{GH}\n13,1.5,12,nan,0.1,-0.1\n", "row 2: theta is"),
-    "infinite": (f"{HEAD}\n13,1.5,inf,0.5,0.1,-0.1\n", "row 1: gamma is 'inf'; a finite"),
     "too large": (f"{HEAD}\n13,1.5,1e999,0.5,0.1,-0.1\n", "row 1: gamma is '1e999'; a finite"),
     "impossible body": (f"{HEAD}\n{GH}\n{GH}\n13,1.5,12.3,1.2,0.1,-0.1\n", "row 3: theta is 1.2;"),
-    "curvatures swapped": (f"{HEAD}\n13,1.5,12.3,0.1,0.2,-0.1\n", "row 1: phi 0.2 is not below"),
     "no skew": (f"{HEAD}\n13,1.5,12.3,0.5,0.2,0\n", "row 1: xi is 0 rad"),
     "n_i alone": (f"{HEAD},n_i\n{GH},0.1\n", "n_i stands alone; give both"),
-    "omega alone": (f"{HEAD},omega_xy0\n{GH},0.1\n", "omega_xy0 stands alone; give both"),
     "n_i of zero": (f"{HEAD},n_i,omega_xy0\n{GH},0,0.1\n", "row 1: n_i is 0; it must not be zero"),
     "omega below 0": (f"{HEAD},n_i,omega_xy0\n{GH},1,-1\n", "row 1: omega_xy0 is -1; it must be"),
     "horizon of 0": (f"{HEAD},t_end\n{GH},0\n", "row 1: t_end is 0; it must be positive"),
     "empty launch": (f"{HEAD},n_i,omega_xy0\n{GH},,0.1\n", "row 1: n_i is empty; a finite"),
     "repeated": (f"{HEAD},theta\n{GH},0.7\n", "there are 2 columns theta; keep one of them"),
     "a cell more in each row": (f"{HEAD}\n{GH},\n{GH},\n", "cannot be read as a table ("),
-    "truth": (f"{HEAD}\n13,True,12,0.5,0.1,-0.1\n", "row 1: beta is 'True'; a finite number"),
     "no rows": (f"{HEAD}\n", "the table has no rows; give at least one body"),
-    "no text": ("", "cannot be read as a table (No columns to parse from file)"),
     "too many cells": (f"{HEAD}\n{GH}\n{GH},1,2,3\n", "cannot be read as a table ("),
 }
 
@@ -397,7 +371,9 @@ def test_files_that_are_no_tables(tmp_path):
 
 
 def test_wrong_types_inside_parquet_are_told(tmp_path):
-    frame = pd.DataFrame([[13.04, 1.522, 12.28, 0.6429, 0.036, -0.03]] * 3, columns=list(NAMES))
+    frame = pd.DataFrame(
+        [[13.04, 1.522, 12.28, 0.6429, 0.036, -0.03]] * 3, columns=list(PARAMETERS)
+    )
     path = tmp_path / "b.parquet"
     frame.assign(theta=["0.5", "x", "0.6"]).to_parquet(path)
     line = refusal(lambda: plan({"source": "table", "path": str(path)}))
@@ -420,7 +396,7 @@ def test_wrong_types_inside_parquet_are_told(tmp_path):
     good.assign(gamma=["12"] * 3).to_parquet(path)
     bodies = plan({"source": "table", "path": str(path)}).source.bodies(0, np.arange(3))
     assert columns(bodies)[:3].T.tolist() == [[13.5, 1.5, 12.0]] * 3
-    table_ = pa.table([pa.array([0.5])] * 7, names=[*NAMES, "theta"])
+    table_ = pa.table([pa.array([0.5])] * 7, names=[*PARAMETERS, "theta"])
     pq.write_table(table_, path)
     line = refusal(lambda: plan({"source": "table", "path": str(path)}))
     assert "there are 2 columns theta; keep one of them" in line

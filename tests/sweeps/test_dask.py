@@ -30,7 +30,7 @@ from rattlesweep.sweeps.engines import dask_cluster as daskcluster
 from rattlesweep.sweeps.engines import dask_driver as daskengine
 from rattlesweep.sweeps.engines import dask_worker as daskworker
 from rattlesweep.sweeps.engines.dask_driver import make_engine
-from rattlesweep.sweeps.engines.engine import run_sweep
+from rattlesweep.sweeps.engines.run import run_sweep
 from rattlesweep.sweeps.inspect.content_hash import content_hash
 from rattlesweep.sweeps.inspect.verify import verify
 
@@ -226,8 +226,7 @@ def invoke(*args: Any) -> Any:
 # -- the same table ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("threads", [1, 2])
-@pytest.mark.parametrize("count", [1, 2, 7])
+@pytest.mark.parametrize(("count", "threads"), [(1, 2), (7, 1)])
 def test_workers_come_to_the_same_table_for_any_threads_and_shares(
     count, threads, cluster, plain, tmp_path
 ):
@@ -256,8 +255,9 @@ def test_embedded_cluster_comes_to_the_same_table(plain, tmp_path):
     process = begin(config, tmp_path / "out", "--workers", "2")
     printed, said = process.communicate(timeout=NEVER)
     assert process.returncode == 0, said
-    assert len(said.strip().splitlines()) == 1
-    assert "360 runs in" in said
+    # Beside a line of progress a minute.
+    lines = [line for line in said.splitlines() if "%" not in line]
+    assert [line.split()[0] for line in lines] == ["360", "see"]
     assert printed.count("\n") >= 12  # a row for each case
     assert verify(tmp_path / "out").problems == []
     assert content_hash(tmp_path / "out") == plain
@@ -345,7 +345,6 @@ def test_killed_worker_costs_nothing_but_time(gate, own_cluster, held_config, he
     gate.touch()
     said = process.communicate(timeout=NEVER)[1]
     assert process.returncode == 0, said
-    assert len(said.strip().splitlines()) == 1
     assert verify(output).problems == []
     assert content_hash(output) == held_plain
 
@@ -583,7 +582,7 @@ def test_file_that_cannot_be_written_is_told_by_the_worker(cluster, tmp_path):
 
 def test_scheduler_without_workers_is_told(own_cluster, tmp_path, monkeypatch):
     it = own_cluster(0)
-    monkeypatch.setattr(daskengine, "PATIENCE", 1.0)
+    monkeypatch.setattr(daskengine, "WORKERLESS", 1.0)
     with pytest.raises(OutputError) as caught:
         run_sweep(plan_of(), tmp_path / "out", engine=make_engine(it.address))
     assert f"the scheduler at {it.address} has had no worker for 1 s" in str(caught.value)

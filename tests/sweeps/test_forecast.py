@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,18 +15,18 @@ from click.testing import CliRunner
 
 from rattlesweep.cli import plan as command
 from rattlesweep.integrate.batch import most_threads
-from rattlesweep.integrate.status import Status
-from rattlesweep.sweeps.blocks.block import run_batch
+from rattlesweep.sweeps.blocks.block import prepare_block, run_batch
+from rattlesweep.sweeps.cases.costs import Costs, some_runs
+from rattlesweep.sweeps.cases.launches import prepare
 from rattlesweep.sweeps.cases.plan import Plan, make_plan
-from rattlesweep.sweeps.cases.pool import make_pool
-from rattlesweep.sweeps.cases.shards import Shard, deal
+from rattlesweep.sweeps.cases.shards import deal
 from rattlesweep.sweeps.config.load import load_config
-from rattlesweep.sweeps.engines.engine import run_sweep
-from rattlesweep.sweeps.engines.progress import Costs
+from rattlesweep.sweeps.engines.run import run_sweep
 from rattlesweep.sweeps.forecast import forecast as forecasting
 from rattlesweep.sweeps.forecast import pilot as pilots
+from rattlesweep.sweeps.forecast import shortage
 from rattlesweep.sweeps.forecast.forecast import Forecast, describe, expectation, forecast
-from rattlesweep.sweeps.forecast.pilot import Pilot, systematic, turns
+from rattlesweep.sweeps.forecast.pilot import Pilot, turns
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 SMALL = ("bodies.samples=40", "spin.n_i=[-0.1, -0.3]", "horizon={t_rgh: 5, t: 2000}")
@@ -37,9 +36,8 @@ def plan_of(name: str, *overrides: str) -> Plan:
     return make_plan(load_config(str(CONFIGS / name), overrides))
 
 
-def trial(plan: Plan, budget: float = 5.0, threads: int = 2) -> Pilot:
-    pilot = Pilot(plan.config, make_pool(plan), threads)
-    pilot.load()
+def trial(plan: Plan, budget: float = 60.0, threads: int = 2) -> Pilot:
+    pilot = Pilot(plan, threads)
     pilot.run(budget)
     return pilot
 
@@ -81,24 +79,14 @@ def test_a_table_for_people(small):
     assert "11 d 2 h" in long
 
 
-def test_a_pool_holds_all_of_a_small_sweep_as_it_will_run():
-    plan = plan_of("quickstart.yaml", *SMALL)
-    pool = make_pool(plan)
-    assert pool.whole
-    assert pool.cost.shape == (6, 40)
-    case, sample = plan.runs_of(plan.block(0))
-    assert np.array_equal(pool.launches.case, case)
-    assert np.array_equal(pool.launches.sample, sample)
-
-
-def test_a_pool_of_a_large_sweep_is_small_and_its_first_bodies_are_the_sweeps():
+def test_some_runs_of_a_large_sweep_are_the_first_and_the_sweeps_own():
     plan = plan_of("quickstart.yaml", "bodies.samples=3000")
-    pool = make_pool(plan)
-    assert not pool.whole
-    assert pool.per_case == 666
-    bodies = plan.source.bodies(2, np.arange(5))
-    rows = (len(plan.cases) - 1) * pool.per_case + np.arange(5)
-    assert np.array_equal(pool.launches.bodies.theta[rows], bodies.theta)
+    cheap, case, sample = some_runs(plan, 20)
+    assert (case.tolist(), sample.tolist()) == (
+        np.repeat(np.arange(len(plan.cases)), 20).tolist(), [*range(20)] * len(plan.cases)
+    )  # fmt: skip
+    theta = prepare(cheap, case, sample).bodies.theta[-20:]
+    assert np.array_equal(theta, plan.source.bodies(2, np.arange(20)).theta)
 
 
 def test_samples_of_a_grid_come_from_all_over_it():
@@ -107,13 +95,10 @@ def test_samples_of_a_grid_come_from_all_over_it():
         "bodies={source: grid, base: {preset: GH}, axes: {theta: {linspace: [0.6, 0.9, 400]}, "
         "phi: {linspace: [0.02, 0.036, 400]}}}",
     )
-    pool = make_pool(plan)
-    assert pool.per_case == 10_000
-    theta = pool.launches.bodies.theta
+    theta = prepare(*some_runs(plan, 2000)).bodies.theta
     assert theta.min() < 0.605
     assert theta.max() > 0.895
-    again = make_pool(plan)
-    assert np.array_equal(theta, again.launches.bodies.theta)
+    assert np.array_equal(theta, prepare(*some_runs(plan, 2000)).bodies.theta)
 
 
 def test_turns_of_queues_worked_out_by_hand():
@@ -125,95 +110,72 @@ def test_turns_of_queues_worked_out_by_hand():
     assert turns(ones[:0], ones[:0], 64) == 0
 
 
-def test_systematic_draws_go_with_cost():
-    cost = np.array([1.0, 0.0, 2.0, 5.0, 0.0])
-    rows = systematic(cost, 800, 0.5)
-    assert np.bincount(rows, minlength=5).tolist() == [100, 0, 200, 500, 0]
-
-
-def test_the_pilot_draws_the_same_runs_each_time_and_knows_their_steps():
-    plan = plan_of("quickstart.yaml", *SMALL)
-    one, two = trial(plan), trial(plan, threads=1)
-    # How many stages there are is a matter of time; the first is there always.
-    assert np.array_equal(one.stages[0], two.stages[0])
-    both = ~np.isnan(one.work) & ~np.isnan(two.work)
-    assert both.sum() >= 50
-    assert np.array_equal(one.work[both], two.work[both])
-    rows = np.flatnonzero(both)
-    outcome = run_batch(plan.config, pilots.take(one.pool.batch, rows))
-    assert np.array_equal(outcome.n_steps + outcome.n_rejected, one.work[rows])
-
-
-def test_the_estimate_meets_the_steps_of_all_runs():
+def test_runs_are_drawn_in_proportion_to_their_cost_and_their_steps_are_the_sweeps():
     plan = plan_of("quickstart.yaml", "bodies.samples=100", "horizon={t_rgh: 5, t: 5000}")
-    pilot = trial(plan, budget=60.0)
-    outcome = run_batch(plan.config, pilot.pool.batch)
-    steps = (outcome.n_steps + outcome.n_rejected).sum()
-    rows = np.concatenate(pilot.stages)
-    guess = pilot.cost.sum() * (pilot.work[rows] / pilot.cost[rows]).mean()
-    assert 0 < pilot.error() < 0.05
-    assert guess == pytest.approx(steps, rel=4 * pilot.error())
+    one, two = trial(plan), trial(plan, threads=1)
+    drawn = one.drawn[:128]
+    assert np.array_equal(drawn, two.drawn[:128])
+    share = one.cost[drawn] / one.cost.sum() * 128
+    assert np.bincount(drawn).max() <= np.ceil(share.max())
+    launches, batch = prepare_block(plan, plan.block(0))
+    assert np.array_equal(launches.sample, one.launches.sample)
+    outcome = run_batch(plan.config, batch)
+    steps = outcome.n_steps + outcome.n_rejected
+    known = np.flatnonzero(~np.isnan(one.steps))
+    assert np.array_equal(one.steps[known], steps[known])
+    # The mean over the draws is that of all runs.
+    paces = one.steps[one.drawn] / one.cost[one.drawn]
+    error = paces.std() / np.sqrt(len(paces))
+    assert paces.mean() == pytest.approx(steps.sum() / one.cost.sum(), abs=4 * error)
 
 
 def test_a_sweep_of_few_runs_is_known_exactly():
-    pilot = trial(plan_of("gh.yaml"))
-    assert pilot.all_known
-    assert pilot.error() == 0
-    f = forecast(plan_of("gh.yaml"), 1, budget=1.0)
+    assert trial(plan_of("gh.yaml")).all_known
+    f = forecast(plan_of("gh.yaml"), 1, budget=60.0)
     # t_r = 112.09 and 809.86, from the comment in the config.
-    assert f.units == pytest.approx(112.0939 + 809.857, rel=0.05)
-    assert f.pilot_runs == 2
+    assert f.units == pytest.approx(112.0939 + 809.857, rel=1e-4)
+    assert (f.pilot_runs, f.pilot_cut) == (2, 0)
 
 
 def test_runs_that_take_too_long_are_cut_and_counted_as_unknown():
     # 2e9 steps in all: the budget is spent on any machine.
     plan = plan_of("gh.yaml", "bodies.overrides.theta=0.9", "horizon={t: 3.0e9}", "spin.n_i=-0.9")
     pilot = trial(plan, budget=0.2)
-    assert pilot.censored == 1
-    row = np.flatnonzero(~np.isnan(pilot.work))
-    assert (pilot.low[row] < pilot.work[row]).all()
-    assert (pilot.work[row] <= pilot.high[row]).all()
+    assert pilot.cut == 1
+    assert pilot.low[0] < pilot.steps[0] < pilot.high[0]
     f = forecast(plan, 1, budget=0.2)
     assert f.pilot_cut == 1
     assert f.low < f.seconds / 2
     assert f.seconds > 60
 
 
-def test_what_was_cut_is_judged_by_what_has_ended():
-    """A batch stopped at will: of 40 runs, half have ended, the others are past a quarter."""
-    plan = plan_of("quickstart.yaml", *SMALL)
-    pool = make_pool(plan)
-    pilot = Pilot(plan.config, pool, 1)
-    rows = np.arange(40)
-    outcome = run_batch(plan.config, pilots.take(pool.batch, rows))
-    swings = pool.batch.t_end[rows] * pool.batch.swing[rows]
-    stopped = np.argsort(-swings)[:20]
-    status = outcome.status.copy()
-    status[stopped] = Status.STOPPED
-    ended = status != Status.STOPPED
-    done = swings[ended].sum() + swings[stopped].sum() / 4
-
-    class Stopped:
-        total = swings.sum()
-
-    Stopped.done = done
-    pilot._learn(rows, replace(outcome, status=status), 1.0, Stopped())
-    assert pilot.censored == 20
-    at = rows[stopped]
-    assert pilot.low[at] == pytest.approx(pilot.high[at] / 4)
-    assert (pilot.low[at] < pilot.work[at]).all()
-    assert (pilot.work[at] <= pilot.high[at]).all()
-    truth = (outcome.n_steps + outcome.n_rejected)[stopped].sum()
-    assert pilot.low[at].sum() < truth < 2 * pilot.high[at].sum()
+def test_of_what_was_cut_the_steps_lie_between_the_bounds():
+    plan = plan_of("quickstart.yaml", "bodies.samples=100", "horizon={t: 100000}", "spin.n_i=-0.9")
+    pilot = trial(plan, budget=0.3)
+    assert pilot.cut > 0
+    cut = np.flatnonzero(pilot.low < pilot.high)
+    _, batch = prepare_block(plan, plan.block(0))
+    outcome = run_batch(plan.config, batch)
+    truth = (outcome.n_steps + outcome.n_rejected)[cut].sum()
+    assert pilot.low[cut].sum() / 2 < truth < 2 * pilot.high[cut].sum()
 
 
-def test_fixed_steps_are_counted_not_taken():
+def test_fixed_steps_are_counted_not_taken(monkeypatch):
     plan = plan_of(
         "gh.yaml", "integrator={method: rk4, dt: 0.002}", "horizon={t: 300}", "record=[]"
     )
+    asked = []
+    honest = pilots.run_batch
+
+    def watched(config: Any, *args: Any, **kwargs: Any) -> Any:
+        asked.append(config.integrator.dt)
+        return honest(config, *args, **kwargs)
+
+    monkeypatch.setattr(pilots, "run_batch", watched)
     pilot = trial(plan)
-    outcome = run_batch(plan.config, pilot.pool.batch)
-    assert pilot.work == pytest.approx(outcome.n_steps, rel=0.01)
+    assert set(asked) == {pilots.PILOT_DT}
+    # t_r = 112.09 and the horizon.
+    assert pilot.steps == pytest.approx([112.09 / 0.002, 300 / 0.002], rel=0.01)
 
 
 def test_the_closed_form_needs_no_kernel():
@@ -245,10 +207,10 @@ def test_bytes_are_those_of_the_files(overrides, tmp_path):
 
 
 def test_a_table_of_bodies(tmp_path):
-    pool = make_pool(plan_of("quickstart.yaml", *SMALL))
+    launches = prepare(*some_runs(plan_of("quickstart.yaml", *SMALL), 40))
     names = ("alpha", "beta", "gamma", "theta", "phi", "xi")
-    rows = {name: getattr(pool.launches.bodies, name) for name in names}
-    rows |= {"n_i": pool.launches.n_i, "omega_xy0": pool.launches.omega_xy0}
+    rows = {name: getattr(launches.bodies, name) for name in names}
+    rows |= {"n_i": launches.n_i, "omega_xy0": launches.omega_xy0}
     pd.DataFrame(rows).to_csv(tmp_path / "bodies.csv", index=False)
     (tmp_path / "c.yaml").write_text(
         "bodies: {source: table, path: bodies.csv}\nhorizon: {t_rgh: 5, t: 2000}\n"
@@ -266,11 +228,10 @@ def test_the_longest_share_is_that_of_the_deal():
     assert whole.shard_seconds == pytest.approx(whole.seconds)
     four = forecast(plan, 1, budget=0.5, shards=4)
     costs = Costs(plan)
-    dealt = [sum(map(costs.of, deal(plan, Shard(i, 4), costs))) for i in range(4)]
+    dealt = [sum(map(costs.of, share)) for share in deal(plan, 4, costs)]
     assert max(dealt) / sum(dealt) == pytest.approx(0.25, rel=0.1)
     part = (four.shard_seconds - four.start_seconds) / (four.seconds - four.start_seconds)
-    # Balanced by expectation, and a little less by what was seen.
-    assert 0.25 <= part < 0.4
+    assert part == pytest.approx(max(dealt) / sum(dealt))
     assert forecast(plan, 1, budget=0.5, shards=1000).shard_seconds < four.shard_seconds * 2
 
 
@@ -349,30 +310,18 @@ def test_what_is_wrong_is_said_in_a_sentence(arguments, words):
 
 def test_it_warns_of_what_the_machine_has_not(small, monkeypatch, tmp_path):
     _, f = small
-    monkeypatch.setattr(command, "free_memory", lambda: 10**9)
-    assert command.warnings(f, tmp_path / "not" / "there") == []
-    lines = command.warnings(replace(f, memory=2 * 10**9, bytes=10**18), tmp_path / "not" / "there")
+    monkeypatch.setattr(shortage, "free_memory", lambda: 10**9)
+    assert shortage.shortages(f.memory, f.bytes, tmp_path / "not" / "there") == []
+    lines = shortage.shortages(2 * 10**9, 10**18, tmp_path / "not" / "there")
     assert len(lines) == 2
     assert "2.0 GB of memory, and 1.0 GB" in lines[0]
     assert str(tmp_path) in lines[1]
 
 
 def test_free_memory_is_that_of_a_machine():
-    free = command.free_memory()
+    free = shortage.free_memory()
     assert free is not None
     assert 10**6 < free < os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-
-
-def test_the_budget_bounds_what_is_drawn():
-    """A stage is drawn for the time that is left, so no time left means no second stage."""
-    plan = plan_of("quickstart.yaml", "bodies.samples=100", "horizon={t: 200}")
-    pilot = Pilot(plan.config, make_pool(plan), 1)
-    pilot.load()
-    begin = time.perf_counter()
-    pilot.run(1e-3)
-    assert len(pilot.stages) == 1
-    assert pilot.stages[0].size <= pilots.FIRST_STAGE
-    assert time.perf_counter() - begin < 60
 
 
 def test_a_forecast_for_more_cores_than_there_are(tmp_path):

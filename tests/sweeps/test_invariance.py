@@ -15,7 +15,8 @@ from rattlesweep.sweeps.cases.plan import make_plan
 from rattlesweep.sweeps.cases.shards import Shard
 from rattlesweep.sweeps.config.load import load_config
 from rattlesweep.sweeps.engines import local
-from rattlesweep.sweeps.engines.engine import Job, run_sweep
+from rattlesweep.sweeps.engines.job import Job
+from rattlesweep.sweeps.engines.run import run_sweep
 from rattlesweep.sweeps.inspect.content_hash import content_hash
 from rattlesweep.sweeps.inspect.merge import merge
 from rattlesweep.sweeps.inspect.verify import verify

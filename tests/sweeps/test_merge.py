@@ -17,11 +17,11 @@ import pytest
 from click.testing import CliRunner
 
 from rattlesweep import cli
+from rattlesweep.sweeps.cases.costs import Costs
 from rattlesweep.sweeps.cases.plan import Plan, make_plan
 from rattlesweep.sweeps.cases.shards import Shard, deal
 from rattlesweep.sweeps.config.load import parse_config
-from rattlesweep.sweeps.engines.engine import run_sweep
-from rattlesweep.sweeps.engines.progress import Costs
+from rattlesweep.sweeps.engines.run import run_sweep
 from rattlesweep.sweeps.inspect import merge as merging
 from rattlesweep.sweeps.inspect.content_hash import content_hash
 from rattlesweep.sweeps.inspect.verify import verify
@@ -103,7 +103,7 @@ def test_shares_come_to_the_same_table_on_any_number_of_threads(
 def test_every_block_is_dealt_once_and_shares_cost_about_the_same(count):
     plan = plan_of()
     costs = Costs(plan)
-    dealt = [deal(plan, Shard(i, count), costs) for i in range(count)]
+    dealt = deal(plan, count, costs)
     numbers = sorted(block.index for part in dealt for block in part)
     assert numbers == list(range(plan.n_blocks))
     sums = [sum(costs.of(block) for block in part) for part in dealt]
@@ -148,7 +148,7 @@ def test_missing_share_is_named_and_run_does_the_rest(plain, tmp_path):
     directories = shares(tmp_path, plan, 3)
     result = merge(*directories[:2], "--output", tmp_path / "merged")
     assert result.exit_code == 75
-    absent = {block.index for block in deal(plan, Shard(2, 3), Costs(plan))}
+    absent = {block.index for block in deal(plan, 3, Costs(plan))[2]}
     spans = "\n".join(line for line in result.stderr.splitlines() if "missing" in line)
     first = min(absent)
     assert f"missing: runs {32 * first} to " in spans

@@ -16,13 +16,12 @@ import pytest
 from click.testing import CliRunner
 
 from rattlesweep import cli
-from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.cache import directory, source_hash
 from rattlesweep.integrate.lanes import kernel as lanes
 from rattlesweep.sweeps.cases import sampler
 from rattlesweep.sweeps.cases.plan import make_plan
 from rattlesweep.sweeps.config.load import load_config
-from rattlesweep.sweeps.engines.engine import run_sweep
+from rattlesweep.sweeps.engines.run import run_sweep
 from rattlesweep.sweeps.engines.slurm import limit_of, margin_of, memory_of
 from rattlesweep.sweeps.inspect.content_hash import content_hash
 from rattlesweep.sweeps.inspect.verify import verify
@@ -373,5 +372,5 @@ def test_arrays_larger_than_slurm_takes_are_remarked(home):
 
 def test_limits_that_make_no_sense_are_refused():
     for text in ("", "-1", "1:2:3:4", "x", "0"):
-        with pytest.raises(ConfigError, match="--time"):
+        with pytest.raises(ValueError, match=r"is no time limit|is too short"):
             limit_of(text)

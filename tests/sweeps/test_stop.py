@@ -33,7 +33,9 @@ from rattlesweep.integrate.batch import available_threads
 from rattlesweep.sweeps.cases.plan import Plan, make_plan
 from rattlesweep.sweeps.config.load import parse_config
 from rattlesweep.sweeps.engines import local
-from rattlesweep.sweeps.engines.engine import Progress, Report, run_sweep
+from rattlesweep.sweeps.engines.job import Result
+from rattlesweep.sweeps.engines.progress import Progress
+from rattlesweep.sweeps.engines.run import run_sweep
 from rattlesweep.sweeps.inspect.content_hash import content_hash
 from rattlesweep.sweeps.inspect.merge import merge
 from rattlesweep.sweeps.inspect.retype import retype
@@ -217,13 +219,13 @@ def test_the_runs_of_a_stopped_block_are_kept(plain, often, tmp_path):
         assert (found.runs_begun, found.runs_done, found.blocks_done) == (kept[-1], 0, 0)
         assert (found.state, found.damaged) == ("stopped", [])
         verdict = verify(output)
-        assert (verdict.problems, verdict.begun, verdict.missing) == ([], kept[-1], [0])
+        assert (verdict.problems, verdict.begun, verdict.missing) == ([], kept[-1], [(0, 1)])
         assert (verdict.blocks, verdict.runs) == (0, 0)
         assert manifest(output)["receipts"] == {}
         merged = merge([output], tmp_path / f"merged-{more}")
         assert (merged.runs, merged.missing) == (0, [(0, RUNS)])
     # Other types, which are put back when the block is completed.
-    _, summary = retype(output, ["classify.sw_departure=1e-6"])
+    summary = retype(output, ["classify.sw_departure=1e-6"]).summary
     assert summary.column("runs").to_pylist() == [0, 0]
     assert manifest(output)["receipts"] == {}
     done = run_sweep(plan_of(), output)
@@ -232,7 +234,7 @@ def test_the_runs_of_a_stopped_block_are_kept(plain, often, tmp_path):
     assert content_hash(output) == plain.hash
 
 
-def stop_and_go(plan: Plan, output: Path, **how: Any) -> list[Report]:
+def stop_and_go(plan: Plan, output: Path, **how: Any) -> list[Result]:
     """The same command with hardly any time, until it is through."""
     reports = []
     while not reports or reports[-1].stopped:

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     import pandas as pd
-    import pyarrow as pa
 
 # Rounding error allowed in an identity between doubles.
 EXACT = 1e-9
@@ -31,25 +30,6 @@ def share(hits: int, runs: int) -> dict[str, float]:
 def share_words(hits: int, runs: int) -> str:
     """Share with its interval, in words."""
     return "{value:.2%} [{low:.2%}, {high:.2%}]".format(**share(hits, runs))
-
-
-def covers(table: pa.Table) -> pd.DataFrame | None:
-    """Points of a sweep, if it has the spins and oscillations that the paper's claims speak of."""
-    frame: pd.DataFrame = table.to_pandas()
-    # A point without a good run, or a mean time without a reversal, settles nothing.
-    good = frame[frame["runs"] > 0]
-    if "t_r_mean" in good:
-        good = good.dropna(subset=["t_r_mean"])
-    spins, sizes = good["n_i"].abs(), good["omega_xy0"]
-    has = [
-        (spins <= 0.1 + EDGE).any(),
-        ((spins - 0.3).abs() < EDGE).any(),
-        (spins >= 0.4 - EDGE).any(),
-        (sizes <= 0.01 + EDGE).any(),
-        (sizes > 0.01 + EDGE).any(),
-        good["K_p" if "K_p" in good else "K_r"].nunique() > 2,
-    ]
-    return frame if all(has) else None
 
 
 def slow(frame: pd.DataFrame, most: float) -> pd.DataFrame:

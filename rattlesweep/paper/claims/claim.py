@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 
 Tables = Mapping[str, Mapping[str, pa.Table]]
 Verdict = Literal["agree", "partly", "disagree"]
@@ -35,6 +36,12 @@ class Count:
 def every(mask: Any) -> Count:
     """Count of the true values."""
     return Count(int(np.sum(mask)), len(mask))
+
+
+def complete(figure: Mapping[str, pa.Table]) -> bool:
+    """Whether all points of the figure's sweep have runs of status ok: others settle nothing."""
+    points = figure.get("times", figure.get("fractions"))
+    return points is None or pc.min(points["runs"]).as_py() > 0
 
 
 # Checks, whose truth says whether they hold, and numbers by name.
@@ -80,6 +87,8 @@ class Claim:
 
     def judge(self, tables: Tables, **options: Any) -> Judgement | None:
         """Measure the claim; None if these tables cannot settle it."""
+        if not all(complete(tables.get(name, {})) for name in self.figures):
+            return None
         found = self.measure(tables, **options)
         return None if found is None else self.verdict(*found)
 

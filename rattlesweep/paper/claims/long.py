@@ -19,27 +19,16 @@ if TYPE_CHECKING:
 PAPERS = (0.6429, 0.82, 0.9)
 
 
-def long_runs(tables: Tables) -> dict[str, pd.DataFrame] | None:
-    """Tables of Fig. 8; None if the runs are not the paper's, or reverse too few times."""
-    found = {name: table.to_pandas() for name, table in tables["fig8"].items()}
-    counts = found["reversals"].groupby(["theta", "model"]).size()
-    whole = len(counts) == 2 * len(PAPERS) and counts.min() >= 3
-    # Intervals after the first need three reversals and more.
-    return found if whole and set(found["invariants"]["theta"]) == set(PAPERS) else None
-
-
 def intervals(reversals: pd.DataFrame, model: str) -> dict[float, np.ndarray[Any, Any]]:
     """Times between successive reversals of the runs with a model."""
     own = reversals[reversals["model"] == model]
     return {theta: np.diff(own[own["theta"] == theta]["t"]) for theta in PAPERS}
 
 
-def three_kinds(tables: Tables) -> Measured | None:
+def three_kinds(tables: Tables) -> Measured:
     """L1: quasi-periodic, chaotic, quasi-periodic with a shorter period."""
-    if (own := long_runs(tables)) is None:
-        return None
     exponents = tables["fig8_lyapunov"]["exponents"].to_pandas()
-    reversals, (a, b, c) = own["reversals"], PAPERS
+    reversals, (a, b, c) = tables["fig8"]["reversals"].to_pandas(), PAPERS
     gaps = intervals(reversals, "full")
     whole = {theta: gap.mean() for theta, gap in intervals(reversals, "reduced").items()}
     # The first interval leads from the launch to the motion that follows.
@@ -47,9 +36,7 @@ def three_kinds(tables: Tables) -> Measured | None:
     scatter = {theta: float(gap[1:].std(ddof=1)) / mean[theta] for theta, gap in gaps.items()}
     full = reversals[reversals["model"] == "full"]
     second = float(full[full["theta"] == b]["t"].iloc[1])
-    coarse, best = (
-        exponents[exponents["tol"] == exponents["tol"].iloc[k]].set_index("theta") for k in (0, -1)
-    )
+    best = exponents[exponents["tol"] == exponents["tol"].iloc[-1]].set_index("theta")
     chaotic = best["growth"] > LEAST_GROWTH
     checks = [
         bool(chaotic[b] and max(scatter[a], scatter[c]) < 0.05),
@@ -67,11 +54,6 @@ def three_kinds(tables: Tables) -> Measured | None:
         f"e^{best['growth'][theta]:.0f}"
         for theta in PAPERS
     )
-    calm = "" if chaotic[a] else (
-        f" In (a) it is {coarse['exponent'][a]:.1g} at tol {coarse['tol'][a]:g} and "
-        f"{best['exponent'][a]:.1g} at {best['tol'][a]:g}, which is what the errors of the "
-        "integrator leave of zero."
-    )  # fmt: skip
     doubling = float(np.log(2) / best["exponent"][c])
     narrow = "" if not chaotic[c] else (
         " The motion of (c) is chaotic, but looks quasi-periodic because the chaos is confined "
@@ -83,19 +65,18 @@ def three_kinds(tables: Tables) -> Measured | None:
     return checks, {
         "value": value, "low": value - 2 * error, "high": value + 2 * error, "runs": named,
         "second": second, "t_end": best["t_end"].iloc[0], "tol": best["tol"].iloc[0],
-        "calm": calm, "narrow": narrow,
+        "narrow": narrow,
     }  # fmt: skip
 
 
-def invariants(tables: Tables) -> Measured | None:
+def invariants(tables: Tables) -> Measured:
     """L2: what the two models conserve."""
-    if (own := long_runs(tables)) is None:
-        return None
-    rows = own["invariants"].assign(moves=lambda r: r["casimir_high"] - r["casimir_low"])
+    rows, reversals = (tables["fig8"][n].to_pandas() for n in ("invariants", "reversals"))
+    rows = rows.assign(moves=lambda r: r["casimir_high"] - r["casimir_low"])
     simple, full = rows[rows["model"] == "reduced"], rows[rows["model"] == "full"]
-    gaps = intervals(own["reversals"], "reduced").values()
+    gaps = intervals(reversals, "reduced").values()
     uneven = max(float(gap.std() / gap.mean()) for gap in gaps)
-    at = own["reversals"].query("model == 'full'").groupby("theta")["casimir"].agg(np.ptp)
+    at = reversals.query("model == 'full'").groupby("theta")["casimir"].agg(np.ptp)
     checks = [
         uneven < 1e-6,
         bool((simple["energy_drift"] < 1e-8).all()),
@@ -113,11 +94,9 @@ def invariants(tables: Tables) -> Measured | None:
     }  # fmt: skip
 
 
-def forces(tables: Tables) -> Measured | None:
+def forces(tables: Tables) -> Measured:
     """L3: forces at the contact, beside those of the other figures."""
-    if (own := long_runs(tables)) is None:
-        return None
-    runs = own["forces"]
+    runs = tables["fig8"]["forces"].to_pandas()
     top = runs.iloc[int(runs["ratio_max"].argmax())]
     light = runs.iloc[int(runs["normal_min"].argmin())]
     others = "; ".join(

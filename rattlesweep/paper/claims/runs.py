@@ -8,7 +8,7 @@ import numpy as np
 
 from rattlesweep.paper.claims.checks import at_spin, share, share_words, slow
 from rattlesweep.paper.claims.claim import Count
-from rattlesweep.paper.data.chaos import EDGE, LONGER, SLOW
+from rattlesweep.paper.data.chaos import LONGER, SLOW
 from rattlesweep.sweeps.tables.chaos import LEAST_GROWTH
 
 if TYPE_CHECKING:
@@ -20,27 +20,19 @@ if TYPE_CHECKING:
 # --- Fig. 4 -------------------------------------------------------------------------------------
 
 
-def runs_of_gh(tables: Tables) -> dict[str, dict[str, Any]] | None:
-    """The two runs by name; None if they are not the paper's, or do not reverse."""
-    runs = {row["run"]: row for row in tables["fig4"]["runs"].to_pylist()}
-    for row in runs.values():
-        if abs(abs(row["n_i"]) - 0.1) > EDGE or abs(row["omega_xy0"] - 0.01) > EDGE:
-            return None
-        if row["t_r"] is None:
-            return None
-    return runs
+def runs_of_gh(tables: Tables) -> dict[str, dict[str, Any]]:
+    """The two runs by name."""
+    return {row["run"]: row for row in tables["fig4"]["runs"].to_pylist()}
 
 
-def unsteady_reversal(tables: Tables) -> Measured | None:
+def unsteady_reversal(tables: Tables) -> Measured:
     """G1: reversal in the unsteady direction."""
-    runs = runs_of_gh(tables)
-    return None if runs is None else reversal(runs["unsteady"], 112, "earlier")
+    return reversal(runs_of_gh(tables)["unsteady"], 112, "earlier")
 
 
-def steady_reversal(tables: Tables) -> Measured | None:
+def steady_reversal(tables: Tables) -> Measured:
     """G2: reversal in the steady direction."""
-    runs = runs_of_gh(tables)
-    return None if runs is None else reversal(runs["steady"], 810, "later")
+    return reversal(runs_of_gh(tables)["steady"], 810, "later")
 
 
 def reversal(run: dict[str, Any], printed: int, when: str) -> Measured:
@@ -75,10 +67,9 @@ def shape(own: pd.DataFrame, t_r: float) -> dict[str, float]:
     return sizes | {f"{name}_t": float(t[place]) for name, place in places.items()}
 
 
-def envelopes(tables: Tables) -> Measured | None:
+def envelopes(tables: Tables) -> Measured:
     """G3: amplitudes about the reversals."""
-    if (runs := runs_of_gh(tables)) is None:
-        return None
+    runs = runs_of_gh(tables)
     extrema = tables["fig4"]["extrema"].to_pandas()
     checks, words, tops = [], [], []
     for part, name, main, other in (

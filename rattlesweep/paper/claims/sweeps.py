@@ -13,7 +13,6 @@ import numpy as np
 from rattlesweep.paper.claims.checks import (
     SYMBOL,
     beside_line,
-    covers,
     farthest,
     fast,
     near,
@@ -42,15 +41,13 @@ FEW = 5
 
 
 def span(values: Sequence[float] | pd.Series[float]) -> tuple[float, float]:
-    """The least and the largest; NaN of none."""
-    return (min(values), max(values)) if len(values) else (np.nan, np.nan)
+    """The least and the largest."""
+    return min(values), max(values)
 
 
-def unsteady_formula(tables: Tables) -> Measured | None:
+def unsteady_formula(tables: Tables) -> Measured:
     """U1: at small spin and oscillation the formula holds."""
-    if (frame := covers(tables["fig5"]["times"])) is None:
-        return None
-    points = beside_line(small(slow(frame, 0.2)))
+    points = beside_line(small(slow(tables["fig5"]["times"].to_pandas(), 0.2)))
     inside, slope = near(points["ratio"]), slopes(points, "K_p")
     named = ", ".join(
         f"K_p = {r.K_p:g} at n_i = {r.n_i:g}, omega_xy0 = {r.omega_xy0:g} ({r.ratio:.2f})"
@@ -65,11 +62,9 @@ def unsteady_formula(tables: Tables) -> Measured | None:
     }  # fmt: skip
 
 
-def large_spin(tables: Tables) -> Measured | None:
+def large_spin(tables: Tables) -> Measured:
     """U2: at large spin or oscillation reversals are later than the formula, and scatter more."""
-    if (frame := covers(tables["fig5"]["times"])) is None:
-        return None
-    points = beside_line(frame)
+    points = beside_line(tables["fig5"]["times"].to_pandas())
     beyond = fast(points, 0.4)
     spin, found = swing(tables["fig5"]["spin"])
     within_size, within_spin = ("n_i", "K_p"), ("omega_xy0", "K_p")
@@ -111,11 +106,9 @@ def swing_frequency(t: Floats, n: Floats) -> float:
     return float(omega[line][np.argmax(power[line])])
 
 
-def steady_formula(tables: Tables) -> Measured | None:
+def steady_formula(tables: Tables) -> Measured:
     """S6: at small spin and oscillation the formula holds in the steady direction, too."""
-    if (frame := covers(tables["fig7"]["times"])) is None:
-        return None
-    every_size = beside_line(slow(frame, 0.2))
+    every_size = beside_line(slow(tables["fig7"]["times"].to_pandas(), 0.2))
     points, large = small(every_size), every_size[every_size["omega_xy0"] > 0.01 + 1e-9]
     inside, slope, curves = near(points["ratio"]), slopes(points, "K_r"), ("n_i", "K_r")
     checks = [
@@ -135,8 +128,6 @@ def late_reversals(tables: Tables) -> Measured | None:
 
     None if none of the points has a small or none a large K_r, or nothing reverses late.
     """
-    if covers(tables["fig7"]["times"]) is None:
-        return None
     beyond = fast(tables["fig7"]["late"].to_pandas(), 0.3).dropna(subset=["ratio_std"])
     low, high = beyond[beyond["K_r"] < 0.03], beyond[beyond["K_r"] > 0.06]
     # Where late reversals are more than a few.
@@ -163,8 +154,6 @@ def late_reversals(tables: Tables) -> Measured | None:
 
 def onset_of_wobbling(tables: Tables) -> Measured | None:
     """S8: wobbling begins about when the others reverse."""
-    if covers(tables["fig7"]["times"]) is None:
-        return None
     onset = tables["fig7"]["onset"].to_pandas()
     points = onset[(onset["wobbling"] >= FEW) & (onset["reversed"] >= FEW)]
     if points.empty:

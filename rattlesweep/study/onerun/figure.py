@@ -13,7 +13,6 @@ from rattlesweep.study.onerun.course import Course
 from rattlesweep.study.onerun.rows import Rows
 from rattlesweep.study.style import (
     BLUE,
-    FORMATS,
     GREY,
     INK,
     RATE,
@@ -40,7 +39,6 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-ENDINGS = tuple(f".{kind}" for kind in FORMATS)
 WIDTH, DPI = 7.2, 160
 # Every period of the pitch is to be seen, as far as the points are not too many.
 ROWS = Rows(per_period=24, most=400_001)

@@ -10,9 +10,8 @@ import pyarrow as pa
 import pyarrow.csv as pcsv
 import pyarrow.parquet as pq
 
-from rattlesweep.errors import ConfigError
 from rattlesweep.physics.body import PARAMETERS
-from rattlesweep.sweeps.store.atomic import probe_directory, streamed_file
+from rattlesweep.sweeps.store.atomic import streamed_file
 from rattlesweep.sweeps.store.provenance import package_version
 from rattlesweep.sweeps.tables.arrow import build_table
 from rattlesweep.sweeps.tables.columns import F64, field
@@ -23,29 +22,10 @@ if TYPE_CHECKING:
 
     from rattlesweep.study.onerun.course import Course
 
-ENDINGS = (".parquet", ".csv")
 # A table of more rows is not printed whole, but only so many rows from either end.
 MOST_PRINTED, ENDS = 10_000, 20
 # Rows of a row group: chunks are collected up to here.
 GROUP = 1 << 16
-
-
-def check_target(path: Path, option: str, endings: tuple[str, ...]) -> None:
-    """See before the work begins that a file can be written there.
-
-    Raises
-    ------
-    ConfigError
-        If the ending names no format.
-    OutputError
-        If its directory cannot be written in.
-    """
-    if path.suffix.lower() not in endings:
-        raise ConfigError(
-            f"{option} {path}: the name's ending chooses the format; "
-            f"{', '.join(endings[:-1])} or {endings[-1]} is needed"
-        )
-    probe_directory(path.parent)
 
 
 def schema(course: Course) -> pa.Schema:

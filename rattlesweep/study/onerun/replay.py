@@ -157,7 +157,11 @@ class Replay:
         return found
 
     def select(
-        self, case: int | None, sample: int | None, where: str | None, first: int | None = None
+        self,
+        case: int | None = None,
+        sample: int | None = None,
+        where: str | None = None,
+        first: int | None = None,
     ) -> list[StoredRun]:
         """Runs by case and sample, or the first by a condition: as the command line has them.
 

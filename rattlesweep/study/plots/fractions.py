@@ -6,8 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from rattlesweep.study.plots.counts import Counts
+from rattlesweep.study.plots.kind import Kind, Lengths, abscissa
+from rattlesweep.study.plots.layout import Layout
 from rattlesweep.study.plots.panels import draw_panels, legend_above, scale_axis
-from rattlesweep.study.plots.table import Tally
 from rattlesweep.study.style import TYPE_STYLE, label
 from rattlesweep.sweeps.tables.cells import share, wilson
 
@@ -16,32 +18,21 @@ FEWEST_FOR_AREAS = 4
 BONDI_LABEL = r"$|n_{c1}| < |n_i|$ above (Bondi)"
 
 
-def draw_fractions(figure: Any, counted: Tally, log: bool | None) -> None:
-    """Draw shares of the types against the first axis; others make rows and columns.
-
-    Parameters
-    ----------
-    figure
-    counted : Tally
-        Its axes are the abscissa, then rows, then columns.
-    log : bool or None
-        Whether the abscissa is logarithmic; None: as its values are spread.
-    """
+def draw(figure: Any, counted: Counts, log: bool | None) -> None:
+    """Shares of the types against the first axis; the second makes rows, the others columns."""
     x, rows, columns = counted.axes[0], counted.axes[1:2], counted.axes[2:]
     panels = draw_panels(figure, rows, columns)
-    ok = counted.grid(counted.ok)
-    bondi = share(counted.grid(counted.bondi), counted.grid(counted.steady))
+    areas = len(x.values) >= FEWEST_FOR_AREAS
+    at = x.values if areas else np.arange(len(x.values), dtype=float)
+    ok, bondi = counted.grid(counted.cells.ok), counted.bondi()
     for panel in panels:
         here: Any = (slice(None), *panel.where)
         seen = ok[here] > 0
-        at = (
-            x.values if len(x.values) >= FEWEST_FOR_AREAS else np.arange(len(x.values), dtype=float)
-        )
         below = np.zeros(int(seen.sum()))
         for name, (colour, _, hatch, text) in TYPE_STYLE.items():
-            own = share(counted.grid(counted.types[name])[here], ok[here])[seen]
+            own = share(counted.grid(counted.cells.types[name])[here], ok[here])[seen]
             style = {"facecolor": colour, "hatch": hatch, "label": text, "linewidth": 0}
-            if len(x.values) >= FEWEST_FOR_AREAS:
+            if areas:
                 panel.axes.fill_between(at[seen], below, below + own, **style)
             else:
                 panel.axes.bar(at[seen], own, 0.7, below, **style)
@@ -51,7 +42,7 @@ def draw_fractions(figure: Any, counted: Tally, log: bool | None) -> None:
             panel.axes.plot(at, 1 - bondi[here], "k^", ms=4, mec="white", mew=0.5, zorder=5,
                             label=BONDI_LABEL, clip_on=False)  # fmt: skip
         panel.axes.set(ylim=(0, 1), yticks=[0, 0.5, 1])
-        if len(x.values) >= FEWEST_FOR_AREAS:
+        if areas:
             scale_axis(panel.axes, "x", x, log)
             panel.axes.set_xlim(x.values[0], x.values[-1])
         else:
@@ -65,12 +56,12 @@ def draw_fractions(figure: Any, counted: Tally, log: bool | None) -> None:
     legend_above(figure, [handles[place] for place in order], 1.75)
 
 
-def _intervals(axes: Any, counted: Tally, here: Any, at: Any) -> None:
+def _intervals(axes: Any, counted: Counts, here: Any, at: Any) -> None:
     """Wilson's interval of each border between areas, itself a share of the runs."""
-    ok = counted.grid(counted.ok)[here]
+    ok = counted.grid(counted.cells.ok)[here]
     part = np.zeros_like(ok)
     for name in list(TYPE_STYLE)[:-1]:
-        part = part + counted.grid(counted.types[name])[here]
+        part = part + counted.grid(counted.cells.types[name])[here]
         low, high = wilson(part, ok)
         middle = share(part, ok)
         # A border at the rim is no border.
@@ -79,3 +70,35 @@ def _intervals(axes: Any, counted: Tally, here: Any, at: Any) -> None:
             at[real], middle[real], [(middle - low)[real], (high - middle)[real]], fmt="none",
             ecolor="#000000", elinewidth=0.9, capsize=1.6, capthick=0.9, zorder=4,
         )  # fmt: skip
+
+
+def _order(layout: Layout, left: Lengths, x: str | None) -> tuple[str, ...]:
+    """Rows for the oscillation, as in the paper, columns for the others."""
+    names = [*layout.targets, *layout.bodies, *layout.launch]
+    first = abscissa(left, names, x)
+    others = [n for n in ("n_i", *layout.targets, *layout.bodies) if left.get(n, 1) > 1]
+    others = [n for n in others if n not in (first, "omega_xy0")]
+    if first != "omega_xy0":
+        return (first, "omega_xy0", *others)
+    # One of a single value keeps the row, so that the rest makes columns.
+    single = [n for n in left if left[n] == 1][: 1 if len(others) == 1 else 0]
+    return (first, *single, *others)
+
+
+def _size(counted: Counts) -> tuple[float, float]:
+    _, down, *across = (*counted.shape, 1)
+    width = np.clip(2.2 + 1.6 * np.prod(across), 6.4, 14)
+    return float(width), 1.5 + 1.35 * max(down, 1.4)
+
+
+FRACTIONS = Kind(
+    name="fractions",
+    caption="Shares of the types. Bars are 95 % Wilson intervals. The share above a triangle is "
+    "that of the bodies whose steady spin is linearly stable according to theory.",
+    fits=lambda layout, left: bool(left) and layout.population,
+    order=_order,
+    gather=Counts,
+    size=_size,
+    draw=draw,
+    x_limits=lambda counted: counted.shape[0] >= FEWEST_FOR_AREAS,
+)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from rattlesweep.sweeps.store.store import Store
 from rattlesweep.sweeps.store.stored import open_stored
 
 if TYPE_CHECKING:
+    import pyarrow as pa
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
@@ -97,9 +98,24 @@ class Layout:
         return {axis.name: axis for axis in (*self.cases, *self.grid)}
 
     @property
-    def varying(self) -> list[str]:
-        """Names of the axes with more than one value."""
-        return [name for name, axis in self.axes.items() if len(axis.values) > 1]
+    def lengths(self) -> dict[str, int]:
+        """Number of values of each axis."""
+        return {name: len(axis.values) for name, axis in self.axes.items()}
+
+    @property
+    def targets(self) -> list[str]:
+        """The coefficient that bodies are drawn for, if there is one."""
+        return [axis.name for axis in self.cases if axis.name in ("K_p", "K_r")]
+
+    @property
+    def bodies(self) -> list[str]:
+        """Axes of the grid."""
+        return [axis.name for axis in self.grid]
+
+    @property
+    def launch(self) -> list[str]:
+        """Spin and oscillation, where the config has them."""
+        return [axis.name for axis in self.cases if axis.name not in ("K_p", "K_r")]
 
     @property
     def population(self) -> bool:
@@ -129,6 +145,17 @@ class Layout:
         return self.axes[name]
 
 
+class Reader(Protocol):
+    """What is made of the rows of a sweep as they go by."""
+
+    @property
+    def columns(self) -> Sequence[str] | None:
+        """Columns of `runs` that are read; None: all."""
+
+    def add(self, rows: pa.RecordBatch) -> None:
+        """Take more rows."""
+
+
 def read_layout(directory: Path) -> Layout:
     """Read from its manifest what varies in a sweep.
 
@@ -155,6 +182,62 @@ def read_layout(directory: Path) -> Layout:
     if isinstance(config.bodies, GridSource):
         grid = [Axis.of(name, given) for name, given in config.bodies.axes.values().items()]
     return Layout(store, manifest, config, tuple(cases), tuple(grid))
+
+
+class Places:
+    """Cells of a picture: which of them each run is in.
+
+    Parameters
+    ----------
+    layout
+    names
+        Axes that tell the cells apart.
+    chosen
+        Places along any axes of the layout that are taken; runs elsewhere are in no cell.
+
+    Attributes
+    ----------
+    axes : tuple of Axis
+        Those of `names`, with what is chosen of their values.
+    """
+
+    def __init__(
+        self, layout: Layout, names: Sequence[str], chosen: Mapping[str, Integers]
+    ) -> None:
+        self._layout = layout
+        kept = {name: chosen.get(name, np.arange(len(a.values))) for name, a in layout.axes.items()}
+        self._place = {name: np.full(len(a.values), -1) for name, a in layout.axes.items()}
+        for name, places in kept.items():
+            self._place[name][places] = np.arange(len(places))
+        self.axes = tuple(
+            Axis.of(name, layout.axes[name].values[np.sort(kept[name])].tolist()) for name in names
+        )
+
+    def cells(self, rows: pa.RecordBatch) -> Integers:
+        """Number of the cell of each row, the last axis varying fastest; -1 where there is none."""
+        case, sample = (rows.column(n).to_numpy().astype(np.int64) for n in ("case", "sample"))
+        at = {n: self._place[n][rank] for n, rank in self._layout.ranks(case, sample).items()}
+        cell = np.zeros(len(case), np.int64)
+        for axis in self.axes:
+            cell = cell * len(axis.values) + at[axis.name]
+        for places in at.values():
+            cell[places < 0] = -1
+        return cell
+
+
+def read_rows(layout: Layout, *readers: Reader) -> None:
+    """Give all rows of complete blocks to some readers, in one pass over the files.
+
+    Raises
+    ------
+    OutputError
+        A block is unreadable.
+    """
+    names = [reader.columns for reader in readers]
+    columns = None if None in names else list(dict.fromkeys(n for own in names for n in own or ()))
+    for rows in layout.store.iter_batches(columns, complete=True):
+        for reader in readers:
+            reader.add(rows)
 
 
 def selection(layout: Layout, texts: Sequence[str]) -> dict[str, Integers]:

@@ -6,12 +6,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.colors import BoundaryNorm, ListedColormap, LogNorm, Normalize
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.study.plots.bondi import threshold_line, threshold_plane
+from rattlesweep.study.plots.counts import Counts
+from rattlesweep.study.plots.kind import Kind, Lengths
 from rattlesweep.study.plots.layout import Axis, Layout
 from rattlesweep.study.plots.panels import draw_panels, legend_above, scale_axis
-from rattlesweep.study.plots.table import Tally
 from rattlesweep.study.style import FAILED, MISSING, TYPE_STYLE, label
 
 if TYPE_CHECKING:
@@ -21,6 +25,8 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
+# From this many values on along both sides, a grid is a map.
+SIDE = 8
 # Neither the grey of a type nor the white of what is missing.
 NO_REVERSAL = "#D0D0D0"
 # A dark line with a light rim is seen on every colour.
@@ -31,25 +37,15 @@ BONDI_LABEL = r"Bondi's threshold, $|n_i| = |n_{c1}|$"
 TAILS = (0.5, 99.5)
 
 
-def draw_map(figure: Any, layout: Layout, counted: Tally, log: bool | None) -> None:
-    """Draw types on the left and ``t_r/t_rGH`` on the right, one row for each further value.
-
-    Parameters
-    ----------
-    figure
-    layout
-    counted : Tally
-        Its axes are abscissa, ordinate, then rows.
-    log : bool or None
-        Whether the axes are logarithmic; None: as their values are spread.
-    """
+def draw(figure: Any, counted: Counts, log: bool | None) -> None:
+    """Types on the left and ``t_r/t_rGH`` on the right, one row for each further value."""
     x, y, *rows = counted.axes
     panels = draw_panels(figure, rows, (), parts=2)
     titles = ("type", r"$t_r/t_{rGH}$")
-    if counted.runs.max() > 1:
+    if counted.cells.runs.max() > 1:
         titles = ("most common type", r"mean $t_r/t_{rGH}$")
     code = _codes(counted)
-    ratio = counted.grid(counted.ratio.means())
+    ratio = counted.grid(counted.cells.ratio.means())
     kinds = np.unique(code)
     norm, shown = _ratio_norm(ratio)
     mesh = None
@@ -60,7 +56,7 @@ def draw_map(figure: Any, layout: Layout, counted: Tally, log: bool | None) -> N
             _types(panel.axes, x, y, code[here].T)
         else:
             mesh = _ratios(panel.axes, x, y, ratio[here].T, code[here].T, norm)
-        bondi |= _bondi(panel.axes, layout, counted, panel.where)
+        bondi |= _bondi(panel.axes, counted, panel.where)
         scale_axis(panel.axes, "x", x, log)
         scale_axis(panel.axes, "y", y, log)
         panel.axes.set_xlim(*_edges(x)[[0, -1]])
@@ -82,12 +78,12 @@ def draw_map(figure: Any, layout: Layout, counted: Tally, log: bool | None) -> N
 _CODES = {**{name: code for code, name in enumerate(TYPE_STYLE)}, "failed": 4, "missing": 5}
 
 
-def _codes(counted: Tally) -> NDArray[np.int64]:
+def _codes(counted: Counts) -> NDArray[np.int64]:
     """The most common type of each cell, or failed, or missing."""
-    counts = np.stack([counted.grid(counted.types[name]) for name in TYPE_STYLE])
+    counts = np.stack([counted.grid(counted.cells.types[name]) for name in TYPE_STYLE])
     code = np.argmax(counts, axis=0)
     code = np.where(counts.sum(axis=0) == 0, _CODES["failed"], code)
-    return np.where(counted.grid(counted.runs) == 0, _CODES["missing"], code)
+    return np.where(counted.grid(counted.cells.runs) == 0, _CODES["missing"], code)
 
 
 def _edges(axis: Axis) -> Floats:
@@ -131,8 +127,6 @@ def _ratio_norm(ratio: Floats) -> tuple[Normalize, str]:
 
 
 def _bar_ticks(bar: Any, norm: Normalize) -> None:
-    from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
-
     if isinstance(norm, LogNorm):
         low, high = float(norm.vmin or 1), float(norm.vmax or 1)
         ticks = [m * 10.0**e for e in range(-6, 7) for m in (1, 2, 5)]
@@ -141,8 +135,9 @@ def _bar_ticks(bar: Any, norm: Normalize) -> None:
         bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
 
 
-def _bondi(axes: Any, layout: Layout, counted: Tally, where: Sequence[int]) -> bool:
+def _bondi(axes: Any, counted: Counts, where: Sequence[int]) -> bool:
     """Draw Bondi's line where theory knows it; whether it did."""
+    layout = counted.layout
     x, y, *rest = counted.axes
     at = {axis.name: float(axis.values[place]) for axis, place in zip(rest, where, strict=True)}
     grid = {axis.name for axis in layout.grid}
@@ -176,9 +171,6 @@ def _bondi(axes: Any, layout: Layout, counted: Tally, where: Sequence[int]) -> b
 
 
 def _legend(figure: Any, kinds: NDArray[np.int64], bondi: bool, *, gaps: bool) -> None:
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-
     edge: dict[str, Any] = {"edgecolor": "#555555", "linewidth": 0.5}
     handles: list[Any] = [
         Patch(facecolor=style[0], label=style[3], **edge)
@@ -196,15 +188,36 @@ def _legend(figure: Any, kinds: NDArray[np.int64], bondi: bool, *, gaps: bool) -
     legend_above(figure, handles, 1.9)
 
 
-def check_map(x: Axis, y: Axis) -> None:
-    """Refuse a map over less than two values a side.
+class MapCounts(Counts):
+    """Runs by pixel."""
 
-    Raises
-    ------
-    ConfigError
-    """
-    for axis in (x, y):
-        if len(axis.values) < 2:
-            raise ConfigError(
-                f"--kind map: only one value of {axis.name} is left; a map needs two or more"
-            )
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        for axis in self.axes[:2]:
+            if len(axis.values) < 2:
+                raise ConfigError(
+                    f"--kind map: only one value of {axis.name} is left; a map needs two or more"
+                )
+
+
+def _order(layout: Layout, left: Lengths, x: str | None) -> tuple[str, ...]:
+    """The longest axes; of equal length, bodies along the abscissa and spins along the ordinate."""
+    names = [*layout.targets, *layout.bodies, *layout.launch]
+    names.sort(key=lambda name: -min(left[name], SIDE))
+    first = x or names[0]
+    return (first, *(name for name in names if name != first and left[name] > 1))
+
+
+def _size(counted: Counts) -> tuple[float, float]:
+    return 9.0, float(np.clip(1.2 + 3.4 * np.prod(counted.shape[2:]), 4.6, 14))
+
+
+MAP = Kind(
+    name="map",
+    caption="Types, and reversal times in units of Garcia and Hubbard's.",
+    fits=lambda layout, left: sum(count > 1 for count in left.values()) >= 2,
+    order=_order,
+    gather=MapCounts,
+    size=_size,
+    draw=draw,
+)

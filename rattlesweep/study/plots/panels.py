@@ -18,6 +18,8 @@ from rattlesweep.study.plots.layout import Axis
 from rattlesweep.study.style import value_text
 
 MOST_PANELS = 40
+BESIDE = "<beside>"
+"""Label of Axes, like "<colorbar>", whose limits are their own."""
 # Shares of a figure that a legend may take, and type that can just be read.
 WIDEST, HIGHEST, SMALLEST = 0.98, 0.35, 5.0
 # Inches of an abscissa on which no more than a few numbers have room.

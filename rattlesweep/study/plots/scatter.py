@@ -2,33 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
+from matplotlib.lines import Line2D
 
-from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.errors import ConfigError
+from rattlesweep.study.plots.kind import Kind
+from rattlesweep.study.plots.layout import Layout, Places
 from rattlesweep.study.plots.panels import legend_above, plain_ticks
 from rattlesweep.study.style import (
-    RATE,
     SERIES,
     SYMBOLS,
     THEORY,
     TIME,
+    UNITS,
     label,
     light_grid,
     value_text,
 )
 from rattlesweep.sweeps.config.messages import not_one_of
+from rattlesweep.sweeps.tables.cells import codes, floats
 from rattlesweep.sweeps.tables.columns import runs_schema
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-    from rattlesweep.study.plots.layout import Axis, Layout
 
     Floats = NDArray[np.float64]
     Integers = NDArray[np.int64]
@@ -37,39 +37,82 @@ if TYPE_CHECKING:
 MOST_POINTS = 20_000
 # Abscissas that spread over more than this ratio are shown by their logarithms.
 WIDE = 30.0
-UNITS = {"1": "", "sqrt(a/g)": TIME, "sqrt(g/a)": RATE}
 
 
-@dataclass(frozen=True)
 class Points:
-    """Runs that reverse.
+    """Runs that reverse, evenly thinned where they are many.
+
+    Parameters
+    ----------
+    layout
+    names
+        The column along the abscissa.
+    chosen
+        Places along any axes of the sweep that are taken; others are left out.
 
     Attributes
     ----------
     name, unit : str
         Column along the abscissa.
-    x, t_r : array
     colour : Axis or None
         What tells the points apart by colour.
-    place : array of int
-        Place of each point's run along it.
     total : int
         Runs that could be shown, of which these are every so many-th.
+
+    Raises
+    ------
+    ConfigError
+        There is no such column of numbers.
     """
 
-    name: str
-    unit: str
-    x: Floats
-    t_r: Floats
-    colour: Axis | None
-    place: Integers
-    total: int
+    def __init__(
+        self, layout: Layout, names: Sequence[str], chosen: Mapping[str, Integers]
+    ) -> None:
+        (self.name,) = names
+        units = columns_of(layout)
+        if self.name not in units:
+            raise ConfigError(f"--x: {not_one_of(self.name, units)}")
+        self.unit = units[self.name]
+        self.columns: Sequence[str] = ("case", "sample", "t_r", "status", self.name)
+        colour = _colour(layout, self.name, chosen)
+        self._places = Places(layout, colour, chosen)
+        self.colour = self._places.axes[0] if colour else None
+        self.total, self._stride = 0, 1
+        self._parts = [np.empty((3, 0))]
+
+    def add(self, rows: pa.RecordBatch) -> None:
+        """Take the runs of more rows that reverse."""
+        x, t_r = floats(rows.column(self.name)), floats(rows.column("t_r"))
+        place = self._places.cells(rows)
+        shown = (codes(rows.column("status"), ("ok",)) == 0) & (place >= 0)
+        shown &= np.isfinite(x) & np.isfinite(t_r)
+        found = np.stack([x, t_r, place])[:, shown]
+        # The first, and every stride-th after it.
+        self._parts.append(found[:, -self.total % self._stride :: self._stride])
+        self.total += found.shape[1]
+        while sum(part.shape[1] for part in self._parts) > MOST_POINTS:
+            self._parts = [np.concatenate(self._parts, axis=1)[:, ::2]]
+            self._stride *= 2
+
+    def points(self) -> tuple[Floats, Floats, Integers]:
+        """Abscissa, ``t_r`` and place along `colour` of each point."""
+        x, t_r, place = np.concatenate(self._parts, axis=1)
+        return x, t_r, place.astype(np.int64)
+
+    def __len__(self) -> int:
+        """Return the number of points."""
+        return sum(part.shape[1] for part in self._parts)
+
+    def words(self) -> str:
+        """How many they are."""
+        return f"{len(self):,} of {self.total:,} runs that reverse"
 
     def table(self) -> pa.Table:
         """What is drawn."""
-        columns = {self.name: self.x, "t_r": self.t_r}
+        x, t_r, place = self.points()
+        columns = {self.name: x, "t_r": t_r}
         if self.colour is not None:
-            columns[self.colour.name] = self.colour.values[self.place]
+            columns[self.colour.name] = self.colour.values[place]
         return pa.table(columns)
 
 
@@ -80,99 +123,38 @@ def columns_of(layout: Layout) -> dict[str, str]:
     return {f.name: f.metadata[b"unit"].decode() for f in numbers if f.name != "t_r"}
 
 
-def gather(layout: Layout, name: str, chosen: Mapping[str, Integers]) -> Points:
-    """Read the runs that reverse, evenly thinned where they are many.
-
-    Parameters
-    ----------
-    layout
-    name
-        Column along the abscissa.
-    chosen
-        Places along any axes of the sweep that are taken; others are left out.
-
-    Raises
-    ------
-    ConfigError
-        There is no such column of numbers.
-    OutputError
-        A block is unreadable, or no run of those chosen reverses.
-    """
-    units = columns_of(layout)
-    if name not in units:
-        raise ConfigError(f"--x: {not_one_of(name, units)}")
-    colour = _colour(layout, name, chosen)
-    parts: list[NDArray[np.float64]] = []
-    stride, total, kept = 1, 0, 0
-    read = list(dict.fromkeys(("case", "sample", "t_r", "status", name)))
-    for batch in layout.store.iter_batches(read):
-        x, t_r = (
-            np.asarray(pc.cast(batch.column(n), pa.float64()).to_numpy(zero_copy_only=False))
-            for n in (name, "t_r")
-        )
-        case, sample = (batch.column(n).to_numpy().astype(np.int64) for n in ("case", "sample"))
-        ranks = layout.ranks(case, sample)
-        ok = pc.equal(batch.column("status").cast(pa.string()), "ok")
-        shown = np.asarray(ok.to_numpy(zero_copy_only=False)) & np.isfinite(x) & np.isfinite(t_r)
-        for axis, places in chosen.items():
-            shown &= np.isin(ranks[axis], places)
-        place = np.zeros(len(x)) if colour is None else ranks[colour.name].astype(float)
-        found = np.stack([x, t_r, place])[:, shown]
-        # The first, and every stride-th after it.
-        parts.append(found[:, -total % stride :: stride])
-        total += found.shape[1]
-        kept += parts[-1].shape[1]
-        while kept > MOST_POINTS:
-            parts = [np.concatenate(parts, axis=1)[:, ::2]]
-            kept, stride = parts[0].shape[1], 2 * stride
-    if not kept:
-        raise OutputError(f"{layout.store.directory} holds no run of those selected that reverses")
-    x, t_r, place = np.concatenate(parts, axis=1)
-    return Points(name, units[name], x, t_r, colour, place.astype(np.int64), total)
-
-
-def _colour(layout: Layout, name: str, chosen: Mapping[str, Integers]) -> Axis | None:
+def _colour(layout: Layout, name: str, chosen: Mapping[str, Integers]) -> list[str]:
     """What varies over no more values than there are colours, launches before bodies."""
-    launch = [n for n in ("n_i", "omega_xy0") if n in layout.axes]
-    for other in (*launch, *(n for n in layout.axes if n not in launch)):
-        axis = layout.axes[other]
-        if other != name and 1 < len(chosen.get(other, axis.values)) <= len(SERIES):
-            return axis
-    return None
+    left = layout.lengths | {axis: len(places) for axis, places in chosen.items()}
+    names = [*layout.launch, *layout.targets, *layout.bodies]
+    return [n for n in names if n != name and 1 < left[n] <= len(SERIES)][:1]
 
 
-def draw_scatter(figure: Any, points: Points, log: bool | None) -> None:
-    """Draw ``t_r`` of each run against a column.
+def draw(figure: Any, points: Points, log: bool | None) -> None:
+    """``t_r`` of each run against a column.
 
-    Parameters
-    ----------
-    figure
-    points : Points
-    log : bool or None
-        Whether both axes are logarithmic; None: the ordinate is, the abscissa if its values are
-        positive and spread widely.
+    Unless told otherwise, the ordinate is logarithmic, and the abscissa if it is positive and
+    spreads widely.
     """
-    from matplotlib.lines import Line2D
-
     axes = figure.subplots()
-    low, high = float(points.x.min()), float(points.x.max())
+    x, t_r, place = points.points()
+    low, high = float(x.min()), float(x.max())
     if log and low <= 0:
         raise ConfigError(f"--log: {points.name} has values that are not positive; leave it out")
     handles: list[Any] = []
-    places = np.unique(points.place)
-    for place, (colour, marker) in zip(places, SERIES, strict=False):
-        own = points.place == place
+    for k, (colour, marker) in zip(np.unique(place), SERIES, strict=False):
+        own = place == k
         look: dict[str, Any] = {"color": colour, "marker": marker, "linestyle": "", "mew": 0}
-        axes.plot(points.x[own], points.t_r[own], ms=2.6, alpha=0.6, rasterized=True, **look)
+        axes.plot(x[own], t_r[own], ms=2.6, alpha=0.6, rasterized=True, **look)
         if points.colour is not None:
-            words = value_text(points.colour.name, float(points.colour.values[place]))
+            words = value_text(points.colour.name, float(points.colour.values[k]))
             handles.append(Line2D([], [], ms=5, label=words, **look))
     if log or (log is None and low > 0 and high > WIDE * low):
         axes.set_xscale("log")
         plain_ticks(axes, "x", (low, high))
     if log is not False:
         axes.set_yscale("log")
-        plain_ticks(axes, "y", (float(points.t_r.min()), float(points.t_r.max())))
+        plain_ticks(axes, "y", (float(t_r.min()), float(t_r.max())))
     if points.name == "t_rgh":
         axes.plot([low, high], [low, high], **THEORY)
         handles.append(Line2D([], [], **THEORY, label=r"theory: $t_r = t_{rGH}$"))
@@ -181,8 +163,19 @@ def draw_scatter(figure: Any, points: Points, log: bool | None) -> None:
     axes.set_xlabel(label(points.name) if points.name in SYMBOLS else plain)
     axes.set_ylabel(f"$t_r$ ({TIME})")
     light_grid(axes)
-    if len(points.x) < points.total:
+    if len(points) < points.total:
         handles.append(Line2D([], [], linestyle="",
-                              label=f"{len(points.x):,} of {points.total:,} runs"))  # fmt: skip
+                              label=f"{len(points):,} of {points.total:,} runs"))  # fmt: skip
     if handles:
         legend_above(figure, handles, 1.6)
+
+
+SCATTER = Kind(
+    name="scatter",
+    caption="",
+    fits=lambda layout, left: True,
+    order=lambda layout, left, x: (x or "t_rgh",),
+    gather=Points,
+    size=lambda points: (6.4, 4.6),
+    draw=draw,
+)

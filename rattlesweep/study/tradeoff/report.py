@@ -12,6 +12,7 @@ from rattlesweep.study.tradeoff.table import QUANTILES, SCHEMA, advice, number, 
 from rattlesweep.sweeps.store.atomic import probe_directory, replace_file
 from rattlesweep.sweeps.store.provenance import machine, package_version
 from rattlesweep.sweeps.tables import arrow
+from rattlesweep.text import align
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -104,7 +105,7 @@ def _settings(rows: pd.DataFrame) -> str:
                 str(r.runs),
             ]
         )  # fmt: skip
-    return _aligned(lines, str.rjust)
+    return align(lines, "<>")
 
 
 def _advice(rows: pd.DataFrame) -> str:
@@ -117,19 +118,7 @@ def _advice(rows: pd.DataFrame) -> str:
             cost = entry[f"{word}_us_per_unit"]
             cells += [entry[word] or "none", "-" if cost is None else f"{cost:.3g}"]
         lines.append(cells)
-    return _aligned(lines, str.ljust)
-
-
-def _aligned(lines: Sequence[Sequence[str]], align: Any) -> str:
-    """Columns as wide as their widest cell, all but the first moved to one side."""
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    return "\n".join(
-        "  ".join(
-            (align if place else str.ljust)(cell, width)
-            for place, (cell, width) in enumerate(zip(line, widths, strict=True))
-        ).rstrip()
-        for line in lines
-    )
+    return align(lines, "<")
 
 
 def as_data(study: Study) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import fields, is_dataclass
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
@@ -10,7 +11,8 @@ import numpy as np
 from rattlesweep.integrate.batch import Batch, Control, Outcome, integrate
 from rattlesweep.integrate.defaults import DT, TOL
 from rattlesweep.integrate.follow.lyapunov import exponents
-from rattlesweep.integrate.model import MODELS
+from rattlesweep.integrate.lanes.build import kernel
+from rattlesweep.integrate.model import MODELS, WITH_TANGENT
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics.body import PARAMETERS
@@ -56,6 +58,22 @@ def take(values: T, rows: NDArray[Any]) -> T:
     return values
 
 
+def load_kernel(config: Config) -> float:
+    """Load the kernel, compiled if need be; in the main thread, so that Ctrl-C is heard.
+
+    Returns
+    -------
+    float
+        Seconds.
+    """
+    begin = time.perf_counter()
+    if config.model != "gh":
+        model = MODELS[config.model]
+        carried = WITH_TANGENT[model.name] if "lyapunov" in config.record else model
+        kernel(config.integrator.method, carried.name)
+    return time.perf_counter() - begin
+
+
 def prepare_block(plan: Plan, block: Block) -> tuple[Launches, Batch | None]:
     """What can be done before the kernel is free: bodies, theory, initial states."""
     return prepare_runs(plan, *plan.runs_of(block))
@@ -90,22 +108,23 @@ def finish_block(
         If ``control`` asked the kernel to stop; holds the columns of the runs that had ended.
     """
     if batch is None:
-        return _columns(config, launches, None, None)
+        return columns_of(config, launches, None, None)
     control = control or Control()
     outcome = run_batch(config, batch, threads=threads, control=control)
     if not outcome.stopped:
-        return _columns(config, launches, batch, outcome)
+        return columns_of(config, launches, batch, outcome)
     ended = outcome.status != Status.STOPPED
     lost = control.runs_begun - int((ended & (outcome.status != Status.NO_HORIZON)).sum())
     if not ended.any():
         raise Interrupted(lost=lost)
     some = take(launches, ended), take(batch, ended), take(outcome, ended)
-    raise Interrupted(_columns(config, *some), lost)
+    raise Interrupted(columns_of(config, *some), lost)
 
 
-def _columns(
+def columns_of(
     config: Config, launches: Launches, batch: Batch | None, outcome: Outcome | None
 ) -> Mapping[str, Any]:
+    """Columns of runs, typed; without an outcome they are those of the closed form."""
     columns = _inputs(launches)
     columns |= _closed_form(launches) if outcome is None else _measured(outcome, config.record)
     status = columns.pop("status_codes")

@@ -7,8 +7,7 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from rattlesweep.errors import ConfigError
-from rattlesweep.sweeps.engines.progress import Costs
+from rattlesweep.sweeps.cases.costs import Costs
 
 if TYPE_CHECKING:
     from rattlesweep.sweeps.cases.plan import Block, Plan
@@ -27,16 +26,16 @@ class Shard:
 
         Raises
         ------
-        ConfigError
+        ValueError
             It is something else, or I is not one of 0 to N-1.
         """
         match = re.fullmatch(r"\s*(\d{1,9})\s*/\s*(\d{1,9})\s*", text)
         if not match:
-            raise ConfigError(f"--shard {text}: is not I/N; write it as in --shard 0/4")
+            raise ValueError("is not I/N; write it as in --shard 0/4")
         index, count = int(match[1]), int(match[2])
         if index >= count:
-            raise ConfigError(
-                f"--shard {text}: there is no such share; I runs from 0 to N-1"
+            raise ValueError(
+                "there is no such share; I runs from 0 to N-1"
                 + (f", so from 0 to {count - 1}" if count else "")
             )
         return cls(index, count)
@@ -51,23 +50,22 @@ class Shard:
         return f"{self.index}/{self.count}"
 
 
-def deal(plan: Plan, shard: Shard | None, costs: Costs) -> list[Block]:
-    """Blocks of a share, in order; of everything if there is no shard.
+def deal(plan: Plan, count: int, costs: Costs) -> list[list[Block]]:
+    """Blocks of each of so many shares, in order.
 
     The dearest block goes to the share that has least so far, and so on. Costs are
     counted in 1e-4 of the dearest, so that machines whose sines differ in the last bit deal alike.
     """
     blocks = [plan.block(index) for index in range(plan.n_blocks)]
-    if shard is None or shard.count == 1:
-        return blocks
+    if count == 1:
+        return [blocks]
     expected = [costs.of(block) for block in blocks]
     unit = max(expected) / 1e4 or 1.0
     weights = [max(1, round(cost / unit)) for cost in expected]
-    shares = [(0, place) for place in range(min(shard.count, len(blocks)))]
-    mine = []
-    for index in sorted(range(len(blocks)), key=lambda index: (-weights[index], index)):
-        total, place = heapq.heappop(shares)
-        heapq.heappush(shares, (total + weights[index], place))
-        if place == shard.index:
-            mine.append(index)
-    return [blocks[index] for index in sorted(mine)]
+    totals = [(0, place) for place in range(min(count, len(blocks)))]
+    shares: list[list[Block]] = [[] for _ in range(count)]
+    for block in sorted(blocks, key=lambda block: (-weights[block.index], block.index)):
+        total, place = heapq.heappop(totals)
+        heapq.heappush(totals, (total + weights[block.index], place))
+        shares[place].append(block)
+    return [sorted(share, key=lambda block: block.index) for share in shares]

@@ -136,29 +136,27 @@ def _numbers(series: pd.Series[str], name: str, where: str, *, nullable: bool) -
     if bad.any():
         row = int(np.flatnonzero(bad)[0])
         cell = series.iloc[row]
-        said = "empty" if pd.isna(cell) else f"{str(cell)[:40]!r}"
-        raise ConfigError(f"{where}: row {row + 1}: {name} is {said}; a finite number is needed")
+        found = "empty" if pd.isna(cell) else f"{str(cell)[:40]!r}"
+        raise ConfigError(f"{where}: row {row + 1}: {name} is {found}; a finite number is needed")
     return values
 
 
 def _check_rows(columns: dict[str, Floats], where: str) -> None:
     worst: list[tuple[int, str]] = list(violations(**{name: columns[name] for name in PARAMETERS}))
-    for name, want in (
-        ("n_i", "it must not be zero"),
-        ("omega_xy0", "it must be positive"),
-        ("t_end", "it must be positive"),
+    for name, least, sentence in (
+        ("n_i", -np.inf, "it must not be zero"),
+        ("omega_xy0", 0.0, "it must be positive"),
+        ("t_end", 0.0, "it must be positive"),
     ):
-        if name in columns:
-            values = columns[name]
-            bad = np.flatnonzero(values == 0 if name == "n_i" else values <= 0)
-            if bad.size:
-                worst.append((int(bad[0]), f"{name} is {values[bad[0]]:g}; {want}"))
-            fast = np.flatnonzero(~(np.abs(values) <= MAX_SPEED))
-            if name in LAUNCH and fast.size:
-                value = values[fast[0]]
-                worst.append(
-                    (int(fast[0]), f"{name} is {value:g}; at most {MAX_SPEED:g} is allowed")
-                )
+        # NaN, where it may stand, is no value.
+        values = columns.get(name, np.array([np.nan]))
+        rules = [((values == 0) | (values < least), sentence)]
+        if name in LAUNCH:
+            rules.append((np.abs(values) > MAX_SPEED, f"at most {MAX_SPEED:g} is allowed"))
+        for bad, wanted in rules:
+            if bad.any():
+                row = int(np.argmax(bad))
+                worst.append((row, f"{name} is {values[row]:g}; {wanted}"))
     if worst:
         row, sentence = min(worst)
         raise ConfigError(f"{where}: row {row + 1}: {sentence}")

@@ -48,11 +48,6 @@ def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> 
         ``KEY=VALUE`` texts with dotted keys and YAML values, such as ``bodies.samples=10``; they
         replace what the file says, the last one where several name one key.
 
-    Returns
-    -------
-    Config
-        The checked config.
-
     Raises
     ------
     ConfigError
@@ -75,17 +70,7 @@ def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> 
 
 
 def parse_config(data: Mapping[str, Any]) -> Config:
-    """Check a config given as Python data.
-
-    Parameters
-    ----------
-    data
-        What a config file would hold. Tuples count as lists and NumPy numbers as numbers.
-
-    Returns
-    -------
-    Config
-        The checked config.
+    """Check a config given as Python data, in which tuples count as lists and NumPy's numbers too.
 
     Raises
     ------
@@ -100,13 +85,7 @@ def parse_config(data: Mapping[str, Any]) -> Config:
 
 
 def override_config(data: Mapping[str, Any], overrides: Sequence[str]) -> Config:
-    """Check a config given as Python data, with some keys replaced by ``KEY=VALUE`` texts.
-
-    Raises
-    ------
-    ConfigError
-        With everything that is wrong, one line each.
-    """
+    """Check a config given as Python data, with some keys replaced by ``KEY=VALUE`` texts."""
     changed = copy.deepcopy(dict(data))
     origins: dict[Key, Origin] = {}
     refused = [line for text in overrides for line in _override(changed, origins, text)]
@@ -242,12 +221,11 @@ def _as_read(value: Any, key: Key, problems: list[Problem]) -> Any:
         return value
     # NumPy's numbers are registered as these.
     if isinstance(value, Integral | Real):
-        number: int | float
         try:
             number = int(value) if isinstance(value, Integral) else float(value)
         except (OverflowError, ValueError):
             number = math.inf
-        if problem := yamlfile.number_problem(number):
+        if problem := yamlfile.number_problem(number, one_line(f"{number}", 24)):
             problems.append(Problem(key, problem))
             return None
         return number

@@ -70,12 +70,15 @@ def is_number(text: str) -> bool:
     return bool(_INT.fullmatch(text) or _FLOAT.fullmatch(text))
 
 
-def number_problem(value: int | float) -> str | None:
-    """What is wrong with a number that no field could take; None if all is well."""
+def number_problem(value: int | float, text: str) -> str | None:
+    """What is wrong with a number, written as `text`, that no field could take; None if nothing."""
     if isinstance(value, float) and not math.isfinite(value):
-        return f"{value} is not a finite number; write a finite one"
+        return f"{text} is not a finite number of 64 bits; write one below 1.8e308"
     if isinstance(value, int) and not -(2**63) <= value < 2**63:
-        return "the integer does not fit into 64 bits; write a smaller one"
+        return (
+            f"the integer {text} does not fit into 64 bits; write a smaller one, or a decimal such "
+            "as 1e20 where a number is meant"
+        )
     return None
 
 
@@ -261,24 +264,16 @@ class _Reader:
             return True
         if _FALSE.fullmatch(text):
             return False
-        if _NOT_FINITE.fullmatch(text):
-            return self.problem(key, node, f"{text} is not a finite number; write a finite one")
+        number: int | float
         if _INT.fullmatch(text):
             # Length first: int() refuses thousands of digits, and is slow on hundreds.
-            value = int(text, {"o": 8, "x": 16}.get(text[1:2], 10)) if len(text) < 100 else 2**64
-            if number_problem(value):
-                return self.problem(
-                    key, node,
-                    f"the integer {one_line(text, 24)} does not fit into 64 bits; "
-                    "write a smaller one, or a decimal such as 1e20 where a number is meant",
-                )  # fmt: skip
-            return value
-        if _FLOAT.fullmatch(text):
+            number = int(text, {"o": 8, "x": 16}.get(text[1:2], 10)) if len(text) < 100 else 2**64
+        elif _FLOAT.fullmatch(text):
             number = float(text)
-            if math.isinf(number):
-                return self.problem(
-                    key, node,
-                    f"{one_line(text, 24)} is too large for a number; write one below 1.8e308",
-                )  # fmt: skip
-            return number
-        return text
+        elif _NOT_FINITE.fullmatch(text):
+            number = math.nan
+        else:
+            return text
+        if message := number_problem(number, one_line(text, 24)):
+            return self.problem(key, node, message)
+        return number

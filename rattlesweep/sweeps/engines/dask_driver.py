@@ -14,15 +14,20 @@ from contextlib import ExitStack, suppress
 from typing import TYPE_CHECKING, Any
 
 from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.sweeps.blocks.block import Interrupted
-from rattlesweep.sweeps.engines import dask_worker as worker
+from rattlesweep.integrate.task import POLL
+from rattlesweep.sweeps.blocks.block import Interrupted, load_kernel
 from rattlesweep.sweeps.engines.dask_cluster import ANSWER, embedded, existing, quiet, reach
-from rattlesweep.sweeps.engines.dask_worker import Done, Left, in_place
-from rattlesweep.sweeps.engines.head_start import prepare_work, write_work
-from rattlesweep.sweeps.engines.local import GATHER, load_kernel
-from rattlesweep.sweeps.engines.progress import Costs
+from rattlesweep.sweeps.engines.dask_worker import (
+    Answer,
+    call_off,
+    do_block,
+    in_place,
+    place_order,
+    remove_orders,
+)
+from rattlesweep.sweeps.engines.remainder import GATHER, prepare_remainder, write_remainder
+from rattlesweep.sweeps.store.manifest import Receipt
 from rattlesweep.sweeps.store.provenance import machine
-from rattlesweep.sweeps.store.receipts import Receipt
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -30,23 +35,22 @@ if TYPE_CHECKING:
     from distributed import Client, Future, KilledWorker
 
     from rattlesweep.sweeps.cases.plan import Block
-    from rattlesweep.sweeps.engines.engine import Job
+    from rattlesweep.sweeps.engines.job import Job
 
 AHEAD = 2  # blocks handed out for each worker: one under way, one ready
 # Seconds in which a lost scheduler may come back.
 RETURN = 8.0
 # Seconds for which there may be no worker.
-PATIENCE = 120.0
+WORKERLESS = 120.0
 # Dask gives a block up after four lost workers; it is handed out this often.
 ATTEMPTS = 2
-POLL = 0.05
 COUNT_EVERY = 2.0
 
 
 def make_engine(
     scheduler: str | None = None, workers: int | None = None, threads: int | None = None
 ) -> Callable[[Job], None]:
-    """Engine for :func:`rattlesweep.sweeps.engines.engine.run_sweep`.
+    """Engine for :func:`rattlesweep.sweeps.engines.run.run_sweep`.
 
     Parameters
     ----------
@@ -76,12 +80,10 @@ def make_engine(
         raise ConfigError("--workers: the workers of --scheduler are those that it has")
 
     def work_off(job: Job) -> None:
-        if not job.session.pending:
-            return
         if scheduler is not None:
             reach(scheduler)
         # Workers on this machine, or on others that share its cache, then find the kernel compiled.
-        job.report.load_seconds = load_kernel(job.session.plan.config)
+        job.result.load_seconds = load_kernel(job.plan.config)
         with ExitStack() as stack:
             stack.enter_context(quiet())
             if scheduler is None:
@@ -90,8 +92,8 @@ def make_engine(
                 client = stack.enter_context(existing(scheduler))
             directory = job.session.store.directory
             if job.session.shard is None:
-                worker.remove_orders(directory.resolve())
-            order = worker.place_order(
+                remove_orders(directory.resolve())
+            order = place_order(
                 job.session.opened, job.session.base, threads or (None if scheduler else 1)
             )
             # Taken away first: workers hear it and drop their blocks.
@@ -127,23 +129,22 @@ class _Driver:
             raise
         if self._pending or self._flying:
             self._call_off()
-            self._job.report.stopped = self._job.why_stopped()
-        self._job.tick()
+            self._job.stop()
 
     def _work_off(self) -> None:
         job = self._job
-        costs = Costs(job.session.plan)
+        costs = job.session.costs
         # The dearest first, so that no worker begins one when the others are done.
-        blocks = sorted(job.session.pending, key=lambda block: (-costs.of(block), block.index))
+        blocks = sorted(job.pending, key=lambda block: (-costs.of(block), block.index))
         self._pending.extend(blocks)
         self._count(first=True)
         job.begin()
-        job.meter.begin()
+        job.tracker.begin()
         while self._pending or self._flying:
             self._connected()
             self._count()
             self._hand_out()
-            if job.too_late(job.report.done > 0):
+            if job.too_late(job.result.done > 0):
                 break
             time.sleep(POLL)
             for index in [i for i, (_, f) in self._flying.items() if f.status != "pending"]:
@@ -154,7 +155,7 @@ class _Driver:
         """Keep what the workers have of the blocks under way."""
         if not self._flying:
             return
-        worker.call_off(self._order)
+        call_off(self._order)
         end = time.monotonic() + GATHER
         while self._flying and time.monotonic() < end and self._client.status == "running":
             for index in [i for i, (_, f) in self._flying.items() if f.done()]:
@@ -171,10 +172,10 @@ class _Driver:
             block = self._pending.popleft()
             session.replaces(block.index)
             future = self._client.submit(
-                worker.do_block,
+                do_block,
                 str(self._order),
                 block.index,
-                block.index in session.begun,
+                self._job.is_begun(block),
                 key=f"rattlesweep-{self._order.stem[-16:]}-{block.index}-{self._tries[block.index]}",
                 pure=False,
             )
@@ -189,11 +190,11 @@ class _Driver:
                 self._workers = len(self._ask(self._client.scheduler.ncores))
             if self._workers:
                 self._seen = now
-            elif now - self._seen > PATIENCE:
+            elif now - self._seen > WORKERLESS:
                 where = self._client.scheduler.address
                 raise OutputError(
-                    f"the scheduler at {where} has had no worker for {PATIENCE:.0f} s; start some "
-                    f"with `dask worker {where}`, and the same command resumes from there"
+                    f"the scheduler at {where} has had no worker for {WORKERLESS:.0f} s; start "
+                    f"some with `dask worker {where}`, and the same command resumes from there"
                 )
             if self._workers or not first or self._job.too_late():
                 return
@@ -242,7 +243,7 @@ class _Driver:
             self._again(block)
             return
         try:
-            done = future.result(timeout=ANSWER)
+            answer = future.result(timeout=ANSWER)
         except (Late, OSError):
             self._look_on_disk(block)
         except KilledWorker as error:
@@ -255,7 +256,7 @@ class _Driver:
                 "of the driver"
             ) from error
         else:
-            self._keep(block, done)
+            self._keep(block, answer)
 
     def _look_on_disk(self, block: Block) -> None:
         """The receipt does not come, its worker being lost or silent; the block may be there."""
@@ -263,7 +264,7 @@ class _Driver:
         if found is None or block.index in self._job.session.retry:
             self._again(block)
         else:
-            self._keep(block, Done(found.dump(), block.rows, None, machine()["cpu"]))
+            self._keep(block, Answer(machine()["cpu"], found.dump(), block.rows))
 
     def _again(self, block: Block, error: KilledWorker | None = None) -> None:
         self._tries[block.index] += 1
@@ -278,25 +279,21 @@ class _Driver:
                 "perhaps, which a smaller block_size in a new output avoids"
             ) from error
 
-    def _keep(self, block: Block, done: Done) -> None:
-        job = self._job
-        if isinstance(done, Left):
-            opened = job.session.opened
-            job.report.lost += done.lost
-            if done.columns is None or in_place(opened, block):
-                return
-            work = prepare_work(opened, block, block.index in job.session.begun)
-            receipt: Receipt | None = write_work(opened, work, done.columns)
+    def _keep(self, block: Block, answer: Answer) -> None:
+        job, opened = self._job, self._job.session.opened
+        job.result.lost += answer.lost
+        receipt = None if answer.receipt is None else Receipt.load(answer.receipt)
+        if receipt is not None:
+            job.tracker.finish(block)
+        elif answer.columns is None or in_place(opened, block):
+            return
         else:
-            receipt = Receipt.load(done.receipt)
-            job.meter.finish(block)
-        assert receipt is not None
-        job.wrote(block.index, receipt, done.rows, done.seconds)
-        if done.cpu not in self._cpus:
-            self._cpus.add(done.cpu)
-            job.report.remarks.append(
-                f"workers have other processors ({done.cpu}) than the driver: last bits may differ"
+            part = prepare_remainder(opened, block, job.is_begun(block))
+            receipt = write_remainder(opened, part, answer.columns)
+        job.wrote(block, receipt, answer.rows, answer.seconds)
+        if answer.cpu not in self._cpus:
+            self._cpus.add(answer.cpu)
+            job.result.remarks.append(
+                f"workers have other processors ({answer.cpu}) than the driver: last bits may "
+                "differ"
             )
-
-
-__all__ = ["make_engine"]

@@ -17,7 +17,6 @@ import socket
 import sys
 import threading
 import time
-from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
@@ -26,21 +25,27 @@ from typing import TYPE_CHECKING, Any
 
 from rattlesweep.errors import OutputError
 from rattlesweep.integrate.cache import PACKAGE
-from rattlesweep.integrate.task import POLL, Task
-from rattlesweep.sweeps.blocks.block import Interrupted, finish_block
+from rattlesweep.integrate.task import POLL
+from rattlesweep.sweeps.blocks.block import Interrupted, load_kernel
 from rattlesweep.sweeps.cases.plan import make_plan
 from rattlesweep.sweeps.config.load import override_config, resolved
-from rattlesweep.sweeps.engines.head_start import prepare_work, write_work
-from rattlesweep.sweeps.engines.local import GATHER, load_kernel
-from rattlesweep.sweeps.engines.opened import Opened
+from rattlesweep.sweeps.engines.remainder import (
+    gather,
+    integrate,
+    prepare_remainder,
+    write_remainder,
+)
 from rattlesweep.sweeps.store.atomic import reason, replace_file
+from rattlesweep.sweeps.store.manifest import Receipt
+from rattlesweep.sweeps.store.output import Output
 from rattlesweep.sweeps.store.provenance import identity, machine, versions
-from rattlesweep.sweeps.store.receipts import Receipt
 from rattlesweep.sweeps.store.store import Store
 from rattlesweep.sweeps.tables.arrow import DamagedError
 
 if TYPE_CHECKING:
+    from rattlesweep.integrate.task import Task
     from rattlesweep.sweeps.cases.plan import Block, Plan
+    from rattlesweep.sweeps.engines.remainder import Columns
 
 # Packages whose versions the bits depend on.
 NUMERIC = ("numpy", "numba", "llvmlite", "scipy")
@@ -53,40 +58,30 @@ _opening = threading.Lock()
 
 
 @dataclass(frozen=True)
-class Done:
-    """A worker's answer, small.
+class Answer:
+    """What a worker says of a block: small, unless a stop has left a part of it.
 
     Attributes
     ----------
+    cpu : str
+        Of the worker's machine.
     receipt : dict or None
         None if the block was stopped.
     rows : int
         Runs integrated.
     seconds : float or None
         Time of the integration; None if the block was in place.
-    cpu : str
-        Of the worker's machine.
-    """
-
-    receipt: dict[str, Any] | None
-    rows: int
-    seconds: float | None
-    cpu: str
-
-
-@dataclass(frozen=True)
-class Left(Done):
-    """What a stop has left of a block.
-
-    Attributes
-    ----------
     columns : mapping or None
-        Of the runs that had ended.
+        Of the runs that had ended when it was stopped.
     lost : int
         Runs that had begun but not ended.
     """
 
-    columns: Mapping[str, Any] | None = None
+    cpu: str
+    receipt: dict[str, Any] | None = None
+    rows: int = 0
+    seconds: float | None = None
+    columns: Columns | None = None
     lost: int = 0
 
 
@@ -108,7 +103,7 @@ def essentials() -> dict[str, str]:
     }
 
 
-def place_order(opened: Opened, base: Path | None, threads: int | None) -> Path:
+def place_order(opened: Output, base: Path | None, threads: int | None) -> Path:
     """Write the order for the workers of this session; to be removed when it ends.
 
     Parameters
@@ -155,7 +150,7 @@ def dask_setup(worker: object) -> None:
     leave_path()
 
 
-def do_block(order: str, index: int, begun: bool = False) -> Done:
+def do_block(order: str, index: int, begun: bool = False) -> Answer:
     """Do one block, unless it is in place; called by Dask on a worker.
 
     Parameters
@@ -176,52 +171,33 @@ def do_block(order: str, index: int, begun: bool = False) -> Done:
     """
     with _opening:
         opened, threads = _open(order)
-    block = opened.plan.block(index)
-    cpu = machine()["cpu"]
-    found = None if begun else in_place(opened, block)
-    if found is not None:
-        return Done(found.dump(), 0, None, cpu)
+    block, cpu = opened.plan.block(index), machine()["cpu"]
+    if not begun and (there := in_place(opened, block)) is not None:
+        return Answer(cpu, there.dump())
     watch = _Watch(Path(order))
-    threads = threads or _my_threads()
-    work = prepare_work(opened, block, begun)
-    task: Task[Mapping[str, Any]] | None = None
+    part = prepare_remainder(opened, block, begun)
+    task: Task[Columns] | None = None
     try:
         while not _kernel.acquire(timeout=POLL):
             watch()
         try:
             # Not while another thread uses a kernel, nor as a part of the integration's time.
             load_kernel(opened.plan.config)
-            task = Task(
-                lambda control: finish_block(
-                    opened.plan.config, work.launches, work.batch, threads=threads, control=control
-                )
-            )
+            task = integrate(part, opened.plan.config, threads or _my_threads())
             columns = task.wait(lambda control: watch())
         finally:
             _kernel.release()
     except _Stopped:
-        return _left(task, cpu)
-    return Done(write_work(opened, work, columns).dump(), work.rows, task.seconds, cpu)
-
-
-def _left(task: Task[Mapping[str, Any]] | None, cpu: str) -> Left:
-    """The runs of a stopped kernel that have ended."""
-    if task is None:
-        return Left(None, 0, None, cpu)
-    task.stop(GATHER)
-    try:
-        columns, lost = task.value(), 0
-    except Interrupted as stopped:
-        if stopped.columns is None:
-            return Left(None, 0, task.seconds, cpu, None, stopped.lost)
-        columns, lost = stopped.columns, stopped.lost
-    except TimeoutError:
-        return Left(None, 0, None, cpu, None, task.control.runs_begun)
-    return Left(None, len(columns["case"]), task.seconds, cpu, columns, lost)
+        if task is None:
+            return Answer(cpu)
+        some, lost = gather(task)
+        rows = 0 if some is None else len(some["case"])
+        return Answer(cpu, None, rows, task.seconds, some, lost)
+    return Answer(cpu, write_remainder(opened, part, columns).dump(), part.rows, task.seconds)
 
 
 @cache
-def _open(order: str) -> tuple[Opened, int | None]:
+def _open(order: str) -> tuple[Output, int | None]:
     """The plan of an order, if this worker can follow it."""
     path = Path(order)
     try:
@@ -254,10 +230,10 @@ def _open(order: str) -> tuple[Opened, int | None]:
             f"{_me()} sees another table of bodies than the driver on {asked['host']}"
         )
     retry = asked["retry_failed"]
-    return Opened(Store(path.parent), plan, asked["hash"], None, [], retry), asked["threads"]
+    return Output(Store(path.parent), plan, asked["hash"], None, [], retry), asked["threads"]
 
 
-def in_place(opened: Opened, block: Block) -> Receipt | None:
+def in_place(opened: Output, block: Block) -> Receipt | None:
     """Receipt of a block that a worker finished before it was lost."""
     try:
         found = opened.store.inspect_block(block.index)
@@ -283,7 +259,7 @@ class _Watch:
             return
         self._due = time.monotonic() + LOOK_EVERY
         try:
-            # Opened, not only looked up: network file systems answer look-ups from memory.
+            # Output, not only looked up: network file systems answer look-ups from memory.
             with open(self._order, "rb") as file:
                 stop = file.read(4) == b"stop"
         except FileNotFoundError:

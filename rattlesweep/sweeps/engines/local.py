@@ -7,72 +7,54 @@ thread writes the block before, prepares the one after, reports progress and hea
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from rattlesweep.integrate.lanes.build import kernel
-from rattlesweep.integrate.model import MODELS, WITH_TANGENT
-from rattlesweep.integrate.task import Task
-from rattlesweep.sweeps.blocks.block import Interrupted, finish_block
-from rattlesweep.sweeps.engines.head_start import Work, prepare_work, write_work
+from rattlesweep.sweeps.blocks.block import load_kernel
+from rattlesweep.sweeps.engines.remainder import (
+    Remainder,
+    gather,
+    integrate,
+    prepare_remainder,
+    write_remainder,
+)
+from rattlesweep.sweeps.forecast.forecast import expectation
 
 if TYPE_CHECKING:
+    from rattlesweep.integrate.task import Task
     from rattlesweep.sweeps.cases.plan import Block
-    from rattlesweep.sweeps.config.schema import Config
-    from rattlesweep.sweeps.engines.engine import Job
-
-    Columns = Mapping[str, Any]
-
-# Seconds for which a stop waits for the runs that have ended: to be typed, not integrated.
-GATHER = 10.0
+    from rattlesweep.sweeps.engines.job import Job
+    from rattlesweep.sweeps.engines.remainder import Columns
 
 
 class _Late(Exception):
     """The deadline has come while a block was under way."""
 
 
-def load_kernel(config: Config) -> float:
-    """Load the kernel, compiled if need be; in the main thread, so that Ctrl-C is heard.
-
-    Returns
-    -------
-    float
-        Seconds.
-    """
-    begin = time.perf_counter()
-    if config.model != "gh":
-        model = MODELS[config.model]
-        carried = WITH_TANGENT[model.name] if "lyapunov" in config.record else model
-        kernel(config.integrator.method, carried.name)
-    return time.perf_counter() - begin
-
-
 def work_off(job: Job) -> None:
     """Integrate the pending blocks and write them, each while the next one runs."""
-    pending = job.session.pending
-    if not pending:
-        return
-    opened, begun = job.session.opened, job.session.begun
-    job.report.load_seconds = load_kernel(opened.plan.config)
+    left = None if job.deadline is None else job.deadline - time.monotonic()
+    job.session.expect(lambda: expectation(job.plan, job.threads, left))
+    job.result.load_seconds = load_kernel(job.plan.config)
     job.begin()
-    ready = prepare_work(opened, pending[0], pending[0].index in begun)
+    opened, pending = job.session.opened, job.pending
+    ready = prepare_remainder(opened, pending[0], job.is_begun(pending[0]))
     task: Task[Columns] | None = None
-    done: tuple[Work, Columns, float] | None = None
+    done: tuple[Remainder, Columns, float] | None = None
     try:
         for place, block in enumerate(pending):
             if job.too_late(place > 0):
                 raise _Late
-            work = ready
-            task = _start(job, work)
+            under_way = ready
+            task = integrate(under_way, job.plan.config, job.threads)
             if done is not None:
                 _write(job, *done)
                 done = None
             if place + 1 < len(pending):
                 after = pending[place + 1]
-                ready = prepare_work(opened, after, after.index in begun)
+                ready = prepare_remainder(opened, after, job.is_begun(after))
             columns = task.wait(lambda control, block=block: _tick(job, block, control))  # type: ignore[misc]
-            done, task = (work, columns, task.seconds), None
-            job.meter.finish(block)
+            done, task = (under_way, columns, task.seconds), None
+            job.tracker.finish(block)
         if done is not None:
             _write(job, *done)
     except BaseException as error:
@@ -83,46 +65,23 @@ def work_off(job: Job) -> None:
         # A request, not an error: what has ended is kept.
         if done is not None:
             _write(job, *done)
-        if task is not None and (done is None or done[0] is not work):
-            _keep(job, work, task)
+        if task is not None and (done is None or done[0] is not under_way):
+            some, lost = gather(task)
+            job.result.lost += lost
+            if some is not None:
+                _write(job, under_way, some, task.seconds)
         if not isinstance(error, _Late):
             raise
-        job.report.stopped = job.why_stopped()
-    job.tick()
-
-
-def _start(job: Job, work: Work) -> Task[Columns]:
-    config = job.session.plan.config
-    return Task(
-        lambda control: finish_block(
-            config, work.launches, work.batch, threads=job.threads, control=control
-        )
-    )
+        job.stop()
 
 
 def _tick(job: Job, block: Block, control: Any) -> None:
     job.tick(block, control)
-    if job.too_late(job.report.done > 0 or control.runs_done > 0):
+    if job.too_late(job.result.done > 0 or control.runs_done > 0):
         raise _Late
 
 
-def _keep(job: Job, work: Work, task: Task[Columns]) -> None:
-    """Write the runs of a stopped kernel that have ended."""
-    task.stop(GATHER)
-    try:
-        _write(job, work, task.value(), task.seconds)
-    except Interrupted as stopped:
-        job.report.lost += stopped.lost
-        if stopped.columns is not None:
-            _write(job, work, stopped.columns, task.seconds)
-    except TimeoutError:
-        job.report.lost += task.control.runs_begun
-
-
-def _write(job: Job, work: Work, columns: Columns, seconds: float) -> None:
-    job.session.replaces(work.block.index)
-    receipt = write_work(job.session.opened, work, columns)
-    job.wrote(work.block.index, receipt, len(columns["case"]), seconds)
-
-
-__all__ = ["load_kernel", "work_off"]
+def _write(job: Job, part: Remainder, columns: Columns, seconds: float) -> None:
+    job.session.replaces(part.block.index)
+    receipt = write_remainder(job.session.opened, part, columns)
+    job.wrote(part.block, receipt, len(columns["case"]), seconds)

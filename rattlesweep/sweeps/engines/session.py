@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rattlesweep.errors import ConfigError, DamagedManifest, OutputError
+from rattlesweep.sweeps.cases.costs import Costs
 from rattlesweep.sweeps.cases.shards import Shard, deal
-from rattlesweep.sweeps.engines.progress import Costs
 from rattlesweep.sweeps.store.blockfile import Note
 from rattlesweep.sweeps.store.locks import hold
 from rattlesweep.sweeps.store.manifest import (
@@ -344,11 +344,6 @@ def open_session(
     ----------
     fresh : bool
         Whether to remove the runs that are there first, whatever they are of.
-
-    Raises
-    ------
-    ConfigError, OutputError
-        As :func:`examine`, or if another process holds it or it cannot be written.
     """
     if not fresh:
         examine(plan, directory, base)  # before anything is made there
@@ -363,17 +358,13 @@ def open_session(
         opened = replace(examine(plan, directory, base), retry_failed=retry_failed)
         opened.remarks.extend(put_in_order(store, opened.plan, opened.hash_))
         costs = Costs(opened.plan)
-        yield Session(opened, base, shard, threads, costs, deal(opened.plan, shard, costs))
+        shares = deal(opened.plan, 1 if shard is None else shard.count, costs)
+        blocks = shares[0 if shard is None else shard.index]
+        yield Session(opened, base, shard, threads, costs, blocks)
 
 
 def remove_runs(store: Store) -> None:
-    """Remove the files of a sweep, and only those.
-
-    Raises
-    ------
-    OutputError
-        One of them cannot be removed.
-    """
+    """Remove the files of a sweep, and only those."""
     try:
         for path in _files_of(store):
             path.unlink(missing_ok=True)
@@ -396,6 +387,3 @@ def _check_not_input(plan: Plan, base: Path | None, store: Store) -> None:
                 f"--fresh: would remove {path}, which this sweep takes its bodies from; choose "
                 "another output"
             )
-
-
-__all__ = ["Session", "open_session", "remove_runs"]

@@ -76,14 +76,13 @@ def limit_of(text: str) -> int:
 
     Raises
     ------
-    ConfigError
+    ValueError
         It is something else, or too short.
     """
     match = re.fullmatch(r"(?:(\d{1,4})-)?(\d{1,6})(?::(\d{1,3}))?(?::(\d{1,3}))?", text.strip())
     if not match:
-        raise ConfigError(
-            f"--time {text}: is no time limit; write it as Slurm does, as in 4:00:00, 90 (minutes) "
-            "or 2-12:00:00"
+        raise ValueError(
+            "is no time limit; write it as Slurm does, as in 4:00:00, 90 (minutes) or 2-12:00:00"
         )
     days, *rest = match.groups()
     parts = [int(part) for part in rest if part is not None]
@@ -94,7 +93,7 @@ def limit_of(text: str) -> int:
     hours, minutes, seconds = parts
     total = 86400 * int(days or 0) + 3600 * hours + 60 * minutes + seconds
     if total < SHORTEST:
-        raise ConfigError(f"--time {text}: is too short; give at least {SHORTEST // 60} minutes")
+        raise ValueError(f"is too short; give at least {SHORTEST // 60} minutes")
     return total
 
 
@@ -103,12 +102,12 @@ def memory_of(text: str) -> int:
 
     Raises
     ------
-    ConfigError
+    ValueError
         It is something else.
     """
     match = re.fullmatch(r"(\d{1,9})\s*([KMGT]?)B?", text.strip(), re.IGNORECASE)
     if not match or not int(match[1]):
-        raise ConfigError(f"--mem {text}: is no size of memory; write it as in 4G or 800M")
+        raise ValueError("is no size of memory; write it as in 4G or 800M")
     power: int = " KMGT".index(match[2].upper() or "M")
     return int(match[1]) << (10 * power)
 

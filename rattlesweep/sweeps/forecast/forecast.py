@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import heapq
 import time
 from dataclasses import asdict, dataclass
 from datetime import datetime, timedelta
@@ -12,10 +11,11 @@ import numpy as np
 
 from rattlesweep.integrate.batch import available_threads
 from rattlesweep.integrate.lanes.step import LANES
-from rattlesweep.integrate.tableau import METHODS
-from rattlesweep.sweeps.cases.pool import SEED, Pool, make_pool
-from rattlesweep.sweeps.forecast.footprint import Footprint, weigh
-from rattlesweep.sweeps.forecast.pilot import Pilot, turns
+from rattlesweep.sweeps.cases.costs import SEED, Costs
+from rattlesweep.sweeps.cases.shards import deal
+from rattlesweep.sweeps.forecast.footprint import Footprint, measure
+from rattlesweep.sweeps.forecast.pilot import Pilot, nominal_seconds, turns
+from rattlesweep.text import align
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -27,17 +27,14 @@ if TYPE_CHECKING:
 # Opening and closing a directory, and putting a block to rest on the disk: a pilot that writes
 # nothing cannot measure them. Both were 0.05 s and 0.01 s on a local disk.
 OPEN_SECONDS, REST_SECONDS = 0.05, 0.01
-# Relative standard deviations of what the model leaves out, of the kernel and of the rest.
-MODEL, REST = 0.06, 0.25
-# Blocks whose queue is played through to see how long their last runs keep the lanes waiting.
-PLAYED, PLAYED_ROWS = 8, 40_000
+# Usual relative standard deviations of the time of a turn, on a machine that others use too, and
+# of what is beside the kernel.
+USUAL, REST = 0.15, 0.25
+# Rows of blocks whose queue is played through to see how long their last runs keep lanes waiting.
+PLAYED_ROWS = 20_000
 # Seconds from which on a sweep is worth a pilot, by nominal rates.
 WORTH = 120.0
-# Nanoseconds of a step of one run on one thread, a stage; and steps to a swing of the spin.
-NOMINAL_STAGE, NOMINAL_STEPS = 3e-9, 0.5
-# Seconds of a run that is all but integrated.
-NOMINAL_ROW = 5e-6
-BOUND = 1.96
+REPLICATES = 1000
 
 
 @dataclass(frozen=True)
@@ -126,49 +123,46 @@ def forecast(
     """
     begin = time.perf_counter()
     threads = threads or available_threads()
-    pool = make_pool(plan)
-    pilot = Pilot(plan.config, pool, min(threads, available_threads()))
-    pilot.load()
-    compiled = pilot.compile_seconds or 0.0
-    pilot.run(max(0.25 * budget, 0.85 * budget - (time.perf_counter() - begin - compiled)))
-    weight = weigh(plan, pool, pilot)
-    known = ~np.isnan(pilot.work)
-    spent = time.perf_counter() - begin - compiled
-    times = _times(plan, pool, pilot, weight, threads)
-    share = _means(pilot, pool, pilot.share)
-    horizon = pool.horizon.sum() * plan.samples / pool.per_case
-    used = float((pool.horizon * share[:, None]).sum() / max(pool.horizon.sum(), 1e-300))
+    pilot = Pilot(plan, min(threads, available_threads()))
+    pilot.run(max(0.25 * budget, 0.9 * budget - (time.perf_counter() - begin)))
+    paper = measure(plan, pilot)
+    spent = time.perf_counter() - begin - (pilot.compile_seconds or 0.0)
+    kernel, units, most = _kernel(plan, pilot, LANES * threads)
+    once = pilot.load_seconds + paper.start_seconds + OPEN_SECONDS
+    beside, waiting = _beside(plan, pilot, paper), _waiting(plan, pilot, LANES * threads)
+    times = _whole(plan, paper, threads, once, waiting * kernel, beside)
+    low, high = np.quantile(times[1:], [0.025, 0.975]).tolist()
+    seconds = float(times[0])
     # In a large sweep no lane waits for the last runs.
-    waiting = times.kernel * (1 - 1 / times.waiting)
-    each = (times.expected - times.once - waiting) / plan.runs
+    each = (seconds - once - float(kernel[0]) * (waiting - 1)) / plan.runs
     longest = None
     if shards is not None:
-        part = _largest_share(plan, pool, _means(pilot, pool, pilot.work / _positive(pilot.cost)),
-                              shards)  # fmt: skip
-        longest = times.once + part * (times.expected - times.once)
+        costs = Costs(plan)
+        shares = [sum(map(costs.of, share)) for share in deal(plan, shards, costs)]
+        longest = once + (seconds - once) * max(shares) / sum(shares)
     return Forecast(
         runs=plan.runs,
         cases=len(plan.cases),
         blocks=plan.n_blocks,
         block_rows=min(plan.block_size, plan.runs),
         threads=threads,
-        pilot_threads=pilot.threads,
-        units=float(horizon * used),
-        units_most=float(horizon),
-        seconds=times.expected,
-        low=times.low,
-        high=times.high,
-        kernel_seconds=times.kernel,
-        start_seconds=times.once,
+        units=units,
+        units_most=most,
+        seconds=seconds,
+        low=min(low, seconds),
+        high=max(high, seconds),
+        kernel_seconds=waiting * float(kernel[0]),
+        start_seconds=once,
         compile_seconds=pilot.compile_seconds,
-        bytes=weight.bytes_of(plan),
-        memory=weight.memory_of(plan),
-        million=times.once + 1e6 * each,
-        billion=times.once + 1e9 * each,
+        bytes=paper.bytes_of(plan),
+        memory=paper.memory_of(plan),
+        million=once + 1e6 * each,
+        billion=once + 1e9 * each,
         shards=shards,
         shard_seconds=longest,
-        pilot_runs=int(known.sum()),
-        pilot_cut=pilot.censored,
+        pilot_runs=int((~np.isnan(pilot.steps)).sum()),
+        pilot_cut=pilot.cut,
+        pilot_threads=pilot.threads,
         pilot_seconds=spent,
     )
 
@@ -178,157 +172,104 @@ def expectation(plan: Plan, threads: int, max_time: float | None = None) -> dict
 
     What a shorter one would take by nominal rates says nothing of this machine and is not kept.
     """
-    if min(nominal_seconds(plan, threads), max_time or np.inf) <= WORTH:
-        return None
-    return forecast(plan, threads).as_data()
-
-
-def nominal_seconds(plan: Plan, threads: int) -> float:
-    """Seconds that a sweep takes by nominal rates."""
-    if plan.config.model == "gh":
-        return plan.runs * NOMINAL_ROW
-    pool = make_pool(plan, most=16 * len(plan.cases))
-    settings = plan.config.integrator
-    method = METHODS[settings.method]
-    cost = float(pool.cost.mean()) * plan.runs
-    steps = cost * NOMINAL_STEPS if method.adaptive else cost / (settings.dt or 0.002)
+    cost = float(Costs(plan).of_cases.sum()) * plan.samples
     # A run ends halfway to its horizon or so.
-    return steps * method.stages * NOMINAL_STAGE / 2 / threads + plan.runs * NOMINAL_ROW
+    seconds = nominal_seconds(plan, cost) / 2 / threads
+    return forecast(plan, threads).as_data() if min(seconds, max_time or np.inf) > WORTH else None
 
 
-@dataclass(frozen=True)
-class _Times:
-    expected: float
-    low: float
-    high: float
-    kernel: float
-    once: float
-    waiting: float
+def _kernel(plan: Plan, pilot: Pilot, lanes: int) -> tuple[Floats, float, float]:
+    """Seconds of integration with all lanes in use; the time integrated, expected and at most.
+
+    Of the seconds, the first is the estimate; the others are those of samples of the pilot's runs
+    (bootstrap), with what is not known of it: of which bodies it has drawn, how long what it could
+    not wait for would have gone on, and how busy the machine will be.
+    """
+    random = np.random.default_rng(SEED)
+    scale = plan.samples / pilot.each
+    horizon = np.where(pilot.cost > 0, pilot.launches.t_end, 0.0)
+    most = float(horizon.sum()) * scale
+    if not len(pilot.drawn):
+        return np.zeros(1 + REPLICATES), 0.0, 0.0 if plan.config.model == "gh" else most
+    total = float(pilot.cost.sum()) * scale
+    rows, picks = pilot.drawn, np.arange(len(pilot.drawn))[None]
+    weights = np.ones(len(rows))
+    if pilot.all_known:
+        rows = np.flatnonzero(pilot.cost)
+        picks, weights = np.arange(len(rows))[None], pilot.cost[rows]
+    else:
+        picks = np.concatenate([picks, random.integers(0, len(rows), (REPLICATES, len(rows)))])
+    part = random.random((len(picks), 1))
+    part[0] = 0.5
+    low, high = pilot.low[rows][picks], pilot.high[rows][picks]
+    steps = (low + part * (high - low)) / pilot.cost[rows][picks]
+    means = np.average(steps, axis=1, weights=weights) * total
+    units = float(np.average(pilot.spent[rows] / pilot.cost[rows], weights=weights)) * total
+    sums = pilot.cost.reshape(-1, pilot.each).sum(axis=0)
+    drawn = 0.0 if pilot.whole else float(sums.std() / sums.mean() / np.sqrt(len(sums)))
+    error = np.hypot(_busyness(pilot), drawn)
+    noise = np.exp(np.append(0.0, error * random.standard_normal(REPLICATES)))
+    seconds: Floats = pilot.turn * means / lanes * noise
+    return seconds, units, most
 
 
-def _times(plan: Plan, pool: Pool, pilot: Pilot, weight: Footprint, threads: int) -> _Times:
-    """Put the parts together as the engine does: the kernel beside the preparing and writing."""
-    cores, lanes = max(available_threads(), threads), LANES * threads
-    once = pilot.load_seconds + weight.start_seconds + OPEN_SECONDS
-    rows = min(plan.block_size, plan.runs)
-    prepare = plan.n_blocks * pool.fixed_seconds + plan.runs * pool.row_seconds
-    write = plan.n_blocks * (weight.block_seconds + REST_SECONDS) + plan.runs * weight.row_seconds
-    first, last = prepare * rows / plan.runs, write * rows / plan.runs
-    beside = prepare + write - first - last
-    # Bodies are drawn on all cores, so the kernel stands still meanwhile; and the summary reads a
-    # part of what was written.
-    alone = pool.draw_seconds + first + last + plan.runs * weight.row_seconds / 4
-    typing = plan.runs * weight.type_seconds
+def _busyness(pilot: Pilot) -> float:
+    """Relative standard deviation of the time of a turn from one time to another.
 
-    def whole(kernel: float) -> float:
-        busy = max(kernel + typing, beside, (threads * kernel + typing + beside) / cores)
-        return once + alone + busy
-
-    waiting = _waiting(plan, pool, pilot, lanes)
-    kernel, low, high = (waiting * part for part in _kernel_seconds(plan, pool, pilot, lanes))
-    expected = whole(kernel)
-    rest = BOUND * REST * (expected - kernel)
-    down, up = expected - whole(low), whole(high) - expected
-    return _Times(expected, max(0.0, expected - float(np.hypot(down, rest))),
-                  expected + float(np.hypot(up, rest)), kernel, once, waiting)  # fmt: skip
+    A few batches say little of it, so it is drawn towards what is usual.
+    """
+    used = np.array([part for *_, part in pilot.rates])
+    each = np.array([seconds / count for count, seconds, _ in pilot.rates])
+    squares = float((used * np.log(each / pilot.turn) ** 2).sum())
+    return float(np.sqrt((2 * USUAL**2 + squares) / (1 + used.sum())))
 
 
-def _kernel_seconds(plan: Plan, pool: Pool, pilot: Pilot, lanes: int) -> tuple[float, float, float]:
-    """Expected seconds of integration with all lanes in use, and the interval of 95 %."""
-    if not pilot.stages or not pool.cost.any():
-        return 0.0, 0.0, 0.0
-    rows = np.concatenate(pilot.stages)
-    steps = pilot.work[rows] / pilot.cost[rows]
-    total = plan.samples * float(pool.cost.mean(axis=1).sum()) * float(steps.mean())
-    if pool.whole and pilot.all_known:
-        total = float(np.nansum(pilot.work))
-    kernel = pilot.turn * total / lanes
-    # Of which samples the pool has: they are the same in all cases of a target.
-    pooled = 0.0
-    if not pool.whole and pool.per_case > 1:
-        groups = np.array([case.group for case in plan.cases])
-        sums = [pool.cost[groups == group].sum(axis=0) for group in np.unique(groups)]
-        spread = sum(float(s.var(ddof=1)) for s in sums) / pool.per_case
-        left = 1 - pool.per_case / plan.samples
-        pooled = spread * left / float(pool.cost.mean(axis=1).sum()) ** 2
-    error = np.sqrt(pilot.error() ** 2 + pilot.rate_error() ** 2 + pooled + MODEL**2)
-    cut_low = float((pilot.low[rows] / pilot.cost[rows]).mean() / steps.mean())
-    cut_high = float((pilot.high[rows] / pilot.cost[rows]).mean() / steps.mean())
-    return (kernel, kernel * cut_low * float(np.exp(-BOUND * error)),
-            kernel * cut_high * float(np.exp(BOUND * error)))  # fmt: skip
-
-
-def _waiting(plan: Plan, pool: Pool, pilot: Pilot, lanes: int) -> float:
+def _waiting(plan: Plan, pilot: Pilot, lanes: int) -> float:
     """Turns of a block over those of one without idle lanes, from playing some blocks through."""
-    if not pilot.stages or not pool.cost.any():
+    if not len(pilot.drawn):
         return 1.0
     random = np.random.default_rng(SEED)
-    known = np.concatenate(pilot.stages)
-    ratio = pilot.work[known] / pilot.cost[known]
-    case_of = known // pool.per_case
-    order = np.argsort(case_of, kind="stable")
-    known, ratio, case_of = known[order], ratio[order], case_of[order]
+    pace = pilot.steps / np.where(pilot.cost > 0, pilot.cost, np.nan)
     rows = min(plan.block_size, plan.runs)
-    count = max(1, min(PLAYED, plan.n_blocks, PLAYED_ROWS // rows))
+    count = max(1, min(plan.n_blocks, PLAYED_ROWS // rows))
     played = busy = 0.0
     for index in np.unique(np.linspace(0, plan.n_blocks - 1, count).astype(int)).tolist():
         case, sample = plan.runs_of(plan.block(index))
-        place = sample if pool.whole else random.integers(0, pool.per_case, len(case))
-        at = case * pool.per_case + place
-        first, stop = np.searchsorted(case_of, case), np.searchsorted(case_of, case, side="right")
-        few = stop - first < 4
-        first, stop = np.where(few, 0, first), np.where(few, len(known), stop)
-        guess = ratio[random.integers(first, stop)]
-        work = pilot.cost[at] * guess
-        if pool.whole:
-            work = np.where(np.isnan(pilot.work[at]), work, pilot.work[at])
-        work = work[pilot.cost[at] > 0]
-        played += turns(work, pilot.cost[at][pilot.cost[at] > 0], lanes) * lanes
-        busy += float(work.sum())
+        place = sample if pilot.whole else random.integers(0, pilot.each, len(case))
+        at = case * pilot.each + place
+        at = at[pilot.cost[at] > 0]
+        guess = pace[random.choice(pilot.drawn, len(at))]
+        known = pilot.whole & ~np.isnan(pace[at])
+        steps = pilot.cost[at] * np.where(known, pace[at], guess)
+        played += turns(steps, pilot.cost[at], lanes) * lanes
+        busy += float(steps.sum())
     return played / busy if busy > 0 else 1.0
 
 
-def _positive(values: Floats) -> Floats:
-    return np.where(values > 0, values, np.nan)
+def _beside(plan: Plan, pilot: Pilot, paper: Footprint) -> tuple[float, float]:
+    """Seconds beside the kernel: while it runs, and while it stands still."""
+    rows = min(plan.block_size, plan.runs)
+    prepare = plan.runs * paper.prepare_seconds
+    write = plan.n_blocks * (paper.block_seconds + REST_SECONDS) + plan.runs * paper.row_seconds
+    ends = (prepare + write) * rows / plan.runs
+    # Bodies are drawn on all cores; and the summary reads a part of what was written.
+    alone = pilot.draw_seconds + ends + plan.runs * paper.row_seconds / 4
+    return prepare + write - ends, alone
 
 
-def _means(pilot: Pilot, pool: Pool, values: Floats) -> Floats:
-    """Mean of each case over the pilot's runs; drawn towards that of all where there are few."""
-    cases = len(pool.cost)
-    if not pilot.stages:
-        return np.ones(cases)
-    rows = np.concatenate(pilot.stages)
-    case = rows // pool.per_case
-    sums = np.bincount(case, values[rows], cases) + 8 * float(values[rows].mean())
-    means: Floats = sums / (np.bincount(case, minlength=cases) + 8)
-    return means
-
-
-def _largest_share(plan: Plan, pool: Pool, steps: Floats, shards: int) -> float:
-    """Part of the sweep that falls to the longest share.
-
-    Blocks are dealt by what theory expects, as :func:`rattlesweep.sweeps.cases.shards.deal`
-    does, and the shares weighed by what the pilot has seen.
-    """
-    edges = np.minimum(np.arange(plan.n_blocks + 1) * plan.block_size, plan.runs)
-    at = np.arange(len(plan.cases) + 1) * plan.samples
-    expected = pool.cost.mean(axis=1)
-    if not expected.any():
-        expected = np.ones(len(plan.cases))
-
-    def of_blocks(each: Floats) -> Floats:
-        below = np.append(0.0, np.cumsum(each * plan.samples))
-        costs: Floats = np.diff(np.interp(edges, at, below))
-        return costs
-
-    dealt, seen = of_blocks(expected), of_blocks(expected * steps)
-    shares = [(0.0, place) for place in range(min(shards, plan.n_blocks))]
-    totals = np.zeros(len(shares))
-    for index in np.argsort(-dealt, kind="stable").tolist():
-        total, place = heapq.heappop(shares)
-        heapq.heappush(shares, (total + dealt[index], place))
-        totals[place] += seen[index]
-    return float(totals.max() / seen.sum())
+def _whole(plan: Plan, paper: Footprint, threads: int, once: float, kernel: Floats,
+           beside: tuple[float, float]) -> Floats:  # fmt: skip
+    """Put the parts together as the engine does: the kernel beside the preparing and writing."""
+    cores = max(available_threads(), threads)
+    random = np.random.default_rng(SEED)
+    noise = np.exp(np.append(0.0, REST * random.standard_normal(REPLICATES)))
+    meanwhile, alone = beside
+    typing = plan.runs * paper.type_seconds
+    busy = [kernel + typing, np.full_like(kernel, meanwhile),
+            (threads * kernel + typing + meanwhile) / cores]  # fmt: skip
+    longest = np.max(busy, axis=0)
+    seconds: Floats = kernel + (once + alone + longest - kernel) * noise
+    return seconds
 
 
 def describe(forecast: Forecast) -> str:
@@ -361,8 +302,7 @@ def describe(forecast: Forecast) -> str:
     rows.append(("pilot", f"{f.pilot_runs:,} runs{cut} in {f.pilot_seconds:.1f} s"))
     if f.compile_seconds is not None:
         rows.append(("kernel", f"compiled in {f.compile_seconds:.0f} s, and kept"))
-    width = max(len(name) for name, _ in rows)
-    return "\n".join(f"{name:<{width}}  {text}" for name, text in rows)
+    return align(rows, "<")
 
 
 def _length(seconds: float) -> str:
@@ -387,4 +327,4 @@ def _size(count: float) -> str:
     return f"{count:.3g} {unit}"
 
 
-__all__ = ["Forecast", "describe", "expectation", "forecast", "nominal_seconds"]
+__all__ = ["Forecast", "describe", "expectation", "forecast"]

@@ -1,135 +1,142 @@
-"""A short timed pilot of a sweep: what its runs cost here and now.  Nothing is written.
+"""A short timed pilot of a sweep: what its runs cost here and now. Nothing is written.
 
-The cost of a sweep is not in its size: runs differ a thousandfold in length, most end before their
-horizon, and the lanes of a kernel all wait for the slowest one.  So the cost is measured in
-*turns*: in one turn a thread moves all its lanes by one step, whether they are in use or
-not.  A turn takes the same time in small and large batches (1.13 to 1.15 us on one thread, between
-20 and 99.8 % of the lanes in use), and the number of turns follows from the steps of the runs
-and the order in which lanes take them.
+Runs differ a thousandfold in length and most end before their horizon. So they are drawn in
+proportion to their expected cost: the mean of steps over expected cost is then the sweep's. Time is
+measured in *turns*: in one turn a thread moves all its lanes by one step, whether they are in use
+or not. A turn takes the same time in small and large batches (1.13 to 1.15 us on one thread,
+between 20 and 99.8 % of the lanes in use), and how many there are follows from the steps of the
+runs and the order in which lanes take them.
 """
 
 from __future__ import annotations
 
 import heapq
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rattlesweep.integrate.batch import Batch, Control, Outcome, expected_cost
-from rattlesweep.integrate.lanes.build import kernel
+from rattlesweep.integrate.batch import Batch, Control, Outcome
+from rattlesweep.integrate.batch import expected_cost as kernel_cost
 from rattlesweep.integrate.lanes.step import LANES
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.integrate.task import Task
-from rattlesweep.sweeps.blocks.block import finish_block, run_batch, take
-from rattlesweep.sweeps.cases.pool import SEED
+from rattlesweep.sweeps.blocks.block import columns_of, load_kernel, prepare_runs, run_batch, take
+from rattlesweep.sweeps.cases.costs import SEED, expected_cost, some_runs
+from rattlesweep.sweeps.cases.launches import Launches, prepare
+from rattlesweep.sweeps.config.bodies import SdSource
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from rattlesweep.sweeps.cases.launches import Launches
-    from rattlesweep.sweeps.cases.pool import Pool
-    from rattlesweep.sweeps.config.schema import Config
+    from rattlesweep.sweeps.cases.plan import Plan
 
     Floats = NDArray[np.float64]
     Integers = NDArray[np.int64]
 
-FIRST_STAGE = 128
-# Relative half-width of the interval at which the pilot is content.
-GOOD = 0.05
+# Runs whose expected cost is worked out (2 us each), and bodies drawn for a target (160 us each).
+KNOWN, DRAWN = 20_000, 2_000
+# Runs of the first draw, and those integrated a little way to see what they leave in a file.
+FIRST, PIECES = 128, 256
+# Share of the time that those may take.
+SHARE = 0.03
+# Nanoseconds of a step of one run on one thread, a stage of the method; steps a unit of cost.
+STAGE, STEPS = 3e-9, 1.0
 # Fixed steps are this long in the pilot: their number scales, and RK4 still sees every reversal.
 PILOT_DT = 0.04
-# Relative standard deviation of the time of a turn on a machine that others use too.
-USUAL = 0.1
-# Stand-in for the time of a turn as long as none is known; cancels.
-SOME_TURN = 1e-6
+# Seconds that a kernel takes from disk, and from which on it was compiled.
+LOADED, COMPILED = 0.2, 2.0
 
 
-def turns(work: Floats, cost: Floats, lanes: int) -> float:
-    """Turns until all runs are done.
+def turns(steps: Floats, cost: Floats, lanes: int) -> float:
+    """Turns until all runs are done, taken up by free lanes, dearest first.
 
     Parameters
     ----------
-    work, cost : ndarray, shape (runs,)
-        Steps of the runs, and the expected costs by which they are queued, dearest first.
+    steps, cost : ndarray, shape (runs,)
+        Steps of the runs, and the expected costs by which they are queued.
     lanes : int
         Of all threads together.
     """
-    if not len(work):
-        return 0.0
-    order = np.argsort(-cost, kind="stable")
-    ends = [0.0] * min(lanes, len(work))
-    for steps in work[order].tolist():
-        heapq.heapreplace(ends, ends[0] + steps)
+    ends = [0.0] * max(1, min(lanes, len(steps)))
+    for more in steps[np.argsort(-cost, kind="stable")].tolist():
+        heapq.heapreplace(ends, ends[0] + more)
     return max(ends)
 
 
-def systematic(cost: Floats, count: int, offset: float) -> Integers:
-    """Rows in steps of equal cost: likely in proportion to it, and spread evenly over the cases."""
-    edges = np.cumsum(cost)
-    places = (np.arange(count) + offset) / count * edges[-1]
-    last = int(np.flatnonzero(cost)[-1])
-    rows: Integers = np.minimum(np.searchsorted(edges, places, side="right"), last)
-    return rows
-
-
-def _until(end: float) -> Callable[[Control], None]:
-    def tick(control: Control) -> None:
-        if time.perf_counter() > end:
-            control.stop()
-
-    return tick
+def nominal_seconds(plan: Plan, cost: float) -> float:
+    """Seconds of one thread for runs of so much expected cost, by nominal rates."""
+    settings = plan.config.integrator
+    method = METHODS[settings.method]
+    steps = cost * STEPS if method.adaptive else cost / (settings.dt or 0.002)
+    return 0.0 if plan.config.model == "gh" else steps * method.stages * STAGE
 
 
 @dataclass
 class Pilot:
-    """Integrates runs of a pool until their cost is known well enough, or the time is up.
+    """Integrates runs of a plan, drawn by their cost, until the time is up.
 
     Attributes
     ----------
-    work, share : ndarray, shape (rows of the pool,)
-        Steps of each run, NaN where it was not tried, and how much of its horizon it took.
-    low, high : ndarray
-        Bounds of the steps: apart where the time was up before the run had ended.
-    stages : list of ndarray
-        Rows of each stage; one may occur in several, or more than once in one.
+    launches : Launches
+        Some samples of every case, the same for all cases: `each` of them.
+    cost : ndarray, shape (rows of launches,)
+        Expected.
+    whole : bool
+        Whether these are all runs of the sweep.
+    steps, low, high, spent : ndarray, shape (rows of launches,)
+        Steps of a run and their bounds, which are apart where it was not waited for, and the time
+        it integrated; NaN where it was not tried.
+    drawn : ndarray of int64
+        Rows, in proportion to their cost; one may come again.
     rates : list of (float, float, float)
         Turns and seconds of each batch, and which part of its lanes was in use.
+    columns : mapping or None
+        Of some runs of every kind.
+    draw_seconds : float
+        To draw all bodies that are drawn for a target.
     """
 
-    config: Config
-    pool: Pool
+    plan: Plan
     threads: int
-    work: Floats = field(init=False)
-    share: Floats = field(init=False)
-    low: Floats = field(init=False)
-    high: Floats = field(init=False)
-    stages: list[Integers] = field(default_factory=list)
+    drawn: Integers = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     rates: list[tuple[float, float, float]] = field(default_factory=list)
-    censored: int = 0
+    columns: Mapping[str, Any] | None = None
+    batch: Batch | None = None
+    cut: int = 0
     load_seconds: float = 0.0
     compile_seconds: float | None = None
 
     def __post_init__(self) -> None:
-        """Know nothing."""
-        rows = self.pool.cost.size
-        self.work, self.share, self.low, self.high = (np.full(rows, np.nan) for _ in range(4))
+        """Prepare runs, and time it."""
+        plan, bodies = self.plan, self.plan.config.bodies
+        most = max(4, KNOWN // len(plan.cases))
+        targets = 0
+        if isinstance(bodies, SdSource) and bodies.target is not None:
+            targets = len(bodies.target.values)
+            most = min(most, max(64, DRAWN // targets))
+        self.small, self.case, self.sample = some_runs(plan, most)
+        self.each = len(self.case) // len(plan.cases)
+        self.whole = self.each == plan.samples
+        times = [time.perf_counter()]
+        for _ in range(2):
+            self.launches: Launches = prepare(self.small, self.case, self.sample)
+            times.append(time.perf_counter())
+        first, again = np.diff(times)
+        self.draw_seconds = max(0.0, first - again) * (plan.samples / self.each) * (targets > 0)
+        self.cost = expected_cost(self.launches, plan.config.model)
+        self.steps, self.low, self.high, self.spent = np.full((4, len(self.cost)), np.nan)
         self._random = np.random.default_rng(SEED)
-        integrator = self.config.integrator
-        self._stretch = 1.0
-        if not METHODS[integrator.method].adaptive:
-            dt = integrator.dt or 0.002
+        config, self._stretch = plan.config, 1.0
+        if not METHODS[config.integrator.method].adaptive:
+            dt = config.integrator.dt or 0.002
             self._stretch = max(dt, PILOT_DT) / dt
-            coarse = integrator.model_copy(update={"dt": dt * self._stretch})
-            self.config = self.config.model_copy(update={"integrator": coarse})
-
-    @property
-    def cost(self) -> Floats:
-        """Expected cost of each row of the pool."""
-        return self.pool.cost.ravel()
+            coarse = config.integrator.model_copy(update={"dt": dt * self._stretch})
+            config = config.model_copy(update={"integrator": coarse})
+        self.config = config
 
     @property
     def lanes(self) -> int:
@@ -138,200 +145,137 @@ class Pilot:
 
     @property
     def turn(self) -> float:
-        """Seconds of a turn; from the batches in which lanes were in use, as they are in a sweep.
+        """Seconds of a turn; batches count by the part of the lanes that was in use.
 
         Where few are, the time is that of the thread with the longest run, which on a busy machine
         may be the slower one.
         """
-        done = sum(turns * used for turns, _, used in self.rates)
-        spent = sum(seconds * used for _, seconds, used in self.rates)
-        return spent / done if done > 0 else SOME_TURN
-
-    def load(self) -> None:
-        """Load the kernel, compile it if need be, and take it out once."""
-        if self.pool.batch is None or not self.cost.any():
-            return
-        start = time.perf_counter()
-        kernel(self.config.integrator.method, self.config.model)
-        loaded = time.perf_counter() - start
-        # From disk it takes a few hundredths of a second, from source ten seconds.
-        if loaded > 2.0:
-            self.compile_seconds, start = loaded, time.perf_counter()
-        one = take(self.pool.batch, np.array([int(np.argmax(self.cost > 0))]))
-        self._integrate(replace(one, t_end=np.minimum(one.t_end, 1.0)), float("inf"))
-        self.load_seconds = time.perf_counter() - start
-
-    def run(self, budget: float) -> None:
-        """Integrate stage after stage, for about so many seconds."""
-        if self.pool.batch is None or not self.cost.any():
-            return
-        end = time.perf_counter() + budget
-        rows = np.flatnonzero(self.cost)
-        stage = rows
-        if len(rows) > FIRST_STAGE:
-            stage = systematic(self.cost, FIRST_STAGE, self._random.random())
-        while True:
-            whole = self._try(stage, end)
-            if len(self.stages) == 1 and len(rows) > FIRST_STAGE:
-                self.gauge(0.15 * budget)
-            if not whole or self.all_known:
-                return
-            error, left = 1.96 * self.error(), end - time.perf_counter()
-            if error < GOOD or left < 0.1 * budget:
-                return
-            done = np.concatenate(self.stages)
-            # The turns of so many more, should they be like those before.
-            mean = float(self.work[done].mean()) / self._stretch
-            most = float(np.nanmax(self.work)) / self._stretch
-            able = (0.8 * left / self.turn - most) * self.lanes / mean
-            wanted = len(done) * ((error / GOOD) ** 2 - 1) + FIRST_STAGE
-            count = int(min(able, wanted, 2 * len(done)))
-            if count < FIRST_STAGE // 2:
-                return
-            stage = systematic(self.cost, count, self._random.random())
+        count, seconds, used = np.transpose(self.rates)
+        return float((seconds * used).sum() / (count * used).sum())
 
     @property
     def all_known(self) -> bool:
-        """Whether every run of the pool has been integrated to its end."""
-        return not self.censored and not np.isnan(self.work[self.cost > 0]).any()
+        """Whether every run of the sweep has been integrated to its end."""
+        return self.whole and not self.cut and not np.isnan(self.steps[self.cost > 0]).any()
 
-    def _try(self, stage: Integers, end: float) -> bool:
-        """Integrate the runs of a stage that are not known yet; whether there was time to."""
-        rows = np.unique(stage[np.isnan(self.work[stage])])
-        if len(rows):
-            assert self.pool.batch is not None
-            batch = take(self.pool.batch, rows)
-            outcome, seconds, control = self._integrate(batch, end)
-            self._learn(rows, outcome, seconds, control)
-        self.stages.append(stage[~np.isnan(self.work[stage])])
-        return not self.censored
+    def run(self, budget: float) -> None:
+        """Load the kernel, and integrate for about so many seconds."""
+        if self.config.model == "gh" or not self.cost.any():
+            return
+        begin = time.perf_counter()
+        load_kernel(self.config)
+        rows = np.flatnonzero(self.cost)
+        _, one = prepare_runs(self.small, self.case[rows[:1]], self.sample[rows[:1]])
+        assert one is not None
+        self._integrate(replace(one, t_end=np.minimum(one.t_end, 1.0)), np.inf)
+        loaded = time.perf_counter() - begin
+        self.load_seconds = loaded if loaded < COMPILED else LOADED
+        self.compile_seconds = None if loaded < COMPILED else loaded
+        end = time.perf_counter() + budget
+        self._try_pieces(rows[np.unique(np.linspace(0, len(rows) - 1, PIECES).astype(int))], budget)
+        count = FIRST
+        while not self.cut and not self.all_known and count >= FIRST // 2:
+            self._draw(rows if self.whole and len(rows) <= FIRST else self._by_cost(count), end)
+            # As many more as there is time for, should they be like those before.
+            left = (0.9 * (end - time.perf_counter())) / self.turn * self._stretch
+            known = self.steps[self.drawn]
+            able = (left - float(known.max())) * self.lanes / float(known.mean())
+            count = int(min(able, 4 * len(self.drawn)))
+
+    def _by_cost(self, count: int) -> Integers:
+        """Rows in steps of equal cost: likely in proportion to it, and spread over the cases."""
+        edges = np.cumsum(self.cost)
+        places = (np.arange(count) + self._random.random()) / count * edges[-1]
+        last = int(np.flatnonzero(self.cost)[-1])
+        rows: Integers = np.minimum(np.searchsorted(edges, places, side="right"), last)
+        return rows
 
     def _integrate(self, batch: Batch, end: float) -> tuple[Outcome, float, Control]:
+        def until_late(control: Control) -> None:
+            if time.perf_counter() > end:
+                control.stop()
+
         task: Task[Outcome] = Task(
             lambda control: run_batch(self.config, batch, threads=self.threads, control=control)
         )
-        return task.wait(_until(end)), task.seconds, task.control
+        return task.wait(until_late), task.seconds, task.control
 
-    def finish(self, launches: Launches, batch: Batch, budget: float) -> Mapping[str, Any]:
-        """Columns of some runs, as a block has them.
+    def _rate(self, batch: Batch, outcome: Outcome, seconds: float, done: float) -> float:
+        """Learn what a turn takes; steps to a unit of the kernel's cost, as far as runs have ended.
 
-        Raises
-        ------
-        Interrupted
-            If it takes more than so many seconds.
+        Where the time was up all lanes were in use.
         """
-        task: Task[Mapping[str, Any]] = Task(
-            lambda control: finish_block(
-                self.config, launches, batch, threads=self.threads, control=control
-            )
-        )
-        return task.wait(_until(time.perf_counter() + budget))
-
-    def _learn(self, rows: Integers, outcome: Outcome, seconds: float, control: Control) -> None:
-        assert self.pool.batch is not None
         ended = outcome.status != Status.STOPPED
-        steps = (outcome.n_steps + outcome.n_rejected).astype(float)
-        known = rows[ended]
-        self.share[known] = outcome.t_end[ended] / self.pool.horizon.ravel()[known]
-        self.work[known] = self.low[known] = self.high[known] = steps[ended] * self._stretch
+        steps = np.where(ended, outcome.n_steps + outcome.n_rejected, 0).astype(float)
+        cost = kernel_cost(batch)
+        gone = np.where(ended, cost * outcome.t_end / batch.t_end, 0.0).sum()
+        if not ended.any():
+            return 0.0
+        pace = float(steps.sum() / gone)
+        tried = float(steps.sum())
         if ended.all():
-            self._rate(steps, expected_cost(take(self.pool.batch, rows)), seconds)
-            return
-        self._extrapolate(rows, ended, steps, seconds, control.done)
-
-    def _rate(self, steps: Floats, cost: Floats, seconds: float) -> None:
-        count = turns(steps, cost, self.lanes)
-        if count > 0:
-            self.rates.append((count, seconds, float(steps.sum()) / (count * self.lanes)))
-
-    def gauge(self, seconds: float) -> None:
-        """Time a turn with all lanes in use: on short pieces of runs of every kind."""
-        rows = np.flatnonzero(self.cost)
-        known = ~np.isnan(self.work)
-        if self.pool.batch is None or not known.any():
-            return
-        rows = np.unique(rows[np.linspace(0, len(rows) - 1, 4 * self.lanes).astype(np.int64)])
-        batch = take(self.pool.batch, rows)
-        swings = expected_cost(batch)
-        most = seconds / (self.turn * float(self.paces(known).mean()) * len(rows) / self.lanes)
-        short = replace(batch, t_end=batch.t_end * np.minimum(1.0, most / swings))
-        outcome, spent, _ = self._integrate(short, time.perf_counter() + 4 * seconds)
-        if not outcome.stopped:
-            steps = (outcome.n_steps + outcome.n_rejected).astype(float)
-            self._rate(steps, expected_cost(short), spent)
-
-    def _extrapolate(self, rows: Integers, ended: NDArray[np.bool_], steps: Floats,
-                     seconds: float, done: float) -> None:  # fmt: skip
-        """Judge the runs that were under way when the time was up.
-
-        All that is known of them is how much of their horizons they have behind them together. They
-        go on to the next end as the runs seen so far have ended: at a constant rate.
-        """
-        assert self.pool.batch is not None
-        swings = expected_cost(take(self.pool.batch, rows))
-        # Longest first, so those under way are the dearest of what is left.
-        waiting = np.flatnonzero(~ended)[np.argsort(-swings[~ended], kind="stable")]
-        under_way = waiting[: self.lanes]
-        whole = float(swings[under_way].sum())
-        past = min(0.999, max((done - swings[ended].sum()) / whole, 1e-6))
-        known = ~np.isnan(self.share)
-        if known.any():
-            pace = float(np.mean(self.paces(known)))
+            count = turns(steps, cost, self.lanes)
         else:
-            pace = len(under_way) * seconds / SOME_TURN / (past * whole)
-        now = past * whole * pace
-        if not self.rates:
-            # Lanes were in use all the time, or at least those of the runs under way.
-            lanes = min(self.lanes, len(rows))
-            elapsed = max(now / len(under_way), (now + steps[ended].sum()) / lanes)
-            used = (now + steps[ended].sum()) / (elapsed * self.lanes)
-            self.rates.append((elapsed, seconds, min(1.0, used)))
-        exposure = float(self.share[known].sum()) + past * len(under_way)
-        hazard = float((self.share[known] < 1).sum()) / exposure
-        rest = 1 - past
-        more = -np.expm1(-hazard * rest) / hazard if hazard > 0 else rest
-        full = pace * swings[under_way] * self._stretch
-        at = rows[under_way]
-        self.low[at], self.work[at], self.high[at] = past * full, (past + more) * full, full
-        self.share[at] = past + more
-        self.censored += len(at)
+            tried += pace * max(0.0, done - cost[ended].sum())
+            count = tried / min(self.lanes, len(cost))
+        if count > 0:
+            self.rates.append((count, seconds, tried / (count * self.lanes)))
+        return pace
 
-    # -------------------------------------------------------------- what it says
+    def _try_pieces(self, rows: Integers, budget: float) -> None:
+        """Integrate runs of every kind, cut to what takes little of the time."""
+        launches, batch = prepare_runs(self.small, self.case[rows], self.sample[rows])
+        assert batch is not None
+        self.batch = batch
+        turn = nominal_seconds(self.plan, 1.0) * LANES / self._stretch
+        most = SHARE * budget / (turn * (1 + len(rows) / self.lanes))
+        part = np.minimum(1.0, most / self.cost[rows])
+        short = replace(batch, t_end=part * batch.t_end, window=part * batch.window)
+        outcome, seconds, control = self._integrate(short, time.perf_counter() + 0.4 * budget)
+        ended = outcome.status != Status.STOPPED
+        if ended.any():
+            parts = take(launches, ended), take(short, ended), take(outcome, ended)
+            self.columns = columns_of(self.config, *parts)
+        self._rate(short, outcome, seconds, control.done)
 
-    def paces(self, rows: NDArray[np.bool_]) -> Floats:
-        """Steps to a swing of the spin in the pilot, of some runs that are known."""
-        assert self.pool.batch is not None
-        swings = expected_cost(self.pool.batch)[rows] * self.share[rows]
-        paces: Floats = self.work[rows] / self._stretch / swings
-        return paces
+    def _draw(self, drawn: Integers, end: float) -> None:
+        """Integrate the runs of a draw that are not known yet."""
+        rows = np.unique(drawn[np.isnan(self.steps[drawn])])
+        if len(rows):
+            _, batch = prepare_runs(self.small, self.case[rows], self.sample[rows])
+            assert batch is not None
+            outcome, seconds, control = self._integrate(batch, end)
+            ended, steps = outcome.status != Status.STOPPED, outcome.n_steps + outcome.n_rejected
+            known = rows[ended]
+            self.spent[known] = outcome.t_end[ended]
+            self.steps[known] = self.low[known] = self.high[known] = steps[ended] * self._stretch
+            pace = self._rate(batch, outcome, seconds, control.done)
+            if not ended.all():
+                self._judge(rows, ended, batch, pace, seconds, control.done)
+        self.drawn = np.concatenate([self.drawn, drawn[~np.isnan(self.steps[drawn])]])
 
-    def error(self) -> float:
-        """Relative standard error of the steps a unit of expected cost.
+    def _judge(
+        self,
+        rows: Integers,
+        ended: NDArray[np.bool_],
+        batch: Batch,
+        pace: float,
+        seconds: float,
+        done: float,
+    ) -> None:
+        """Bound the steps of the runs under way when the time was up, the dearest of what is left.
 
-        From the differences of neighbours, since the runs of a stage are spread evenly over cases.
+        All that is known is how much of their horizons they have behind them together.
         """
-        if self.pool.whole and self.all_known:
-            return 0.0
-        parts = [self.work[stage] / self.cost[stage] for stage in self.stages if len(stage) > 1]
-        if not parts:
-            return 1.0
-        count = sum(len(part) for part in parts)
-        squares = sum(float((np.diff(part) ** 2).sum()) for part in parts)
-        variance = squares / 2 / (count - len(parts)) / count
-        mean = float(np.concatenate(parts).mean())
-        return float(np.sqrt(variance)) / mean
-
-    def rate_error(self) -> float:
-        """Relative standard deviation of the time of a turn from batch to batch.
-
-        Two batches say little of it, so it is drawn towards what is usual.
-        """
-        used = np.array([part for *_, part in self.rates])
-        each = np.array([seconds / count for count, seconds, _ in self.rates])
-        if not len(each):
-            return 0.0
-        squares = float((used * (each / self.turn - 1) ** 2).sum())
-        return float(np.sqrt((2 * USUAL**2 + squares) / (1 + used.sum())))
-
-
-__all__ = ["Pilot", "systematic", "turns"]
+        cost = kernel_cost(batch)
+        waiting = np.flatnonzero(~ended)[np.argsort(-cost[~ended], kind="stable")]
+        at = waiting[: self.lanes]
+        past = min(0.999, max((done - cost[ended].sum()) / cost[at].sum(), 1e-6))
+        if not pace:
+            if not self.rates:  # its value cancels
+                self.rates.append((seconds / 1e-6, seconds, 1.0))
+            pace = seconds / self.turn * len(at) / (past * float(cost[at].sum()))
+        high, rows = pace * cost[at] * self._stretch, rows[at]
+        self.low[rows], self.steps[rows], self.high[rows] = past * high, (1 + past) / 2 * high, high
+        self.spent[rows] = (1 + past) / 2 * batch.t_end[at]
+        self.cut += len(at)

@@ -14,11 +14,49 @@ from rattlesweep.sweeps.store.store import Store
 from rattlesweep.sweeps.tables.arrow import ContentHash, same_schema
 
 
-def content_hash(directory: Path | str | Store) -> str:
+class RowsHash:
     """SHA-256 of all rows in order of (case, sample), however they are cut into blocks.
 
     Column by column in the order of the schema, raw bits: two sweeps have equal hashes when
     every value of every run is equal to the last bit. Memory does not grow with the rows.
+
+    Parameters
+    ----------
+    where
+        The directory of the runs, for complaints.
+    """
+
+    columns = None  # all of them
+
+    def __init__(self, where: Path) -> None:
+        self._where = where
+        self._schema: pa.Schema | None = None
+        self._digest = ContentHash(pa.schema([]))
+        self._last = (-1, -1)
+
+    def add(self, rows: pa.RecordBatch) -> None:
+        """Take more rows.
+
+        Raises
+        ------
+        OutputError
+            They differ in their columns from those before, or are out of order or there twice.
+        """
+        if self._schema is None:
+            self._schema = rows.schema
+            self._digest = ContentHash(rows.schema)
+        elif not same_schema(self._schema, rows.schema):
+            raise OutputError(f"the blocks in {self._where} differ in their columns")
+        self._last = _check_order(rows, self._last, self._where)
+        self._digest.update(rows)
+
+    def hexdigest(self) -> str:
+        """The hash of all rows so far."""
+        return self._digest.hexdigest()
+
+
+def content_hash(directory: Path | str | Store) -> str:
+    """The `RowsHash` of a directory.
 
     Raises
     ------
@@ -27,18 +65,10 @@ def content_hash(directory: Path | str | Store) -> str:
         order or there twice.
     """
     store = directory if isinstance(directory, Store) else Store(directory)
-    digest: ContentHash | None = None
-    schema: pa.Schema | None = None
-    last = (-1, -1)
-    for batch in store.iter_batches():
-        if schema is None or digest is None:
-            schema = batch.schema
-            digest = ContentHash(schema)
-        elif not same_schema(schema, batch.schema):
-            raise OutputError(f"the blocks in {store.runs} differ in their columns")
-        last = _check_order(batch, last, store.runs)
-        digest.update(batch)
-    return (digest or ContentHash(pa.schema([]))).hexdigest()
+    digest = RowsHash(store.runs)
+    for rows in store.iter_batches():
+        digest.add(rows)
+    return digest.hexdigest()
 
 
 def _check_order(batch: pa.RecordBatch, last: tuple[int, int], where: Path) -> tuple[int, int]:

@@ -273,6 +273,3 @@ def _manifest(shares: list[Stored], earlier: Manifest | None, output: Path, size
     merged = first.model_copy(update=fresh)
     merged.clear("finished")
     return merged
-
-
-__all__ = ["MERGED_SIZE", "Merged", "merge"]

@@ -2,30 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import pyarrow as pa
 import pyarrow.compute as pc
 
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps.config.load import override_config, resolved
-from rattlesweep.sweeps.inspect.summary import summarise
+from rattlesweep.sweeps.inspect.summary import Summary
 from rattlesweep.sweeps.store.locks import hold
 from rattlesweep.sweeps.store.manifest import Classified, Manifest, Receipt
 from rattlesweep.sweeps.store.provenance import now
 from rattlesweep.sweeps.store.store import Store
 from rattlesweep.sweeps.store.stored import Stored, open_stored
 from rattlesweep.sweeps.tables.arrow import DamagedError
-from rattlesweep.sweeps.tables.types import TYPES, classify
+from rattlesweep.sweeps.tables.types import with_types
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    import numpy as np
-    from numpy.typing import NDArray
-
     from rattlesweep.sweeps.config.schema import Classify, Config
     from rattlesweep.sweeps.store.blockfile import BlockFile
 
@@ -56,19 +52,16 @@ def retype_blocks(
     """
     noting.forget(list(indices))
     for index in indices:
-        receipt, _ = _retype(store, index, _inspect(store, index), thresholds)
-        noting.wrote(index, receipt)
+        file = _inspect(store, index)
+        rows = with_types(file.table(), thresholds)
+        noting.wrote(index, _rewrite(store, index, file, rows, thresholds))
 
 
-def _retype(store: Store, index: int, file: BlockFile, thresholds: Classify) -> tuple[Receipt, int]:
-    """Write a block with other types; its receipt, and how many runs have changed theirs."""
-    table = file.table()
-    before, after = table.column("type").combine_chunks(), typed(table, thresholds)
-    place = table.schema.get_field_index("type")
+def _rewrite(
+    store: Store, index: int, file: BlockFile, rows: pa.Table, thresholds: Classify
+) -> Receipt:
     note = file.note and replace(file.note, classify=thresholds.model_dump())
-    table = table.set_column(place, table.schema.field(place), after)
-    changed = pc.sum(pc.not_equal(pc.fill_null(before, ""), pc.fill_null(after, "")))
-    return store.rewrite_block(index, table, note), int(changed.as_py() or 0)
+    return store.rewrite_block(index, rows, note)
 
 
 @dataclass(frozen=True)
@@ -124,46 +117,43 @@ def retype(directory: Path, overrides: Sequence[str] = ()) -> Retyped:
         own = manifest.classified.config if manifest.classified else before
         store.remove_stale_temporaries()
         indices = [index for index in store.block_indices() if index < manifest.blocks]
-        old = []
-        for index in indices:
-            note, _ = store.glance(index)
-            if note is None or note.classify != thresholds:
-                old.append(index)
+        notes = {index: store.glance(index)[0] for index in indices}
+        old = {i for i, note in notes.items() if note is None or note.classify != thresholds}
         if old:
             store.update_manifest(lambda manifest: _forget(manifest, old))
         changed = 0
         receipts: dict[int, Receipt] = {}
+        summary = Summary(manifest.cases, store.runs)
         for index in indices:
             file = _inspect(store, index)
-            known = manifest.receipts.get(index)
+            receipt, rows = manifest.receipts.get(index), file.table()
             if index in old:
-                seconds = None if known is None else known.seconds
-                receipt, differing = _retype(store, index, file, config.classify)
-                changed, receipt = changed + differing, receipt.took(seconds)
-            elif known is not None:
-                receipt = known
-            elif file.note is not None and file.note.sweep == manifest.config_hash:
+                seconds = None if receipt is None else receipt.seconds
+                types, rows = rows.column("type"), with_types(rows, config.classify)
+                changed += _differing(types, rows.column("type"))
+                receipt = _rewrite(store, index, file, rows, config.classify).took(seconds)
+            elif receipt is None and file.note and file.note.sweep == manifest.config_hash:
                 receipt = file.receipt  # a killed process has typed it, and it has lost its own
-            else:
-                continue
+            # What a stopped session has left of a block has no receipt, and does not count.
             if file.complete:
-                receipts[index] = receipt
-        summary = summarise(store, manifest.cases)
-        store.write_summary(summary)
+                if receipt is not None:
+                    receipts[index] = receipt
+                for batch in rows.to_batches():
+                    summary.add(batch)
+        store.write_summary(summary.table())
 
         def change(manifest: Manifest) -> None:
             manifest.config = config
             manifest.clear("classified")
             if thresholds != own:
                 manifest.classified = Classified(config=own, now=thresholds, at=now())
-            # What a stopped session has left of a block has no receipt.
             manifest.receipts = receipts
 
         store.update_manifest(change)
-    return Retyped(changed, len(old), before, own, thresholds, summary)
+    return Retyped(changed, len(old), before, own, thresholds, summary.table())
 
 
-def _forget(manifest: Manifest, indices: list[int]) -> None:
+def _forget(manifest: Manifest, indices: set[int]) -> None:
     for index in indices:
         manifest.receipts.pop(index, None)
 
@@ -186,20 +176,6 @@ def _inspect(store: Store, index: int) -> BlockFile:
         raise OutputError(f"{store.block_path(index)} is damaged: {error}") from error
 
 
-def _floats(table: pa.Table, name: str) -> NDArray[np.float64]:
-    values: NDArray[np.float64] = table.column(name).to_numpy()
-    return values
-
-
-def typed(table: pa.Table, thresholds: Classify) -> pa.Array:
-    """Types that the numbers of stored runs give under these thresholds."""
-    status: Any = table.column("status").to_numpy()
-    codes = classify(
-        status == "ok",
-        _floats(table, "t_r"),
-        _floats(table, "amp_growth"),
-        _floats(table, "n_departure"),
-        thresholds,
-    )
-    indices = pa.array(codes, mask=codes < 0)
-    return pa.DictionaryArray.from_arrays(indices, pa.array(TYPES)).cast(pa.string())
+def _differing(before: pa.ChunkedArray, after: pa.ChunkedArray) -> int:
+    changed = pc.not_equal(pc.fill_null(before, ""), pc.fill_null(after, ""))
+    return int(pc.sum(changed).as_py() or 0)

@@ -67,15 +67,7 @@ class Status:
 
 
 def status_of(directory: Path) -> Status:
-    """Look at a directory, also while a sweep is at work in it; nothing is written.
-
-    Raises
-    ------
-    ConfigError
-        It is no output directory.
-    OutputError
-        It cannot be read, or its manifest is damaged.
-    """
+    """Look at a directory, also while a sweep is at work in it; nothing is written."""
     at_work = holder(directory)
     stored = open_stored(directory)
     store, manifest = stored.store, stored.manifest

@@ -14,6 +14,7 @@ from rattlesweep.sweeps.store.store import Store
 from rattlesweep.sweeps.tables.arrow import build_table
 from rattlesweep.sweeps.tables.cells import COLUMNS, Cells
 from rattlesweep.sweeps.tables.columns import summary_schema
+from rattlesweep.text import align
 
 
 class CaseLike(Protocol):
@@ -146,11 +147,7 @@ def closing_table(summary: pa.Table) -> str:
                 str(row["failed"]),
             ]
         )
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    return "\n".join(
-        "  ".join(cell.rjust(width) for cell, width in zip(line, widths, strict=True))
-        for line in lines
-    )
+    return align(lines)
 
 
 def _text(value: float | None, form: str) -> str:

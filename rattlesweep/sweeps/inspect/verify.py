@@ -15,8 +15,7 @@ import pyarrow.compute as pc
 from rattlesweep.errors import ConfigError, DamagedManifest, OutputError
 from rattlesweep.sweeps.blocks.block import STATUS_WORDS
 from rattlesweep.sweeps.blocks.recompute import differing_rows
-from rattlesweep.sweeps.inspect.retype import typed
-from rattlesweep.sweeps.inspect.summary import same_summary, summarise
+from rattlesweep.sweeps.inspect.summary import Summary, same_summary
 from rattlesweep.sweeps.store.atomic import is_temporary, reason
 from rattlesweep.sweeps.store.blockfile import BlockFile, Note
 from rattlesweep.sweeps.store.locks import holder
@@ -25,7 +24,7 @@ from rattlesweep.sweeps.store.store import Store
 from rattlesweep.sweeps.store.stored import Stored, open_stored
 from rattlesweep.sweeps.tables.arrow import DamagedError, same_schema
 from rattlesweep.sweeps.tables.columns import runs_schema
-from rattlesweep.sweeps.tables.types import TYPES
+from rattlesweep.sweeps.tables.types import TYPES, typed
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -95,13 +94,6 @@ def verify(
     Returns
     -------
     Verdict
-
-    Raises
-    ------
-    ConfigError
-        It is no output directory.
-    OutputError
-        It cannot be read.
     """
     verdict = Verdict()
     try:
@@ -113,7 +105,8 @@ def verify(
     at_work = holder(directory)
     if at_work is not None:
         verdict.remarks.append(f"{directory} is in use by {at_work}; blocks may come and go")
-    whole = _check_blocks(store, manifest, verdict, report)
+    summary = Summary(manifest.cases, store.runs)
+    whole = _check_blocks(store, manifest, verdict, summary, report)
     verdict.problems += _foreign_files(store, manifest.blocks, at_work is not None)
     complete = manifest.state == "complete"
     if verdict.missing and complete:
@@ -122,16 +115,20 @@ def verify(
             "is missing"
         )
     if complete and not verdict.problems:
-        verdict.problems += _check_summary(store, manifest)
+        verdict.problems += _check_summary(store, manifest, summary.table())
     if recompute:
         verdict.problems += _check_numbers(stored, whole, recompute, seed, threads, verdict)
     return verdict
 
 
 def _check_blocks(
-    store: Store, manifest: Manifest, verdict: Verdict, report: Callable[[float], None]
+    store: Store,
+    manifest: Manifest,
+    verdict: Verdict,
+    summary: Summary,
+    report: Callable[[float], None],
 ) -> list[int]:
-    """Check every block; the numbers of those without a fault."""
+    """Check every block; the numbers of those without a fault, which are summed up."""
     schema = runs_schema(manifest.config.record, manifest.config.model)
     present = [index for index in store.block_indices() if index < manifest.blocks]
     ends = [-1, *present, manifest.blocks]
@@ -141,7 +138,8 @@ def _check_blocks(
         report(place / len(present))
         try:
             file = store.inspect_block(index)
-            faults = [*_faults(index, file, manifest, schema)]
+            rows = file.table()
+            faults = [*_faults(index, file, rows, manifest, schema)]
         except DamagedError as error:
             faults = [f"is damaged: {error}"]
         if faults:
@@ -151,13 +149,17 @@ def _check_blocks(
             verdict.begun += file.receipt.rows
         else:
             whole.append(index)
+            for batch in rows.to_batches():
+                summary.add(batch)
             verdict.blocks += 1
             verdict.runs += file.receipt.rows
     verdict.missing.sort()
     return whole
 
 
-def _faults(index: int, file: BlockFile, manifest: Manifest, schema: pa.Schema) -> Iterator[str]:
+def _faults(
+    index: int, file: BlockFile, rows: pa.Table, manifest: Manifest, schema: pa.Schema
+) -> Iterator[str]:
     """What is wrong with a block, worst first."""
     wanted = Note.of(manifest, index)
     if not wanted.same_runs(file.note):
@@ -171,19 +173,18 @@ def _faults(index: int, file: BlockFile, manifest: Manifest, schema: pa.Schema) 
         yield "is not the file that the manifest has the checksum of"
     if receipt is None and file.complete and manifest.state == "complete":
         yield "has no checksum in the manifest"
-    table = file.table()
     samples = manifest.samples
-    sample = table.column("sample").to_numpy()
-    numbers = table.column("case").to_numpy().astype(np.int64) * samples + sample
+    sample = rows.column("sample").to_numpy()
+    numbers = rows.column("case").to_numpy().astype(np.int64) * samples + sample
     all_runs = np.arange(wanted.first, wanted.stop)
     # A stopped session leaves some of them, in their order.
     some = all_runs[np.isin(all_runs, numbers)]
     if not np.array_equal(numbers, some) or not ((sample >= 0) & (sample < samples)).all():
         yield "has runs missing, double or out of order"
-    yield from _bad_values(table)
+    yield from _bad_values(rows)
     if file.note is not None and file.note.classify != wanted.classify:
         yield "has types of other thresholds; `rattlesweep classify` renews them"
-    elif not typed(table, manifest.config.classify).equals(table.column("type").combine_chunks()):
+    elif not typed(rows, manifest.config.classify).equals(rows.column("type").combine_chunks()):
         yield "has types that do not follow from its numbers"
 
 
@@ -238,13 +239,13 @@ def _foreign_files(store: Store, blocks: int, at_work: bool) -> Iterator[str]:
             yield f"{left[0]} was left by a process that died; `rattlesweep run` removes it"
 
 
-def _check_summary(store: Store, manifest: Manifest) -> Iterator[str]:
+def _check_summary(store: Store, manifest: Manifest, made: pa.Table) -> Iterator[str]:
     try:
         stored = store.read_summary()
     except OutputError as error:
         yield f"{error}; `rattlesweep run` recreates it"
         return
-    made = summarise(store, manifest.cases).replace_schema_metadata(None)
+    made = made.replace_schema_metadata(None)
     if stored.schema.names != made.schema.names:
         # Of an earlier version, which gave Bondi's share in the unsteady direction too.
         common = [

@@ -23,27 +23,31 @@ _TEMPORARY = re.compile(
 
 
 def replace_file(path: Path, data: bytes, check: Callable[[Path], None] | None = None) -> None:
-    """Put `data` at `path` in one step.
+    """Put `data` at `path` in one step; see `streamed_file`."""
+    with streamed_file(path, check) as file:
+        file.write(data)
+
+
+@contextlib.contextmanager
+def streamed_file(path: Path, check: Callable[[Path], None] | None = None) -> Iterator[BinaryIO]:
+    """A file to write to that takes its place at `path` in one step, when the body has ended.
+
+    Whatever is there stays there, whole, until the new file is on the disk. If the body raises,
+    nothing is left of it.
 
     Parameters
     ----------
     path
-        Whatever is there stays there, whole, until the new file is on the disk.
     check
         Called with the finished temporary file; whatever it raises keeps that from its place.
-
-    Raises
-    ------
-    OutputError
-        The file cannot be written; names the file and the reason.
     """
     temporary = _temporary(path)
     try:
-        _write(temporary, data)
+        with _created(temporary) as file:
+            yield file
         if check is not None:
             check(temporary)
-        os.replace(temporary, path)
-        _sync_directory(path.parent)
+        rename_file(temporary, path)
     except OSError as error:
         raise OutputError(f"cannot write {path}: {reason(error)}") from error
     finally:
@@ -55,32 +59,6 @@ def rename_file(path: Path, target: Path) -> None:
     """Give a file another name in its directory, for good once this returns."""
     os.replace(path, target)
     _sync_directory(target.parent)
-
-
-@contextlib.contextmanager
-def streamed_file(path: Path) -> Iterator[BinaryIO]:
-    """Like `replace_file`, for data that comes in parts: a file to write them to.
-
-    It takes its place when the body has ended; if that raises, nothing is left of it.
-
-    Raises
-    ------
-    OutputError
-        The file cannot be written; names the file and the reason.
-    """
-    temporary = _temporary(path)
-    try:
-        handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
-        with os.fdopen(handle, "wb") as file:
-            yield file
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-        _sync_directory(path.parent)
-    except OSError as error:
-        raise OutputError(f"cannot write {path}: {reason(error)}") from error
-    finally:
-        _discard(temporary)
 
 
 class NotAFile(OSError):
@@ -118,18 +96,13 @@ def read_file(path: Path, most: int) -> bytes:
 
 
 def probe_directory(path: Path) -> None:
-    """Create `path` where need be, and try out that files can be written in it.
-
-    Raises
-    ------
-    OutputError
-        They cannot: read-only, a file in the way, no space.
-    """
+    """Create `path` where need be, and try out that files can be written in it."""
     probe = _temporary(path / "probe")
     try:
         path.mkdir(parents=True, exist_ok=True)
         try:
-            _write(probe, b"probe")
+            with _created(probe) as file:
+                file.write(b"probe")
         finally:
             _discard(probe)
     except (FileExistsError, NotADirectoryError) as error:
@@ -139,13 +112,7 @@ def probe_directory(path: Path) -> None:
 
 
 def remove_temporaries(folder: Path, older_than: float = 0.0) -> int:
-    """Remove temporary files at least `older_than` seconds old; returns how many.
-
-    Raises
-    ------
-    OutputError
-        The folder cannot be read.
-    """
+    """Remove temporary files at least `older_than` seconds old; returns how many."""
     now, removed = time.time(), 0
     try:
         found = [folder / name for name in os.listdir(folder) if is_temporary(folder / name)]
@@ -176,10 +143,12 @@ def _temporary(path: Path) -> Path:
     return path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
 
 
-def _write(path: Path, data: bytes) -> None:
+@contextlib.contextmanager
+def _created(path: Path) -> Iterator[BinaryIO]:
+    """A new file to write to, on the disk once the body has ended."""
     handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
     with os.fdopen(handle, "wb") as file:
-        file.write(data)
+        yield file
         file.flush()
         os.fsync(file.fileno())
 

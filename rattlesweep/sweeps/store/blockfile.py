@@ -108,13 +108,7 @@ class BlockFile:
         return self.note is None or self.note.is_whole(self.receipt.rows)
 
     def table(self, columns: Sequence[str] | None = None) -> pa.Table:
-        """Its rows.
-
-        Raises
-        ------
-        DamagedError
-            They cannot be had, or lack one of the columns.
-        """
+        """Its rows."""
         names = None if columns is None else list(columns)
         try:
             return self._file.read(columns=names).replace_schema_metadata(None)

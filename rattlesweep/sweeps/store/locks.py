@@ -97,13 +97,7 @@ def hold(directory: Path, share: str | None = None) -> Iterator[None]:
 
 @contextmanager
 def manifest_lock(directory: Path) -> Iterator[None]:
-    """Wait until no other shard changes the manifest, and keep others waiting: a moment.
-
-    Raises
-    ------
-    OutputError
-        The directory cannot be written.
-    """
+    """Wait until no other shard changes the manifest, and keep others waiting: a moment."""
     path = directory / FOLDER / _MANIFEST
     with contextlib.ExitStack() as stack:
         try:

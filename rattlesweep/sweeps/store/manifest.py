@@ -163,6 +163,10 @@ class SessionRecord(_Part):
         """What tells it from every other session."""
         return self.started, self.host, self.pid, self.shard
 
+    def said(self, name: str) -> Any:
+        """What it has noted under a name; None if nothing."""
+        return getattr(self, name) if name in self.model_fields_set else None
+
 
 class Classified(_Part):
     """Thresholds of the sweep's config, and those by which `classify` typed its runs since."""
@@ -178,6 +182,7 @@ class Expected(_Part):
     seconds: Seconds = 0.0
     low: Seconds = 0.0
     high: Seconds = 0.0
+    pilot_runs: Count | None = None
 
 
 class Manifest(_Part):
@@ -322,13 +327,6 @@ class Manifest(_Part):
         data = self.model_dump(exclude_unset=True)
         receipts = sorted(data["receipts"].items())
         return data | {"receipts": {str(index): receipt for index, receipt in receipts}}
-
-    # Until every reader takes attributes.
-    def __getitem__(self, key: str) -> Any:
-        return self.dump()[key]
-
-    def get(self, key: str, default: Any = None) -> Any:
-        return self.dump().get(key, default)
 
     def borders(self, index: int) -> tuple[int, int]:
         """Numbers of the runs of a block, from and up to."""

@@ -77,8 +77,3 @@ def versions() -> dict[str, str]:
         "python": platform.python_version(),
         **{name: version(name) for name in PACKAGES},
     }
-
-
-def read_manifest(store: Any) -> Any:
-    """Moved to `Store.read_manifest`; until all have followed."""
-    return store.read_manifest()

@@ -69,11 +69,6 @@ def put_in_order(store: Store, plan: Plan, sweep: str) -> list[str]:
     -------
     list of str
         What was done, and which other files readers will take for runs, a sentence each.
-
-    Raises
-    ------
-    OutputError
-        A file has the name of a block but is none of this sweep, or cannot be read or removed.
     """
     remarks = []
     try:

@@ -177,13 +177,7 @@ class Store:
         return _number(path.name) is not None
 
     def block_indices(self) -> list[int]:
-        """Numbers of the blocks in place, ascending; other files in `runs` are ignored.
-
-        Raises
-        ------
-        OutputError
-            The directory exists but cannot be listed.
-        """
+        """Numbers of the blocks in place, ascending; other files in `runs` are ignored."""
         try:
             names = os.listdir(self.runs)
         except FileNotFoundError:
@@ -204,13 +198,7 @@ class Store:
                 yield self.runs / name
 
     def rename(self, path: Path, target: Path) -> None:
-        """Move a block to its place.
-
-        Raises
-        ------
-        OSError, OutputError
-            It cannot be moved.
-        """
+        """Move a block to its place."""
         self._check_in_place()
         rename_file(path, target)
 
@@ -245,13 +233,7 @@ class Store:
         return read_block_file(self.block_path(index), self.rows)
 
     def glance(self, index: int) -> tuple[Note | None, bool]:
-        """The note of block `index`, and whether it is complete; unproved, but soon known.
-
-        Raises
-        ------
-        OutputError
-            It is missing, unreadable or obviously damaged.
-        """
+        """The note of block `index`, and whether it is complete; unproved, but soon known."""
         with self._streamed(index) as file:
             note = Note.load(file)
             return note, note is None or note.is_whole(file.metadata.num_rows)
@@ -264,13 +246,7 @@ class Store:
             return False
 
     def read_block(self, index: int, columns: Sequence[str] | None = None) -> pa.Table:
-        """Read a block, having proved that it is whole.
-
-        Raises
-        ------
-        OutputError
-            It is missing, unreadable or damaged.
-        """
+        """Read a block, having proved that it is whole."""
         path = self.block_path(index)
         try:
             return self.inspect_block(index).table(columns)
@@ -293,11 +269,6 @@ class Store:
 
         Page checksums are verified; the seal of the whole file, which takes a read of all of
         it, is not.
-
-        Raises
-        ------
-        OutputError
-            A block is unreadable or damaged, or lacks one of the columns.
         """
         for index in self.block_indices():
             with self._streamed(index) as file:
@@ -332,13 +303,7 @@ class Store:
         self._put_table(self.summary_path, encode(table), table.num_rows)
 
     def read_summary(self) -> pa.Table:
-        """Read `summary.parquet`.
-
-        Raises
-        ------
-        OutputError
-            It is missing, unreadable or damaged.
-        """
+        """Read `summary.parquet`."""
         try:
             table = open_sealed(read_file(self.summary_path, MOST_BYTES)).read()
         except OSError as error:
@@ -382,13 +347,7 @@ class Store:
         return manifest
 
     def write_manifest(self, manifest: Manifest) -> None:
-        """Write `manifest.json`, as safely as a block.
-
-        Raises
-        ------
-        OutputError
-            The file cannot be written.
-        """
+        """Write `manifest.json`, as safely as a block."""
         self._put(self.manifest_path, sealed.dump(manifest.dump()))
 
     def update_manifest(
@@ -402,11 +361,6 @@ class Store:
             Called with the manifest as it is now.
         blank
             Makes the one to begin with where there is none.
-
-        Raises
-        ------
-        ConfigError, OutputError
-            As for `read_manifest` and `write_manifest`.
         """
         self._check_in_place()
         with manifest_lock(self.directory):

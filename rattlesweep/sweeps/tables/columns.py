@@ -10,7 +10,6 @@ M = a = g = 1, so times are in sqrt(a/g), spins and rates in sqrt(g/a), energies
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
 
 import pyarrow as pa
 
@@ -43,22 +42,6 @@ def field(
         Whether a row may have no value here.
     """
     return pa.field(name, kind, nullable, metadata={"unit": unit, "description": words})
-
-
-@dataclass(frozen=True)
-class Column:
-    """Arguments of `field`; goes when the trade-off's and the paper's tables call that."""
-
-    name: str
-    type: pa.DataType
-    unit: str
-    description: str
-    nullable: bool = False
-
-    @property
-    def field(self) -> pa.Field:
-        """The Arrow field."""
-        return field(self.name, self.type, self.unit, self.description, nullable=self.nullable)
 
 
 RUNS: dict[str, tuple[pa.Field, ...]] = {

@@ -14,6 +14,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -54,3 +55,20 @@ def classify(
         UNCLASSIFIED,
     )
     return codes.astype(np.int8)
+
+
+def typed(rows: pa.Table, thresholds: Classify) -> pa.Array:
+    """Types that the numbers of stored runs give under these thresholds."""
+    ok = rows.column("status").to_numpy() == "ok"
+    t_r, growth, departure = (
+        rows.column(name).to_numpy() for name in ("t_r", "amp_growth", "n_departure")
+    )
+    codes = classify(ok, t_r, growth, departure, thresholds)
+    indices = pa.array(codes, mask=codes < 0)
+    return pa.DictionaryArray.from_arrays(indices, pa.array(TYPES)).cast(pa.string())
+
+
+def with_types(rows: pa.Table, thresholds: Classify) -> pa.Table:
+    """Stored runs with these types in the place of theirs."""
+    place = rows.schema.get_field_index("type")
+    return rows.set_column(place, rows.schema.field(place), typed(rows, thresholds))

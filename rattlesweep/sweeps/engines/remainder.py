@@ -1,4 +1,4 @@
-"""What is left to do of a block, and how it is joined with what is there.
+"""What is left to do of a block: prepared, integrated, and joined with what is there.
 
 A session that is stopped writes the runs of its block that have ended into the block's own file. It
 is a file like any other, sealed and with the same note, but has fewer rows than the block, which is
@@ -16,10 +16,11 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from rattlesweep.sweeps.blocks.block import prepare_runs
-from rattlesweep.sweeps.inspect.retype import typed
+from rattlesweep.integrate.task import Task
+from rattlesweep.sweeps.blocks.block import Interrupted, finish_block, prepare_runs
 from rattlesweep.sweeps.tables.arrow import build_table
 from rattlesweep.sweeps.tables.columns import runs_schema
+from rattlesweep.sweeps.tables.types import with_types
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -27,12 +28,18 @@ if TYPE_CHECKING:
     from rattlesweep.integrate.batch import Batch
     from rattlesweep.sweeps.cases.launches import Launches
     from rattlesweep.sweeps.cases.plan import Block
-    from rattlesweep.sweeps.engines.opened import Opened
-    from rattlesweep.sweeps.store.receipts import Receipt
+    from rattlesweep.sweeps.config.schema import Config
+    from rattlesweep.sweeps.store.manifest import Receipt
+    from rattlesweep.sweeps.store.output import Output
+
+    Columns = Mapping[str, Any]
+
+# Seconds for which a stop waits for the runs that have ended: to be typed, not integrated.
+GATHER = 10.0
 
 
 @dataclass(frozen=True)
-class Work:
+class Remainder:
     """The runs of a block that are to be integrated, ready to go.
 
     Attributes
@@ -55,7 +62,7 @@ class Work:
         return len(self.launches.case)
 
 
-def prepare_work(opened: Opened, block: Block, begun: bool) -> Work:
+def prepare_remainder(opened: Output, block: Block, begun: bool) -> Remainder:
     """What can be done before the kernel is free: bodies, theory, initial states.
 
     Parameters
@@ -72,38 +79,56 @@ def prepare_work(opened: Opened, block: Block, begun: bool) -> Work:
     case, sample = plan.runs_of(block)
     old, limit = None, plan.config.integrator.max_steps
     if begun:
-        note = opened.store.inspect_block(block.index).note
-        limit = limit if note is None else note.max_steps
-        old = opened.store.read_block(block.index)
-        place = old.schema.get_field_index("type")
-        old = old.set_column(place, old.schema.field(place), typed(old, plan.config.classify))
+        file = opened.store.inspect_block(block.index)
+        limit = limit if file.note is None else file.note.max_steps
+        old = with_types(file.table(), plan.config.classify)
         kept = old.filter(pc.equal(old.column("status"), "ok")) if opened.retry_failed else old
         left = ~np.isin(np.arange(block.first, block.stop), _numbers(kept, plan.samples))
         case, sample = case[left], sample[left]
-    return Work(block, old, limit, *prepare_runs(plan, case, sample))
+    return Remainder(block, old, limit, *prepare_runs(plan, case, sample))
 
 
-def write_work(opened: Opened, work: Work, columns: Mapping[str, Any]) -> Receipt:
+def integrate(part: Remainder, config: Config, threads: int) -> Task[Columns]:
+    """Begin to integrate and type the runs, in a thread."""
+    return Task(
+        lambda control: finish_block(
+            config, part.launches, part.batch, threads=threads, control=control
+        )
+    )
+
+
+def gather(task: Task[Columns]) -> tuple[Columns | None, int]:
+    """Stop a task; columns of the runs that have ended, if any, and how many others had begun."""
+    task.stop(GATHER)
+    try:
+        return task.value(), 0
+    except Interrupted as stopped:
+        return stopped.columns, stopped.lost
+    except TimeoutError:
+        return None, task.control.runs_begun
+
+
+def write_remainder(opened: Output, part: Remainder, columns: Columns) -> Receipt:
     """Write a block's new rows beside those that are there; every engine does it so.
 
     Parameters
     ----------
     columns : mapping
-        Of all runs of the work, or of those that had ended when it was stopped.
+        Of all runs that were left, or of those that had ended when it was stopped.
     """
-    config, note = opened.plan.config, opened.note(work.block)
-    if work.old is None:
+    config, note = opened.plan.config, opened.note(part.block)
+    if part.old is None:
         schema = runs_schema(config.record, config.model)
-        return opened.store.write_block(work.block.index, columns, schema, note)
-    new = build_table(columns, work.old.schema)
+        return opened.store.write_block(part.block.index, columns, schema, note)
+    new = build_table(columns, part.old.schema)
     samples = opened.plan.samples
-    others = ~np.isin(_numbers(work.old, samples), _numbers(new, samples))
-    rows = pa.concat_tables([work.old.filter(pa.array(others)), new])
+    others = ~np.isin(_numbers(part.old, samples), _numbers(new, samples))
+    rows = pa.concat_tables([part.old.filter(pa.array(others)), new])
     rows = rows.take(pc.sort_indices(rows, [("case", "ascending"), ("sample", "ascending")]))
-    if opened.retry_failed and len(new) < work.rows:
+    if opened.retry_failed and len(new) < part.rows:
         # Some that failed under the old limit are still there.
-        note = replace(note, max_steps=work.limit)
-    return opened.store.rewrite_block(work.block.index, rows, note)
+        note = replace(note, max_steps=part.limit)
+    return opened.store.rewrite_block(part.block.index, rows, note)
 
 
 def _numbers(rows: pa.Table, samples: int) -> NDArray[np.int64]:
@@ -111,6 +136,3 @@ def _numbers(rows: pa.Table, samples: int) -> NDArray[np.int64]:
     case, sample = (rows.column(key).to_numpy().astype(np.int64) for key in ("case", "sample"))
     numbers: NDArray[np.int64] = case * samples + sample
     return numbers
-
-
-__all__ = ["Work", "prepare_work", "write_work"]

@@ -1,0 +1,186 @@
+"""Options and arguments that several commands have, each written once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import wraps
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+from click import argument, option
+
+from rattlesweep.cli.common import types
+from rattlesweep.text import align
+
+if TYPE_CHECKING:
+    from rattlesweep.sweeps.config.schema import Config
+
+Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+
+config = argument("config", type=click.Path(path_type=Path))
+directory = argument("directory", type=click.Path(path_type=Path))
+output = option(
+    "-o", "--output", type=types.DIRECTORY, help="Output directory; overrides the config's."
+)
+overrides = option(
+    "--set",
+    "overrides",
+    metavar="KEY=VALUE",
+    multiple=True,
+    help="Override a key of the config, such as bodies.samples=10; may be repeated.",
+)
+threads = option("-j", "--threads", type=types.Threads(), help="Number of threads of the kernel.")
+as_json = option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
+quiet = option("-q", "--quiet", is_flag=True, help="No progress, closing words or warning.")
+t_end = option(
+    "--t-end",
+    type=float,
+    help="Horizon, in sqrt(a/g); by default 5 t_rGH, or that of the sweep.",
+)
+
+
+def title(kind: types.Grammar = types.TITLE) -> Decorator:
+    """The title of a page or a picture."""
+    return option("--title", type=kind, help="Of the page or the picture.")
+
+
+class Group:
+    """Some options as one decorator: the command gets those that are given as a dictionary.
+
+    Parameters
+    ----------
+    into
+        The command's argument.
+    options
+        In the order of `--help`.
+    keys
+        Keys in the dictionary that are not the options' names.
+    """
+
+    def __init__(self, into: str, *options: Decorator, **keys: str) -> None:
+        self._into, self._options, self._keys = into, options, keys
+        self.names: list[str] = []
+
+    def __call__(self, command: Callable[..., Any]) -> Callable[..., Any]:
+        """Add the options to a command."""
+
+        @wraps(command)
+        def grouped(*args: Any, **given: Any) -> Any:
+            values = {self._keys.get(name, name): given.pop(name) for name in self.names}
+            values = {key: value for key, value in values.items() if value is not None}
+            return command(*args, **{self._into: values}, **given)
+
+        for add in reversed(self._options):
+            add(grouped)
+        added: list[click.Parameter] = vars(grouped)["__click_params__"][-len(self._options) :]
+        self.names = [parameter.name or "" for parameter in added]
+        return grouped
+
+
+body = Group(
+    "body",
+    option("--preset", type=types.PRESETS, help="A named body (Garcia and Hubbard 1988)."),
+    option("--alpha", type=float, help="I_xx + 1, in M a^2."),
+    option("--beta", type=float, help="I_yy + 1, in M a^2."),
+    option("--gamma", type=float, help="I_zz, in M a^2."),
+    option("--f-sd", type=float, help="I_yy/I_zz of a shell-dumbbell body; replaces alpha, beta."),
+    option("--theta", type=float, help="Larger principal curvature, in 1/a."),
+    option("--phi", type=float, help="Smaller principal curvature, in 1/a."),
+    option("--xi", type=float, help="Skew angle in radians."),
+    option("--xi-deg", type=float, help="Skew angle in degrees."),
+)
+_spin = (
+    option("--n-i", type=float, default=0.1, help="Initial spin, in sqrt(g/a)."),
+    option("--omega-xy0", type=float, default=0.01, help="Initial oscillation, in sqrt(g/a)."),
+)
+spin = Group("spin", *_spin)
+launch = Group(
+    "launch",
+    *_spin,
+    option(
+        "--psi",
+        type=types.PSI,
+        default="relevant",
+        metavar="DIRECTION",
+        help="Direction of the oscillation: relevant, pitch, roll, or degrees.",
+    ),
+)
+integrator = Group(
+    "integrator",
+    option("--method", type=types.METHODS, help="Method of integration.  [default: dop853]"),
+    option("--tol", type=float, help="Tolerance of an adaptive method.  [default: 1e-9]"),
+    option("--dt-step", type=float, help="Step of a fixed-step method.  [default: 0.002]"),
+    option(
+        "--accuracy",
+        type=types.ACCURACIES,
+        help="A named accuracy instead of a method and its tolerance.",
+    ),
+    dt_step="dt",
+)
+rows = Group(
+    "rows",
+    option(
+        "--points",
+        type=int,
+        help="Number of rows, evenly spaced from 0 to the horizon.  [default: 2001, or 20 per "
+        "pitch period if that is more]",
+    ),
+    option("--dt", type=float, help="Spacing of the rows in time."),
+    option("--steps", is_flag=True, help="One row per accepted step."),
+)
+_which = (
+    option("--case", type=int, help="Case of the run."),
+    option("--sample", type=int, help="Sample of the run."),
+    option(
+        "--where",
+        metavar="CONDITION",
+        help="Select runs by their columns: = != < <= > >=, in (...), is null, and, or, not.",
+    ),
+)
+which_run = Group("which", *_which)
+which_runs = Group(
+    "which",
+    *_which,
+    option(
+        "--first", type=click.IntRange(1), help="Number of runs to take from --where.  [default: 1]"
+    ),
+)
+
+
+def _list_channels(
+    context: click.Context, parameter: click.Parameter, names: tuple[str, ...] | None
+) -> tuple[str, ...] | None:
+    """Print every channel with its unit and its words, if that is what is asked for."""
+    if names != ("list",):
+        return names
+    from rattlesweep.study.onerun.channels import CHANNELS
+
+    lines = []
+    for c in CHANNELS.values():
+        models = "" if "gh" in c.models else f" ({', '.join(c.models)})"
+        lines.append((c.name, c.unit, c.description + models))
+    click.echo(align(lines, "<"))
+    context.exit()
+
+
+channels = option(
+    "--channels",
+    type=types.NAMES,
+    callback=_list_channels,
+    help="Columns, and panels of the figure if given; 'list' prints all of them.  [default: t,n]",
+)
+
+
+def load_sweep(path: Path, overrides: tuple[str, ...], output: Path | None) -> Config:
+    """The config of a sweep, with what the command line says instead.
+
+    Raises
+    ------
+    ConfigError
+        The config or an option is wrong.
+    """
+    from rattlesweep.sweeps.config.load import load_config
+
+    loaded = load_config(path, overrides)
+    return loaded if output is None else loaded.model_copy(update={"output": str(output)})

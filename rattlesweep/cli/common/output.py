@@ -1,0 +1,36 @@
+"""What goes to the two streams: data to standard output, everything else to standard error."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rattlesweep.errors import printable
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+# Rows of a table on the terminal.
+MOST_ROWS = 20
+
+
+def say(text: str) -> None:
+    """Write a line to standard error."""
+    click.echo(printable(text), err=True)
+
+
+def to_json(data: Any) -> str:
+    """Data as JSON that every reader takes."""
+    return json.dumps(data, indent=2, allow_nan=False)
+
+
+def print_summary(summary: pa.Table, directory: Path) -> None:
+    """Print the table of a summary: all of its cases, or the first of many."""
+    from rattlesweep.sweeps.inspect.summary import closing_table
+
+    click.echo(closing_table(summary.slice(0, MOST_ROWS)))
+    if (more := len(summary) - MOST_ROWS) > 0:
+        say(f"{more} more cases are in {directory / 'summary.parquet'}")

@@ -1,0 +1,187 @@
+"""Kinds of values on the command line; what is none of its kind is refused in one sentence."""
+
+from __future__ import annotations
+
+import math
+import pkgutil
+import unicodedata
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from rattlesweep.durations import seconds_of
+from rattlesweep.errors import ConfigError, one_line
+from rattlesweep.integrate import check_settings
+
+
+def _flag(param: click.Parameter | None) -> str:
+    return "" if param is None else max(param.opts, key=len)
+
+
+class Grammar(click.ParamType):  # type: ignore[type-arg]
+    """A kind that a function reads from text.
+
+    Parameters
+    ----------
+    name
+        Stands in `--help`, in capitals.
+    read
+        Gives the value, or raises a ValueError that says what the text is and what to write; or
+        where such a function is, for modules that take long to load.
+    """
+
+    def __init__(self, name: str, read: Callable[[str], Any] | str) -> None:
+        self.name, self._read = name, read
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: Any) -> Any:
+        """Read what was typed."""
+        if not isinstance(value, str):
+            return value
+        read = pkgutil.resolve_name(self._read) if isinstance(self._read, str) else self._read
+        try:
+            return read(value)
+        except ValueError as error:
+            given = f"{_flag(param)} {one_line(value)}".strip()
+            raise ConfigError(f"{given}: {error}") from None
+
+
+class Choice(click.Choice[str]):
+    """One of some words; what is nearly one of them is told."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: Any) -> Any:
+        """Read what was typed."""
+        if value in self.choices:
+            return value
+        # Not at import time, for the sake of `--help`; so below.
+        from rattlesweep.sweeps.config.messages import not_one_of
+
+        raise ConfigError(f"{_flag(param)}: {not_one_of(value, self.choices)}")
+
+
+class Direction(Choice):
+    """A direction by name, or in degrees."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: Any) -> Any:
+        """Read what was typed."""
+        try:
+            return float(value)
+        except ValueError:
+            return super().convert(value, param, ctx)
+
+
+class Threads(click.IntRange):
+    """A number of threads, no more than there are processors."""
+
+    def __init__(self) -> None:
+        super().__init__(1)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: Any) -> Any:
+        """Read what was typed."""
+        threads = super().convert(value, param, ctx)
+        check_threads(threads)
+        return threads
+
+
+def check_threads(threads: int | None) -> None:
+    """Refuse more threads than the kernels can use.
+
+    Raises
+    ------
+    click.BadParameter
+        There are too many.
+    """
+    if threads is None:
+        return
+    check_settings()
+    from rattlesweep.integrate.batch import most_threads
+
+    if threads > (most := most_threads()):
+        raise click.BadParameter(f"{threads} is more than the {most} processors there are")
+
+
+def _pair(text: str) -> tuple[float, float]:
+    try:
+        first, second = (float(word) for word in text.split(","))
+    except ValueError:
+        return math.nan, math.nan
+    return first, second
+
+
+def _size(text: str) -> tuple[float, float]:
+    width, height = _pair(text)
+    if not (1 <= width <= 60 and 1 <= height <= 60):
+        raise ValueError("give width and height in inches, each from 1 to 60, as in 7,4.5")
+    return width, height
+
+
+def _limits(text: str) -> tuple[float, float]:
+    low, high = _pair(text)
+    if not -math.inf < low < high < math.inf:
+        raise ValueError("give the lower and the upper end, as in 0.01,0.1")
+    return low, high
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+def _directory(text: str) -> Path:
+    if not text:
+        raise ValueError("the directory has no name; give one")
+    if text != text.encode(errors="replace").decode():
+        raise ValueError("the name is not UTF-8; give one that is")
+    return Path(text)
+
+
+def file(*endings: str) -> Grammar:
+    """A file to write, of a format that the name's ending tells."""
+
+    def read(text: str) -> Path:
+        if not text.lower().endswith(endings):
+            *others, last = endings
+            wanted = f"{', '.join(others)} or {last}" if others else last
+            raise ValueError(f"the name must end in {wanted}")
+        return Path(text)
+
+    return Grammar("file", read)
+
+
+def _title(text: str) -> str:
+    bad = next((c for c in text if unicodedata.category(c) in ("Cc", "Cs")), None)
+    if bad is not None:
+        what = "a control character" if unicodedata.category(bad) == "Cc" else "no text"
+        raise ValueError(f"{ascii(bad)[1:-1]} in it is {what}; leave it out")
+    return text
+
+
+def _formula(text: str) -> str:
+    from rattlesweep.study.style import formula_error
+
+    if (error := formula_error(_title(text))) is not None:
+        raise ValueError(
+            f"what stands between dollar signs cannot be read as a formula ({error}); write \\$ "
+            "for a dollar sign"
+        )
+    return text
+
+
+TIME = Grammar("time", seconds_of)
+SHARD = Grammar("i/n", "rattlesweep.sweeps.cases.shards:Shard.parse")
+SLURM_TIME = Grammar("time", "rattlesweep.sweeps.engines.slurm:limit_of")
+SLURM_MEMORY = Grammar("size", "rattlesweep.sweeps.engines.slurm:memory_of")
+SIZE = Grammar("w,h", _size)
+LIMITS = Grammar("low,high", _limits)
+NAMES = Grammar("a,b,...", _names)
+DIRECTORY = Grammar("dir", _directory)
+TITLE = Grammar("text", _title)
+# A title that Matplotlib reads.
+FORMULA = Grammar("text", _formula)
+# What the registries hold, spelled out since `--help` loads none of them; a test compares.
+PRESETS = Choice(["GH"])
+METHODS = Choice(["dop853", "dopri5", "verner98", "rk4"])
+ACCURACIES = Choice(["draft", "standard", "reference"])
+MODELS = Choice(["full", "reduced", "gh"])
+KINDS = Choice(["fractions", "times", "ratio", "map", "distribution", "scatter"])
+PSI = Direction(["relevant", "pitch", "roll"])

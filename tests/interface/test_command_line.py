@@ -1,0 +1,224 @@
+"""The command line itself: help, versions, completion, choices; and `body` and `schema`."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import os
+import re
+import subprocess
+import sys
+from typing import Any
+
+import click
+import jsonschema
+import numpy as np
+import pytest
+from test_run import CONFIGS, PROGRAM, invoke
+
+import rattlesweep as rs
+from rattlesweep import cli
+from rattlesweep.cli.common import types
+from rattlesweep.integrate.model import MODELS
+from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.study.plots.registry import KINDS
+from rattlesweep.sweeps.cases.plan import make_plan
+from rattlesweep.sweeps.config.load import config_json_schema, parse_config
+from rattlesweep.sweeps.config.schema import ACCURACIES
+
+HEAVY = ("numpy", "numba", "scipy", "pandas", "pyarrow", "pydantic", "tqdm", "matplotlib")
+
+
+def command_of(name: str) -> Any:
+    return cli.main.get_command(click.Context(cli.main), name)
+
+
+def run_program(*args: str, **environment: str) -> str:
+    return subprocess.run(
+        [PROGRAM, *args],
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+
+
+def test_help_lists_every_command_in_a_section():
+    text = invoke("--help").stdout
+    listed = re.findall(r"^  (\w+) ", text.split("--help ")[1], re.MULTILINE)
+    assert sorted(listed) == sorted(cli.COMMANDS)
+    assert re.findall(r"^(\w.*):$", text, re.MULTILINE) == [
+        "Options", "Sweeps", "One run", "Pictures and pages", "Study",
+    ]  # fmt: skip
+    assert "Exit codes: 0 done" in text
+
+
+@pytest.mark.parametrize("name", cli.COMMANDS)
+def test_every_command_has_help_with_an_example(name):
+    text = invoke(name, "--help").stdout
+    assert re.search(rf"Examples?:\n +rattlesweep {name}\b", text)
+    flags = {flag: p for p in command_of(name).params for flag in p.opts}
+    for short, long in (("-o", "--output"), ("-j", "--threads"), ("-q", "--quiet")):
+        assert flags.get(long) is flags.get(short), (name, long)
+
+
+def test_help_loads_nothing_heavy():
+    code = (
+        "import sys, atexit; from rattlesweep.cli import main;"
+        f"atexit.register(lambda: print([m for m in {HEAVY} if m in sys.modules]));"
+        "main(['--help'])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.endswith("\n[]\n")
+
+
+def test_choices_are_those_of_the_registries():
+    def words(choice: types.Choice) -> list[str]:
+        return list(choice.choices)
+
+    assert words(types.METHODS) == list(METHODS)
+    assert words(types.MODELS) == [*(name for name in MODELS if name in words(types.MODELS)), "gh"]
+    assert words(types.KINDS) == list(KINDS)
+    assert words(types.ACCURACIES) == list(ACCURACIES)
+    schema = json.dumps(config_json_schema()["$defs"])
+    assert json.dumps(words(types.MODELS)) in json.dumps(config_json_schema())
+    assert json.dumps(words(types.PSI)) in schema
+    assert f'"const": "{types.PRESETS.choices[0]}"' in schema
+
+
+def test_defaults_in_the_help_are_those_of_the_python_interface():
+    options = {o.name: o.help for o in command_of("trajectory").params}
+    for option, argument in (("method", "method"),):
+        default = inspect.signature(rs.trajectory).parameters[argument].default
+        assert f"[default: {default}]" in options[option]
+    integrator = parse_config(
+        {"bodies": {"source": "preset", "name": "GH"}, "spin": {"n_i": 0.1, "omega_xy0": 0.1}}
+    ).integrator
+    assert f"[default: {integrator.tol:g}]".replace("e-0", "e-") in options["tol"]
+
+
+@pytest.mark.parametrize(
+    ("typed", "hint"),
+    [("rnu", "did you mean run?"), ("verfy", "did you mean verify?"), ("x", "--help lists those")],
+)
+def test_a_mistyped_command_is_told(typed, hint):
+    result = invoke(typed)
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert f"no such command: {typed}; {hint}" in result.stderr
+
+
+def test_the_module_is_the_program():
+    for rest in (["--version"], ["body", "--help"]):
+        module = [sys.executable, "-m", "rattlesweep", *rest]
+        done = subprocess.run(module, capture_output=True, text=True, check=True)
+        assert done.stdout == run_program(*rest)
+        assert done.stdout.startswith(("rattlesweep", "Usage: rattlesweep body"))
+
+
+def test_version():
+    first = f"rattlesweep, version {rs.__version__}\n"
+    assert invoke("--version").stdout == first
+    told = invoke("--version", "--verbose").stdout
+    assert invoke("--verbose", "--version").stdout == told
+    assert told.startswith(first)
+    names = [line.split()[0] for line in told.splitlines()[1:]]
+    assert {"numpy", "numba", "llvmlite", "cpu"} <= set(names)
+
+
+@pytest.mark.parametrize(
+    ("typed", "completed"),
+    [
+        ("rattlesweep cl", ["plain,classify"]),
+        ("rattlesweep trajectory --method d", ["plain,dop853", "plain,dopri5"]),
+        ("rattlesweep plot out --kind ra", ["plain,ratio"]),
+    ],
+)
+def test_completion(typed, completed):
+    count = str(len(typed.split()) - 1)
+    environment = {"COMP_WORDS": typed, "COMP_CWORD": count}
+    words = run_program(_RATTLESWEEP_COMPLETE="bash_complete", **environment)
+    assert words.split() == completed
+    assert "_RATTLESWEEP_COMPLETE=bash_complete" in run_program(_RATTLESWEEP_COMPLETE="bash_source")
+
+
+def test_the_schema_is_one_and_takes_the_shipped_configs():
+    from ruamel.yaml import YAML
+
+    schema = json.loads(invoke("schema").stdout)
+    jsonschema.Draft202012Validator.check_schema(schema)
+    validator = jsonschema.Draft202012Validator(schema)
+    for path in CONFIGS.glob("*.yaml"):
+        data = YAML(typ="safe", pure=True).load(path.read_text())
+        validator.validate(data)
+        make_plan(parse_config(data | {"bodies": data["bodies"] | (
+            {"samples": 1} if data["bodies"]["source"] == "sd" else {})}))  # fmt: skip
+    assert not validator.is_valid({"bodies": {"source": "sd"}, "spin": {"n_i": 0}})
+
+
+# -- one body ----------------------------------------------------------------------------------
+
+
+def test_body_says_what_the_python_interface_says():
+    gh = rs.Rattleback.gh()
+    found = json.loads(invoke("body", "--preset", "GH", "--n-i", "-0.1", "--json").stdout)
+    modes = rs.modes(gh)
+    for name, value in vars(modes).items():
+        assert found[name] == value
+    for name in ("alpha", "beta", "gamma", "theta", "phi", "xi"):
+        assert found[name] == getattr(gh, name)
+    assert found["t_rgh"] == rs.reversal_time_gh(gh, -0.1, 0.01)
+    assert found["psi"] == modes.psi_r
+    table = invoke("body", "--preset", "GH", "--n-i", "-0.1").stdout.splitlines()
+    assert [line.split()[0] for line in table] == list(found)
+    for line in table:
+        name, value = line.split()[:2]
+        shown = None if value == "none" else pytest.approx(float(value), rel=1e-9)
+        assert found[name] == shown or (found[name] is None and value == "none")
+
+
+def test_body_of_a_shell_dumbbell():
+    args = ["--gamma", "10", "--f-sd", "0.1", "--theta", "0.8", "--phi", "0.05", "--xi-deg", "-3"]
+    found = json.loads(invoke("body", *args, "--json").stdout)
+    body = rs.Rattleback.shell_dumbbell(
+        gamma=10, f_sd=0.1, theta=0.8, phi=0.05, xi=float(np.radians(-3))
+    )
+    assert found["K_r"] == rs.modes(body).K_r
+    assert found["t_rgh"] == rs.reversal_time_gh(body, 0.1, 0.01)
+    six = [p for n in ("alpha", "beta", "gamma", "theta", "phi", "xi")
+           for p in (f"--{n}", repr(getattr(body, n)))]  # fmt: skip
+    assert json.loads(invoke("body", *six, "--json").stdout) == found
+    mirrored = json.loads(
+        invoke("body", "--preset", "GH", "--xi-deg", "1.72", "--n-i", "0.1", "--json").stdout
+    )
+    gh = json.loads(invoke("body", "--preset", "GH", "--n-i", "-0.1", "--json").stdout)
+    assert mirrored["t_rgh"] == pytest.approx(gh["t_rgh"], rel=1e-13)
+    assert mirrored["K_p"] == pytest.approx(-gh["K_p"], rel=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        ("", "--alpha, --beta, --gamma, --theta, --phi, --xi missing"),
+        ("--alpha 3 --gamma 5", "--beta, --theta, --phi, --xi missing"),
+        ("--f-sd 0.1 --gamma 5", "--theta, --phi, --xi missing"),
+        ("--preset XX", '--preset: "XX" is not one of GH'),
+        ("--preset GH --f-sd 0.1", "--f-sd does not go with --preset"),
+        ("--preset GH --xi -0.1 --xi-deg -3", "--xi and --xi-deg are both given"),
+        ("--alpha 3 --f-sd 0.1", "--f-sd replaces --alpha and --beta"),
+        ("--preset GH --theta 1.2", "theta is 1.2; 0 < phi < theta < 1 is needed"),
+        ("--preset GH --phi 0.7", "phi 0.7 is not below theta 0.6429"),
+        ("--preset GH --gamma 13", "no body has this inertia: I_zz = gamma = 13 exceeds"),
+        ("--preset GH --theta nan", "a parameter is not a finite number"),
+        ("--preset GH --n-i 0", "--n-i 0: the initial spin must be finite and not zero"),
+        ("--preset GH --n-i inf", "--n-i inf: the initial spin must be finite and not zero"),
+        ("--preset GH --omega-xy0 -1", "--omega-xy0 -1: the oscillation must be finite and pos"),
+        ("--gamma 10 --f-sd 0.7 --theta 0.8 --phi 0.05 --xi -0.1", "f_sd is 0.7; it must lie"),
+    ],
+)  # fmt: skip
+def test_a_wrong_body_is_one_sentence(args, words):
+    result = invoke("body", *args.split())
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    assert result.stderr.startswith("error: ")
+    assert result.stderr.count("\n") == 1
+    assert words in result.stderr
