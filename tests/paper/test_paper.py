@@ -435,14 +435,14 @@ def test_a_stop_keeps_whole_figures_and_whole_blocks(tmp_path):
     assert (tmp_path / "fig5.svg").exists()
     assert not list(tmp_path.glob("fig7*"))
     assert not (tmp_path / "report.html").exists()
-    assert not list(tmp_path.rglob(".*"))
+    assert not list(tmp_path.rglob(".*.tmp"))
     block = tmp_path / "sweeps" / "steady" / "runs" / "block-000000.parquet"
     stopped = block.stat().st_mtime_ns
     (tmp_path / ".fig6.svg.0123abcd.tmp").write_text("of a process that was killed")
     done = reproduce(tmp_path, ["fig5", "fig7"], sizes=sizes, threads=2)
     assert done.kept == ["fig5"]
     assert block.stat().st_mtime_ns == stopped
-    assert not list(tmp_path.rglob(".*"))
+    assert not list(tmp_path.rglob(".*.tmp"))
 
 
 def test_runs_are_integrated_again_when_others_are_asked_for(made, tmp_path):

@@ -52,11 +52,12 @@ def data(ws: Workspace, progress: Progress) -> dict[str, pa.Table]:
         ``spin_chaotic``: part (b), as far as the sweep has such runs.
     """
     sweep = ws.sweep("steady", progress)
+    escaped = basin(ws, between(progress, 0.1, 0.15))
     wobbling = exponents(ws, between(progress, 0.15, 0.5))
     return {
         "fractions": fractions(sweep),
         "definitions": readings(sweep),
-        "basin": basin(ws, between(progress, 0.1, 0.15)),
+        "basin": escaped,
         "chaos": pa.Table.from_pandas(wobbling[CHAOS.names], schema=CHAOS, preserve_index=False),
         **examples(sweep, wobbling, between(progress, 0.5, 0.6)),
         "rk4": rk4(ws, between(progress, 0.6, 1.0)),
