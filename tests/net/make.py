@@ -129,7 +129,6 @@ replay out/sd --where "type = 'R' and n_i > 0" --first 2 --points 5 --output run
 replay out/sd --where "tpye = 'R'"
 show --preset GH --t-end 20 --output page.html
 show --from out/preset --case 0 --sample 0 --n-i 0.1 --output page.html
-paper --print-config
 paper --only fig99
 paper --quick --only theory --output paper -q
 tradeoff --threads 999
