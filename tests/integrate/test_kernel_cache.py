@@ -61,7 +61,7 @@ def numbers(found):
 
 def run(home, names, **environment):
     env = {k: v for k, v in os.environ.items() if not k.startswith("NUMBA_")}
-    env |= {"XDG_CACHE_HOME": str(home), "PYTHONPATH": str(Path(__file__).parent), **environment}
+    env |= {"XDG_CACHE_HOME": str(home), "PYTHONPATH": os.pathsep.join(sys.path), **environment}
     code = f"import test_kernel_cache as t; t.child({names!r})"
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", code], env=env, capture_output=True, text=True,
@@ -339,7 +339,7 @@ def test_where_nothing_can_be_kept_it_works_all_the_same(what, place, monkeypatc
     else:
         use(monkeypatch, "/proc/nowhere", "/proc/nowhere")
         assert directory(__file__) is None
-    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent))
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
     compiled = built.loaded(small, what.replace(" ", "_").replace("-", "_"))
     assert compiled(-3) == 13
     assert (len(compiled.stats.cache_hits), len(compiled.stats.cache_misses)) == (1, 0)
@@ -363,7 +363,7 @@ def test_nothing_is_left_behind_where_nothing_can_be_kept(tmp_path):
 
 
 def test_a_kernel_that_does_not_compile_says_so(place, monkeypatch):
-    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent))
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
     with pytest.raises(RuntimeError, match=r"(?s)kernel wrong could not be .*this one"):
         built.compile_in_child(small, "wrong")
 
@@ -392,7 +392,7 @@ def test_code_of_other_versions_has_other_names(place, monkeypatch):
 
 def python(code, **environment):
     """Run code in a fresh process that can import this file."""
-    path = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
+    path = os.pathsep.join(sys.path)
     return subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=900, check=False,
         env={**os.environ, "PYTHONPATH": path, **{k: str(v) for k, v in environment.items()}},

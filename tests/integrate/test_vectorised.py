@@ -10,7 +10,6 @@ import re
 import subprocess
 import sys
 from functools import cache
-from pathlib import Path
 
 import kernels
 import numpy as np
@@ -87,10 +86,13 @@ def child():
 def cross(cpu):
     """Machine code for a processor of the pieces in CROSS."""
     # No features but the processor's: Numba would add those of this one.
-    environment = {**os.environ, "NUMBA_CPU_NAME": cpu, "NUMBA_CPU_FEATURES": ""}
+    environment = {
+        **os.environ, "NUMBA_CPU_NAME": cpu, "NUMBA_CPU_FEATURES": "",
+        "PYTHONPATH": os.pathsep.join(sys.path),
+    }  # fmt: skip
     done = subprocess.run(
         [sys.executable, "-c", "import test_vectorised as t; t.child()"],
-        cwd=Path(__file__).parent, env=environment, capture_output=True, text=True, check=False,
+        env=environment, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert "not a recognized processor" not in done.stderr

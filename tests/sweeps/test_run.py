@@ -170,7 +170,7 @@ def test_shipped_configs_run_and_leave_what_the_contract_says(name, tmp_path):
     assert summary.column("runs").to_pylist() == [said["samples"]] * summary.num_rows
     head, *lines = result.stdout.splitlines()
     assert head.split()[:4] == ["case", "target", "n_i", "omega_xy0"]
-    assert len(lines) == len(said["cases"])
+    assert len(lines) == min(20, len(said["cases"]))
 
 
 def test_the_two_schemas_are_those_that_the_package_declares(mixed):
@@ -467,14 +467,7 @@ def by_rule(frame: pd.DataFrame, ss_growth: float, sw_departure: float) -> pd.Se
 
 
 def test_types_follow_their_thresholds_and_come_back(mixed, tmp_path):
-    output = tmp_path / "out"
-    for path, data in tree(mixed).items():
-        target = output / path
-        target.parent.mkdir(parents=True, exist_ok=True)
-        if data:
-            target.write_bytes(data)
-        else:
-            target.mkdir()
+    output = shutil.copytree(mixed, tmp_path / "out")
     original, hash_ = tree(output), content_hash(output)
     before = rows(output)
     assert by_rule(before, 1e-3, 0.05).equals(before.type)
@@ -698,7 +691,7 @@ def test_a_stopped_run_goes_on_to_the_same_rows(long_hash, tmp_path):
             "command resumes from there\n",
             said,
         )
-        assert not [*output.rglob(".*")]
+        assert [path.name for path in output.rglob(".*")] == [".locks"]
         # One block at most was under way.
         assert sum(rows < 1000 for rows in kept) <= 1
         assert blocks <= len(kept) <= 12
@@ -755,7 +748,7 @@ while not control.runs_done:
     time.sleep(0.001)
 free = make_plan(load_config({str(CONFIGS / "quickstart.yaml")!r}, ["bodies.target="]))
 for k in range(20):
-    plan.source._draw(1, np.arange(100))
+    plan.source.bodies(1, np.arange(100) + 100 * (k % 4))
     free.source.bodies(0, np.arange(10_000))
 assert task.is_alive()
 sys.stdout.write("drawn")
