@@ -97,7 +97,7 @@ def test_a_time_too_short_for_one_run_says_so(sweep, tmp_path):
 def test_what_is_no_time(text, sweep, tmp_path):
     done = nursery().run("run", sweep[0], "--output", tmp_path / "out", f"--max-time={text}")
     assert done.code == 2
-    assert done.err.startswith(f"error: --max-time {text}: is ")
+    assert done.err.startswith(f"error: --max-time {text}".rstrip() + ": is ")
     assert done.err.count("\n") == 1
     assert not (tmp_path / "out").exists()
 
