@@ -14,6 +14,7 @@ from rattlesweep.sweeps.config.load import load_config
 CONFIG = Path(__file__).parents[2] / "configs" / "tradeoff.yaml"
 
 
+@pytest.mark.slow
 def test_the_default_setting():
     config = load_config(CONFIG, ["bodies.samples=70"])
     assert config.integrator.method == "dop853"

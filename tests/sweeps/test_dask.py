@@ -33,6 +33,7 @@ from rattlesweep.sweeps.engines.dask_driver import make_engine
 from rattlesweep.sweeps.engines.run import run_sweep
 from rattlesweep.sweeps.inspect.content_hash import content_hash
 from rattlesweep.sweeps.inspect.verify import verify
+from rattlesweep.sweeps.store.store import Store
 
 PROGRAM = Path(sys.executable).with_name("rattlesweep")
 DASK = Path(sys.executable).with_name("dask")
@@ -310,12 +311,13 @@ def test_time_that_is_up_stops_the_driver_and_the_workers(cluster, tmp_path):
     spin = {"n_i": -0.9, "omega_xy0": 1e-3}
     plan = plan_of(HELD, block_size=40, spin=spin, horizon={"t": 1e10})
     report = run_sweep(plan, output, engine=make_engine(cluster.address), max_time=4)
+    # A few of the bodies do reverse, and are kept.
     assert report.stopped is not None
-    assert "before one run had ended" in report.stopped
+    assert report.stopped.startswith("the time")
     # The workers hear it: they are free for something else at once.
     small = run_sweep(plan_of(), tmp_path / "small", engine=make_engine(cluster.address))
     assert small.summary is not None
-    assert in_place(output) == 0
+    assert not any(Store(output).is_complete(index) for index in Store(output).block_indices())
     assert list(output.glob(".order*")) == []
 
 
@@ -563,7 +565,7 @@ def test_worker_of_another_version_is_named(cluster, tmp_path, monkeypatch):
 
 
 def test_worker_without_the_package_is_named(cluster, tmp_path, monkeypatch):
-    def do_block(order: str, index: int) -> None:
+    def do_block(order: str, index: int, begun: bool) -> None:
         raise ModuleNotFoundError("No module named 'rattlesweep'")
 
     monkeypatch.setattr(daskengine, "do_block", do_block)
