@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from rattlesweep.integrate.batch import integrate
 from rattlesweep.integrate.model import FULL
