@@ -8,6 +8,9 @@ from collections.abc import Iterator
 
 import pytest
 
+# A shell that starts the tests in the background has them, and all they start, ignore Ctrl-C.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
 
 @pytest.fixture(scope="session", autouse=True)
 def temporary_directories(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
