@@ -147,7 +147,7 @@ MASKS = (
     (r"[\d.]+ (runs a second|[kMG]?B\b)", r"N \1"),
     (r"\b(python|numpy|numba|llvmlite|scipy|matplotlib|pandas|pyarrow) \d[\w.+]*", r"\1 V"),
     (r"machine \w+, cpu .*, processors \d+", "machine M, cpu C, processors N"),
-    (r"(?<=\n)[\de+.]+( of integration\nruns per second\n)[\de+.]+", r"N\1N"),
+    (r"(?<=\n)[\de+.,]+( of integration\nruns per second\n)[\de+.,]+", r"N\1N"),
     (r"(?<=DATE\n)(.*\n.*\n).*\n\d+\n(\d+\n)[\d.]+\n", r"\1HOST\nN\n\2N\n"),
     (r"\b[0-9a-f]{64}\b", "HASH"),
     (r"of the \d+ processors", "of the N processors"),
@@ -169,8 +169,9 @@ def machine() -> dict[str, str]:
 
 def normal(text: str, folder: Path) -> str:
     """A text without this run's times, paths, versions and last digits."""
-    for path, word in ((folder, "DIR"), (CONFIGS.parent, "REPO"), (sys.executable, "PYTHON"),
-                       (Path(sys.executable).parent, "BIN")):  # fmt: skip
+    # The environment may stand inside the repository, so its programs come first.
+    for path, word in ((folder, "DIR"), (sys.executable, "PYTHON"),
+                       (Path(sys.executable).parent, "BIN"), (CONFIGS.parent, "REPO")):  # fmt: skip
         text = text.replace(str(path), word)
     text = MEASURED.sub("(measured)", text)
     for pattern, word in MASKS:
