@@ -20,6 +20,7 @@ import numpy as np
 
 from rattlesweep.integrate.batch import Batch, Control, Outcome
 from rattlesweep.integrate.batch import expected_cost as kernel_cost
+from rattlesweep.integrate.defaults import DT
 from rattlesweep.integrate.lanes.step import LANES
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
@@ -71,7 +72,7 @@ def nominal_seconds(plan: Plan, cost: float) -> float:
     """Seconds of one thread for runs of so much expected cost, by nominal rates."""
     settings = plan.config.integrator
     method = METHODS[settings.method]
-    steps = cost * STEPS if method.adaptive else cost / (settings.dt or 0.002)
+    steps = cost * STEPS if method.adaptive else cost / (settings.dt or DT)
     return 0.0 if plan.config.model == "gh" else steps * method.stages * STAGE
 
 
@@ -132,7 +133,7 @@ class Pilot:
         self._random = np.random.default_rng(SEED)
         config, self._stretch = plan.config, 1.0
         if not METHODS[config.integrator.method].adaptive:
-            dt = config.integrator.dt or 0.002
+            dt = config.integrator.dt or DT
             self._stretch = max(dt, PILOT_DT) / dt
             coarse = config.integrator.model_copy(update={"dt": dt * self._stretch})
             config = config.model_copy(update={"integrator": coarse})
