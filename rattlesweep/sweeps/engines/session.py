@@ -349,12 +349,11 @@ def open_session(
         examine(plan, directory, base)  # before anything is made there
     store = Store(directory)
     store.prepare()
-    with hold(directory, None if shard is None else shard.name):
+    with hold(directory, None if shard is None else shard.name) as alone:
         if fresh:
             _check_not_input(plan, base, store)
             remove_runs(store)
-        # Files of another shard may be young.
-        store.remove_stale_temporaries(0.0 if shard is None else 3600.0)
+        store.remove_stale_temporaries(alone)
         opened = replace(examine(plan, directory, base), retry_failed=retry_failed)
         opened.remarks.extend(put_in_order(store, opened.plan, opened.hash_))
         costs = Costs(opened.plan)

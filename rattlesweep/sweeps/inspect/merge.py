@@ -104,13 +104,13 @@ def merge(
     target = Store(output)
     target.check_ours()
     probe_directory(output)
-    with hold(output):
+    with hold(output) as alone:
         earlier = _earlier(target, shares[0])
         size = MERGED_SIZE if not absent else shares[0].config.block_size
         if earlier is not None:
             size = earlier.config.block_size
         target.prepare()
-        target.remove_stale_temporaries()
+        target.remove_stale_temporaries(alone)
         result = Merged(output)
         manifest = _manifest(shares, earlier, output, size)
         target.write_manifest(manifest)

@@ -109,13 +109,13 @@ def retype(directory: Path, overrides: Sequence[str] = ()) -> Retyped:
         If a file is damaged or cannot be written, or another process works there.
     """
     _changed_config(open_stored(directory), overrides)  # before anything is made there
-    with hold(directory):
+    with hold(directory) as alone:
         stored = open_stored(directory)
         store, manifest = stored.store, stored.manifest
         config = _changed_config(stored, overrides)
         thresholds, before = resolved(config)["classify"], resolved(stored.config)["classify"]
         own = manifest.classified.config if manifest.classified else before
-        store.remove_stale_temporaries()
+        store.remove_stale_temporaries(alone)
         indices = [index for index in store.block_indices() if index < manifest.blocks]
         notes = {index: store.glance(index)[0] for index in indices}
         old = {i for i, note in notes.items() if note is None or note.classify != thresholds}

@@ -54,13 +54,13 @@ def holder(directory: Path) -> str | None:
         return None
     for path in (directory / FOLDER / name for name in names if name != _MANIFEST):
         with contextlib.suppress(OSError), open(path, "rb", opener=_at_once) as handle:
-            if not _try(handle.fileno(), shared=True):
+            if _try(handle.fileno(), shared=True) is False:
                 return _words(path)
     return None
 
 
 @contextmanager
-def hold(directory: Path, share: str | None = None) -> Iterator[None]:
+def hold(directory: Path, share: str | None = None) -> Iterator[bool]:
     """Hold a directory, or a share of it, while a block of code runs.
 
     Parameters
@@ -70,6 +70,11 @@ def hold(directory: Path, share: str | None = None) -> Iterator[None]:
     share : str, optional
         Name of the share, such as ``shard-0-of-7``; other shares can be held meanwhile.
 
+    Yields
+    ------
+    bool
+        Whether no other process can be at work there: the whole is held, by a lock that exists.
+
     Raises
     ------
     Busy
@@ -78,21 +83,22 @@ def hold(directory: Path, share: str | None = None) -> Iterator[None]:
         The directory cannot be written.
     """
     if fcntl is None:
-        yield
+        yield False
         return
     folder = directory / FOLDER
     with contextlib.ExitStack() as stack:
         try:
             folder.mkdir(exist_ok=True)
-            if not stack.enter_context(_locked(folder / _WHOLE, shared=share is not None)):
+            mine = stack.enter_context(_locked(folder / _WHOLE, shared=share is not None))
+            if mine is False:
                 raise Busy(f"{directory} is in use by {holder(directory) or 'another process'}")
-            if share is not None and not stack.enter_context(_locked(folder / share, shared=False)):
+            if share and stack.enter_context(_locked(folder / share, shared=False)) is False:
                 raise Busy(f"{directory}: {share} is in use by {_words(folder / share)}")
         except (FileExistsError, NotADirectoryError) as error:
             raise OutputError(f"cannot write in {folder}: a file is in the way") from error
         except OSError as error:
             raise OutputError(f"cannot write in {directory}: {reason(error)}") from error
-        yield
+        yield share is None and mine is True
 
 
 @contextmanager
@@ -111,13 +117,13 @@ def manifest_lock(directory: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _locked(path: Path, *, shared: bool) -> Iterator[bool]:
+def _locked(path: Path, *, shared: bool) -> Iterator[bool | None]:
     """Hold a lock file, if no other process does; the file says who holds it alone."""
     end = time.monotonic() + PATIENCE
     with open(path, "a+b") as handle:
-        while not (mine := _try(handle.fileno(), shared=shared)) and time.monotonic() < end:
+        while (mine := _try(handle.fileno(), shared=shared)) is False and time.monotonic() < end:
             time.sleep(0.02)
-        if mine and not shared:
+        if mine is not False and not shared:
             handle.truncate(0)
             handle.write(json.dumps(_me()).encode())
             handle.flush()
@@ -129,9 +135,10 @@ def _at_once(path: str, flags: int) -> int:
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
-def _try(handle: int, *, shared: bool) -> bool:
+def _try(handle: int, *, shared: bool) -> bool | None:
+    """Lock a file: whether that could be done, None where there are no locks."""
     if fcntl is None:
-        return True
+        return None
     try:
         fcntl.flock(handle, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -139,6 +146,7 @@ def _try(handle: int, *, shared: bool) -> bool:
     except OSError as error:
         if error.errno not in _NO_LOCKS:
             raise
+        return None
     return True
 
 

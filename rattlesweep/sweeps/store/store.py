@@ -50,6 +50,8 @@ from rattlesweep.sweeps.tables.arrow import (
 
 MOST_BYTES = 1 << 31
 """Bytes that a file which is no block can have."""
+YOUNG = 3600.0
+"""Seconds for which another process may have a half-written file in its hands."""
 # In every manifest, and in the footer of every table.
 _MARKS = (b'"config_hash"', b"rattlesweep.sha256")
 
@@ -151,20 +153,21 @@ class Store:
                     "more is written there"
                 )
 
-    def remove_stale_temporaries(self, older_than: float = 0.0) -> int:
+    def remove_stale_temporaries(self, alone: bool) -> int:
         """Remove what killed processes left half-written.
 
         Parameters
         ----------
-        older_than
-            Age in seconds below which a file may still be in the hands of another process.
+        alone
+            Whether no other process can be at work there; else young files may be in its hands.
 
         Returns
         -------
         int
             Number of files removed.
         """
-        return sum(remove_temporaries(f, older_than) for f in (self.directory, self.runs))
+        age = 0.0 if alone else YOUNG
+        return sum(remove_temporaries(folder, age) for folder in (self.directory, self.runs))
 
     # ------------------------------------------------------------------ blocks
 
