@@ -5,19 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
-from click import argument, option
+from click import argument
 
-from rattlesweep.cli.common import (
-    DONE,
-    EARLY,
-    SOME_FAILED,
-    Meter,
-    command,
-    options,
-    print_summary,
-    say,
-    types,
-)
+from rattlesweep.cli.common import Meter, command, options, print_summary, say
+from rattlesweep.cli.common.output import DONE, EARLY, SOME_FAILED
 
 
 @command(
@@ -26,7 +17,7 @@ from rattlesweep.cli.common import (
     examples=("rattlesweep merge out/steady-0 out/steady-1 --output out/steady",),
 )
 @argument("directories", metavar="DIR...", type=click.Path(path_type=Path), nargs=-1, required=True)
-@option("-o", "--output", type=types.DIRECTORY, required=True, help="The directory to write.")
+@options.output("The directory to write.", required=True)
 @options.quiet
 def merge(directories: tuple[Path, ...], output: Path, quiet: bool) -> int:
     """Merge the directories of one sweep's shards into files of sensible size.

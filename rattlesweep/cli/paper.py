@@ -8,7 +8,8 @@ from pathlib import Path
 import click
 from click import option
 
-from rattlesweep.cli.common import DONE, SOME_FAILED, Meter, command, options, say, types
+from rattlesweep.cli.common import Meter, command, options, say
+from rattlesweep.cli.common.output import DONE, SOME_FAILED
 
 
 @command(
@@ -19,22 +20,13 @@ from rattlesweep.cli.common import DONE, SOME_FAILED, Meter, command, options, s
         "rattlesweep paper --only fig6,fig7 --output out/paper",
     ),
 )
-@option(
-    "-o",
-    "--output",
-    type=types.DIRECTORY,
-    help="Output directory; by default out/paper, or out/paper-quick.",
-)
+@options.output("Output directory; by default out/paper, or out/paper-quick.")
 @option("--quick", is_flag=True, help="Fewer samples: faster, with wide intervals.")
 @option("--only", metavar="NAMES", help="Figures to make, such as fig6,fig7, or theory.")
 @options.threads
 @options.quiet
 def paper(
-    output: Path | None,
-    quick: bool,
-    only: str | None,
-    threads: int | None,
-    quiet: bool,
+    output: Path | None, quick: bool, only: str | None, threads: int | None, quiet: bool
 ) -> int:
     """Reproduce the figures of Kondo and Nakanishi (2017) and check their claims.
 

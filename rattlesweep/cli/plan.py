@@ -18,19 +18,10 @@ from rattlesweep.cli.common import command, options, say, to_json, types
     ),
 )
 @options.config
-@option(
-    "-o",
-    "--output",
-    type=types.DIRECTORY,
-    help="Where the sweep would be written; nothing is written now.",
-)
+@options.output("Where the sweep would be written; nothing is written now.")
 @options.overrides
-@option(
-    "-j",
-    "--threads",
-    type=click.IntRange(1),
-    help="Number of threads of the kernel; may be more than there are here.",
-)
+@option("-j", "--threads", type=click.IntRange(1),
+        help="Number of threads of the kernel; may be more than there are here.")  # fmt: skip
 @option("--shards", type=click.IntRange(1), help="Also forecast the longest of N shares.")
 @option("--budget", type=types.TIME, default="2s", help="Time spent on the sample of runs.")
 @options.as_json

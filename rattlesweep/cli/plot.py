@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 from click import option
@@ -20,61 +21,35 @@ from rattlesweep.cli.common import command, options, say, types
     ),
 )
 @options.directory
-@option(
-    "--kind",
-    type=types.KINDS,
-    help="What to draw; times are t_r, and ratio is t_r/t_rGH. By default what suits the sweep.",
-)
-@option(
-    "--x",
-    metavar="NAME",
-    help="Quantity along the abscissa: something that the config varies, such as n_i, or any "
-    "column of the runs, such as K_p or n_0, for a scatter of t_r.",
-)
-@option(
-    "--select",
-    metavar="NAME=VALUES",
-    multiple=True,
-    help="Only these values, as in n_i=-0.3,-0.5 or theta=0.6:0.7; may be repeated.",
-)
+@option("--kind", type=types.KINDS, help="What to draw; times are t_r, and ratio is t_r/t_rGH. By "
+        "default what suits the sweep.")  # fmt: skip
+@option("--x", metavar="NAME", help="Quantity along the abscissa: something that the config "
+        "varies, such as n_i, or any column of the runs, such as K_p or n_0, for a scatter of "
+        "t_r.")  # fmt: skip
+@option("--select", metavar="NAME=VALUES", multiple=True, help="Only these values, as in "
+        "n_i=-0.3,-0.5 or theta=0.6:0.7; may be repeated.")  # fmt: skip
 @option("--log/--linear", default=None, help="Logarithmic or linear axes; by default by range.")
 @option("--xlim", type=types.LIMITS, help="Limits of the abscissa.")
 @option("--ylim", type=types.LIMITS, help="Limits of the ordinate.")
 @option("--size", type=types.SIZE, help="Width and height in inches.")
 @option("--dpi", type=click.FloatRange(20, 1200), default=150.0, help="Dots per inch of a PNG.")
-@option(
-    "--style",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
-    help="A Matplotlib style file (.mplstyle).",
-)
+@option("--style", metavar="FILE", type=click.Path(path_type=Path),
+        help="A Matplotlib style file (.mplstyle).")  # fmt: skip
 @options.title(types.FORMULA)
-@option(
-    "-o",
-    "--output",
-    type=types.file(".svg", ".png", ".pdf"),
-    multiple=True,
-    help="An .svg, .png or .pdf file; may be repeated. By default DIRECTORY/KIND.svg and .png.",
-)
-@option(
-    "--data",
-    type=types.file(".csv", ".parquet"),
-    help="Also write the plotted numbers, as .csv or .parquet.",
-)
+@options.file("--output", ".svg", ".png", ".pdf", multiple=True, help="An .svg, .png or .pdf file; "
+              "may be repeated. By default DIRECTORY/KIND.svg and .png.")  # fmt: skip
+@options.file("--data", ".csv", ".parquet",
+              help="Also write the plotted numbers, as .csv or .parquet.")  # fmt: skip
 def plot(
     directory: Path,
     kind: str | None,
     x: str | None,
     select: tuple[str, ...],
-    log: bool | None,
-    xlim: tuple[float, float] | None,
-    ylim: tuple[float, float] | None,
-    size: tuple[float, float] | None,
     dpi: float,
     style: Path | None,
-    title: str | None,
     output: tuple[Path, ...],
     data: Path | None,
+    **looks: Any,
 ) -> None:
     """Plot a sweep: fractions of types, reversal times against theory, or a map of a grid.
 
@@ -89,7 +64,7 @@ def plot(
         picture = read_picture(read_layout(directory), kind, x=x, select=select)
         name = picture.kind.name
         paths = list(output) or [directory / f"{name}.{ending}" for ending in ("svg", "png")]
-        figure = picture.figure(title=title, log=log, size=size, xlim=xlim, ylim=ylim)
+        figure = picture.figure(**looks)
         write_figure(figure, paths, dpi)
     if data is not None:
         write_data(picture.table(), data)

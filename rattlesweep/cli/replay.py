@@ -3,15 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from click import option
-
-from rattlesweep.cli.common import command, options, say, types
+from rattlesweep.cli.common import command, options, say
 from rattlesweep.cli.common.series import say_outcome, write_course
-
-if TYPE_CHECKING:
-    from rattlesweep.study.onerun.replay import StoredRun
 
 
 @command(
@@ -27,17 +22,10 @@ if TYPE_CHECKING:
 @options.t_end
 @options.rows
 @options.channels
-@option(
-    "-o",
-    "--output",
-    type=types.file(".parquet", ".csv"),
-    help="A .parquet or .csv file; {case} and {sample} are substituted.",
-)
-@option(
-    "--figure",
-    type=types.file(".svg", ".png", ".pdf"),
-    help="Plot to an .svg, .png or .pdf file; likewise.",
-)
+@options.file("--output", ".parquet", ".csv",
+              help="A .parquet or .csv file; {case} and {sample} are substituted.")  # fmt: skip
+@options.file("--figure", ".svg", ".png", ".pdf",
+              help="Plot to an .svg, .png or .pdf file; likewise.")  # fmt: skip
 @options.quiet
 def replay(
     directory: Path,
@@ -60,18 +48,17 @@ def replay(
 
     source = Replay(directory)
     runs = source.select(**which)
-    outputs = targets(str(output) if output else None, runs, "--output", printed=figure is None)
-    drawings = targets(str(figure) if figure else None, runs, "--figure")
+    outputs = targets(output, runs, "--output", printed=figure is None)
+    drawings = targets(figure, runs, "--figure")
     for path in filter(None, (*outputs, *drawings)):
         probe_directory(path.parent)
-
-    def one(run: StoredRun, out: Path | None, drawing: Path | None) -> int:
+    codes = []
+    for run, out, drawing in zip(runs, outputs, drawings, strict=True):
         source.prove(run)
         prepared = source.prepare(run, t_end)
         course = write_course(prepared, channels, Rows(**rows), out, drawing, quiet)
         run.check(course)
         if not quiet:
             say(run.proof)
-        return say_outcome(course, quiet)
-
-    return max(one(*each) for each in zip(runs, outputs, drawings, strict=True))
+        codes.append(say_outcome(course, quiet))
+    return max(codes)

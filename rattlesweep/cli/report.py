@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
-from click import option
 
-from rattlesweep.cli.common import command, options, say, types
+from rattlesweep.cli.common import command, options, say
 
 
 @command(
@@ -18,12 +17,7 @@ from rattlesweep.cli.common import command, options, say, types
     ),
 )
 @options.directory
-@option(
-    "-o",
-    "--output",
-    type=types.file(".html", ".htm"),
-    help="File to write; by default DIRECTORY/report.html.",
-)
+@options.file("--output", ".html", ".htm", help="File to write; by default DIRECTORY/report.html.")
 @options.title()
 def report(directory: Path, output: Path | None, title: str | None) -> None:
     """Write one self-contained HTML page about a sweep and print its path.

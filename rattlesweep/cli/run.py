@@ -3,29 +3,27 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 from click import option
 
-from rattlesweep.cli.common import (
-    DONE,
-    EARLY,
-    SOME_FAILED,
-    Meter,
-    command,
-    options,
-    print_summary,
-    say,
-    types,
-)
+from rattlesweep.cli.common import Meter, command, options, print_summary, say, types
+from rattlesweep.cli.common.output import DONE, EARLY, SOME_FAILED
 from rattlesweep.errors import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rattlesweep.sweeps.cases.shards import Shard
     from rattlesweep.sweeps.engines.job import Job, Result
+
+session = options.Group(
+    "session",
+    option("--shard", type=types.SHARD, help="Compute share I of N only, with I from 0 to N-1."),
+    option("--max-time", type=types.TIME, help="Stop after this much time, such as 3h50m."),
+    option("--fresh", is_flag=True, help="Delete the existing runs and start over."),
+    option("--retry-failed", is_flag=True, help="Repeat the runs whose status is not ok."),
+)
 
 
 @command(
@@ -38,23 +36,15 @@ if TYPE_CHECKING:
     ),
 )
 @options.config
-@options.output
+@options.output()
 @options.overrides
 @option("-j", "--threads", type=click.IntRange(1), help="Number of threads of the kernel.")
-@option(
-    "--engine",
-    type=click.Choice(["local", "dask"]),
-    default="local",
-    help="Where blocks are computed: in this process, or by the workers of a Dask cluster.",
-)
+@option("--engine", type=click.Choice(["local", "dask"]), default="local", help="Where blocks are "
+        "computed: in this process, or by the workers of a Dask cluster.")  # fmt: skip
 @option("--scheduler", metavar="ADDRESS", help="Address of an existing Dask scheduler.")
-@option(
-    "--workers", type=click.IntRange(1), help="Worker processes of a Dask cluster started here."
-)
-@option("--shard", type=types.SHARD, help="Compute share I of N only, with I from 0 to N-1.")
-@option("--max-time", type=types.TIME, help="Stop after this much time, such as 3h50m.")
-@option("--fresh", is_flag=True, help="Delete the existing runs and start over.")
-@option("--retry-failed", is_flag=True, help="Repeat the runs whose status is not ok.")
+@option("--workers", type=click.IntRange(1),
+        help="Worker processes of a Dask cluster started here.")  # fmt: skip
+@session
 @option("--dry-run", is_flag=True, help="Print the forecast, as `plan` does, and stop.")
 @options.quiet
 @option("-v", "--verbose", is_flag=True, help="Report where the time went.")
@@ -66,10 +56,7 @@ def run(
     engine: str,
     scheduler: str | None,
     workers: int | None,
-    shard: Shard | None,
-    max_time: float | None,
-    fresh: bool,
-    retry_failed: bool,
+    session: dict[str, Any],
     dry_run: bool,
     quiet: bool,
     verbose: bool,
@@ -84,7 +71,8 @@ def run(
     from rattlesweep.sweeps.store.output import examine
 
     loaded = options.load_sweep(config, overrides, output)
-    if fresh and shard is not None:
+    shard = session.get("shard")
+    if session["fresh"] and shard is not None:
         raise ConfigError("--fresh: would remove the runs of other shards; start over without it")
     base = config.resolve().parent
     work_off = _engine(engine, scheduler, workers, threads)
@@ -95,24 +83,15 @@ def run(
         say(f"warning: {warning}")
     directory = Path(loaded.directory)
     if dry_run:
-        if not fresh:
+        if not session["fresh"]:
             examine(plan, directory, base)
         click.echo(describe(forecast(plan, threads, shards=shard.count if shard else None)))
         return DONE
     with Meter(quiet) as meter:
-        report = run_sweep(
-            plan,
-            directory,
-            base=base,
-            threads=threads,
-            report=meter,
-            shard=shard,
-            max_time=max_time,
-            fresh=fresh,
-            retry_failed=retry_failed,
-            engine=work_off,
+        result = run_sweep(
+            plan, directory, base=base, threads=threads, report=meter, engine=work_off, **session
         )
-    return _close(report, quiet, verbose)
+    return _close(result, quiet, verbose)
 
 
 def _engine(
@@ -131,33 +110,33 @@ def _engine(
     return make_engine(scheduler, workers, threads)
 
 
-def _close(report: Result, quiet: bool, verbose: bool) -> int:
+def _close(result: Result, quiet: bool, verbose: bool) -> int:
     """Say what became of a sweep; the exit code."""
-    for remark in report.remarks:
+    for remark in result.remarks:
         say(f"note: {remark}")
     if not quiet:
-        if report.summary is not None:
-            print_summary(report.summary, report.directory)
-        rate = report.done / max(report.seconds - report.load_seconds, 1e-9)
-        again = f", {report.retried} done again" if report.retried else ""
+        if result.summary is not None:
+            print_summary(result.summary, result.directory)
+        rate = result.done / max(result.seconds - result.load_seconds, 1e-9)
+        again = f", {result.retried} done again" if result.retried else ""
         say(
-            f"{report.runs} runs in {report.directory}, {report.resumed_runs} of them from before"
-            f"{again}; {report.seconds:.1f} s, {rate:.0f} runs a second"
+            f"{result.runs} runs in {result.directory}, {result.resumed_runs} of them from before"
+            f"{again}; {result.seconds:.1f} s, {rate:.0f} runs a second"
         )
     if verbose:
         say(
-            f"kernel loaded or compiled in {report.load_seconds:.2f} s, integration "
-            f"{report.kernel_seconds:.2f} s, in all {report.seconds:.2f} s"
+            f"kernel loaded or compiled in {result.load_seconds:.2f} s, integration "
+            f"{result.kernel_seconds:.2f} s, in all {result.seconds:.2f} s"
         )
-    if report.stopped is not None:
-        say(f"stopped: {report.stopped}; {report.kept}, and the same command resumes from there")
+    if result.stopped is not None:
+        say(f"stopped: {result.stopped}; {result.kept}, and the same command resumes from there")
         return EARLY
-    if report.missing and not quiet:
-        say(f"{report.missing} blocks of other shards are not in {report.directory} (yet)")
-    if report.summary is not None and not quiet:
-        say(f"see them: rattlesweep plot {report.directory}, rattlesweep report {report.directory}")
-    if report.failed:
-        words = ", ".join(f"{count} {word}" for word, count in sorted(report.failed.items()))
-        say(f"{sum(report.failed.values())} runs are not ok: {words}")
+    if result.missing and not quiet:
+        say(f"{result.missing} blocks of other shards are not in {result.directory} (yet)")
+    if result.summary is not None and not quiet:
+        say(f"see them: rattlesweep plot {result.directory}, rattlesweep report {result.directory}")
+    if result.failed:
+        words = ", ".join(f"{count} {word}" for word, count in sorted(result.failed.items()))
+        say(f"{sum(result.failed.values())} runs are not ok: {words}")
         return SOME_FAILED
     return DONE

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Any
 import click
 from click import option
 
-from rattlesweep.cli.common import Meter, command, options, say, types
+from rattlesweep.cli.common import Meter, command, options, say
 from rattlesweep.cli.common.series import say_outcome
 from rattlesweep.errors import ConfigError
 
 if TYPE_CHECKING:
     from rattlesweep.study.onerun.course import PreparedRun
     from rattlesweep.study.onerun.replay import StoredRun
+    from rattlesweep.sweeps.blocks.single import Launch
 
 
 @command(
@@ -24,13 +25,8 @@ if TYPE_CHECKING:
         "rattlesweep show --from out/quickstart --where \"type = 'SW'\" --output wobble.html",
     ),
 )
-@option(
-    "--from",
-    "directory",
-    metavar="DIR",
-    type=click.Path(path_type=Path),
-    help="Replay a run of this sweep.",
-)
+@option("--from", "directory", metavar="DIR", type=click.Path(path_type=Path),
+        help="Replay a run of this sweep.")  # fmt: skip
 @options.which_run
 @options.body
 @options.launch
@@ -38,7 +34,7 @@ if TYPE_CHECKING:
 @option("--points", type=int, help="Number of rows.  [default: 20 per pitch period]")
 @options.integrator
 @options.title()
-@option("-o", "--output", type=types.file(".html"), required=True, help="An .html file.")
+@options.file("--output", ".html", required=True, help="An .html file.")
 @options.quiet
 @click.pass_context
 def show(
@@ -66,32 +62,32 @@ def show(
     from rattlesweep.sweeps.store.atomic import probe_directory
 
     probe_directory(output.parent)
-    run: StoredRun | None = None
-    launched: Launch | PreparedRun
+    stored: StoredRun | None = None
+    run: Launch | PreparedRun
     with Meter(quiet) as meter:
         if directory is not None:
             _refuse_a_launch(context)
             source = Replay(directory)
             pages.check_model(source.config.model)
-            run = source.select(**which)[0]
-            source.prove(run)
-            launched = source.prepare(run, t_end)
-            kind = f", type {run.type}" if run.type else ""
-            name = f"{source.config.name}: {run.name}{kind}"
+            stored = source.select(**which)[0]
+            source.prove(stored)
+            run = source.prepare(stored, t_end)
+            kind = f", type {stored.type}" if stored.type else ""
+            name = f"{source.config.name}: {stored.name}{kind}"
         else:
             if which:
                 raise ConfigError("--case, --sample and --where go with --from")
-            launched = Launch(make_body(body), t_end=t_end, integrator=integrator, **launch)
+            run = Launch(make_body(body), t_end=t_end, integrator=integrator, **launch)
             name = " ".join(["Rattleback", *([body["preset"]] if "preset" in body else [])])
-        course = pages.course_of(launched, points, meter.counting("integrating"))
+        course = pages.course_of(run, points, meter.counting("integrating"))
         scene = pages.make_scene(course)
-    if run is not None:
-        run.check(course)
+    if stored is not None:
+        stored.check(course)
     pages.save(scene, output, title or name, pages.describe(course))
     click.echo(output)
     if not quiet:
-        if run is not None:
-            say(run.proof)
+        if stored is not None:
+            say(stored.proof)
         say(f"{len(scene.t)} rows, {output.stat().st_size / 1e6:.1f} MB")
     return say_outcome(course, quiet)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 from click import option
@@ -23,34 +24,24 @@ from rattlesweep.errors import ConfigError
 @option("--shards", type=click.IntRange(1), required=True, help="Number of tasks in the array.")
 @option("--time", "limit", type=types.SLURM_TIME, default="4:00:00", help="Time limit of a task.")
 @option("--cpus", type=click.IntRange(1), default=1, help="CPUs per task.")
-@option(
-    "--mem",
-    type=types.SLURM_MEMORY,
-    help="Memory per task; by default estimated from a short pilot.",
-)
+@option("--mem", "memory", type=types.SLURM_MEMORY,
+        help="Memory per task; by default estimated from a short pilot.")  # fmt: skip
 @option("--partition", metavar="NAME", help="Partition of the cluster.")
-@options.output
+@options.output()
 @options.overrides
-@option(
-    "--own-directories", "own", is_flag=True, help="Give each task a directory of its own, DIR-I."
-)
-@option(
-    "--restarts",
-    type=click.IntRange(0),
-    default=20,
-    help="How often a task that runs out of time requeues itself.",
-)
+@option("--own-directories", "own", is_flag=True,
+        help="Give each task a directory of its own, DIR-I.")  # fmt: skip
+@option("--restarts", type=click.IntRange(0), default=20,
+        help="How often a task that runs out of time requeues itself.")  # fmt: skip
 def slurm(
     config: Path,
     shards: int,
-    limit: int,
     cpus: int,
-    mem: int | None,
-    partition: str | None,
+    memory: int | None,
     output: Path | None,
     overrides: tuple[str, ...],
     own: bool,
-    restarts: int,
+    **task: Any,
 ) -> None:
     """Print the script of a Slurm job array that runs the sweep, one share per task.
 
@@ -78,10 +69,10 @@ def slurm(
     if shards > MOST_SHARDS:
         say(f"note: Slurm takes arrays of {MOST_SHARDS} tasks unless MaxArraySize says otherwise")
     expected = None
-    if mem is None:
+    if memory is None:
         guess = forecast(plan, min(cpus, available_threads()), budget=1.0, shards=shards)
         # Half as much again, and what an interpreter may need elsewhere.
-        mem = round(1.5 * guess.memory) + 256 * 1024**2
+        memory = round(1.5 * guess.memory) + 256 * 1024**2
         expected = guess.shard_seconds
     job = ArrayJob(
         name=loaded.name,
@@ -95,11 +86,9 @@ def slurm(
         blocks=plan.n_blocks,
         shards=shards,
         own=own,
-        limit=limit,
         cpus=cpus,
-        memory=mem,
-        partition=partition,
-        restarts=restarts,
+        memory=memory,
         expected=expected,
+        **task,
     )
     click.echo(job_script(job), nl=False)

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import click
 
-from rattlesweep.cli.common import DONE, SOME_FAILED, command, options, to_json
+from rattlesweep.cli.common import command, options, to_json
+from rattlesweep.cli.common.output import DONE, SOME_FAILED
 
 
 @command(section="Sweeps", examples=("rattlesweep status out/quickstart",))

@@ -19,10 +19,9 @@ from rattlesweep.cli.common import Meter, command, options, say, to_json
     ),
 )
 @argument("config", type=click.Path(path_type=Path), required=False)
-@options.output
-@option(
-    "--samples", type=click.IntRange(1), help="Number of bodies; by default enough for 2000 runs."
-)
+@options.output()
+@option("--samples", type=click.IntRange(1),
+        help="Number of bodies; by default enough for 2000 runs.")  # fmt: skip
 @option("--quick", is_flag=True, help="Fewer runs and measurements: takes seconds, but rough.")
 @options.overrides
 @options.threads

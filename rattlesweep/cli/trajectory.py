@@ -28,17 +28,9 @@ from rattlesweep.cli.common.series import say_outcome, write_course
 @option("--model", type=types.MODELS, default="full", help="Equations of motion.")
 @option("--e-p0", type=float, help="Energy of the pitch at the start of the reduced model.")
 @option("--e-r0", type=float, help="Energy of the roll at the start of the reduced model.")
-@option(
-    "-o",
-    "--output",
-    type=types.file(".parquet", ".csv"),
-    help="A .parquet or .csv file, instead of CSV on standard output.",
-)
-@option(
-    "--figure",
-    type=types.file(".svg", ".png", ".pdf"),
-    help="Plot to an .svg, .png or .pdf file.",
-)
+@options.file("--output", ".parquet", ".csv",
+              help="A .parquet or .csv file, instead of CSV on standard output.")  # fmt: skip
+@options.file("--figure", ".svg", ".png", ".pdf", help="Plot to an .svg, .png or .pdf file.")
 @options.quiet
 def trajectory(
     body: dict[str, Any],

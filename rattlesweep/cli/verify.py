@@ -8,24 +8,17 @@ from pathlib import Path
 import click
 from click import option
 
-from rattlesweep.cli.common import DONE, FAILED, Meter, command, options, say, to_json
+from rattlesweep.cli.common import Meter, command, options, say, to_json
+from rattlesweep.cli.common.output import DONE, FAILED
 from rattlesweep.errors import printable
 
 
 @command(section="Sweeps", examples=("rattlesweep verify out/quickstart --recompute 100",))
 @options.directory
-@option(
-    "--recompute",
-    type=click.IntRange(0),
-    metavar="N",
-    default=0,
-    help="Integrate N random runs again and compare them bit for bit.",
-)
-@option(
-    "--seed",
-    type=click.IntRange(0),
-    help="Seed for choosing these runs; by default a new one each time.",
-)
+@option("--recompute", type=click.IntRange(0), metavar="N", default=0,
+        help="Integrate N random runs again and compare them bit for bit.")  # fmt: skip
+@option("--seed", type=click.IntRange(0),
+        help="Seed for choosing these runs; by default a new one each time.")  # fmt: skip
 @options.threads
 @options.as_json
 def verify(
@@ -40,13 +33,8 @@ def verify(
     from rattlesweep.sweeps.inspect.verify import verify as check
 
     with Meter() as meter:
-        verdict = check(
-            directory,
-            recompute=recompute,
-            seed=seed,
-            threads=threads,
-            report=meter.counting("blocks"),
-        )
+        report = meter.counting("blocks")
+        verdict = check(directory, recompute=recompute, seed=seed, threads=threads, report=report)
     if as_json:
         click.echo(to_json(asdict(verdict)))
     else:

@@ -12,10 +12,11 @@ from typing import Any, Literal, NoReturn
 
 import click
 
-from rattlesweep.cli.common.exits import FAILED, INTERRUPTED, TERMINATED, WRONG
-from rattlesweep.cli.common.output import say
+from rattlesweep.cli.common.output import FAILED, INTERRUPTED, TERMINATED, WRONG, say
+from rattlesweep.cli.common.progress import CompileNotice
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.integrate import SettingError, check_settings
+from rattlesweep.integrate.compiling import listening
 
 # In the order of `--help`.
 Section = Literal["Sweeps", "One run", "Pictures and pages", "Study"]
@@ -28,14 +29,8 @@ class Terminated(BaseException):
 class Command(click.Command):
     """A command that turns what can go wrong into one sentence and an exit code.
 
-    Parameters
-    ----------
-    section
-        Where `--help` lists it.
-    examples
-        Command lines that end its own help.
-    resumes
-        Whether the same command resumes where it was stopped.
+    ``section`` is where `--help` lists it, ``examples`` are command lines that end its own help,
+    and ``resumes`` says whether the same command resumes where it was stopped.
     """
 
     def __init__(
@@ -61,7 +56,8 @@ class Command(click.Command):
         signal.signal(signal.SIGTERM, _terminate)
         with _sentences(self._resumes):
             check_settings()
-            code = super().invoke(ctx)
+            with listening(None if ctx.params.get("quiet") else CompileNotice()):
+                code = super().invoke(ctx)
         if code:
             _leave(code)
 
@@ -92,16 +88,10 @@ def _sentences(resumes: bool) -> Iterator[None]:
         # The reader of standard output has gone; there is nobody to tell.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise SystemExit(FAILED) from None
-    except ConfigError as error:
-        for line in error.messages:
+    except (ConfigError, SettingError, OutputError) as error:
+        for line in getattr(error, "messages", [str(error)]):
             say(f"error: {line}")
-        _leave(WRONG)
-    except SettingError as error:
-        say(f"error: {error}")
-        _leave(WRONG)
-    except OutputError as error:
-        say(f"error: {error}")
-        _leave(FAILED)
+        _leave(FAILED if isinstance(error, OutputError) else WRONG)
     except OSError as error:
         # Such as a full disk behind standard output.
         say(f"error: {error.filename or 'cannot write'}: {error.strerror or error}")

@@ -20,24 +20,21 @@ Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 config = argument("config", type=click.Path(path_type=Path))
 directory = argument("directory", type=click.Path(path_type=Path))
-output = option(
-    "-o", "--output", type=types.DIRECTORY, help="Output directory; overrides the config's."
-)
 overrides = option(
-    "--set",
-    "overrides",
-    metavar="KEY=VALUE",
-    multiple=True,
+    "--set", "overrides", metavar="KEY=VALUE", multiple=True,
     help="Override a key of the config, such as bodies.samples=10; may be repeated.",
-)
+)  # fmt: skip
 threads = option("-j", "--threads", type=types.Threads(), help="Number of threads of the kernel.")
 as_json = option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
 quiet = option("-q", "--quiet", is_flag=True, help="No progress, closing words or warning.")
 t_end = option(
-    "--t-end",
-    type=float,
-    help="Horizon, in sqrt(a/g); by default 5 t_rGH, or that of the sweep.",
+    "--t-end", type=float, help="Horizon, in sqrt(a/g); by default 5 t_rGH, or that of the sweep."
 )
+
+
+def output(help: str = "Output directory; overrides the config's.", **settings: Any) -> Decorator:
+    """The directory to write."""
+    return option("-o", "--output", type=types.DIRECTORY, help=help, **settings)
 
 
 def title(kind: types.Grammar = types.TITLE) -> Decorator:
@@ -45,17 +42,17 @@ def title(kind: types.Grammar = types.TITLE) -> Decorator:
     return option("--title", type=kind, help="Of the page or the picture.")
 
 
+def file(name: str, *endings: str, help: str, **settings: Any) -> Decorator:
+    """A file to write, of a format that its name's ending tells."""
+    names = ("-o", name) if name == "--output" else (name,)
+    return option(*names, type=types.file(*endings), help=help, **settings)
+
+
 class Group:
     """Some options as one decorator: the command gets those that are given as a dictionary.
 
-    Parameters
-    ----------
-    into
-        The command's argument.
-    options
-        In the order of `--help`.
-    keys
-        Keys in the dictionary that are not the options' names.
+    ``into`` is the command's argument, ``keys`` are keys of the dictionary that are not the
+    options' names.
     """
 
     def __init__(self, into: str, *options: Decorator, **keys: str) -> None:
@@ -98,54 +95,38 @@ spin = Group("spin", *_spin)
 launch = Group(
     "launch",
     *_spin,
-    option(
-        "--psi",
-        type=types.PSI,
-        default="relevant",
-        metavar="DIRECTION",
-        help="Direction of the oscillation: relevant, pitch, roll, or degrees.",
-    ),
-)
+    option("--psi", type=types.PSI, default="relevant", metavar="DIRECTION",
+           help="Direction of the oscillation: relevant, pitch, roll, or degrees."),
+)  # fmt: skip
 integrator = Group(
     "integrator",
     option("--method", type=types.METHODS, help="Method of integration.  [default: dop853]"),
     option("--tol", type=float, help="Tolerance of an adaptive method.  [default: 1e-9]"),
     option("--dt-step", type=float, help="Step of a fixed-step method.  [default: 0.002]"),
-    option(
-        "--accuracy",
-        type=types.ACCURACIES,
-        help="A named accuracy instead of a method and its tolerance.",
-    ),
+    option("--accuracy", type=types.ACCURACIES,
+           help="A named accuracy instead of a method and its tolerance."),
     dt_step="dt",
-)
+)  # fmt: skip
 rows = Group(
     "rows",
-    option(
-        "--points",
-        type=int,
-        help="Number of rows, evenly spaced from 0 to the horizon.  [default: 2001, or 20 per "
-        "pitch period if that is more]",
-    ),
+    option("--points", type=int, help="Number of rows, evenly spaced from 0 to the horizon.  "
+           "[default: 2001, or 20 per pitch period if that is more]"),
     option("--dt", type=float, help="Spacing of the rows in time."),
     option("--steps", is_flag=True, help="One row per accepted step."),
-)
+)  # fmt: skip
 _which = (
     option("--case", type=int, help="Case of the run."),
     option("--sample", type=int, help="Sample of the run."),
-    option(
-        "--where",
-        metavar="CONDITION",
-        help="Select runs by their columns: = != < <= > >=, in (...), is null, and, or, not.",
-    ),
-)
+    option("--where", metavar="CONDITION",
+           help="Select runs by their columns: = != < <= > >=, in (...), is null, and, or, not."),
+)  # fmt: skip
 which_run = Group("which", *_which)
 which_runs = Group(
     "which",
     *_which,
-    option(
-        "--first", type=click.IntRange(1), help="Number of runs to take from --where.  [default: 1]"
-    ),
-)
+    option("--first", type=click.IntRange(1),
+           help="Number of runs to take from --where.  [default: 1]"),
+)  # fmt: skip
 
 
 def _list_channels(
@@ -173,13 +154,7 @@ channels = option(
 
 
 def load_sweep(path: Path, overrides: tuple[str, ...], output: Path | None) -> Config:
-    """The config of a sweep, with what the command line says instead.
-
-    Raises
-    ------
-    ConfigError
-        The config or an option is wrong.
-    """
+    """The config of a sweep, with what the command line says instead."""
     from rattlesweep.sweeps.config.load import load_config
 
     loaded = load_config(path, overrides)

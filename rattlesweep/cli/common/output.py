@@ -1,4 +1,4 @@
-"""What goes to the two streams: data to standard output, everything else to standard error."""
+"""What goes out: data to standard output, everything else to standard error, and exit codes."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from rattlesweep.errors import printable
 if TYPE_CHECKING:
     import pyarrow as pa
 
+DONE, FAILED, WRONG, SOME_FAILED, EARLY, INTERRUPTED, TERMINATED = 0, 1, 2, 3, 75, 130, 143
 # Rows of a table on the terminal.
 MOST_ROWS = 20
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import sys
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from rattlesweep.cli.common.output import say
@@ -15,6 +17,13 @@ if TYPE_CHECKING:
 
 # Seconds between lines of progress where there is no terminal.
 LINE_EVERY = 60.0
+COMPILING = "compiling the kernel for this machine, once (about 20 s)"
+
+
+def _bar(**settings: Any) -> Any:
+    from tqdm import tqdm
+
+    return tqdm(file=sys.stderr, **settings)
 
 
 class Meter:
@@ -27,12 +36,8 @@ class Meter:
 
     def __enter__(self) -> Meter:
         if not self._quiet and sys.stderr.isatty():
-            from tqdm import tqdm
-
             # Of expected cost; tqdm's own estimate would count compilation as work.
-            self._bar = tqdm(
-                total=100.0, bar_format="{percentage:3.0f}%|{bar}| {desc}", file=sys.stderr
-            )
+            self._bar = _bar(total=100.0, bar_format="{percentage:3.0f}%|{bar}| {desc}")
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -55,11 +60,16 @@ class Meter:
 
     def counting(self, what: str) -> Callable[[float], None]:
         """What shows a fraction of work that takes equally long all the way."""
+        begun: tuple[float, float] | None = None
 
         def report(fraction: float) -> None:
-            elapsed = time.monotonic() - self._start
-            left = elapsed * (1 - fraction) / fraction if fraction > 0 else None
-            self.show(fraction, what, elapsed, left)
+            nonlocal begun
+            now = time.monotonic()
+            # Before the first report a kernel may have been compiled, which is no rate.
+            begun = begun or (now, fraction)
+            done = fraction - begun[1]
+            left = (now - begun[0]) * (1 - fraction) / done if done > 0 else None
+            self.show(fraction, what, now - self._start, left)
 
         return report
 
@@ -73,3 +83,34 @@ class Meter:
         if over:
             self._last = time.monotonic()
         return over
+
+
+class CompileNotice:
+    """Says that a kernel is being compiled: on a terminal with a clock, elsewhere in one line."""
+
+    def __init__(self, tick: float = 1.0) -> None:
+        self._tick, self._said = tick, False
+
+    @contextmanager
+    def __call__(self, kernel: str) -> Iterator[None]:
+        """For as long as a kernel is being compiled."""
+        if not sys.stderr.isatty():
+            if not self._said:
+                say(COMPILING)
+            self._said = True
+            yield
+            return
+        ended = threading.Event()
+        with _bar(bar_format=f"{COMPILING}: {{elapsed}}", leave=False) as bar:
+
+            def run() -> None:
+                while not ended.wait(self._tick):
+                    bar.refresh()
+
+            clock = threading.Thread(target=run, daemon=True)
+            clock.start()
+            try:
+                yield
+            finally:
+                ended.set()
+                clock.join()

@@ -9,8 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rattlesweep.cli.common.exits import DONE, SOME_FAILED
-from rattlesweep.cli.common.output import say
+from rattlesweep.cli.common.output import DONE, SOME_FAILED, say
 from rattlesweep.cli.common.progress import Meter
 
 if TYPE_CHECKING:
@@ -42,10 +41,17 @@ def write_course(
         if output is not None or figure is None:
             names = ("t", "n") if channels is None else channels
             course = Course(run, channels=names, rows=rows, watch=watch)
+            cut = False
             if output is not None:
                 files.save(course, output)
+            elif _into_a_file():
+                files.write_csv(course, sys.stdout.buffer.write)
             else:
-                _print_course(course)
+                cut = files.write_ends(course, sys.stdout.buffer.write)
+            sys.stdout.flush()
+            if cut:
+                say(f"only the first and the last {files.ENDS} rows are printed; for all of them "
+                    "give --output FILE, a .csv or .parquet")  # fmt: skip
         if figure is not None:
             # Matplotlib is loaded for figures alone.
             from rattlesweep.study.onerun import figure as figures
@@ -53,21 +59,6 @@ def write_course(
             course = figures.course_of(run, channels, watch)
             figures.save(course, figure)
     return course
-
-
-def _print_course(course: Course) -> None:
-    from rattlesweep.study.onerun import files
-
-    out = sys.stdout.buffer
-    cut = False
-    if _into_a_file():
-        files.write_csv(course, out.write)
-    else:
-        cut = files.write_ends(course, out.write)
-    out.flush()
-    if cut:
-        say(f"only the first and the last {files.ENDS} rows are printed; for all of them give "
-            "--output FILE, a .csv or .parquet")  # fmt: skip
 
 
 def _into_a_file() -> bool:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import pkgutil
 import unicodedata
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -21,15 +22,10 @@ def _flag(param: click.Parameter | None) -> str:
 
 
 class Grammar(click.ParamType):  # type: ignore[type-arg]
-    """A kind that a function reads from text.
+    """A kind that a function reads from text; its name stands in `--help`, in capitals.
 
-    Parameters
-    ----------
-    name
-        Stands in `--help`, in capitals.
-    read
-        Gives the value, or raises a ValueError that says what the text is and what to write; or
-        where such a function is, for modules that take long to load.
+    The function gives the value, or raises a ValueError that says what the text is and what to
+    write; or it is said where such a function is, for modules that take long to load.
     """
 
     def __init__(self, name: str, read: Callable[[str], Any] | str) -> None:
@@ -48,27 +44,23 @@ class Grammar(click.ParamType):  # type: ignore[type-arg]
 
 
 class Choice(click.Choice[str]):
-    """One of some words; what is nearly one of them is told."""
+    """One of some words; what is nearly one of them is told.  Or a number, such as of degrees."""
+
+    def __init__(self, words: Sequence[str], *, or_number: bool = False) -> None:
+        super().__init__(words)
+        self._or_number = or_number
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: Any) -> Any:
         """Read what was typed."""
         if value in self.choices:
             return value
+        if self._or_number:
+            with suppress(ValueError):
+                return float(value)
         # Not at import time, for the sake of `--help`; so below.
         from rattlesweep.sweeps.config.messages import not_one_of
 
         raise ConfigError(f"{_flag(param)}: {not_one_of(value, self.choices)}")
-
-
-class Direction(Choice):
-    """A direction by name, or in degrees."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: Any) -> Any:
-        """Read what was typed."""
-        try:
-            return float(value)
-        except ValueError:
-            return super().convert(value, param, ctx)
 
 
 class Threads(click.IntRange):
@@ -79,26 +71,17 @@ class Threads(click.IntRange):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: Any) -> Any:
         """Read what was typed."""
-        threads = super().convert(value, param, ctx)
-        check_threads(threads)
-        return threads
+        return check_threads(super().convert(value, param, ctx))
 
 
-def check_threads(threads: int | None) -> None:
-    """Refuse more threads than the kernels can use.
-
-    Raises
-    ------
-    click.BadParameter
-        There are too many.
-    """
-    if threads is None:
-        return
+def check_threads(threads: int | None) -> int | None:
+    """Refuse more threads than the kernels can use."""
     check_settings()
     from rattlesweep.integrate.batch import most_threads
 
-    if threads > (most := most_threads()):
+    if threads is not None and threads > (most := most_threads()):
         raise click.BadParameter(f"{threads} is more than the {most} processors there are")
+    return threads
 
 
 def _pair(text: str) -> tuple[float, float]:
@@ -184,4 +167,4 @@ METHODS = Choice(["dop853", "dopri5", "verner98", "rk4"])
 ACCURACIES = Choice(["draft", "standard", "reference"])
 MODELS = Choice(["full", "reduced", "gh"])
 KINDS = Choice(["fractions", "times", "ratio", "map", "distribution", "scatter"])
-PSI = Direction(["relevant", "pitch", "roll"])
+PSI = Choice(["relevant", "pitch", "roll"], or_number=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rattlesweep.integrate.follow.trajectory import Samples
-    from rattlesweep.sweeps.cases.launches import Launches
+    from rattlesweep.study.onerun.course import Course
 
     Floats = NDArray[np.float64]
 
@@ -40,25 +40,12 @@ force_of = _arrays(full.contact_force, rhs=_arrays(full.rhs))
 
 @dataclass(frozen=True)
 class View:
-    """Quantities at the same times, worked out when they are first asked for.
+    """Quantities of a run at the same times, worked out when they are first asked for.
 
-    Attributes
-    ----------
-    launches : Launches
-        Of one run.
-    model : str
-    constants : ndarray
-        The model's constants of the body.
-    energy_0 : float
-        Energy of the launch.
-    samples, beside : Samples
-        Of the model, and of the reduced model at the same times.
+    ``samples`` are of the run's own model, ``beside`` of the reduced one at the same times.
     """
 
-    launches: Launches
-    model: str
-    constants: Floats
-    energy_0: float
+    course: Course
     samples: Samples
     beside: Samples | None
 
@@ -70,21 +57,21 @@ class View:
     @cached_property
     def gh(self) -> Floats:
         """Garcia and Hubbard's spin."""
-        return self.launches.gh.spin(self.samples.t)
+        return self.course.launches.gh.spin(self.samples.t)
 
     @cached_property
     def n(self) -> Floats:
         """Spin."""
-        if self.model == "gh":
+        if self.course.model == "gh":
             return self.gh
-        spin: Floats = self.y[0] if self.model == "reduced" else spin_of(*self.y)
+        spin: Floats = self.y[0] if self.course.model == "reduced" else spin_of(*self.y)
         return spin
 
     @cached_property
     def energy(self) -> Floats:
         """Energy."""
-        formula = reduced.energy.py_func if self.model == "reduced" else energy_of
-        energy: Floats = formula(*self.y, *self.constants)
+        formula = reduced.energy.py_func if self.course.model == "reduced" else energy_of
+        energy: Floats = formula(*self.y, *self.course.constants)
         return energy
 
     @cached_property
@@ -102,19 +89,17 @@ class View:
         For GH at n = 0.1 the pitch's energy then swings by 1.4 % within a period, and by 11 % with
         the spin's own part left in omega.
         """
-        if self.model == "reduced":
+        if self.course.model == "reduced":
             return self.y[1], self.y[2]
         p, q = self.y[:2]
         u, omega = self.vectors
         a, b = omega[:2] - self.n * u[:2]
-        m, bodies = self.launches.modes, self.launches.bodies
-        alpha, beta = bodies.alpha, bodies.beta
+        m, bodies = self.course.launches.modes, self.course.launches.bodies
 
         def energy(psi: Floats, frequency: Floats) -> Floats:
-            cosine, sine = np.cos(psi), np.sin(psi)
-            inertia = alpha * cosine**2 + beta * sine**2
-            rate = alpha * cosine * a + beta * sine * b
-            tilt = alpha * cosine * q - beta * sine * p
+            x, y = bodies.alpha * np.cos(psi), bodies.beta * np.sin(psi)
+            inertia = bodies.alpha * np.cos(psi) ** 2 + bodies.beta * np.sin(psi) ** 2
+            rate, tilt = x * a + y * b, x * q - y * p
             value: Floats = 0.5 * (rate**2 + (frequency * tilt) ** 2) / inertia
             return value
 
@@ -123,7 +108,7 @@ class View:
     @cached_property
     def casimir(self) -> Floats:
         """Casimir invariant, NaN where a mode has no energy at all."""
-        m = self.launches.modes
+        m = self.course.launches.modes
         value = reduced.casimir(*self.modes, m.K_p, m.K_r)
         return np.where(np.isfinite(value), value, np.nan)
 
@@ -131,7 +116,7 @@ class View:
     def contact(self) -> tuple[Floats, Floats, Floats]:
         """Contact point in the body's frame (Eqs. def-xy, def-z)."""
         p, q = self.y[:2]
-        cxx, cxy, cyy = self.constants[3:]
+        cxx, cxy, cyy = self.course.constants[3:]
         x = p + cxx * p + cxy * q
         y = q + cxy * p + cyy * q
         return x, y, 1 - 0.5 * (x * p + y * q)
@@ -139,7 +124,7 @@ class View:
     @cached_property
     def force(self) -> tuple[Floats, Floats]:
         """Normal and tangential contact force."""
-        normal, tangential = force_of(*self.y, *self.constants)
+        normal, tangential = force_of(*self.y, *self.course.constants)
         return normal, tangential
 
     @cached_property
@@ -183,12 +168,9 @@ def _components(
     names: str, unit: str, words: str, of: Callable[[View], Any], needs: str = ""
 ) -> Iterator[Channel]:
     """Channels of the components of a quantity of the full model; ``{}`` is their last letter."""
-
-    def component(k: int) -> Callable[[View], Any]:
-        return lambda view: of(view)[k]
-
     for k, name in enumerate(names.split()):
-        yield Channel(name, unit, words.format(name[-1]), FULL, component(k), needs)
+        part = partial(lambda view, k: of(view)[k], k=k)
+        yield Channel(name, unit, words.format(name[-1]), FULL, part, needs)
 
 
 CHANNELS: dict[str, Channel] = {
@@ -202,7 +184,7 @@ CHANNELS: dict[str, Channel] = {
                      lambda v: v.vectors[1]),
         Channel("energy", ENERGY, "energy", BOTH, lambda v: v.energy),
         Channel("energy_drift", "1", "energy over that of the launch, minus 1", BOTH,
-                lambda v: v.energy / v.energy_0 - 1),
+                lambda v: v.energy / v.course.energy_0 - 1),
         Channel("E_p", ENERGY, "energy of the pitch, not averaged over its period", BOTH,
                 lambda v: v.modes[0]),
         Channel("E_r", ENERGY, "energy of the roll, not averaged over its period", BOTH,
@@ -232,13 +214,7 @@ CHANNELS: dict[str, Channel] = {
 
 
 def choose(names: Iterable[str], model: str) -> tuple[Channel, ...]:
-    """Channels by name.
-
-    Raises
-    ------
-    ConfigError
-        If one is unknown, twice there, or not of the model; or if there is none.
-    """
+    """Channels by name; refuses what is unknown, twice there, or not of the model, and nothing."""
     names = list(names)
     for name in names:
         if name not in CHANNELS:

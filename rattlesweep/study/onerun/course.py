@@ -14,9 +14,10 @@ from rattlesweep.integrate.follow.trajectory import Follower, Samples
 from rattlesweep.integrate.model import MODELS, REDUCED
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import DOP853, METHODS
-from rattlesweep.study.onerun.channels import Channel, View, choose, force_of, spin_of
+from rattlesweep.physics.body import PARAMETERS
+from rattlesweep.study.onerun.channels import View, choose, force_of, spin_of
 from rattlesweep.study.onerun.observer import Observer
-from rattlesweep.study.onerun.rows import Rows, Times
+from rattlesweep.study.onerun.rows import Rows
 from rattlesweep.sweeps.blocks.single import Launch, single_run
 from rattlesweep.sweeps.cases.launches import reduced_batch, with_energies
 
@@ -72,12 +73,16 @@ class Course:
     Attributes
     ----------
     channels : tuple of Channel
+    body, launch : dict of float
+        The body's parameters; ``n_i``, ``omega_xy0`` and ``psi``.
     launches : Launches
-        The launch and what theory says of it.
+        The launch and what theory says of it, as arrays over this one run.
     integrator : dict
         Method with its ``tol`` or ``dt``.
     times : EvenTimes, ndarray or None
         Of the rows; None for the accepted steps.
+    zeros, reversals : list of float
+        Times of the zeros of the spin so far, and of the first zeros of its reversals.
     observer : Observer
         What the run has done so far.
     t_end : float
@@ -99,34 +104,37 @@ class Course:
         rows: Rows = Rows(),  # noqa: B008 - frozen
         watch: Callable[[float], None] | None = None,
     ) -> None:
-        e_p0, e_r0 = (run.e_p0, run.e_r0) if isinstance(run, Launch) else (None, None)
+        energies = (run.e_p0, run.e_r0) if isinstance(run, Launch) else (None, None)
         config, self.launches, batch = single_run(run) if isinstance(run, Launch) else run
-        self.model: str = config.model
-        self.channels: tuple[Channel, ...] = choose(channels, self.model)
-        self.t_end = t_end = float(self.launches.t_end[0])
+        launches, self.model = self.launches, str(config.model)
+        self.channels = choose(channels, self.model)
+        self.body = {name: float(getattr(launches.bodies, name)[0]) for name in PARAMETERS}
+        self.launch = {
+            name: float(getattr(launches, name)[0]) for name in ("n_i", "omega_xy0", "psi")
+        }
+        self.t_end = t_end = float(launches.t_end[0])
         if not (math.isfinite(t_end) and t_end > 0):
             raise ConfigError("t_end: Garcia and Hubbard's time of reversal is no finite time; "
                               "give t_end")  # fmt: skip
         if rows.steps and batch is None:
             raise ConfigError("steps: the model gh takes none; give points or dt")
-        pitch = float(self.launches.modes.omega_p[0]) / (2 * math.pi)
+        pitch = float(launches.modes.omega_p[0]) / (2 * math.pi)
         self.periods = t_end * pitch if self.model == "full" else 0.0
-        self.times: Times | None = rows.up_to(t_end, self.periods)
+        self.times = rows.up_to(t_end, self.periods)
         needs = {channel.needs for channel in self.channels}
-        given = e_p0 is not None or e_r0 is not None
-        if self.model == "full" and given and "reduced" not in needs:
+        if self.model == "full" and energies != (None, None) and "reduced" not in needs:
             raise ConfigError("e_p0 and e_r0 are of the reduced model; no channel asks for it")
         chosen = config.integrator
         tableau = METHODS[chosen.method]
         setting: dict[str, Any] = {"tol": chosen.tol} if tableau.adaptive else {"dt": chosen.dt}
         self.integrator: dict[str, Any] = {"method": chosen.method} | setting
-        self.observer = Observer(abs(float(self.launches.n_i[0])))
-        self._constants = np.zeros(0) if batch is None else batch.constants[0]
+        self.observer = Observer(abs(self.launch["n_i"]))
+        self.constants = np.zeros(0) if batch is None else batch.constants[0]
         self._follower: Follower | _ClosedForm
         if batch is None:
-            self._follower = _ClosedForm(self.launches)
+            self._follower = _ClosedForm(launches)
             # Their spin has one zero and goes through it for good.
-            self.observer.reversals = self._follower.zeros
+            self.observer.reversals += self._follower.zeros
         else:
             self._follower = Follower(
                 batch,
@@ -138,9 +146,12 @@ class Course:
                 look=self._look,
                 watch=None if watch is None else lambda t: watch(min(1.0, t / t_end)),
             )
+        self.zeros = self.observer.zeros = self._follower.zeros
+        self.reversals = self.observer.reversals
+        self.energy_0 = self._follower.energy_0
         self._beside = None
         if "reduced" in needs:
-            beside = with_energies(reduced_batch(self.launches), e_p0, e_r0)
+            beside = with_energies(reduced_batch(launches), *energies)
             self._beside = Follower(beside, DOP853, REDUCED, tol=BESIDE_TOL)
 
     @property
@@ -158,22 +169,11 @@ class Course:
         """Accepted steps so far."""
         return self._follower.n_steps
 
-    @property
-    def zeros(self) -> list[float]:
-        """Times of the zeros of the spin so far, in ``sqrt(a/g)``."""
-        return self._follower.zeros
-
-    @property
-    def reversals(self) -> list[float]:
-        """Times of the first zeros of the reversals so far."""
-        return self.observer.reversals
-
     def __iter__(self) -> Iterator[dict[str, Floats]]:
         """Columns by name, at most :data:`CHUNK` rows at a time."""
         for samples in self._samples():
             beside = None if self._beside is None else self._beside.at(samples.t)
-            view = View(self.launches, self.model, self._constants, self._follower.energy_0,
-                        samples, beside)  # fmt: skip
+            view = View(self, samples, beside)
             yield {channel.name: channel.of(view) for channel in self.channels}
 
     def columns(self) -> dict[str, Floats]:
@@ -207,16 +207,14 @@ class Course:
         """Observe the accepted steps as they come, and at first the launch."""
         if not len(t):
             return
-        # The launch is looked at while the follower is made.
-        zeros = self._follower.zeros if hasattr(self, "_follower") else []
         if self.model == "reduced":
-            self.observer.spin(t, y[:, 0], zeros)
+            self.observer.spin(t, y[:, 0])
             return
         columns = np.ascontiguousarray(y.T)
         # A run that goes wrong overflows.
         with np.errstate(all="ignore"):
-            self.observer.spin(t, spin_of(*columns), zeros)
-            self.observer.forces(t, *force_of(*columns, *self._constants))
+            self.observer.spin(t, spin_of(*columns))
+            self.observer.forces(t, *force_of(*columns, *self.constants))
 
 
 @dataclass(frozen=True)
@@ -259,13 +257,8 @@ def collect(course: Course) -> Trajectory:
     """The whole trajectory in memory."""
     import pandas as pd  # half a second, which commands need not wait for
 
-    return Trajectory(
-        table=pd.DataFrame(course.columns()),
-        reversals=np.array(course.reversals),
-        zeros=np.array(course.zeros),
-        t_end=course.t,
-        status=course.status.label,
-        n_steps=course.n_steps,
-        units={c.name: c.unit for c in course.channels},
-        warning=course.observer.warning,
-    )
+    table = pd.DataFrame(course.columns())
+    units = {c.name: c.unit for c in course.channels}
+    zeros, reversals = np.array(course.zeros), np.array(course.reversals)
+    return Trajectory(table, reversals, zeros, course.t, course.status.label, course.n_steps,
+                      units, course.observer.warning)  # fmt: skip

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.study.onerun.channels import CHANNELS
 from rattlesweep.study.onerun.course import Course
 from rattlesweep.study.onerun.rows import Rows
@@ -57,12 +56,8 @@ def course_of(
 ) -> Course:
     """The run at the times and with the channels that its figure needs.
 
-    Parameters
-    ----------
-    run, watch
-        As for :class:`Course`.  Energies of the reduced model ask for it beside the full one.
-    shown : sequence of str, optional
-        Channels that are to be drawn; by default what suits the model.
+    ``shown`` are the channels to be drawn, by default what suits the model.  Energies of the
+    reduced model ask for it beside the full one.
     """
     launch = run if isinstance(run, Launch) else None
     model: str = run.model if isinstance(run, Launch) else run[0].model
@@ -84,11 +79,11 @@ def save(course: Course, path: Path) -> None:
 
 def describe(course: Course) -> str:
     """Which run: one line."""
-    runs = course.launches
-    values = {name: float(getattr(runs.bodies, name)[0]) for name in PARAMETERS}
+    values = dict(course.body)
     skew = math.degrees(values.pop("xi"))
     body = ", ".join(f"{symbol(name)} = {value:.4g}" for name, value in values.items())
-    launch = f"$n_i$ = {runs.n_i[0]:g}, $|\\omega_{{xy0}}|$ = {runs.omega_xy0[0]:g}"
+    n_i, omega_xy0 = course.launch["n_i"], course.launch["omega_xy0"]
+    launch = f"$n_i$ = {n_i:g}, $|\\omega_{{xy0}}|$ = {omega_xy0:g}"
     return f"{body}, $\\xi$ = {skew:.3g}°;  {launch}"
 
 
@@ -105,17 +100,7 @@ def envelope(values: Floats, width: int) -> Floats:
 
 
 def draw(columns: dict[str, Floats], course: Course, caption: str = "") -> Figure:
-    """Draw the figure.
-
-    Parameters
-    ----------
-    columns : dict
-        The channels of :func:`course_of`, at even times.
-    course : Course
-        The run they come from, at its end.
-    caption : str
-        A line above: which run.
-    """
+    """Draw the columns of a course of :func:`course_of`, at its end, under a line of words."""
     t = columns["t"]
     panels = _panels(columns)
     figure = new_figure(WIDTH, 1.1 + 1.85 * len(panels))

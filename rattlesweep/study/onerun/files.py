@@ -10,7 +10,6 @@ import pyarrow as pa
 import pyarrow.csv as pcsv
 import pyarrow.parquet as pq
 
-from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.sweeps.store.atomic import streamed_file
 from rattlesweep.sweeps.store.provenance import package_version
 from rattlesweep.sweeps.tables.arrow import build_table
@@ -30,11 +29,10 @@ GROUP = 1 << 16
 
 def schema(course: Course) -> pa.Schema:
     """Columns with unit and description; the file's own metadata say which run it is."""
-    runs = course.launches
-    about: dict[str, Any] = {name: float(getattr(runs.bodies, name)[0]) for name in PARAMETERS}
-    about |= {name: float(getattr(runs, name)[0]) for name in ("n_i", "omega_xy0", "psi")}
-    about |= {"model": course.model, "t_end": course.t_end, "rattlesweep": package_version()}
-    about |= {"integrator": course.integrator}
+    about = course.body | course.launch | {
+        "model": course.model, "t_end": course.t_end, "rattlesweep": package_version(),
+        "integrator": course.integrator,
+    }  # fmt: skip
     return pa.schema(
         [field(c.name, F64, c.unit, c.description) for c in course.channels],
         metadata={"rattlesweep.run": json.dumps(about)},
@@ -72,12 +70,7 @@ def write_csv(course: Course, write: Callable[[bytes], Any]) -> None:
 def write_ends(course: Course, write: Callable[[bytes], Any]) -> bool:
     """As :func:`write_csv`, but of a long table the first and the last rows alone.
 
-    A line of dots stands between them, which no reader takes for a row.
-
-    Returns
-    -------
-    bool
-        Whether rows are left out.
+    Says whether rows are left out; a line of dots, which no reader takes for a row, stands there.
     """
     columns = schema(course)
     times = course.times

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -29,6 +28,8 @@ class Observer:
     ----------
     plateau : float
         Modulus of the launch's spin, in ``sqrt(g/a)``.
+    zeros : list of float
+        Times of all zeros of the spin up to the last look, kept by whoever finds them.
     reversals : list of float
         Of each reversal (:data:`PLATEAU_SHARE`) its first zero.
     normal_min, friction_max : float
@@ -38,6 +39,7 @@ class Observer:
     """
 
     plateau: float
+    zeros: list[float] = field(default_factory=list)
     reversals: list[float] = field(default_factory=list)
     normal_min: float = math.inf
     friction_max: float = 0.0
@@ -46,14 +48,14 @@ class Observer:
     # The last time beyond that share of the plateau, and the sign of the spin then.
     _last: tuple[float, float] = (0.0, 0.0)
 
-    def spin(self, t: Floats, n: Floats, zeros: Sequence[float]) -> None:
-        """Look at spins; ``zeros`` are all those of the spin up to the last of them."""
+    def spin(self, t: Floats, n: Floats) -> None:
+        """Look at spins."""
         far = np.abs(n) > PLATEAU_SHARE * self.plateau
         t = np.concatenate([[self._last[0]], t[far]])
         side = np.concatenate([[self._last[1]], np.sign(n[far])])
         for k in np.flatnonzero(side[1:] * side[:-1] < 0):
-            first = bisect_right(zeros, t[k])
-            self.reversals += zeros[first : first + 1]
+            first = bisect_right(self.zeros, t[k])
+            self.reversals += self.zeros[first : first + 1]
         self._last = float(t[-1]), float(side[-1])
 
     def forces(self, t: Floats, normal: Floats, tangential: Floats) -> None:

@@ -81,24 +81,15 @@ FIELDS = [part.name for part in fields(StoredRun)]
 
 
 class Replay:
-    """An output directory whose runs can be had again.
-
-    Parameters
-    ----------
-    directory : Path
-        Of a sweep, whole or still running.
-
-    Attributes
-    ----------
-    config : Config
-        Of the sweep.
+    """An output directory, whole or still running, whose runs can be had again.
 
     Raises
     ------
     ConfigError
-        It is no sweep, or its table of bodies is not there or has changed.
+        It is no sweep, or its table of bodies is not there or has changed; of the methods: there is
+        no such run, or an argument is wrong.
     OutputError
-        It cannot be read.
+        It cannot be read; of the methods: the run is not stored yet, or its file is damaged.
     """
 
     def __init__(self, directory: Path) -> None:
@@ -107,43 +98,26 @@ class Replay:
         self.config: Config = self._stored.config
 
     def find(self, case: int, sample: int) -> StoredRun:
-        """The run of a case and a sample.
-
-        Raises
-        ------
-        ConfigError
-            There is none in this sweep.
-        OutputError
-            It is not stored yet, or its file is damaged.
-        """
-        plan = self._plan
+        """The run of a case and a sample."""
+        plan, store = self._plan, self._store
         for name, value, count in (
             ("case", case, len(plan.cases)), ("sample", sample, plan.samples)
         ):  # fmt: skip
             if not 0 <= value < count:
-                raise ConfigError(
-                    f"{name} {value}: {self._store.directory} has the {name}s 0 to {count - 1}"
-                )
+                raise ConfigError(f"{name} {value}: {store.directory} has the {name}s 0 to "
+                                  f"{count - 1}")  # fmt: skip
         index = (case * plan.samples + sample) // plan.block_size
-        path = self._store.block_path(index)
+        path = store.block_path(index)
         if not path.exists():
             raise OutputError(f"case {case}, sample {sample} is not stored yet: {path} is missing")
-        table = self._store.read_block(index, FIELDS)
+        table = store.read_block(index, FIELDS)
         found = _runs(table.filter((pc.field("case") == case) & (pc.field("sample") == sample)))
         if not found:
             raise OutputError(f"case {case}, sample {sample} is not stored yet: {path} lacks it")
         return found[0]
 
     def where(self, text: str, first: int) -> list[StoredRun]:
-        """The first runs, in their order, for which a condition is true.
-
-        Raises
-        ------
-        ConfigError
-            The condition is wrong, or no stored run is so.
-        OutputError
-            A block cannot be read.
-        """
+        """The first runs, in their order, for which a condition is true; at least one."""
         condition = parse_condition(text, runs_schema(self.config.record, self.config.model))
         columns = list(dict.fromkeys((*FIELDS, *condition.columns)))
         found: list[StoredRun] = []
@@ -163,13 +137,7 @@ class Replay:
         where: str | None = None,
         first: int | None = None,
     ) -> list[StoredRun]:
-        """Runs by case and sample, or the first by a condition: as the command line has them.
-
-        Raises
-        ------
-        ConfigError
-            If it is not one of the two ways, or there is no such run.
-        """
+        """Runs by case and sample, or the first by a condition: as the command line has them."""
         if where is not None:
             if case is not None or sample is not None:
                 raise ConfigError("--where and --case, --sample are both given; keep one way")
@@ -196,19 +164,7 @@ class Replay:
             )
 
     def prepare(self, run: StoredRun, t_end: float | None = None) -> PreparedRun:
-        """The run for :class:`rattlesweep.study.onerun.course.Course`, past its reversals.
-
-        Parameters
-        ----------
-        run : StoredRun
-        t_end : float, optional
-            Where it ends, in ``sqrt(a/g)``; by default the sweep's own horizon for this run.
-
-        Raises
-        ------
-        ConfigError
-            If ``t_end`` is no time.
-        """
+        """The run for a :class:`Course`, to ``t_end`` in ``sqrt(a/g)`` or the sweep's horizon."""
         launches = prepare(self._plan, np.array([run.case]), np.array([run.sample]))
         if t_end is not None:
             if not (np.isfinite(t_end) and t_end > 0):
@@ -222,34 +178,21 @@ def _runs(table: pa.Table) -> list[StoredRun]:
 
 
 def targets(
-    pattern: str | None, runs: Sequence[StoredRun], option: str, *, printed: bool = False
+    path: Path | None, runs: Sequence[StoredRun], option: str, *, printed: bool = False
 ) -> list[Path | None]:
-    """A file for each run: its name with ``{case}`` and ``{sample}`` filled in.
+    """A file for each run: the path with ``{case}`` and ``{sample}`` filled in.
 
-    Parameters
-    ----------
-    pattern : str or None
-        None for no files.
-    runs : sequence of StoredRun
-    option : str
-        What a complaint begins with.
-    printed : bool
-        Whether runs without a file are printed, which is for one run only.
-
-    Raises
-    ------
-    ConfigError
-        If two runs would have the same.
+    ``printed`` says whether runs without a file are printed, which is for one run only.
     """
     advice = "name files by run, such as run-{case}-{sample}"
-    if pattern is None:
+    if path is None:
         if printed and len(runs) > 1:
             raise ConfigError(f"{len(runs)} runs do not go into one table; {advice} ({option})")
         return [None] * len(runs)
     names = [
-        pattern.replace("{case}", str(run.case)).replace("{sample}", str(run.sample))
+        str(path).replace("{case}", str(run.case)).replace("{sample}", str(run.sample))
         for run in runs
     ]
     if len(set(names)) < len(names):
-        raise ConfigError(f"{option} {pattern}: {len(names)} runs would be written there; {advice}")
+        raise ConfigError(f"{option} {path}: {len(names)} runs would be written there; {advice}")
     return [Path(name) for name in names]

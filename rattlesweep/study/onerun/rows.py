@@ -63,19 +63,10 @@ class Rows:
     most: int | None = None
 
     def up_to(self, t_end: float, periods: float) -> Times | None:
-        """Times of the rows; None for those of the accepted steps.
+        """Times of the rows up to a horizon, in ``sqrt(a/g)``; None for the accepted steps.
 
-        Parameters
-        ----------
-        t_end : float
-            Horizon, in ``sqrt(a/g)``.
-        periods : float
-            Periods of the pitch up to there; 0 for a model without them.
-
-        Raises
-        ------
-        ConfigError
-            If more than one way is given, or it makes no increasing times from 0 to ``t_end``.
+        ``periods`` are those of the pitch up to there, 0 for a model without them.  Refuses more
+        than one way, and what makes no increasing times.
         """
         ways = {"points": self.points, "dt": self.dt, "steps": self.steps or None,
                 "times": self.times}  # fmt: skip

@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rattlesweep.errors import ConfigError
-from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.study.onerun.course import Course
 from rattlesweep.study.onerun.rows import Rows
 from rattlesweep.sweeps.store.atomic import replace_file
@@ -81,13 +80,7 @@ class Scene:
 
 
 def check_model(model: str) -> None:
-    """See that a model has a body that moves.
-
-    Raises
-    ------
-    ConfigError
-        If it has not.
-    """
+    """See that a model has a body that moves."""
     if model != "full":
         raise ConfigError(f"the model {model} has no body that moves; show needs the full one")
 
@@ -97,14 +90,7 @@ def course_of(
     points: int | None = None,
     watch: Callable[[float], None] | None = None,
 ) -> Course:
-    """The run with the channels and the rows that its page needs.
-
-    Parameters
-    ----------
-    run, watch
-        As for :class:`rattlesweep.study.onerun.course.Course`.
-    points : int, optional
-        Rows; by default so many that the motion is smooth.
+    """The run with the channels and the rows that its page needs, or so many ``points``.
 
     Raises
     ------
@@ -126,18 +112,7 @@ def course_of(
 
 
 def make_scene(course: Course) -> Scene:
-    """Integrate a run and gather what its page shows.
-
-    Parameters
-    ----------
-    course : Course
-        Of :func:`course_of`, not yet begun.
-
-    Raises
-    ------
-    ConfigError
-        If the run ends at its launch.
-    """
+    """Integrate a course of :func:`course_of`, not yet begun, and gather what its page shows."""
     assert course.times is not None
     step = course.t_end / (len(course.times) - 1)
     columns = course.columns()
@@ -148,21 +123,20 @@ def make_scene(course: Course) -> Scene:
         raise ConfigError(f"the run ends at t = {course.t:g}: {course.status.meaning}")
     columns = {name: column[:rows] for name, column in columns.items()}
     t = step * np.arange(rows, dtype=np.float64)
-    runs = course.launches
-    b = {name: float(getattr(runs.bodies, name)[0]) for name in PARAMETERS}
+    runs, body = course.launches, course.body
     spin = runs.gh.spin(np.linspace(0, t[-1], THEORY_POINTS))
-    rise = max(1.0, MARGIN * float(np.max(_rise(columns["u_x"], columns["u_y"], b))))
+    rise = max(1.0, MARGIN * float(np.max(_rise(columns["u_x"], columns["u_y"], body))))
     first = course.zeros[0] if course.zeros else t[-1]
     about = {
-        "body": b,
+        "body": body,
         "step": step,
         "rise": rise,
         "energy": float(columns["energy"][0]),
         "reversals": course.reversals,
         "trail": TRAIL * 2 * math.pi / float(runs.modes.omega_r[0]),
         "speed": min(FAST, max(SLOW, first / SECONDS)),
-        "weights": _weights(b),
-        "facts": _facts(course, b),
+        "weights": _weights(body),
+        "facts": _facts(course),
     }
     return Scene(t, {name: columns[name] for name in COLUMNS}, spin, rise, about)
 
@@ -189,20 +163,18 @@ def _weights(b: dict[str, float]) -> list[tuple[float, float, float]]:
     return [(r_x, 0, radius), (-r_x, 0, radius), (0, r_y, radius), (0, -r_y, radius)]
 
 
-def _facts(course: Course, b: dict[str, float]) -> list[tuple[str, str]]:
+def _facts(course: Course) -> list[tuple[str, str]]:
     """What there is to know of the run, in words."""
-    runs = course.launches
-    n_i, omega_xy0, psi = (float(getattr(runs, name)[0]) for name in ("n_i", "omega_xy0", "psi"))
-    m = runs.modes
+    b, launch, m = course.body, course.launch, course.launches.modes
     method = ", ".join(f"{value:g}" if isinstance(value, float) else str(value)
                        for value in course.integrator.values())  # fmt: skip
-    t_rgh = float(runs.gh.t_rgh[0])
+    t_rgh = float(course.launches.gh.t_rgh[0])
     lines = [
         ("α, β, γ", f"{b['alpha']:.5g}, {b['beta']:.5g}, {b['gamma']:.5g}"),
         ("θ, φ", f"{b['theta']:.5g}, {b['phi']:.5g}"),
         ("skew ξ", f"{math.degrees(b['xi']):.4g}°"),
-        ("n_i, ω_xy0", f"{n_i:g}, {omega_xy0:g}"),
-        ("launched along", f"{math.degrees(psi):.4g}°"),
+        ("n_i, ω_xy0", f"{launch['n_i']:g}, {launch['omega_xy0']:g}"),
+        ("launched along", f"{math.degrees(launch['psi']):.4g}°"),
         ("K_p, K_r", f"{float(m.K_p[0]):.4g}, {float(m.K_r[0]):.4g}"),
         ("ω_p, ω_r", f"{float(m.omega_p[0]):.4g}, {float(m.omega_r[0]):.4g}"),
         ("t_rGH", f"{t_rgh:.6g}" if math.isfinite(t_rgh) else "none"),
@@ -229,14 +201,7 @@ def encode(values: Floats) -> str:
 
 
 def make_page(scene: Scene, title: str, subtitle: str) -> bytes:
-    """The page.
-
-    Parameters
-    ----------
-    scene : Scene
-    title, subtitle : str
-        Plain text; what HTML would read as markup is escaped.
-    """
+    """The page; what HTML would read as markup in the title and the subtitle is escaped."""
     table = np.stack([scene.columns[name] for name in COLUMNS], axis=1)
     data = scene.about | {
         "columns": COLUMNS,
@@ -273,11 +238,10 @@ def _digest(text: str) -> str:
 
 def describe(course: Course) -> str:
     """The run in one line of plain text."""
-    runs = course.launches
-    values = [float(getattr(runs.bodies, name)[0]) for name in PARAMETERS]
-    body = ", ".join(f"{sign} {value:.4g}" for sign, value in zip("αβγθφ", values, strict=False))
-    launch = f"n_i {runs.n_i[0]:g}, ω_xy0 {runs.omega_xy0[0]:g}"
-    line = f"{body}, ξ {math.degrees(values[-1]):.3g}°; {launch}; units M = a = g = 1"
+    *values, xi = course.body.values()
+    body = ", ".join(f"{sign} {value:.4g}" for sign, value in zip("αβγθφ", values, strict=True))
+    launch = f"n_i {course.launch['n_i']:g}, ω_xy0 {course.launch['omega_xy0']:g}"
+    line = f"{body}, ξ {math.degrees(xi):.3g}°; {launch}; units M = a = g = 1"
     return line.replace("-", "−")
 
 
