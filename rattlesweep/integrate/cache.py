@@ -15,6 +15,8 @@ from __future__ import annotations
 import hashlib
 import os
 import pickle
+import re
+import shutil
 import stat
 import sys
 import tempfile
@@ -42,16 +44,23 @@ UNMAPPED = 65534
 
 
 @cache
-def source_hash(file: str, also: tuple[str, ...] = ()) -> str:
-    """Hash of a source file, some others, and those of ``integrate`` and ``physics``."""
+def rooms_hash() -> str:
+    """Hash of the sources of ``integrate`` and ``physics``."""
     digest = hashlib.sha256()
-    for name in (file, *also):
-        digest.update(Path(name).read_bytes())
     for room in ("integrate", "physics"):
         for path in sorted((PACKAGE / room).rglob("*.py")):
             digest.update(path.relative_to(PACKAGE).as_posix().encode())
             digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
+
+
+@cache
+def source_hash(file: str, also: tuple[str, ...] = ()) -> str:
+    """Hash of ``integrate`` and ``physics``, and behind it one of a source file and some others."""
+    digest = hashlib.sha256()
+    for name in (file, *also):
+        digest.update(Path(name).read_bytes())
+    return f"{rooms_hash()}-{digest.hexdigest()[:8]}"
 
 
 def _others_may_write(found: os.stat_result) -> bool:
@@ -137,6 +146,28 @@ def directory(file: str, also: tuple[str, ...] = ()) -> Path | None:
         except (OSError, RuntimeError):
             continue
     return None
+
+
+def remove_old(place: Path) -> int:
+    """Remove the directories beside one of ours that other versions of this program have left.
+
+    Returns
+    -------
+    int
+        How many there were.
+    """
+    # Without a second hash: as they were named once.
+    old = [
+        path
+        for path in place.parent.iterdir()
+        if re.fullmatch(r"[0-9a-f]{16}(-[0-9a-f]{8})?", path.name)
+        and not path.name.startswith(rooms_hash())
+        and not path.is_symlink()
+        and all(kept.name.endswith((".kernel", ".lock")) for kept in path.iterdir())
+    ]
+    for path in old:
+        shutil.rmtree(path, ignore_errors=True)
+    return len(old)
 
 
 def _sealed(name: str, payload: bytes) -> bytes:

@@ -25,6 +25,7 @@ from numba import config, njit
 
 from rattlesweep.integrate import SettingError
 from rattlesweep.integrate.cache import PACKAGE, KernelCache, cached, specialise
+from rattlesweep.integrate.compiling import compiling
 from rattlesweep.integrate.lanes import carry, runs
 from rattlesweep.integrate.lanes import columns as C
 from rattlesweep.integrate.lanes import kernel as lanes
@@ -209,7 +210,8 @@ def _loaded(example: Example, *names: str) -> Any:
     if store.get(name) is None:
         with store.locked(name):
             if store.get(name) is None:
-                store.put(name, compile_in_child(example, *names))
+                with compiling("/".join(names)):
+                    store.put(name, compile_in_child(example, *names))
     compiled.compile(signature)
     return compiled
 

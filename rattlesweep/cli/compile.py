@@ -1,0 +1,86 @@
+"""`rattlesweep compile`: kernels ahead of their first use."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+from click import argument, option
+
+from rattlesweep.cli.common import command, say
+from rattlesweep.errors import OutputError
+
+if TYPE_CHECKING:
+    from rattlesweep.sweeps.config.schema import Config
+
+GH = {"bodies": {"source": "preset", "name": "GH"}, "spin": {"n_i": 0.1, "omega_xy0": 0.01}}
+
+
+@command(
+    section="Sweeps",
+    examples=("rattlesweep compile --all", "rattlesweep compile configs/steady.yaml"),
+)
+@argument("configs", metavar="[CONFIG]...", type=click.Path(path_type=Path), nargs=-1)
+@option("--all", "everything", is_flag=True, help="All that the commands need with the methods, "
+        "models and records there are.")  # fmt: skip
+def compile(configs: tuple[Path, ...], everything: bool) -> None:
+    """Compile kernels ahead, as for an image or on a login node.
+
+    Those of the sweeps of CONFIG, by default of one with the default method and model. Prints one
+    line per kernel: the seconds it took, or that it was there. Removes kernels that other versions
+    have left.
+    """
+    from rattlesweep.integrate.cache import directory, remove_old
+    from rattlesweep.integrate.compiling import compilations
+    from rattlesweep.integrate.lanes import kernel
+    from rattlesweep.sweeps.config.load import load_config, parse_config
+
+    sweeps = [load_config(path) for path in configs] or [parse_config(GH)]
+    place = directory(kernel.__file__)
+    if place is None:
+        raise OutputError("there is no directory in which kernels can be kept: set XDG_CACHE_HOME "
+                          "or NUMBA_CACHE_DIR to one that only you can write")  # fmt: skip
+    kernels = {name: load for config in sweeps for name, load in _of_sweep(config)}
+    if everything:
+        kernels |= dict(_all())
+    for name, load in kernels.items():
+        before, start = compilations(), time.monotonic()
+        load()
+        seconds = f"{time.monotonic() - start:.1f} s"
+        click.echo(f"{name:<28}  {seconds if compilations() > before else 'already there'}")
+    if removed := remove_old(place):
+        say(f"removed: {removed} directories of other versions in {place.parent}")
+
+
+Kernels = Iterator[tuple[str, Callable[[], object]]]
+
+
+def _of_sweep(config: Config) -> Kernels:
+    """The kernel of a sweep, by name, and what loads it; none for the closed form."""
+    from rattlesweep.sweeps.blocks.block import load_kernel
+
+    if config.model != "gh":
+        tangent = " lyapunov" if "lyapunov" in config.record else ""
+        name = f"sweep {config.integrator.method} {config.model}{tangent}"
+        yield name, partial(load_kernel, config)
+
+
+def _all() -> Kernels:
+    """Those of the trade-off study, of the paper and of trajectories."""
+    from rattlesweep.integrate.follow.kernels import ATTITUDE, aside_kernel, march_kernel
+    from rattlesweep.integrate.tableau import DOP853, METHODS
+    from rattlesweep.sweeps.config.load import parse_config
+
+    for method in METHODS:
+        yield from _of_sweep(parse_config(GH | {"integrator": {"method": method}}))
+    yield from _of_sweep(parse_config(GH | {"model": "reduced"}))
+    yield from _of_sweep(parse_config(GH | {"record": ["lyapunov"]}))
+    method = DOP853.name
+    for model in ("full", "reduced"):
+        yield f"trajectory {method} {model}", partial(march_kernel, method, model)
+    for model in ("full", "reduced", ATTITUDE.name):
+        yield f"rows {method} {model}", partial(aside_kernel, method, model)
