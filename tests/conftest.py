@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import tempfile
 from collections.abc import Iterator
+from importlib import import_module
 
 import pytest
 
@@ -28,3 +29,12 @@ def signal_handlers() -> Iterator[None]:
     yield
     for number, handler in zip(numbers, before, strict=True):
         signal.signal(number, handler)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def no_word_of_compiling() -> Iterator[None]:
+    """Have commands in this process say the same whether kernels are there or not."""
+    with pytest.MonkeyPatch.context() as patch:
+        module = import_module("rattlesweep.cli.common.command")
+        patch.setattr(module, "CompileNotice", lambda: None)
+        yield

@@ -222,8 +222,9 @@ class Net:
             done = CliRunner().invoke(main, shlex.split(line), prog_name="rattlesweep")
         if done.exception is not None and not isinstance(done.exception, SystemExit):
             raise done.exception
-        # Lines of progress come once a minute, on a machine that is slow.
-        lines = (t for t in done.stderr.splitlines() if not re.match(r"[\d.]+ %, | *\d+ s  ", t))
+        # Lines of progress come once a minute, on a machine that is slow or compiles.
+        extra = re.compile(r"[\d.]+ %, | *\d+ s  |compiling the kernel ")
+        lines = (t for t in done.stderr.splitlines() if not extra.match(t))
         said = "".join(f"! {text}\n" for text in lines)
         end = f"exit {done.exit_code}\n" if done.exit_code else ""
         shown = normal(f"$ rattlesweep {line}\n{done.stdout}{said}{end}", self.folder)

@@ -12,15 +12,13 @@ import pandas as pd
 import pyarrow.csv as pcsv
 import pyarrow.parquet as pq
 import pytest
-from test_run import handlers, invoke, rows, run
+from test_run import invoke, rows, run
 
 import rattlesweep as rs
 from rattlesweep.study.onerun.course import Course
 from rattlesweep.study.onerun.replay import Replay
 from rattlesweep.study.onerun.rows import Rows
 from rattlesweep.sweeps.store.store import Store
-
-__all__ = ["handlers"]
 
 
 @pytest.fixture(scope="module")

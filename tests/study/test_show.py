@@ -18,13 +18,12 @@ import numpy as np
 import pytest
 from browser import NO_WEBGL, WEBGL, Browser, browser, find_browser
 from scipy.spatial.transform import Rotation
-from test_run import handlers, invoke, rows, run
+from test_run import invoke, rows, run
 
 import rattlesweep as rs
 from rattlesweep.study.viewer import show
 from rattlesweep.sweeps.blocks.single import Launch
 
-__all__ = ["handlers"]
 GH = rs.Rattleback.gh()
 T_END = 130.0
 needs_browser = pytest.mark.skipif(find_browser() is None, reason="no Chromium is installed")

@@ -148,7 +148,7 @@ class Course:
             )
         self.zeros = self.observer.zeros = self._follower.zeros
         self.reversals = self.observer.reversals
-        self.energy_0 = self._follower.energy_0
+        self.energy_0: float = self._follower.energy_0
         self._beside = None
         if "reduced" in needs:
             beside = with_energies(reduced_batch(launches), *energies)

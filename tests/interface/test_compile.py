@@ -1,0 +1,120 @@
+"""Kernels ahead of their first use, and what is said while one is being compiled."""
+
+from __future__ import annotations
+
+import io
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from test_run import CONFIGS, invoke
+
+from rattlesweep.cli.common import progress
+from rattlesweep.integrate import cache
+from rattlesweep.integrate.compiling import compilations, compiling, listening
+
+WORDS = "compiling the kernel for this machine, once (about "
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def test_a_terminal_sees_a_clock_that_ticks(monkeypatch: pytest.MonkeyPatch):
+    shown = Terminal()
+    monkeypatch.setattr(sys, "stderr", shown)
+    with listening(progress.CompileNotice(tick=0.001)), compiling("dop853/full"):
+        end = time.monotonic() + 60
+        while shown.getvalue().count(WORDS) < 4 and time.monotonic() < end:
+            time.sleep(0.01)
+    assert shown.getvalue().count(": 00:00") >= 4
+    # The line is gone when the kernel is there.
+    assert shown.getvalue().split("\r")[-2].strip() == ""
+
+
+def test_elsewhere_it_is_one_line_or_none(capfd: pytest.CaptureFixture[str]):
+    before = compilations()
+    notice = progress.CompileNotice()
+    for listener in (notice, notice, None):
+        with listening(listener), compiling("dop853/full"):
+            pass
+    with compiling("dop853/full"):
+        pass
+    assert capfd.readouterr().err.count(WORDS) == 1
+    assert compilations() == before + 4
+
+
+def test_compilation_is_no_part_of_the_rate(monkeypatch: pytest.MonkeyPatch):
+    clock, shown = [0.0], []
+    monkeypatch.setattr(progress.time, "monotonic", lambda: clock[0])
+    meter = progress.Meter()
+    monkeypatch.setattr(meter, "show", lambda *words: shown.append(words))
+    report = meter.counting("integrating")
+    for clock[0], fraction in ((30.0, 0.1), (40.0, 0.2)):
+        report(fraction)
+    assert shown == [(0.1, "integrating", 30, None), (0.2, "integrating", 40, pytest.approx(80))]
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A cache directory in which nothing is, and loading that takes no time."""
+    path = tmp_path / "cache" / cache.source_hash(cache.__file__)
+    path.mkdir(parents=True)
+    monkeypatch.setattr(cache, "directory", lambda *file: path)
+    there: set[str] = set()
+
+    def load(*words: object) -> None:
+        if str(words) not in there:
+            there.add(str(words))
+            with compiling("dop853/full"):
+                pass
+
+    monkeypatch.setattr("rattlesweep.sweeps.blocks.block.load_kernel", load)
+    for name in ("march_kernel", "aside_kernel"):
+        monkeypatch.setattr(f"rattlesweep.integrate.follow.kernels.{name}", load)
+    return path
+
+
+def lines(*args: object) -> list[list[str]]:
+    result = invoke("compile", *args)
+    assert result.exit_code == 0
+    return [line.split("  ", 1) for line in result.stdout.splitlines()]
+
+
+def test_a_line_a_kernel(place: Path):
+    ((name, first),) = lines()
+    assert (name, first.strip()) == ("sweep dop853 full", "0.0 s")
+    ((_, again),) = lines(CONFIGS / "gh.yaml", CONFIGS / "steady.yaml")
+    assert again.strip() in ("0.0 s", "already there")
+    names = [name for name, _ in lines("--all")]
+    assert len(set(names)) == len(names) == 11
+    assert {"sweep rk4 full", "sweep dop853 full lyapunov", "rows dop853 attitude"} <= set(names)
+    assert {words.strip() for _, words in lines("--all")} == {"already there"}
+
+
+def test_the_closed_form_needs_none(place: Path, tmp_path: Path):
+    config = tmp_path / "closed.yaml"
+    config.write_text("bodies: {source: preset, name: GH}\nspin: {n_i: 0.1, omega_xy0: 0.01}\n"
+                      "model: gh\n")  # fmt: skip
+    assert lines(config) == []
+
+
+def test_kernels_of_other_versions_are_removed(place: Path):
+    root = place.parent
+    old = [root / ("0" * 16), root / f"{'1' * 16}-{'2' * 8}"]
+    kept = [place, root / ("3" * 16), root / "else", root / f"{place.name[:16]}-{'4' * 8}"]
+    for path in (*old, *kept[1:]):
+        path.mkdir()
+        (path / "f.kernel").write_bytes(b"code")
+    (kept[1] / "of others").touch()
+    assert "removed: 2 directories of other versions" in invoke("compile").stderr
+    assert sorted(root.iterdir()) == sorted(kept)
+
+
+def test_no_place_to_keep_kernels_is_said(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(cache, "directory", lambda *file: None)
+    result = invoke("compile")
+    assert (result.exit_code, result.stdout) == (1, "")
+    assert "there is no directory in which kernels can be kept" in result.stderr
