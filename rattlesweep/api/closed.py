@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.physics.launch import direction, garcia_hubbard
 from rattlesweep.physics.theory import Modes
-
-if TYPE_CHECKING:
-    pass
 
 
 def modes(body: Rattleback) -> Modes:

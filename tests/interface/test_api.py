@@ -53,8 +53,7 @@ def test_the_examples_in_the_package_are_true():
 
 
 def test_every_name_is_there():
-    for name in rs.__all__:
-        assert getattr(rs, name) is not None
+    assert all(getattr(rs, name) is not None for name in rs.__all__)
     contract = {"Rattleback", "modes", "reversal_time_gh", "simulate", "trajectory", "sweep",
                 "load", "replay", "ConfigError", "OutputError"}  # fmt: skip
     assert contract <= set(rs.__all__)
@@ -66,34 +65,25 @@ def test_every_name_is_there():
 def test_bodies():
     assert (GH.alpha, GH.beta, GH.gamma, GH.theta, GH.phi) == (13.04, 1.522, 12.28, 0.6429, 0.036)
     assert math.degrees(GH.xi) == pytest.approx(-1.72)
-    body = rs.Rattleback.shell_dumbbell(gamma=10, f_sd=0.1, theta=0.8, phi=0.05, xi=-0.05)
+    good = {"gamma": 10, "f_sd": 0.1, "theta": 0.8, "phi": 0.05, "xi": -0.05}
+    body = rs.Rattleback.shell_dumbbell(**good)
     assert (body.alpha, body.beta, body.gamma) == (10.0, 2.0, 10)
-    with pytest.raises(TypeError):
-        rs.Rattleback.shell_dumbbell(10, 0.1, 0.8, 0.05, -0.05)
     for wrong in ({"theta": 1.0}, {"phi": 0.9}, {"f_sd": 0.6}, {"xi": 0.0}, {"gamma": -1}):
-        good = {"gamma": 10, "f_sd": 0.1, "theta": 0.8, "phi": 0.05, "xi": -0.05}
         with pytest.raises(ValueError, match=r".+"):
             rs.Rattleback.shell_dumbbell(**{**good, **wrong})
     with pytest.raises(AttributeError):
         GH.theta = 0.5
 
 
-def test_modes_are_those_of_the_oracle():
+def test_theory_is_in_floats():
     found = rs.modes(GH)
     assert all(type(value) is float for value in vars(found).values())
     wanted = oracle.modes(GH)
     for name in ("omega_p", "omega_r", "psi_p", "psi_r", "K_p", "K_r"):
         assert getattr(found, name) == pytest.approx(oracle.get(wanted, name), rel=1e-9), name
-
-
-def test_reversal_times():
-    for n_i, omega in ((0.1, 0.01), (-0.1, 0.01), (-0.5, 1e-8)):
-        time = rs.reversal_time_gh(GH, n_i, omega)
-        assert type(time) is float
-        assert time > 0
-    assert rs.reversal_time_gh(GH.mirrored(), 0.1, 0.01) == pytest.approx(
-        rs.reversal_time_gh(GH, -0.1, 0.01), rel=1e-13
-    )
+    time = rs.reversal_time_gh(GH, -0.1, 0.01)
+    assert type(time) is float
+    assert rs.reversal_time_gh(GH.mirrored(), 0.1, 0.01) == pytest.approx(time, rel=1e-13)
 
 
 def test_simulate_one_run():
@@ -138,6 +128,7 @@ def test_simulate_takes_models_and_methods():
     "wrong",
     [{"n_i": 0}, {"omega_xy0": -1}, {"psi": "yaw"}, {"model": "half"}, {"method": "euler"},
      {"tol": 1.0}, {"t_end": -1.0}, {"t_end": float("nan")}, {"n_i": "a"}, {"model": "gh "}],
+    ids=str,
 )  # fmt: skip
 def test_simulate_refuses(wrong):
     with pytest.raises(ConfigError, match=r".+"):
@@ -185,15 +176,6 @@ def test_summary_of_an_earlier_version_is_read_and_made_anew(tmp_path):
     pd.testing.assert_frame_equal(rs.sweep(CONFIG, output=output).summary, new)
 
 
-def test_load_before_the_first_block(tmp_path):
-    done = rs.sweep({**CONFIG, "record": ["energy"]}, output=tmp_path / "out", threads=1)
-    for block in (tmp_path / "out" / "runs").iterdir():
-        block.unlink()
-    none = rs.load(tmp_path / "out").runs
-    assert len(none) == 0
-    assert list(none) == list(done.runs)
-
-
 def test_sweep_warns_of_what_makes_little_sense(tmp_path):
     short = {**CONFIG, "horizon": {"t": 0.01}}
     with pytest.warns(ConfigWarning, match="is shorter than one pitch oscillation") as told:
@@ -202,15 +184,14 @@ def test_sweep_warns_of_what_makes_little_sense(tmp_path):
 
 
 def test_sweep_and_load(tmp_path):
-    done = rs.sweep(CONFIG, output=tmp_path / "out", threads=1)
-    assert done.directory == tmp_path / "out"
-    assert isinstance(done.runs, pd.DataFrame)
+    output = tmp_path / "out"
+    done = rs.sweep(CONFIG, output=output, threads=1)
+    assert done.directory == output
     assert len(done.runs) == 10
-    assert len(done.summary) == 2
     assert done.summary.runs.tolist() == [5, 5]
     assert done.manifest["state"] == "complete"
-    assert repr(done) == f"<Sweep {tmp_path / 'out'}: 10 runs, complete>"
-    again = rs.load(str(tmp_path / "out"))
+    assert repr(done) == f"<Sweep {output}: 10 runs, complete>"
+    again = rs.load(str(output))
     pd.testing.assert_frame_equal(again.runs, done.runs)
     pd.testing.assert_frame_equal(again.summary, done.summary)
     assert again.manifest == done.manifest
@@ -222,6 +203,13 @@ def test_sweep_and_load(tmp_path):
     assert run.amp_growth is None
     assert np.isnan(row.amp_growth)
     assert row.psi == rs.modes(body).psi_r
+    with pytest.raises(ConfigError, match="another config"):
+        rs.sweep({**CONFIG, "seed": 1}, output=output)
+    # Before the first block there are columns all the same.
+    for block in (output / "runs").iterdir():
+        block.unlink()
+    none = rs.load(output).runs
+    assert (len(none), list(none)) == (0, list(done.runs))
 
 
 def test_sweep_takes_a_file_and_its_own_output(tmp_path, monkeypatch):
@@ -243,6 +231,3 @@ def test_sweep_and_load_refuse(tmp_path):
     with pytest.raises(ConfigError, match="is not an output directory"):
         rs.load(tmp_path)
     assert list(tmp_path.iterdir()) == []
-    rs.sweep(CONFIG, output=tmp_path / "out")
-    with pytest.raises(ConfigError, match="another config"):
-        rs.sweep({**CONFIG, "seed": 1}, output=tmp_path / "out")

@@ -122,7 +122,7 @@ def test_version():
     assert invoke("--verbose", "--version").stdout == told
     assert told.startswith(first)
     names = [line.split()[0] for line in told.splitlines()[1:]]
-    assert {"numpy", "numba", "llvmlite", "cpu"} <= set(names)
+    assert {"numpy", "numba", "llvmlite", "cpu", "vectors", "threads"} <= set(names)
 
 
 @pytest.mark.parametrize(

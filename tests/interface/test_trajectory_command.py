@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import json
 import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ import pandas as pd
 import pyarrow.csv as pcsv
 import pyarrow.parquet as pq
 import pytest
-from test_run import invoke
+from test_run import PROGRAM, invoke
 
 import rattlesweep as rs
 from rattlesweep.study.onerun import figure as trajectory_figure
@@ -222,7 +221,6 @@ def test_contact_that_no_real_body_keeps_is_said():
     ratio = slips.table["F_tangential"] / slips.table["F_normal"]
     assert f"from t = {slips.table['t'][np.argmax(ratio > 1)]:.4g} " in slips.warning
     assert f"(largest: {ratio.max():.3g})" in slips.warning
-    assert "warning" not in command().stderr
 
 
 def test_the_look_at_the_contact_is_that_of_a_sweep(tmp_path: Path):
@@ -263,9 +261,8 @@ def test_a_long_table_is_printed_by_its_ends():
 
 def test_a_long_table_goes_whole_into_a_file(tmp_path: Path):
     arguments = ["trajectory", "--preset", "GH", "--t-end", "130", "--points", "10001"]
-    program = "from rattlesweep.cli import main; main()"
     with (tmp_path / "run.csv").open("wb") as file:
-        subprocess.run([sys.executable, "-c", program, *arguments], stdout=file, check=True)
+        subprocess.run([PROGRAM, *arguments], stdout=file, check=True)
     assert len((tmp_path / "run.csv").read_text().splitlines()) == 10_002
 
 

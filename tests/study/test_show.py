@@ -96,14 +96,12 @@ def test_the_body_rolls_without_slipping():
 
 def test_rows_are_those_of_the_trajectory():
     found = scene()
-    names = ["t", *show.COLUMNS]
     table = rs.trajectory(GH, n_i=0.1, omega_xy0=0.01, t_end=T_END, points=len(found.t),
-                          channels=names).table  # fmt: skip
+                          channels=["t", *show.COLUMNS]).table  # fmt: skip
     for name in show.COLUMNS:
         assert np.array_equal(found.columns[name], table[name].to_numpy())
     np.testing.assert_allclose(found.t, table["t"], rtol=1e-15)
-    per_period = 2 * math.pi / rs.modes(GH).omega_p / found.t[1]
-    assert per_period >= show.PER_PERIOD
+    assert 2 * math.pi / rs.modes(GH).omega_p / found.t[1] >= show.PER_PERIOD
     assert found.about["reversals"] == pytest.approx([112.093878], abs=1e-6)
 
 
@@ -192,56 +190,52 @@ def test_the_pinned_version_bundles_to_it(tmp_path: Path):
 # -- the command ---------------------------------------------------------------------------------
 
 
-def test_a_stored_run_is_shown_and_proved(tmp_path: Path):
-    output = tmp_path / "out"
+@pytest.fixture(scope="module")
+def sweep(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    output = tmp_path_factory.mktemp("sweep") / "out"
     assert run("gh.yaml", output, "spin.n_i=[0.1]").exit_code == 0
-    t_r = float(rows(output)["t_r"].iloc[0])
-    result = invoke("show", "--from", output, "--where", "type = 'R'", "--output",
+    return output
+
+
+def test_a_stored_run_is_shown_and_proved(sweep: Path, tmp_path: Path):
+    t_r = float(rows(sweep)["t_r"].iloc[0])
+    result = invoke("show", "--from", sweep, "--where", "type = 'R'", "--output",
                     tmp_path / "new" / "r.html", "--t-end", 150)  # fmt: skip
     assert result.exit_code == 0
     assert f"case 0, sample 0: t_r {t_r!r} and type R as stored, bit for bit" in result.stderr
-    data = held((tmp_path / "new" / "r.html").read_text())
-    assert data["reversals"] == [t_r]
-    result = invoke("show", "--from", output, "--case", 0, "--sample", 0, "--theta", 0.7,
-                    "--output", tmp_path / "r.html")  # fmt: skip
-    assert result.exit_code == 2
-    assert "--theta does not go with --from" in result.stderr
+    assert held((tmp_path / "new" / "r.html").read_text())["reversals"] == [t_r]
+
+
+ONE = ["--case", 0, "--sample", 0]
 
 
 @pytest.mark.parametrize(
     ("args", "words", "code"),
     [
-        (["--output", "a.htm"], "the name must end in .html", 2),
-        (["--output", "/proc/no/a.html"], "cannot write in /proc/no", 1),
-        (["--output", "a.html", "--case", 1], "go with --from", 2),
-        (["--output", "a.html", "--points", 1], "--points 1: 2 to 80000", 2),
-        (["--output", "a.html", "--t-end", 1e6], "is too long for one page; --t-end 349", 2),
-        (["--output", "a.html", "--theta", 1.5], "theta", 2),
-        (["--output", "a.html", "--psi", "up"], "psi", 2),
+        (["--preset", "GH", "--output", "a.htm"], "the name must end in .html", 2),
+        (["--preset", "GH", "--output", "/proc/no/a.html"], "cannot write in /proc/no", 1),
+        (["--preset", "GH", "--case", 1], "go with --from", 2),
+        (["--preset", "GH", "--points", 1], "--points 1: 2 to 80000", 2),
+        (["--preset", "GH", "--t-end", 1e6], "is too long for one page; --t-end 349", 2),
+        (["--preset", "GH", "--theta", 1.5], "theta", 2),
+        (["--preset", "GH", "--psi", "up"], "psi", 2),
+        (["--from", "out", *ONE, "--theta", 0.7], "--theta does not go with --from", 2),
+        (["--from", "gh", *ONE], "the model gh has no body that moves", 2),
+        (["--from", ".", *ONE], "is not an output directory", 2),
     ],
     ids=str,
 )
-def test_wrong_commands_say_so_in_one_line(tmp_path: Path, monkeypatch, args, words, code):
-    monkeypatch.chdir(tmp_path)
-    result = invoke("show", "--preset", "GH", *args)
+def test_wrong_commands_say_so_in_one_line(sweep: Path, monkeypatch, args, words, code):
+    monkeypatch.chdir(sweep.parent)
+    if "gh" in args:
+        assert run("gh.yaml", Path("gh"), "model=gh", "record=[]", options=("-q",)).exit_code == 0
+    before = sorted(sweep.parent.iterdir())
+    result = invoke("show", *([] if "--output" in args else ["--output", "a.html"]), *args)
     assert (result.exit_code, result.stdout) == (code, "")
     assert words in result.stderr
     assert result.stderr.startswith("error: ")
     assert result.stderr.count("\n") == 1
-    assert not list(tmp_path.iterdir())
-
-
-def test_other_models_have_no_body_to_show(tmp_path: Path):
-    output = tmp_path / "out"
-    assert run("gh.yaml", output, "model=gh", "record=[]").exit_code == 0
-    result = invoke("show", "--from", output, "--case", 0, "--sample", 0,
-                    "--output", tmp_path / "a.html")  # fmt: skip
-    assert result.exit_code == 2
-    assert "the model gh has no body that moves" in result.stderr
-    result = invoke("show", "--from", tmp_path, "--case", 0, "--sample", 0,
-                    "--output", tmp_path / "a.html")  # fmt: skip
-    assert result.exit_code == 2
-    assert "is not an output directory" in result.stderr
+    assert sorted(sweep.parent.iterdir()) == before
 
 
 # -- a real browser ------------------------------------------------------------------------------
