@@ -11,11 +11,9 @@ from rattlesweep.text import align
 
 
 @command(
-    section="One run",
-    examples=(
-        "rattlesweep body --preset GH",
-        "rattlesweep body --gamma 10 --f-sd 0.1 --theta 0.8 --phi 0.05 --xi-deg -3 --json",
-    ),
+    "One run",
+    "rattlesweep body --preset GH",
+    "rattlesweep body --gamma 10 --f-sd 0.1 --theta 0.8 --phi 0.05 --xi-deg -3 --json",
 )
 @options.body
 @options.spin

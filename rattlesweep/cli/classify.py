@@ -7,10 +7,7 @@ from pathlib import Path
 from rattlesweep.cli.common import command, options, print_summary, say
 
 
-@command(
-    section="Sweeps",
-    examples=("rattlesweep classify out/quickstart --set classify.sw_departure=0.1",),
-)
+@command("Sweeps", "rattlesweep classify out/quickstart --set classify.sw_departure=0.1")
 @options.directory
 @options.overrides
 def classify(directory: Path, overrides: tuple[str, ...]) -> None:

@@ -20,10 +20,7 @@ if TYPE_CHECKING:
 GH = {"bodies": {"source": "preset", "name": "GH"}, "spin": {"n_i": 0.1, "omega_xy0": 0.01}}
 
 
-@command(
-    section="Sweeps",
-    examples=("rattlesweep compile --all", "rattlesweep compile configs/steady.yaml"),
-)
+@command("Sweeps", "rattlesweep compile --all", "rattlesweep compile configs/steady.yaml")
 @argument("configs", metavar="[CONFIG]...", type=click.Path(path_type=Path), nargs=-1)
 @option("--all", "everything", is_flag=True, help="All that the commands need with the methods, "
         "models and records there are.")  # fmt: skip

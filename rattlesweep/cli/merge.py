@@ -11,11 +11,7 @@ from rattlesweep.cli.common import Meter, command, options, print_summary, say
 from rattlesweep.cli.common.output import DONE, EARLY, SOME_FAILED
 
 
-@command(
-    section="Sweeps",
-    resumes=True,
-    examples=("rattlesweep merge out/steady-0 out/steady-1 --output out/steady",),
-)
+@command("Sweeps", "rattlesweep merge out/steady-0 out/steady-1 --output out/steady", resumes=True)
 @argument("directories", metavar="DIR...", type=click.Path(path_type=Path), nargs=-1, required=True)
 @options.output("The directory to write.", required=True)
 @options.quiet

@@ -13,12 +13,10 @@ from rattlesweep.cli.common.output import DONE, SOME_FAILED
 
 
 @command(
-    section="Study",
+    "Study",
+    "rattlesweep paper --quick",
+    "rattlesweep paper --only fig6,fig7 --output out/paper",
     resumes=True,
-    examples=(
-        "rattlesweep paper --quick",
-        "rattlesweep paper --only fig6,fig7 --output out/paper",
-    ),
 )
 @options.output("Output directory; by default out/paper, or out/paper-quick.")
 @option("--quick", is_flag=True, help="Fewer samples: faster, with wide intervals.")

@@ -11,11 +11,9 @@ from rattlesweep.cli.common import command, options, say, to_json, types
 
 
 @command(
-    section="Sweeps",
-    examples=(
-        "rattlesweep plan configs/steady.yaml",
-        "rattlesweep plan configs/steady.yaml --set bodies.samples=100000 --shards 16 --budget 10s",
-    ),
+    "Sweeps",
+    "rattlesweep plan configs/steady.yaml",
+    "rattlesweep plan configs/steady.yaml --set bodies.samples=100000 --shards 16 --budget 10s",
 )
 @options.config
 @options.output("Where the sweep would be written; nothing is written now.")

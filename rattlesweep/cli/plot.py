@@ -12,13 +12,11 @@ from rattlesweep.cli.common import command, options, say, types
 
 
 @command(
-    section="Pictures and pages",
-    examples=(
-        "rattlesweep plot out/quickstart",
-        "rattlesweep plot out/steady --kind ratio --select n_i=-0.1,-0.3 --output ratio.pdf",
-        "rattlesweep plot out/steady --kind scatter --x K_r --ylim 10,1e4",
-        "rattlesweep plot out/map-theta-spin --select theta=0.84:0.99 --select n_i=-0.45:0",
-    ),
+    "Pictures and pages",
+    "rattlesweep plot out/quickstart",
+    "rattlesweep plot out/steady --kind ratio --select n_i=-0.1,-0.3 --output ratio.pdf",
+    "rattlesweep plot out/steady --kind scatter --x K_r --ylim 10,1e4",
+    "rattlesweep plot out/map-theta-spin --select theta=0.84:0.99 --select n_i=-0.45:0",
 )
 @options.directory
 @option("--kind", type=types.KINDS, help="What to draw; times are t_r, and ratio is t_r/t_rGH. By "

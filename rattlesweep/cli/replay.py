@@ -10,12 +10,10 @@ from rattlesweep.cli.common.series import say_outcome, write_course
 
 
 @command(
-    section="One run",
-    examples=(
-        "rattlesweep replay out/quickstart --case 3 --sample 17 --figure run.svg",
-        "rattlesweep replay out/quickstart --where \"type = 'SW' and K_r < 0.005\" --first 3 "
-        "--output run-{case}-{sample}.parquet",
-    ),
+    "One run",
+    "rattlesweep replay out/quickstart --case 3 --sample 17 --figure run.svg",
+    "rattlesweep replay out/quickstart --where \"type = 'SW' and K_r < 0.005\" --first 3 "
+    "--output run-{case}-{sample}.parquet",
 )
 @options.directory
 @options.which_runs

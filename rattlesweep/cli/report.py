@@ -10,11 +10,9 @@ from rattlesweep.cli.common import command, options, say
 
 
 @command(
-    section="Pictures and pages",
-    examples=(
-        "rattlesweep report out/quickstart",
-        "rattlesweep report out/steady --output steady.html --title 'Steady direction'",
-    ),
+    "Pictures and pages",
+    "rattlesweep report out/quickstart",
+    "rattlesweep report out/steady --output steady.html --title 'Steady direction'",
 )
 @options.directory
 @options.file("--output", ".html", ".htm", help="File to write; by default DIRECTORY/report.html.")

@@ -27,13 +27,11 @@ session = options.Group(
 
 
 @command(
-    section="Sweeps",
+    "Sweeps",
+    "rattlesweep run configs/quickstart.yaml --set bodies.samples=100",
+    "rattlesweep run configs/steady.yaml --max-time 3h50m",
+    "rattlesweep run configs/steady.yaml --shard 0/4 --output out/steady-0",
     resumes=True,
-    examples=(
-        "rattlesweep run configs/quickstart.yaml --set bodies.samples=100",
-        "rattlesweep run configs/steady.yaml --max-time 3h50m",
-        "rattlesweep run configs/steady.yaml --shard 0/4 --output out/steady-0",
-    ),
 )
 @options.config
 @options.output()

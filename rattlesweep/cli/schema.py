@@ -7,7 +7,7 @@ import click
 from rattlesweep.cli.common import command, to_json
 
 
-@command(section="Study", examples=("rattlesweep schema > rattlesweep.schema.json",))
+@command("Study", "rattlesweep schema > rattlesweep.schema.json")
 def schema() -> None:
     """Print the JSON Schema of the config."""
     from rattlesweep.sweeps.config.load import config_json_schema

@@ -19,11 +19,9 @@ if TYPE_CHECKING:
 
 
 @command(
-    section="Pictures and pages",
-    examples=(
-        "rattlesweep show --preset GH --n-i -0.1 --output spin.html",
-        "rattlesweep show --from out/quickstart --where \"type = 'SW'\" --output wobble.html",
-    ),
+    "Pictures and pages",
+    "rattlesweep show --preset GH --n-i -0.1 --output spin.html",
+    "rattlesweep show --from out/quickstart --where \"type = 'SW'\" --output wobble.html",
 )
 @option("--from", "directory", metavar="DIR", type=click.Path(path_type=Path),
         help="Replay a run of this sweep.")  # fmt: skip

@@ -14,11 +14,9 @@ from rattlesweep.errors import ConfigError
 
 
 @command(
-    section="Sweeps",
-    examples=(
-        "rattlesweep slurm configs/steady.yaml --shards 100 --cpus 16 --time 4:00:00 > steady.sh",
-        "sbatch steady.sh",
-    ),
+    "Sweeps",
+    "rattlesweep slurm configs/steady.yaml --shards 100 --cpus 16 --time 4:00:00 > steady.sh",
+    "sbatch steady.sh",
 )
 @options.config
 @option("--shards", type=click.IntRange(1), required=True, help="Number of tasks in the array.")

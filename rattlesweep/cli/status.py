@@ -11,7 +11,7 @@ from rattlesweep.cli.common import command, options, to_json
 from rattlesweep.cli.common.output import DONE, SOME_FAILED
 
 
-@command(section="Sweeps", examples=("rattlesweep status out/quickstart",))
+@command("Sweeps", "rattlesweep status out/quickstart")
 @options.directory
 @options.as_json
 def status(directory: Path, as_json: bool) -> int:

@@ -12,11 +12,9 @@ from rattlesweep.cli.common import Meter, command, options, say, to_json
 
 
 @command(
-    section="Study",
-    examples=(
-        "rattlesweep tradeoff --quick",
-        "rattlesweep tradeoff configs/tradeoff.yaml --output out/tradeoff",
-    ),
+    "Study",
+    "rattlesweep tradeoff --quick",
+    "rattlesweep tradeoff configs/tradeoff.yaml --output out/tradeoff",
 )
 @argument("config", type=click.Path(path_type=Path), required=False)
 @options.output()

@@ -12,12 +12,10 @@ from rattlesweep.cli.common.series import say_outcome, write_course
 
 
 @command(
-    section="One run",
-    examples=(
-        "rattlesweep trajectory --preset GH --n-i -0.1 --t-end 1500 --figure spin.svg",
-        "rattlesweep trajectory --preset GH --theta 0.82 --t-end 2e4 --dt 0.5 "
-        "--channels t,n,E_p,E_r --output run.parquet",
-    ),
+    "One run",
+    "rattlesweep trajectory --preset GH --n-i -0.1 --t-end 1500 --figure spin.svg",
+    "rattlesweep trajectory --preset GH --theta 0.82 --t-end 2e4 --dt 0.5 "
+    "--channels t,n,E_p,E_r --output run.parquet",
 )
 @options.body
 @options.launch

@@ -13,7 +13,7 @@ from rattlesweep.cli.common.output import DONE, FAILED
 from rattlesweep.errors import printable
 
 
-@command(section="Sweeps", examples=("rattlesweep verify out/quickstart --recompute 100",))
+@command("Sweeps", "rattlesweep verify out/quickstart --recompute 100")
 @options.directory
 @option("--recompute", type=click.IntRange(0), metavar="N", default=0,
         help="Integrate N random runs again and compare them bit for bit.")  # fmt: skip

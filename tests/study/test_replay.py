@@ -130,6 +130,7 @@ ONE = ["--case", 0, "--sample", 1]
         ([*ONE, "--output", "a.xlsx"], ".parquet or .csv", 2),
         ([*ONE, "--output", "/proc/no/a.csv"], "cannot write in", 1),
         ([*ONE, "--t-end", "nan"], "finite, positive time", 2),
+        (ONE, "is not an output directory", 2),
     ],
     ids=str,
 )
@@ -137,18 +138,12 @@ def test_wrong_commands_say_so_in_one_line(
     sweep: Path, tmp_path: Path, monkeypatch: Any, args: list[Any], words: str, code: int
 ):
     monkeypatch.chdir(tmp_path)
-    result = invoke("replay", sweep, *args)
+    result = invoke("replay", tmp_path if args is ONE else sweep, *args)
     assert (result.exit_code, result.stdout) == (code, "")
     assert words in result.stderr
     assert result.stderr.startswith("error: ")
     assert result.stderr.count("\n") == 1
     assert not list(tmp_path.iterdir())
-
-
-def test_a_directory_that_is_no_sweep(tmp_path: Path):
-    result = invoke("replay", tmp_path, "--case", 0, "--sample", 0)
-    assert (result.exit_code, result.stdout) == (2, "")
-    assert "is not an output directory" in result.stderr
 
 
 def test_a_stored_number_that_is_not_what_comes_out_is_told(sweep: Path, tmp_path: Path):

@@ -6,7 +6,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, Literal, NoReturn
 
@@ -27,23 +27,10 @@ class Terminated(BaseException):
 
 
 class Command(click.Command):
-    """A command that turns what can go wrong into one sentence and an exit code.
+    """A command that turns what can go wrong into one sentence and an exit code."""
 
-    ``section`` is where `--help` lists it, ``examples`` are command lines that end its own help,
-    and ``resumes`` says whether the same command resumes where it was stopped.
-    """
-
-    def __init__(
-        self,
-        *args: Any,
-        section: Section,
-        examples: Sequence[str],
-        resumes: bool = False,
-        **settings: Any,
-    ) -> None:
-        head = "Examples" if len(examples) > 1 else "Example"
+    def __init__(self, *args: Any, section: Section, resumes: bool, **settings: Any) -> None:
         super().__init__(*args, **settings)
-        self.epilog = "\n  ".join([f"\b\n{head}:", *examples])
         self.section, self._resumes = section, resumes
 
     def make_context(self, *args: Any, **kwargs: Any) -> click.Context:
@@ -62,9 +49,17 @@ class Command(click.Command):
             _leave(code)
 
 
-def command(**settings: Any) -> Callable[[Callable[..., Any]], Command]:
-    """Make a function a :class:`Command`, with its settings."""
-    return click.command(cls=Command, **settings)
+def command(
+    section: Section, *examples: str, resumes: bool = False
+) -> Callable[[Callable[..., Any]], Command]:
+    """Make a function a :class:`Command`.
+
+    ``section`` is where `--help` lists it, ``examples`` are command lines that end its own help,
+    and ``resumes`` says whether the same command resumes where it was stopped.
+    """
+    head = "Examples" if len(examples) > 1 else "Example"
+    epilog = "\n  ".join([f"\b\n{head}:", *examples])
+    return click.command(cls=Command, section=section, resumes=resumes, epilog=epilog)
 
 
 def _terminate(number: int, frame: Any) -> NoReturn:
