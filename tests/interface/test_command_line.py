@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import json
-import os
 import re
 import subprocess
 import sys
@@ -14,6 +13,7 @@ import click
 import jsonschema
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from test_run import CONFIGS, PROGRAM, invoke
 
 import rattlesweep as rs
@@ -31,16 +31,6 @@ HEAVY = ("numpy", "numba", "scipy", "pandas", "pyarrow", "pydantic", "tqdm", "ma
 
 def command_of(name: str) -> Any:
     return cli.main.get_command(click.Context(cli.main), name)
-
-
-def run_program(*args: str, **environment: str) -> str:
-    return subprocess.run(
-        [PROGRAM, *args],
-        env={**os.environ, **environment},
-        capture_output=True,
-        text=True,
-        check=True,
-    ).stdout
 
 
 def test_help_lists_every_command_in_a_section():
@@ -108,11 +98,9 @@ def test_a_mistyped_command_is_told(typed, hint):
 
 
 def test_the_module_is_the_program():
-    for rest in (["--version"], ["body", "--help"]):
-        module = [sys.executable, "-m", "rattlesweep", *rest]
-        done = subprocess.run(module, capture_output=True, text=True, check=True)
-        assert done.stdout == run_program(*rest)
-        assert done.stdout.startswith(("rattlesweep", "Usage: rattlesweep body"))
+    for program in ([PROGRAM], [sys.executable, "-m", "rattlesweep"]):
+        said = subprocess.run([*program, "body", "--help"], capture_output=True, text=True).stdout
+        assert said.startswith("Usage: rattlesweep body [OPTIONS]\n")
 
 
 def test_version():
@@ -134,11 +122,13 @@ def test_version():
     ],
 )
 def test_completion(typed, completed):
-    count = str(len(typed.split()) - 1)
-    environment = {"COMP_WORDS": typed, "COMP_CWORD": count}
-    words = run_program(_RATTLESWEEP_COMPLETE="bash_complete", **environment)
-    assert words.split() == completed
-    assert "_RATTLESWEEP_COMPLETE=bash_complete" in run_program(_RATTLESWEEP_COMPLETE="bash_source")
+    def complete(how: str) -> str:
+        words = {"COMP_WORDS": typed, "COMP_CWORD": str(len(typed.split()) - 1)}
+        environment = {"_RATTLESWEEP_COMPLETE": how, **words}
+        return CliRunner().invoke(cli.main, env=environment, prog_name="rattlesweep").stdout
+
+    assert complete("bash_complete").split() == completed
+    assert "_RATTLESWEEP_COMPLETE=bash_complete" in complete("bash_source")
 
 
 def test_the_schema_is_one_and_takes_the_shipped_configs():
@@ -177,20 +167,19 @@ def test_body_says_what_the_python_interface_says():
 
 
 def test_body_of_a_shell_dumbbell():
-    args = ["--gamma", "10", "--f-sd", "0.1", "--theta", "0.8", "--phi", "0.05", "--xi-deg", "-3"]
-    found = json.loads(invoke("body", *args, "--json").stdout)
-    body = rs.Rattleback.shell_dumbbell(
+    def body(*args: object) -> dict[str, float]:
+        return json.loads(invoke("body", *args, "--json").stdout)
+
+    found = body("--gamma", 10, "--f-sd", 0.1, "--theta", 0.8, "--phi", 0.05, "--xi-deg", -3)
+    same = rs.Rattleback.shell_dumbbell(
         gamma=10, f_sd=0.1, theta=0.8, phi=0.05, xi=float(np.radians(-3))
     )
-    assert found["K_r"] == rs.modes(body).K_r
-    assert found["t_rgh"] == rs.reversal_time_gh(body, 0.1, 0.01)
-    six = [p for n in ("alpha", "beta", "gamma", "theta", "phi", "xi")
-           for p in (f"--{n}", repr(getattr(body, n)))]  # fmt: skip
-    assert json.loads(invoke("body", *six, "--json").stdout) == found
-    mirrored = json.loads(
-        invoke("body", "--preset", "GH", "--xi-deg", "1.72", "--n-i", "0.1", "--json").stdout
-    )
-    gh = json.loads(invoke("body", "--preset", "GH", "--n-i", "-0.1", "--json").stdout)
+    assert found["K_r"] == rs.modes(same).K_r
+    assert found["t_rgh"] == rs.reversal_time_gh(same, 0.1, 0.01)
+    six = ("alpha", "beta", "gamma", "theta", "phi", "xi")
+    assert body(*(part for n in six for part in (f"--{n}", repr(getattr(same, n))))) == found
+    mirrored = body("--preset", "GH", "--xi-deg", 1.72)
+    gh = body("--preset", "GH", "--n-i", -0.1)
     assert mirrored["t_rgh"] == pytest.approx(gh["t_rgh"], rel=1e-13)
     assert mirrored["K_p"] == pytest.approx(-gh["K_p"], rel=1e-13)
 

@@ -84,8 +84,8 @@ run sd.yaml --set spin.psi=up
 run sd.yaml --shard 3/2
 run sd.yaml --threads 0
 run sd.yaml --dry-run
-plan sd.yaml --threads 1 --shards 2
-plan sd.yaml --json
+plan sd.yaml --threads 1 --shards 2 --budget 0.3s
+plan sd.yaml --json --budget 0.3s
 run sd.yaml --output shard-0 --shard 0/2
 run sd.yaml --output shard-1 --shard 1/2
 merge shard-0 --output part
