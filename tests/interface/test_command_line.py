@@ -14,6 +14,7 @@ import jsonschema
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from refusal import assert_refused
 from test_run import CONFIGS, PROGRAM, invoke
 
 import rattlesweep as rs
@@ -205,9 +206,4 @@ def test_body_of_a_shell_dumbbell():
     ],
 )  # fmt: skip
 def test_a_wrong_body_is_one_sentence(args, words):
-    result = invoke("body", *args.split())
-    assert result.exit_code == 2
-    assert result.stdout == ""
-    assert result.stderr.startswith("error: ")
-    assert result.stderr.count("\n") == 1
-    assert words in result.stderr
+    assert_refused(invoke("body", *args.split()), 2, words)

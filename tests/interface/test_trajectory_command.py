@@ -14,6 +14,7 @@ import pandas as pd
 import pyarrow.csv as pcsv
 import pyarrow.parquet as pq
 import pytest
+from refusal import assert_refused
 from test_run import invoke
 
 import rattlesweep as rs
@@ -141,12 +142,7 @@ def test_what_a_figure_shows(model: str):
 )
 def test_wrong_commands_say_so_in_one_line(tmp_path: Path, monkeypatch, args, words, code):
     monkeypatch.chdir(tmp_path)
-    result = command(*args)
-    assert result.exit_code == code
-    assert result.stdout == ""
-    assert words in result.stderr
-    assert result.stderr.startswith("error: ")
-    assert result.stderr.count("\n") == 1
+    assert_refused(command(*args), code, words)
     assert not list(tmp_path.iterdir())
 
 

@@ -12,6 +12,7 @@ import pandas as pd
 import pyarrow.csv as pcsv
 import pyarrow.parquet as pq
 import pytest
+from refusal import assert_refused
 from test_run import invoke, rows, run
 
 import rattlesweep as rs
@@ -139,10 +140,7 @@ def test_wrong_commands_say_so_in_one_line(
 ):
     monkeypatch.chdir(tmp_path)
     result = invoke("replay", tmp_path if args is ONE else sweep, *args)
-    assert (result.exit_code, result.stdout) == (code, "")
-    assert words in result.stderr
-    assert result.stderr.startswith("error: ")
-    assert result.stderr.count("\n") == 1
+    assert_refused(result, code, words)
     assert not list(tmp_path.iterdir())
 
 

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 from browser import NO_WEBGL, WEBGL, Browser, browser, find_browser
+from refusal import assert_refused
 from scipy.spatial.transform import Rotation
 from test_run import invoke, rows, run
 
@@ -231,10 +232,7 @@ def test_wrong_commands_say_so_in_one_line(sweep: Path, monkeypatch, args, words
         assert run("gh.yaml", Path("gh"), "model=gh", "record=[]", options=("-q",)).exit_code == 0
     before = sorted(sweep.parent.iterdir())
     result = invoke("show", *([] if "--output" in args else ["--output", "a.html"]), *args)
-    assert (result.exit_code, result.stdout) == (code, "")
-    assert words in result.stderr
-    assert result.stderr.startswith("error: ")
-    assert result.stderr.count("\n") == 1
+    assert_refused(result, code, words)
     assert sorted(sweep.parent.iterdir()) == before
 
 
