@@ -17,7 +17,7 @@ from rattlesweep.errors import OutputError
 if TYPE_CHECKING:
     from rattlesweep.sweeps.config.schema import Config
 
-GH = {"bodies": {"source": "preset", "name": "GH"}, "spin": {"n_i": 0.1, "omega_xy0": 0.01}}
+SWEEP = {"bodies": {"source": "sd", "samples": 1}, "spin": {"n_i": 0.1, "omega_xy0": 0.01}}
 
 
 @command("Sweeps", "rattlesweep compile --all", "rattlesweep compile configs/steady.yaml")
@@ -31,12 +31,11 @@ def compile(configs: tuple[Path, ...], everything: bool) -> None:
     line per kernel: the seconds it took, or that it was there. Removes kernels that other versions
     have left.
     """
-    from rattlesweep.integrate.cache import directory, remove_old
-    from rattlesweep.integrate.compiling import compilations
+    from rattlesweep.integrate.cache import KernelCache, directory, remove_old
     from rattlesweep.integrate.lanes import kernel
     from rattlesweep.sweeps.config.load import load_config, parse_config
 
-    sweeps = [load_config(path) for path in configs] or [parse_config(GH)]
+    sweeps = [load_config(path) for path in configs] or [parse_config(SWEEP)]
     place = directory(kernel.__file__)
     if place is None:
         raise OutputError("there is no directory in which kernels can be kept: set XDG_CACHE_HOME "
@@ -45,10 +44,11 @@ def compile(configs: tuple[Path, ...], everything: bool) -> None:
     if everything:
         kernels |= dict(_all())
     for name, load in kernels.items():
-        before, start = compilations(), time.monotonic()
+        before, start = KernelCache.compilations, time.monotonic()
         load()
         seconds = f"{time.monotonic() - start:.1f} s"
-        click.echo(f"{name:<28}  {seconds if compilations() > before else 'already there'}")
+        there = KernelCache.compilations == before
+        click.echo(f"{name:<28}  {'already there' if there else seconds}")
     if removed := remove_old(place):
         say(f"removed: {removed} directories of other versions in {place.parent}")
 
@@ -57,9 +57,14 @@ Kernels = Iterator[tuple[str, Callable[[], object]]]
 
 
 def _of_sweep(config: Config) -> Kernels:
-    """The kernel of a sweep, by name, and what loads it; none for the closed form."""
-    from rattlesweep.sweeps.blocks.block import load_kernel
+    """What a sweep needs, by name, and what loads it; the closed form needs no kernel."""
+    import numpy as np
 
+    from rattlesweep.sweeps.blocks.block import load_kernel
+    from rattlesweep.sweeps.cases.sampler import draw_bodies
+
+    if config.bodies.source == "sd":
+        yield "bodies", partial(draw_bodies, 0, 0, np.zeros(1, dtype=np.int64), np.ones((5, 2)))
     if config.model != "gh":
         tangent = " lyapunov" if "lyapunov" in config.record else ""
         name = f"sweep {config.integrator.method} {config.model}{tangent}"
@@ -73,9 +78,9 @@ def _all() -> Kernels:
     from rattlesweep.sweeps.config.load import parse_config
 
     for method in METHODS:
-        yield from _of_sweep(parse_config(GH | {"integrator": {"method": method}}))
-    yield from _of_sweep(parse_config(GH | {"model": "reduced"}))
-    yield from _of_sweep(parse_config(GH | {"record": ["lyapunov"]}))
+        yield from _of_sweep(parse_config(SWEEP | {"integrator": {"method": method}}))
+    yield from _of_sweep(parse_config(SWEEP | {"model": "reduced"}))
+    yield from _of_sweep(parse_config(SWEEP | {"record": ["lyapunov"]}))
     method = DOP853.name
     for model in ("full", "reduced"):
         yield f"trajectory {method} {model}", partial(march_kernel, method, model)

@@ -215,6 +215,9 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
     Numba's own cache unpickles an index and a data file as it finds them.
     """
 
+    # What this process has had compiled.
+    compilations = 0
+
     def __init__(self, function: Callable[..., Any], place: Path | None) -> None:
         # Not Numba's own: it would look for a directory.
         self._py_func = function
@@ -243,6 +246,7 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
 
     def put(self, name: str, blob: bytes) -> None:
         """Keep sealed code in memory and, if possible, on the disk."""
+        KernelCache.compilations += 1
         self._kept[name] = blob
         if self._place is not None:
             _write(self._place / name, blob)

@@ -8,7 +8,6 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 # Given a kernel's name; what it makes lasts as long as the compilation.
 Listener = Callable[[str], AbstractContextManager[object]]
 _listeners: list[Listener] = []
-_compiled: list[str] = []
 
 
 @contextmanager
@@ -21,14 +20,6 @@ def listening(listener: Listener | None) -> Iterator[None]:
         _listeners.pop()
 
 
-@contextmanager
-def compiling(kernel: str) -> Iterator[None]:
+def compiling(kernel: str) -> AbstractContextManager[object]:
     """To be entered around a compilation; the innermost listener hears of it."""
-    with _listeners[-1](kernel) if _listeners else nullcontext():
-        yield
-    _compiled.append(kernel)
-
-
-def compilations() -> int:
-    """How many kernels this process has had compiled."""
-    return len(_compiled)
+    return _listeners[-1](kernel) if _listeners else nullcontext()
