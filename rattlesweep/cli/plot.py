@@ -53,20 +53,19 @@ def plot(
 
     Works at any time, even while the sweep is running. Prints the paths of what it writes.
     """
-    from rattlesweep.study.plots.files import write_data, write_figure
     from rattlesweep.study.plots.layout import read_layout
     from rattlesweep.study.plots.registry import read_picture
-    from rattlesweep.study.style import styled
+    from rattlesweep.study.style import save, styled
 
     with styled(style):
         picture = read_picture(read_layout(directory), kind, x=x, select=select)
-        name = picture.kind.name
+        name = picture.name
         paths = list(output) or [directory / f"{name}.{ending}" for ending in ("svg", "png")]
         figure = picture.figure(**looks)
-        write_figure(figure, paths, dpi)
+        save(figure, paths, dpi)
     if data is not None:
-        write_data(picture.table(), data)
+        picture.write_data(data)
         paths.append(data)
     for path in paths:
         click.echo(path)
-    say(f"{name}: {picture.data.words()}")
+    say(f"{name}: {picture.words()}")

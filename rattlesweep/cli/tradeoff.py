@@ -20,7 +20,7 @@ from rattlesweep.cli.common import Meter, command, options, say, to_json
 @options.output()
 @option("--samples", type=click.IntRange(1),
         help="Number of bodies; by default enough for 2000 runs.")  # fmt: skip
-@option("--quick", is_flag=True, help="Fewer runs and measurements: takes seconds, but rough.")
+@option("--quick", is_flag=True, help="Fewer runs, methods and measurements: faster, but rough.")
 @options.overrides
 @options.threads
 @options.as_json
@@ -41,9 +41,10 @@ def tradeoff(
     thread, whatever --threads says.
     """
     from rattlesweep.integrate.batch import available_threads
+    from rattlesweep.study.tradeoff.figure import save
     from rattlesweep.study.tradeoff.measure import measure
-    from rattlesweep.study.tradeoff.report import as_data, as_text, save
     from rattlesweep.study.tradeoff.settings import DEFAULT, FULL, QUICK
+    from rattlesweep.study.tradeoff.table import as_data, as_text
     from rattlesweep.sweeps.config.load import load_config, override_config
     from rattlesweep.sweeps.store.atomic import probe_directory
 

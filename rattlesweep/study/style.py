@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.mathtext import MathTextParser
 
 from rattlesweep.errors import ConfigError
+from rattlesweep.sweeps.store.atomic import replace_file
 
 # Okabe and Ito's colours, which the colour-blind tell apart.
 BLUE, VERMILION, GREEN = "#0072B2", "#D55E00", "#009E73"
@@ -147,6 +148,12 @@ def encode(figure: Figure, kind: str, dpi: float) -> bytes:
     }[kind]
     figure.savefig(buffer, format=kind, dpi=dpi, metadata=metadata)
     return buffer.getvalue()
+
+
+def save(figure: Figure, paths: Sequence[Path], dpi: float) -> None:
+    """Write a figure to some files, each in one step, in the formats of their endings."""
+    for path in paths:
+        replace_file(path, encode(figure, path.suffix.lower().removeprefix("."), dpi))
 
 
 def formula_error(text: str) -> str | None:

@@ -17,7 +17,7 @@ from matplotlib.colors import to_rgb
 from test_run import invoke, tree
 
 import rattlesweep as rs
-from rattlesweep.study import pages
+from rattlesweep.study import pages as study_pages
 from rattlesweep.study.report.config import config_yaml
 from rattlesweep.study.report.page import MOST_CASES, make_report
 from rattlesweep.study.style import TYPE_STYLE
@@ -55,6 +55,30 @@ def sweeps(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
+READ = "what was read"
+
+
+@pytest.fixture(scope="module")
+def pages(sweeps: Path) -> dict[str, bytes]:
+    """Their pages, and the names of the files that were read for them."""
+    read: list[str] = []
+    file, whole = store_module.pq.ParquetFile, Path.read_bytes
+
+    def parquet_file(source: Any, *args: Any, **options: Any) -> Any:
+        read.append(str(source))
+        return file(source, *args, **options)
+
+    def read_bytes(path: Path) -> bytes:
+        read.append(str(path))
+        return whole(path)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(store_module.pq, "ParquetFile", parquet_file)
+        patch.setattr(Path, "read_bytes", read_bytes)
+        found = {name: make_report(sweeps / name) for name in ("steady", "map")}
+    return {**found, READ: "\n".join(read).encode()}
+
+
 class Page(HTMLParser):
     """What a page holds."""
 
@@ -88,8 +112,8 @@ class Page(HTMLParser):
         return " ".join(" ".join(self.words).split())
 
 
-def test_all_of_a_sweep_is_there(sweeps: Path) -> None:
-    page = Page(make_report(sweeps / "steady"))
+def test_all_of_a_sweep_is_there(sweeps: Path, pages: dict[str, bytes]) -> None:
+    page = Page(pages["steady"])
     sweep = rs.load(sweeps / "steady")
     assert page.title == "steady"
     headings = [attrs.get("id") for tag, attrs in page.tags if tag == "section"]
@@ -124,30 +148,27 @@ def test_the_config_makes_the_sweep_again(sweeps: Path) -> None:
     assert "n_i: {linspace: [-0.6, 0.6, 50]}" in text
 
 
-def test_words_of_the_config_are_words(sweeps: Path) -> None:
-    data = make_report(sweeps / "map")
-    page = Page(data)
-    assert b"<script" not in data
+def test_words_of_the_config_are_words(pages: dict[str, bytes]) -> None:
+    page = Page(pages["map"])
+    assert b"<script" not in pages["map"]
     assert page.title == EVIL
     assert EVIL in page.text
     assert not {tag for tag, _ in page.tags} & {"script", "iframe", "object", "link"}
-    assert Page(make_report(sweeps / "steady", "<b>&")).title == "<b>&"
 
 
-def test_failures_are_counted_and_named(sweeps: Path) -> None:
+def test_failures_are_counted_and_named(sweeps: Path, pages: dict[str, bytes]) -> None:
     runs = rs.load(sweeps / "map").runs
     bad = runs[runs["status"] != "ok"]
     assert len(bad) > 3
-    text = Page(make_report(sweeps / "map")).text
+    text = Page(pages["map"]).text
     word, count = bad["status"].iloc[0], len(bad)
     first = bad.iloc[0]
     share = f"{100 * count / len(runs):.1f} %"
     assert f"{word} {count} {share} case {first['case']}, sample {first['sample']}" in text
 
 
-def test_the_page_needs_nothing_else(sweeps: Path) -> None:
-    for name in ("steady", "map"):
-        data = make_report(sweeps / name)
+def test_the_page_needs_nothing_else(pages: dict[str, bytes]) -> None:
+    for data in (pages["steady"], pages["map"]):
         assert len(data) < 5e6
         for tag, attrs in Page(data).tags:
             for key in ("src", "href", "srcset", "action"):
@@ -168,31 +189,17 @@ def test_a_sweep_that_is_not_whole(sweeps: Path, tmp_path: Path) -> None:
         del manifest.receipts[2]
 
     store.update_manifest(stopped)
-    text = Page(make_report(part)).text
+    page = Page(make_report(part, "<b>&"))
+    assert page.title == "<b>&"
+    text = page.text
     assert "stopped: 350 of 450 runs are done" in text
     assert "time expected 12.0 s (10.0 s to 15.0 s)" in text
     assert "runs per second" not in text
 
 
-def test_the_directory_is_read_once(sweeps: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    read: list[str] = []
-    file = store_module.pq.ParquetFile
-
-    def counting(source: Any, *args: Any, **options: Any) -> Any:
-        read.append(str(source))
-        return file(source, *args, **options)
-
-    whole = Path.read_bytes
-
-    def read_bytes(path: Path) -> bytes:
-        read.append(str(path))
-        return whole(path)
-
-    monkeypatch.setattr(store_module.pq, "ParquetFile", counting)
-    monkeypatch.setattr(Path, "read_bytes", read_bytes)
-    make_report(sweeps / "steady")
-    blocks = [name for name in read if name.endswith(".parquet")]
-    assert sorted(blocks) == sorted(map(str, (sweeps / "steady" / "runs").glob("*.parquet")))
+def test_the_directory_is_read_once(sweeps: Path, pages: dict[str, bytes]) -> None:
+    blocks = [name for name in pages[READ].decode().split() if name.endswith(".parquet")]
+    assert sorted(blocks) == sorted(map(str, sweeps.glob("*/runs/*.parquet")))
 
 
 def test_many_cases_stay_small(tmp_path: Path) -> None:
@@ -210,29 +217,38 @@ def test_many_cases_stay_small(tmp_path: Path) -> None:
 WRONG = {
     "no directory": (["nowhere"], 2, "nowhere: there is no such directory"),
     "no sweep": (["."], 2, "is not an output directory: it has no manifest.json"),
-    "ending": (["steady", "--output", "p.pdf"], 2, "the name must end in .html"),
-    "no folder": (["steady", "--output", "no/p.html"], 1, "cannot write no/p.html: No such file"),
-    "read-only": (["steady", "--output", "/proc/p.html"], 1, "cannot write /proc/p.html"),
+    "ending": (["one", "--output", "p.pdf"], 2, "the name must end in .html"),
+    "no folder": (["one", "--output", "no/p.html"], 1, "cannot write no/p.html: No such file"),
+    "read-only": (["one", "--output", "/proc/p.html"], 1, "cannot write /proc/p.html"),
     "damaged": (["broken"], 1, "broken/runs/block-000000.parquet is damaged"),
 }
 
 
+@pytest.fixture(scope="module")
+def damaged(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A directory with a sweep of one run, and one that is damaged."""
+    root = tmp_path_factory.mktemp("damaged")
+    config = {"bodies": {"source": "preset", "name": "GH"}, "model": "gh",
+              "spin": {"n_i": 0.1, "omega_xy0": 0.01}}  # fmt: skip
+    for name in ("one", "broken"):
+        rs.sweep(config, output=root / name)
+    block = root / "broken" / "runs" / "block-000000.parquet"
+    block.write_bytes(block.read_bytes()[:-200])
+    return root
+
+
 @pytest.mark.parametrize("case", WRONG)
 def test_what_is_wrong_is_one_sentence(
-    sweeps: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, case: str
+    damaged: Path, monkeypatch: pytest.MonkeyPatch, case: str
 ) -> None:
-    for name in ("steady", "broken"):
-        shutil.copytree(sweeps / "steady", tmp_path / name)
-    block = tmp_path / "broken" / "runs" / "block-000000.parquet"
-    block.write_bytes(block.read_bytes()[:-200])
-    monkeypatch.chdir(tmp_path)
-    before = tree(tmp_path)
+    monkeypatch.chdir(damaged)
+    before = tree(damaged)
     arguments, code, words = WRONG[case]
     done = invoke("report", *arguments)
     assert (done.exit_code, done.stdout) == (code, "")
     assert words in done.stderr
     assert done.stderr.count("\n") == 1
-    assert tree(tmp_path) == before
+    assert tree(damaged) == before
 
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))),
@@ -278,7 +294,7 @@ def test_a_browser_shows_it(sweeps: Path, tmp_path: Path) -> None:
 
 
 def test_the_navigation_can_wrap() -> None:
-    style = (Path(pages.__file__).parent / "templates" / "page.css").read_text()
+    style = (Path(study_pages.__file__).parent / "templates" / "page.css").read_text()
     rule = re.search(r"^nav {(.*)}$", style, re.MULTILINE)
     assert rule is not None
     assert "flex-wrap: wrap" in rule[1]
@@ -286,10 +302,12 @@ def test_the_navigation_can_wrap() -> None:
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here to open the page with")
 @pytest.mark.parametrize("name", ["steady", "map"])
-def test_a_narrow_page_does_not_scroll_sideways(sweeps: Path, tmp_path: Path, name: str) -> None:
+def test_a_narrow_page_does_not_scroll_sideways(
+    pages: dict[str, bytes], tmp_path: Path, name: str
+) -> None:
     """In a frame of 390 px, as a window of a headless browser is never narrower than 500."""
     target = tmp_path / "page.html"
-    target.write_bytes(make_report(sweeps / name))
+    target.write_bytes(pages[name])
     frame = tmp_path / "frame.html"
     frame.write_text(
         f'<iframe id="f" width="390" height="800" src="{target.name}"></iframe><script>onload = '

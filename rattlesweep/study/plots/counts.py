@@ -1,59 +1,36 @@
-"""From runs to what a picture shows: the runs counted by their place along some axes."""
+"""From runs to what most pictures show: the runs counted by their place along some axes."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from rattlesweep.errors import ConfigError
-from rattlesweep.study.plots.layout import Layout, Places
-from rattlesweep.sweeps.tables.cells import COLUMNS, Cells, Moments, share, wilson
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
-    Integers = NDArray[np.int64]
+from rattlesweep.study.plots.layout import Floats, Layout
+from rattlesweep.study.plots.picture import Picture
+from rattlesweep.sweeps.tables.cells import COLUMNS, Cells, share, wilson
 
 MOST_CELLS = 4_000_000
 
 
-class Counts:
-    """Runs by cell.
-
-    Parameters
-    ----------
-    layout
-    names
-        Axes that tell the cells apart; runs that differ in others only are counted together.
-    chosen
-        Places along any axes that are taken; others are left out.
+class Counted(Picture):
+    """A picture of runs by cell: those that differ in other than its axes are counted together.
 
     Attributes
     ----------
-    axes : tuple of Axis
-        What tells the cells apart; what is chosen, in ascending order.
     cells : Cells
         Flat; `grid` gives any of its arrays the shape of the axes.
-
-    Raises
-    ------
-    ConfigError
-        There would be more cells than a picture can show.
     """
 
     columns: Sequence[str] = ("case", "sample", *COLUMNS)
 
-    def __init__(
-        self, layout: Layout, names: Sequence[str], chosen: Mapping[str, Integers] | None = None
-    ) -> None:
-        self.layout = layout
-        self._places = Places(layout, names, chosen or {})
-        self.axes = self._places.axes
+    def __init__(self, layout: Layout, x: str | None) -> None:
+        super().__init__(layout, x)
         if (cells := math.prod(self.shape)) > MOST_CELLS:
             raise ConfigError(
                 f"{cells} cells are too many for a picture; choose some with --select"
@@ -67,15 +44,11 @@ class Counts:
 
     def add(self, rows: pa.RecordBatch) -> None:
         """Count more rows."""
-        self.cells.add(rows, self._places.cells(rows))
+        self.cells.add(rows, self.layout.cells(rows, self.axes))
 
     def __len__(self) -> int:
         """Return the number of runs counted."""
         return int(self.cells.runs.sum())
-
-    def words(self) -> str:
-        """How many they are."""
-        return f"{len(self):,} runs"
 
     def grid(self, flat: NDArray[Any]) -> NDArray[Any]:
         """An array over the cells in the shape of the axes."""
@@ -86,12 +59,16 @@ class Counts:
         return self.grid(share(self.cells.bondi, self.cells.steady))
 
     def table(self) -> pa.Table:
-        """One row a cell that holds runs: what the pictures draw."""
+        """One row a cell that holds runs."""
         cells = self.cells
-        meshes = np.meshgrid(*(axis.values for axis in self.axes), indexing="ij")
+        names = [axis.name for axis in self.axes]
         columns: dict[str, Any] = {
-            axis.name: mesh.ravel() for axis, mesh in zip(self.axes, meshes, strict=True)
+            axis.name: np.full(len(cells.runs), axis.values[0])
+            for axis in reversed(self.layout.axes.values())
+            if len(axis.values) == 1 and axis.name not in names
         }
+        meshes = np.meshgrid(*(axis.values for axis in self.axes), indexing="ij")
+        columns |= {name: mesh.ravel() for name, mesh in zip(names, meshes, strict=True)}
         columns |= {"runs": cells.runs, "failed": cells.failed}
         for name, part in cells.types.items():
             low, high = wilson(part, cells.ok)
@@ -101,7 +78,6 @@ class Counts:
                 f"fraction_{name}_high": high,
             }
         columns["fraction_bondi"] = share(cells.bondi, cells.steady)
-        moments: Moments
         for name, moments in (("t_r", cells.t_r), ("ratio", cells.ratio)):
             columns |= {
                 f"{name}_mean": moments.means(),

@@ -9,8 +9,10 @@ from itertools import product
 from typing import Any
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
+from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from rattlesweep.errors import ConfigError
@@ -28,7 +30,7 @@ NARROW = 1.1
 
 @dataclass(frozen=True)
 class Panel:
-    """A panel: its Axes, its row, the place of its values in the tally, and which part it is."""
+    """A panel: its Axes, its row, the places of its values, and which part it is."""
 
     axes: Any
     row: int
@@ -39,15 +41,10 @@ class Panel:
 def draw_panels(
     figure: Any, rows: Sequence[Axis], columns: Sequence[Axis], *, parts: int = 1
 ) -> list[Panel]:
-    """Lay out panels: one row for each combination of some axes' values, columns likewise.
+    """Panels: a row for each combination of some axes' values, columns likewise.
 
     Values stand above each column and at the right of each row. Of each combination there are
-    `parts` panels, side by side.
-
-    Raises
-    ------
-    ConfigError
-        There would be too many.
+    `parts` panels, side by side. Too many are a ConfigError.
     """
     down = list(product(*(range(len(axis.values)) for axis in rows)))
     across = list(product(*(range(len(axis.values)) for axis in columns)))
@@ -91,7 +88,8 @@ def head(figure: Figure, lines: list[str]) -> None:
         title = figure.legends[0].get_title()
         old = title.get_text()
         figure.legends[0].set_title(" ")
-        lines = [*lines, *([old] if old != "None" else [])]
+        lines = [*lines, *([old] if old not in ("", "None") else [])]
+    title.set_multialignment("center")
     # Broken where it is wider than the figure; formulas cannot be, and are made smaller.
     most = max(10, *map(len, lines))
     for width in range(most, 9, -max(1, most // 50)):
@@ -101,6 +99,11 @@ def head(figure: Figure, lines: list[str]) -> None:
         if wide <= 0.95:
             return
     title.set_fontsize(0.95 / wide * float(title.get_fontsize()))
+
+
+def entry(words: str, **look: Any) -> Line2D:
+    """A line of a legend; without a look it is a remark."""
+    return Line2D([], [], label=words, **{"linestyle": "", **look})
 
 
 def legend_above(figure: Any, handles: list[Any], each: float, title: str | None = None) -> None:
@@ -125,16 +128,15 @@ def legend_above(figure: Any, handles: list[Any], each: float, title: str | None
             columns = min(len(handles), int(most * base / size))
 
 
-def scale_axis(axes: Any, which: str, axis: Axis, log: bool | None) -> None:
-    """Make an axis logarithmic if its values are, or as asked; label it."""
-    wanted = axis.logarithmic if log is None else log
-    if wanted and axis.values[0] <= 0:
-        if log:
-            raise ConfigError(f"--log: {axis.name} has values that are not positive; leave it out")
-        wanted = False
-    if wanted:
-        getattr(axes, f"set_{which}scale")("log")
-        plain_ticks(axes, which, (float(axis.values[0]), float(axis.values[-1])))
+def scale_axis(axes: Any, which: str, values: Any, log: bool, name: str = "t_r") -> None:
+    """Make an axis logarithmic, if it shall be, for values of some name."""
+    if not log:
+        return
+    ends = float(np.min(values)), float(np.max(values))
+    if ends[0] <= 0:
+        raise ConfigError(f"--log: {name} has values that are not positive; leave it out")
+    getattr(axes, f"set_{which}scale")("log")
+    plain_ticks(axes, which, ends)
 
 
 def plain_ticks(axes: Any, which: str, ends: tuple[float, float]) -> None:

@@ -8,9 +8,10 @@ from typing import Any
 
 from rattlesweep.durations import clock
 from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.study.pages import percent, render, source
+from rattlesweep.study.pages import MOST_SVG, percent, render, source
 from rattlesweep.study.plots.layout import Layout, Reader, read_layout, read_rows
-from rattlesweep.study.plots.registry import KINDS, Picture, choose_picture, default_kind
+from rattlesweep.study.plots.picture import Picture
+from rattlesweep.study.plots.registry import choose_picture, default_kind
 from rattlesweep.study.report.config import config_yaml
 from rattlesweep.study.report.facts import Facts
 from rattlesweep.study.style import encode, styled
@@ -78,7 +79,7 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
     pictures = {kind: _chosen(layout, kind) for kind in _kinds(layout)}
     digest = RowsHash(store.runs) if status.runs_done <= MOST_HASHED else None
     readers: list[Reader] = [facts, summary, *([] if digest is None else [digest])]
-    readers += [each.data for each in pictures.values() if isinstance(each, Picture)]
+    readers += [each for each in pictures.values() if isinstance(each, Picture)]
     read_rows(layout, *readers)
     absent = {"K_p", "K_r"}.difference(layout.targets)
     columns = [name for name in CASE_COLUMNS if name not in absent]
@@ -116,7 +117,7 @@ def _state(status: Status) -> str:
 
 def _kinds(layout: Layout) -> list[str]:
     """The pictures that suit a sweep."""
-    first = default_kind(layout, layout.lengths)
+    first = default_kind(layout)
     varies = any(count > 1 for count in layout.lengths.values())
     extra = ("times", "ratio") if first != "map" and varies else ()
     return list(dict.fromkeys((first, *extra, "distribution")))
@@ -136,7 +137,8 @@ def _shown(kind: str, picture: Picture | ConfigError) -> Mapping[str, Any]:
             raise picture
         with styled():
             figure = picture.figure()
-            svg, png = (encode(figure, ending, DPI) for ending in ("svg", "png"))
+            svg = encode(figure, "svg", DPI)
+            png = encode(figure, "png", DPI) if len(svg) > MOST_SVG else b""
     except (ConfigError, OutputError) as error:
         # More panels than a page can show; the others still say what there is.
         return {"kind": kind, "error": error}
@@ -144,8 +146,8 @@ def _shown(kind: str, picture: Picture | ConfigError) -> Mapping[str, Any]:
         "kind": kind,
         "error": None,
         "source": source(svg, png),
-        "varies": ", ".join(picture.names) or "all runs",
-        "caption": KINDS[kind].caption,
+        "varies": ", ".join(axis.name for axis in picture.axes) or "all runs",
+        "caption": picture.caption,
     }
 
 

@@ -2,97 +2,114 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
 
-from rattlesweep.study.style import (
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    PURPLE,
-    SKY,
-    VERMILION,
-    light_grid,
-    new_figure,
-)
-from rattlesweep.study.tradeoff.table import number
+from rattlesweep.study import style
+from rattlesweep.study.style import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
+from rattlesweep.study.tradeoff.table import SCHEMA, number
+from rattlesweep.sweeps.store.atomic import probe_directory, replace_file
+from rattlesweep.sweeps.store.provenance import machine, package_version
+from rattlesweep.sweeps.tables import arrow
 
 if TYPE_CHECKING:
-    import pandas as pd
-    from matplotlib.figure import Figure
+    from rattlesweep.study.tradeoff.measure import Study
 
 WIDTH, HEIGHT, DPI = 8.4, 8.0, 150
-# A method without an entry takes a spare.
-STYLE = {
-    "rk4": (VERMILION, "s"),
-    "dopri5": (PURPLE, "^"),
-    "dop853": (BLUE, "o"),
-    "verner98": (GREEN, "D"),
+# Colour, shape, and where beside its points a method's settings are written.
+STYLE: dict[str, tuple[str, str, tuple[int, int, str]]] = {
+    "rk4": (VERMILION, "s", (6, 3, "left")),
+    "dopri5": (PURPLE, "^", (8, -1, "left")),
+    "dop853": (BLUE, "o", (-4, -11, "right")),
+    "verner98": (GREEN, "D", (4, 6, "left")),
 }
-SPARE = ((ORANGE, "v"), (SKY, "P"), (GREY, "X"))
-# Which points have their setting written beside them, and on which side of the line.
-SIDE = {"rk4": (6, 3, "left"), "dopri5": (8, -1, "left"), "dop853": (-4, -11, "right"),
-        "verner98": (4, 6, "left")}  # fmt: skip
+# Of a method without an entry.
+SPARE = tuple((*look, (6, 3, "left")) for look in ((ORANGE, "v"), (SKY, "P"), (GREY, "X")))
 # What stands alone: plain RK4, and the models without the full dynamics.
 SINGLES = {
-    "full": ("x", "plain scalar rk4, dt 0.002", "left"),
-    "reduced": ("*", "reduced", "right"),
-    "gh": ("h", "gh", "right"),
+    "full": ("x", "plain scalar rk4, dt 0.002", (8, -3, "left")),
+    "reduced": ("*", "reduced", (-8, -3, "right")),
+    "gh": ("h", "gh", (-8, -3, "right")),
 }
+# Abscissas of the panels, the large one first; all but the last are logarithmic.
+LABELS = {
+    "error_median": "relative error of the time of reversal, median of the runs",
+    "error_p99": "the same, 99th percentile",
+    "energy_drift_median": "energy drift, relative, median",
+    "type_flips": "runs whose type changes",
+}
+
+
+def save(study: Study, directory: Path) -> list[Path]:
+    """Write ``tradeoff.parquet``, ``.svg`` and ``.png``, each in one step; gives their paths."""
+    probe_directory(directory)
+    table, *pictures = (directory / f"tradeoff.{kind}" for kind in ("parquet", "svg", "png"))
+    columns = {name: study.rows[name].to_numpy() for name in SCHEMA.names}
+    replace_file(table, arrow.encode(arrow.build_table(columns, SCHEMA)))
+    caption = (
+        f"{study.facts['runs']} runs of {study.name}, {study.facts['compared']} with a sure "
+        f"reversal; {machine()['cpu']}, rattlesweep {package_version()}"
+    )
+    with style.styled():
+        style.save(draw(study.rows, caption), pictures, DPI)
+    return [table, *pictures]
 
 
 def draw(rows: pd.DataFrame, caption: str = "") -> Figure:
-    """Draw the figure.
-
-    Parameters
-    ----------
-    rows : DataFrame
-        With the columns of :data:`rattlesweep.study.tradeoff.table.SCHEMA`.
-    caption : str
-        A line below: which runs, which machine.
-    """
-    figure = new_figure(WIDTH, HEIGHT)
+    """Draw rows with the columns of `SCHEMA`; the caption says which runs, which machine."""
+    figure = style.new_figure(WIDTH, HEIGHT)
     grid = figure.add_gridspec(2, 3, height_ratios=(2.4, 1))
     main = figure.add_subplot(grid[0, :])
-    tail, drift, flips = (figure.add_subplot(grid[1, k], sharey=main) for k in range(3))
+    small = [figure.add_subplot(grid[1, k], sharey=main) for k in range(3)]
+    panels: dict[str, Any] = dict(zip(LABELS, (main, *small), strict=True))
+    rows = rows.assign(type_flips=100 * rows.type_flips)
+    flips = np.nan_to_num(rows.type_flips, nan=0.5).max()
+    for name in [*LABELS][:-1]:
+        # What a logarithmic axis can show.
+        rows[name] = rows[name].where(np.isfinite(rows[name]) & (rows[name] > 0))
     single = (rows.model != "full") | (rows.method == "plain")
     spare = iter(SPARE * len(rows))
     for method, own in rows[~single].groupby("method", sort=False):
-        colour, shape = STYLE.get(str(method)) or next(spare)
-        _draw_method(main, own, str(method), colour, shape)
-        line: dict[str, Any] = {"color": colour, "marker": shape, "markersize": 4, "linewidth": 1}
-        for axes, name in ((tail, "error_p99"), (drift, "energy_drift_median")):
-            shown = _positive(own, name)
-            axes.plot(shown[name], shown.us_per_unit, **line)
-        shown = own[np.isfinite(own.type_flips)]
-        flips.plot(100 * shown.type_flips, shown.us_per_unit, **line)
-    _draw_singles(main, tail, flips, rows[single])
-    for axes in (main, tail, drift):
-        if not any(np.size(line.get_xdata()) for line in axes.lines):
+        colour, shape, place = STYLE.get(str(method)) or next(spare)
+        for name, axes in panels.items():
+            size = {"markersize": 5.5, "linewidth": 1.8} if axes is main else {"markersize": 4}
+            shown = own[np.isfinite(own[name])]
+            axes.plot(shown[name], shown.us_per_unit, color=colour, marker=shape, label=method,
+                      zorder=3, **{"linewidth": 1, **size})  # fmt: skip
+        prefix = "" if own.setting.iloc[0] == "tol" else "dt "
+        words = [prefix + number(value) for value in own.value]
+        _annotate(main, own, words, place, color=colour, fontsize=7.5)
+    for model, own in rows[single].groupby("model", sort=False):
+        shape, word, place = SINGLES[str(model)]
+        for name in ("error_median", "error_p99", "type_flips"):
+            axes = panels[name]
+            size = {"markersize": 8 if axes is main else 6}
+            axes.plot(own[name], own.us_per_unit, color=GREY, marker=shape, linestyle="none",
+                      zorder=3, **size)  # fmt: skip
+        _annotate(main, own, [word] * len(own), place, color=GREY, fontsize=8)
+    for axes in (main, *small[:2]):
+        if not any(np.isfinite(line.get_xdata()).any() for line in axes.lines):
             # Nothing to show, which a logarithmic axis does not take.
             axes.plot([1e-9], [0.1], linestyle="none")
         axes.set_xscale("log")
     main.set_yscale("log")
-    for axes in (main, tail, drift, flips):
-        light_grid(axes)
-    for axes in (tail, drift, flips):
-        axes.tick_params(labelsize=8)
+    for name, axes in panels.items():
+        style.light_grid(axes)
+        axes.set_xlabel(LABELS[name], fontsize=None if axes is main else 9)
+    for axes in small:
+        axes.tick_params(labelsize=8, labelleft=axes is small[0])
         axes.minorticks_off()
         axes.set_yticks([1e-2, 1e-1, 1, 10])
-    for axes in (drift, flips):
-        axes.tick_params(labelleft=False)
     main.set_ylabel("cost: µs for a run and a unit of time, one thread")
-    tail.set_ylabel("cost")
+    small[0].set_ylabel("cost")
     # Rare flips are what matters: linear up to 0.1 %, logarithmic above.
-    flips.set_xscale("symlog", linthresh=0.1)
-    flips.set_xticks([0, 0.1, 1, 10, 100], ["0", "0.1 %", "1 %", "10 %", "100 %"])
-    flips.set_xlim(-0.02, max(2.0, 200 * np.nan_to_num(rows.type_flips, nan=0.005).max()))
-    main.set_xlabel("relative error of the time of reversal, median of the runs")
-    tail.set_xlabel("the same, 99th percentile", fontsize=9)
-    drift.set_xlabel("energy drift, relative, median", fontsize=9)
-    flips.set_xlabel("runs whose type changes", fontsize=9)
+    small[2].set_xscale("symlog", linthresh=0.1)
+    small[2].set_xticks([0, 0.1, 1, 10, 100], ["0", "0.1 %", "1 %", "10 %", "100 %"])
+    small[2].set_xlim(-0.02, max(2.0, 2 * flips))
     if not single.all():
         main.legend(loc="upper right", frameon=False)
     if caption:
@@ -100,47 +117,12 @@ def draw(rows: pd.DataFrame, caption: str = "") -> Figure:
     return figure
 
 
-def _positive(rows: pd.DataFrame, name: str) -> pd.DataFrame:
-    """Rows that a logarithmic axis can show."""
-    shown: pd.DataFrame = rows[np.isfinite(rows[name]) & (rows[name] > 0)]
-    return shown
-
-
-def _draw_method(axes: Any, rows: pd.DataFrame, method: str, colour: str, shape: str) -> None:
-    shown = _positive(rows, "error_median")
-    axes.plot(shown.error_median, shown.us_per_unit, color=colour, marker=shape, markersize=5.5,
-              linewidth=1.8, label=method, zorder=3)  # fmt: skip
-    x, y, align = SIDE.get(method, (6, 3, "left"))
-    for row in shown.itertuples():
-        r: Any = row
-        axes.annotate(
-            number(r.value) if r.setting == "tol" else f"dt {number(r.value)}",
-            (r.error_median, r.us_per_unit),
-            xytext=(x, y),
-            textcoords="offset points",
-            ha=align,
-            fontsize=7.5,
-            color=colour,
-            zorder=4,
-        )
-
-
-def _draw_singles(main: Any, tail: Any, flips: Any, rows: pd.DataFrame) -> None:
-    for row in rows.itertuples():
-        r: Any = row
-        shape, name, align = SINGLES[r.model]
-        point: dict[str, Any] = {"color": GREY, "marker": shape, "linestyle": "none"}
-        if np.isfinite(r.error_median) and r.error_median > 0:
-            main.plot([r.error_median], [r.us_per_unit], **point, markersize=8, zorder=3)
-            main.annotate(
-                name,
-                (r.error_median, r.us_per_unit),
-                xytext=(8 if align == "left" else -8, -3),
-                textcoords="offset points",
-                ha=align,
-                fontsize=8,
-                color=GREY,
-            )
-        for axes, value in ((tail, r.error_p99), (flips, 100 * r.type_flips)):
-            if np.isfinite(value):
-                axes.plot([value], [r.us_per_unit], **point, markersize=6)
+def _annotate(
+    axes: Any, rows: pd.DataFrame, words: list[str], place: tuple[int, int, str], **look: Any
+) -> None:
+    """Words beside the points of the large panel."""
+    x, y, side = place
+    for word, error, cost in zip(words, rows.error_median, rows.us_per_unit, strict=True):
+        if np.isfinite(error):
+            axes.annotate(word, (error, cost), xytext=(x, y), textcoords="offset points", ha=side,
+                          zorder=4, **look)  # fmt: skip

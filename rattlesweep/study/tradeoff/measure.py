@@ -5,42 +5,37 @@ The error of a time of reversal is taken against two methods at a tight toleranc
 measurements that take turns; the runs are cut at a common horizon for it, since the few longest
 would leave most lanes of a small batch empty, which a sweep does not.
 
-Single precision is no setting.  The spin changes by the slow growth of an oscillation a thousand
-times smaller, by 1e-9 and less in one step: numbers of 24 bits, good to 6e-8, lose it in
-rounding whatever the method.  Sums in double precision around stages in single would keep
-it, yet need a second set of kernels, for a gain of two at most and at errors that looser
-tolerances reach more cheaply.
+Single precision is no setting.  The spin changes by 1e-9 and less in one step; 24 bits, good to
+6e-8, lose that in rounding whatever the method.
 """
 
 from __future__ import annotations
 
 import statistics
 import time
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
 from rattlesweep.errors import ConfigError
+from rattlesweep.integrate.batch import available_threads
 from rattlesweep.physics import theory
-from rattlesweep.study.tradeoff.reference import Confirmation, Reference, confirm, make_reference
+from rattlesweep.study.tradeoff.reference import Reference, confirm, make_reference
 from rattlesweep.study.tradeoff.runs import Runs, Solution, draw
-from rattlesweep.study.tradeoff.scalar_rk4 import scalar_rk4
-from rattlesweep.study.tradeoff.settings import FULL, Scope, Setting, settings
-from rattlesweep.sweeps.blocks.block import finish_block, take
+from rattlesweep.study.tradeoff.settings import FULL, PLAIN, Scope, Setting
 from rattlesweep.sweeps.cases.launches import with_theory
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
     from numpy.typing import NDArray
 
-    from rattlesweep.integrate.batch import Batch
     from rattlesweep.sweeps.config.schema import Config
 
-    Floats = NDArray[np.float64]
+Report = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -49,43 +44,18 @@ class Study:
 
     Attributes
     ----------
+    name : str
+        Of the config.
     rows : DataFrame
         One row a setting, with the columns of :data:`rattlesweep.study.tradeoff.table.SCHEMA`;
         NaN where there is nothing, infinity for the error of a run without ``t_r``.
-    runs : Runs
-    reference : Reference
-    confirmation : Confirmation
-    horizon : float
-        Where runs are cut for the cost, in ``sqrt(a/g)``.
-    seconds : float
-        That it took.
+    facts : dict
+        What the rows rest on.
     """
 
+    name: str
     rows: pd.DataFrame
-    runs: Runs
-    reference: Reference
-    confirmation: Confirmation
-    horizon: float
-    seconds: float
-
-    @property
-    def facts(self) -> dict[str, Any]:
-        """What the rows rest on."""
-        r, within = self.reference, self.confirmation.largest
-        return {
-            "runs": len(self.runs),
-            "reversing_in_both": r.reverse_in_both,
-            "compared": int(r.both.sum()),
-            "dropped": r.dropped,
-            "references_differ_median": float(np.median(r.apart)) if r.apart.size else None,
-            "references_differ_p99": float(np.quantile(r.apart, 0.99)) if r.apart.size else None,
-            "confirmed_runs": self.confirmation.runs,
-            "confirmed_within": within if np.isfinite(within) else None,
-            "confirmed_missed": self.confirmation.missed,
-            "units": float(r.solution.t_end.sum()),
-            "timing_horizon": self.horizon,
-            "seconds": self.seconds,
-        }
+    facts: dict[str, Any]
 
 
 def measure(
@@ -95,26 +65,22 @@ def measure(
     samples: int | None = None,
     scope: Scope = FULL,
     threads: int = 1,
-    report: Callable[[str], None] = lambda text: None,
-    chosen: list[Setting] | None = None,
+    report: Report = lambda text: None,
 ) -> Study:
     """Measure cost and error of every setting on the runs of a config.
 
     Parameters
     ----------
-    config : Config
+    config
         Its model, integrator and records play no part.
-    base : Path, optional
+    base
         Where a table's relative path is looked up besides the working directory.
-    samples : int, optional
+    samples
         Runs of each case.
-    scope : Scope
-    threads : int
+    threads
         Threads for the errors; costs are always those of one thread.
-    report : callable
+    report
         Called with what is about to be done.
-    chosen : list of Setting, optional
-        Instead of :func:`settings`.
 
     Raises
     ------
@@ -122,20 +88,21 @@ def measure(
         If no run reverses.
     """
     begin = time.perf_counter()
-    report("runs and references")
     runs = draw(config, base, samples=samples, least=scope.least)
-    reference = make_reference(runs, threads)
+    _load_kernels(runs, [*scope.references, *scope.settings], report)
+    report("references")
+    reference = make_reference(runs, scope.references, threads)
     if not reference.both.any():
         raise ConfigError(
             "no run of this config reverses by its horizon, so there is no error of t_r to "
             "measure; choose other spins or a longer horizon"
         )
     report("an independent integrator on a few runs")
-    confirmation = confirm(runs, reference, units=scope.confirm)
+    confirmed = confirm(runs, reference, units=scope.confirm)
     lived = np.minimum(reference.solution.t_end, scope.horizon)
     mean = float(lived[runs.bounded].mean())
-    costs = _measure_costs(runs, chosen or settings(), mean, scope, report)
-    yardstick = next((c.seconds for s, c in costs.items() if s.method == "plain"), np.nan)
+    costs = _measure_costs(runs, mean, scope, report)
+    yardstick = costs[PLAIN].seconds if PLAIN in costs else np.nan
     rows = []
     for setting, cost in costs.items():
         report(f"errors of {setting.model}, {setting.method} {setting.name} {setting.value:g}")
@@ -151,11 +118,31 @@ def measure(
                 "us_per_unit": 1e6 * cost.seconds,
                 "us_per_run": 1e6 * cost.seconds * mean,
                 "speedup": yardstick / cost.seconds,
-                **_errors(_solve(runs, setting, index, threads), reference, index),
+                **_errors(runs.solve(setting, index, threads=threads), reference, index),
             }
         )
-    seconds = time.perf_counter() - begin
-    return Study(pd.DataFrame(rows), runs, reference, confirmation, scope.horizon, seconds)
+    apart = reference.apart
+    facts = {
+        "runs": len(runs),
+        "reversing_in_both": len(apart),
+        "compared": int(reference.both.sum()),
+        "dropped": int((~reference.both & ~reference.neither).sum()),
+        "references_differ_median": float(np.median(apart)),
+        "references_differ_p99": float(np.quantile(apart, 0.99)),
+        **confirmed,
+        "units": float(reference.solution.t_end.sum()),
+        "timing_horizon": scope.horizon,
+        "seconds": time.perf_counter() - begin,
+    }
+    return Study(runs.config.name, pd.DataFrame(rows), facts)
+
+
+def _load_kernels(runs: Runs, settings: Iterable[Setting], report: Report) -> None:
+    """Load the kernels, and compile side by side those that this machine has not yet."""
+    kernels = {f"{s.model} {s.method}": s for s in settings if s.model != "gh"}
+    report(f"kernels, compiled where this machine has them not yet: {', '.join(kernels)}")
+    with ThreadPoolExecutor(available_threads()) as pool:
+        list(pool.map(runs.load, kernels.values()))
 
 
 @dataclass(frozen=True)
@@ -166,19 +153,15 @@ class _Cost:
     seconds: float
 
 
-def _measure_costs(
-    runs: Runs, chosen: list[Setting], mean: float, scope: Scope, report: Callable[[str], None]
-) -> dict[Setting, _Cost]:
+def _measure_costs(runs: Runs, mean: float, scope: Scope, report: Report) -> dict[Setting, _Cost]:
     """Processor time of every setting: medians over rounds in which all take their turn.
 
-    A first call, which is not timed, compiles the kernel and counts steps and units of time.
+    A first call, which is not timed, counts steps and units of time.
     """
-    calls, counts = {}, {}
-    for setting in chosen:
-        report(f"kernel of {setting.model}, {setting.method}")
-        calls[setting] = _timed_call(runs, setting, mean, scope)
-        counts[setting] = calls[setting]()
-    spent: dict[Setting, list[float]] = {setting: [] for setting in chosen}
+    report("steps of every setting")
+    calls = {setting: _timed_call(runs, setting, mean, scope) for setting in scope.settings}
+    counts = {setting: call() for setting, call in calls.items()}
+    spent: dict[Setting, list[float]] = {setting: [] for setting in calls}
     for r in range(scope.rounds):
         report(f"costs, round {r + 1} of {scope.rounds}")
         for setting, call in calls.items():
@@ -195,19 +178,19 @@ def _timed_call(
     runs: Runs, setting: Setting, mean: float, scope: Scope
 ) -> Callable[[], tuple[float, float]]:
     """What is timed: it gives the steps tried, and the runs' units of time together."""
-    if setting.model == "gh":
+    batch = runs.batch(setting, runs.bounded)
+    if batch is None:
         return lambda: _closed_form(runs, mean)
-    batch = take(runs.batches[setting.model], np.flatnonzero(runs.bounded))
     horizon = scope.horizon
     if setting.name == "dt":
         # Steps of one size cost the same anywhere: shorter runs tell as much.
         share = 0.3 if setting.method == "plain" else 1.0
         most = share * scope.cost_stages * setting.value / setting.stages
         horizon = min(horizon, _horizon_for(batch.t_end, most))
-    batch = replace(batch, t_end=np.minimum(batch.t_end, horizon))
+    cut = replace(batch, t_end=np.minimum(batch.t_end, horizon))
 
     def call() -> tuple[float, float]:
-        found = _integrate(runs, setting, batch, 1)
+        found = runs.solve(setting, runs.bounded, cut)
         return found.tries, float(found.t_end.sum())
 
     return call
@@ -221,13 +204,11 @@ def _closed_form(runs: Runs, mean: float) -> tuple[float, float]:
     return 0.0, len(runs) * mean
 
 
-def _horizon_for(t_end: Floats, units: float) -> float:
+def _horizon_for(t_end: NDArray[np.float64], units: float) -> float:
     """Horizon at which these runs come to so many units of time together."""
-    low, high = 0.0, float(t_end.max())
-    for _ in range(60):
-        middle = (low + high) / 2
-        low, high = (middle, high) if np.minimum(t_end, middle).sum() < units else (low, middle)
-    return high
+    ends = np.sort(t_end)
+    longer = np.arange(len(ends))[::-1]
+    return float(np.interp(units, [0, *(np.cumsum(ends) + longer * ends)], [0, *ends]))
 
 
 def _affordable(
@@ -237,7 +218,7 @@ def _affordable(
 
     It depends on the config and the setting alone, not on the machine's speed.
     """
-    good = np.flatnonzero(runs.bounded)
+    good = runs.bounded
     if setting.model != "full":
         return good
     most = scope.scalar_stages if setting.method == "plain" else scope.stages
@@ -248,33 +229,6 @@ def _affordable(
     order = np.random.default_rng(0).permutation(np.flatnonzero(price <= most / 200))
     kept = order[np.cumsum(price[order]) <= most]
     return np.sort(good[kept])
-
-
-def _solve(runs: Runs, setting: Setting, index: NDArray[np.intp], threads: int) -> Solution:
-    """Some of the runs by a setting."""
-    if setting.model != "gh":
-        return _integrate(runs, setting, take(runs.batches[setting.model], index), threads)
-    chosen = runs.config.model_copy(update={"model": "gh"})
-    columns = finish_block(chosen, take(runs.launches, index), None)
-    return Solution(
-        t_r=columns["t_r"],
-        t_end=columns["t_end"],
-        types=columns["type"][0],
-        ok=np.ones(len(index), dtype=bool),
-        n_end=columns["n_end"],
-        drift=np.full(len(index), np.nan),
-        tries=0.0,
-    )
-
-
-def _integrate(runs: Runs, setting: Setting, batch: Batch, threads: int) -> Solution:
-    if setting.method != "plain":
-        return runs.integrate(batch, setting.model, setting.integrator, threads)
-    t_r, nothing = scalar_rk4(batch), np.full(len(batch), np.nan)
-    t_end = np.where(np.isnan(t_r), batch.t_end, t_r)
-    # It sees no oscillation, and so knows no types.
-    types, ok = np.full(len(batch), -2), np.ones(len(batch), dtype=bool)
-    return Solution(t_r, t_end, types, ok, nothing, nothing, float(t_end.sum()) / setting.value)
 
 
 def _errors(found: Solution, reference: Reference, index: NDArray[np.intp]) -> dict[str, Any]:

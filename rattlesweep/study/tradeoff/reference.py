@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -13,12 +14,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rattlesweep.study.tradeoff.runs import Runs, Solution
+    from rattlesweep.study.tradeoff.settings import Setting
 
     Floats = NDArray[np.float64]
-    Vector = tuple[float, float, float]
+    Vector = Any  # three numbers
 
-METHODS = ("verner98", "dop853")
-TOL = 1e-13
 AGREE = 1e-8
 # Of the spins at the horizon, where neither has a reversal.  A tumbling body amplifies rounding:
 # whether it reverses one day is then not for double precision to say.
@@ -40,30 +40,20 @@ class Reference:
     neither : ndarray of bool
         Neither has a reversal, and both give the run the same type and, to :data:`AGREE_N`, the
         same spin at its end.
-    reverse_in_both : int
-        Runs with a reversal in both, agreeing or not.
     apart : ndarray
-        Relative difference of the two times, where there are two.
+        Relative difference of the two times, of each run with a reversal in both.
     """
 
     solution: Solution
     both: NDArray[np.bool_]
     neither: NDArray[np.bool_]
-    reverse_in_both: int
     apart: Floats
 
-    @property
-    def dropped(self) -> int:
-        """Runs that the two methods do not agree on."""
-        return int((~self.both & ~self.neither).sum())
 
-
-def make_reference(runs: Runs, threads: int) -> Reference:
+def make_reference(runs: Runs, settings: Iterable[Setting], threads: int) -> Reference:
     """Integrate the runs with two methods at a tight tolerance."""
-    one, other = (
-        runs.integrate(runs.batches["full"], "full", {"method": method, "tol": TOL}, threads)
-        for method in METHODS
-    )
+    every = np.arange(len(runs))
+    one, other = (runs.solve(setting, every, threads=threads) for setting in settings)
     reversal = np.isfinite(one.t_r) & np.isfinite(other.t_r)
     apart = np.abs(one.t_r / other.t_r - 1)
     none = np.isnan(one.t_r) & np.isnan(other.t_r) & one.ok & other.ok
@@ -72,7 +62,6 @@ def make_reference(runs: Runs, threads: int) -> Reference:
         solution=one,
         both=reversal & (apart < AGREE),
         neither=none & (one.types == other.types),
-        reverse_in_both=int(reversal.sum()),
         apart=apart[reversal],
     )
 
@@ -81,54 +70,47 @@ def _cross(a: Vector, b: Vector) -> Vector:
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
-def _equations(body: dict[str, float]) -> Any:
+def _dot(a: Vector, b: Vector) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _equations(body: dict[str, float]) -> Callable[[float, Floats], list[float]]:
     """The paper's Eqs. diff-u and diff-omega in ``(u, omega)``, for a solver of SciPy.
 
     Written apart from :mod:`rattlesweep.physics`: six variables instead of five, the matrix of
-    Eq. diff-omega inverted by its cofactors, no cancellation taken out by hand.
+    Eq. diff-omega inverted as a diagonal less ``r r^T`` (Sherman and Morrison), no cancellation
+    taken out by hand.  Plain Python: vectors of three are too short for NumPy.
     """
-    ix, iy, iz = body["alpha"] - 1, body["beta"] - 1, body["gamma"]
+    inertia = (body["alpha"] - 1, body["beta"] - 1, body["gamma"])
     cos, sin = np.cos(body["xi"]), np.sin(body["xi"])
     turn = np.array([[cos, -sin], [sin, cos]])
-    curvature = turn @ np.diag([body["theta"], body["phi"]]) @ turn.T
     radii = turn @ np.diag([1 / body["theta"], 1 / body["phi"]]) @ turn.T
-    (axx, axy), (_, ayy) = curvature.tolist()
     (bxx, bxy), (_, byy) = radii.tolist()
 
-    def derivatives(t: float, y: Floats) -> list[float]:
-        u0, u1, u2, w0, w1, w2 = y.tolist()
-        u, w = (u0, u1, u2), (w0, w1, w2)
-        du = _cross(u, w)
+    def derivatives(t: float, state: Floats) -> list[float]:
+        ux, uy, uz, *w = state.tolist()
+        u_rate = _cross((ux, uy, uz), w)
         # Contact point (Eqs. def-xy, def-z) and its rate.
-        p, q = u0 / u2, u1 / u2
-        dp, dq = (du[0] - p * du[2]) / u2, (du[1] - q * du[2]) / u2
-        x, y_ = bxx * p + bxy * q, bxy * p + byy * q
+        p, q = ux / uz, uy / uz
+        dp, dq = (u_rate[0] - p * u_rate[2]) / uz, (u_rate[1] - q * u_rate[2]) / uz
+        x, y = bxx * p + bxy * q, bxy * p + byy * q
         dx, dy = bxx * dp + bxy * dq, bxy * dp + byy * dq
-        fx, fy = axx * x + axy * y_, axy * x + ayy * y_
-        r = (x, y_, 1 - (x * fx + y_ * fy) / 2)
-        dr = (dx, dy, -(fx * dx + fy * dy))
-        one = _cross((ix * w0, iy * w1, iz * w2), w)
-        a, b = _cross(dr, w), _cross(w, _cross(r, w))
-        two = _cross(r, (a[0] + b[0] + u0, a[1] + b[1] + u1, a[2] + b[2] + u2))
-        t0, t1, t2 = one[0] + two[0], one[1] + two[1], one[2] + two[2]
-        z = r[2]
-        m00, m11, m22 = ix + y_ * y_ + z * z, iy + x * x + z * z, iz + x * x + y_ * y_
-        m01, m02, m12 = -x * y_, -x * z, -y_ * z
-        c00, c01, c02 = m11 * m22 - m12 * m12, m02 * m12 - m01 * m22, m01 * m12 - m02 * m11
-        c11, c12, c22 = m00 * m22 - m02 * m02, m01 * m02 - m00 * m12, m00 * m11 - m01 * m01
-        det = m00 * c00 + m01 * c01 + m02 * c02
-        return [
-            *du,
-            (c00 * t0 + c01 * t1 + c02 * t2) / det,
-            (c01 * t0 + c11 * t1 + c12 * t2) / det,
-            (c02 * t0 + c12 * t1 + c22 * t2) / det,
-        ]
+        r = (x, y, 1 - (p * x + q * y) / 2)
+        a, b = _cross((dx, dy, -(p * dx + q * dy)), w), _cross(w, _cross(r, w))
+        force = (a[0] + b[0] + ux, a[1] + b[1] + uy, a[2] + b[2] + uz)
+        gyration = _cross([i * k for i, k in zip(inertia, w, strict=True)], w)
+        torque = [i + k for i, k in zip(gyration, _cross(r, force), strict=True)]
+        diagonal = [i + _dot(r, r) for i in inertia]
+        free = [i / k for i, k in zip(torque, diagonal, strict=True)]
+        lever = [i / k for i, k in zip(r, diagonal, strict=True)]
+        pull = _dot(r, free) / (1 - _dot(r, lever))
+        return [*u_rate, *(i + pull * k for i, k in zip(free, lever, strict=True))]
 
     return derivatives
 
 
-def _spin(t: float, y: Floats) -> float:
-    return float(y[0] * y[3] + y[1] * y[4] + y[2] * y[5])
+def _spin(t: float, state: Floats) -> float:
+    return _dot(state[:3], state[3:])
 
 
 _spin.terminal = True  # type: ignore[attr-defined]
@@ -140,37 +122,20 @@ def independent_reversal(
     """Time of the first reversal by SciPy's DOP853 and equations of its own; NaN without one."""
     from scipy.integrate import solve_ivp
 
-    start = [0.0, 0.0, -1.0, omega_xy0 * np.cos(psi), omega_xy0 * np.sin(psi), -n_i]
-    found = solve_ivp(
-        _equations(body),
-        (0.0, t_end),
-        start,
-        method="DOP853",
-        events=_spin,
-        rtol=RTOL,
-        atol=1e-2 * RTOL * omega_xy0,
-    )
+    omega = omega_xy0 * np.cos(psi), omega_xy0 * np.sin(psi), -n_i
+    start = np.array([0.0, 0.0, -1.0, *omega])
+    atol = 1e-2 * RTOL * omega_xy0
+    found = solve_ivp(_equations(body), (0.0, t_end), start, method="DOP853", events=_spin,
+                      rtol=RTOL, atol=atol)  # fmt: skip
     times = found.t_events
     return float(times[0][0]) if times is not None and len(times[0]) else float("nan")
 
 
-@dataclass(frozen=True)
-class Confirmation:
-    """Runs integrated by a third, independent integrator, and how far off the reference is."""
+def confirm(runs: Runs, reference: Reference, *, units: float) -> dict[str, Any]:
+    """Check the reference by a third, independent integrator, and say how far off it is.
 
-    runs: int
-    largest: float
-    missed: int
-
-
-def confirm(runs: Runs, reference: Reference, *, units: float) -> Confirmation:
-    """Check the reference on a few cheap runs of each direction and amplitude.
-
-    Parameters
-    ----------
-    runs, reference
-    units : float
-        Time to integrate in all; plain Python takes about 1 ms for a unit.
+    The runs are a few cheap ones of each direction and amplitude.
+    `units` is the time to integrate in all; plain Python takes about 1 ms for one.
     """
     launches = runs.launches
     t_r = np.where(reference.both, reference.solution.t_r, np.inf)
@@ -187,10 +152,12 @@ def confirm(runs: Runs, reference: Reference, *, units: float) -> Confirmation:
     apart = []
     for k in picks[:affordable]:
         body = {name: float(getattr(launches.bodies, name)[k]) for name in PARAMETERS}
-        n_i, omega_xy0, psi = (
-            float(x[k]) for x in (launches.n_i, launches.omega_xy0, launches.psi)
-        )
-        found = independent_reversal(body, n_i, omega_xy0, psi, 1.01 * float(t_r[k]))
+        launch = [float(x[k]) for x in (launches.n_i, launches.omega_xy0, launches.psi)]
+        found = independent_reversal(body, *launch, 1.01 * float(t_r[k]))
         apart.append(abs(found / float(t_r[k]) - 1))
     good = [value for value in apart if value == value]
-    return Confirmation(len(apart), float(max(good, default=np.nan)), len(apart) - len(good))
+    return {
+        "confirmed_runs": len(apart),
+        "confirmed_within": max(good, default=None),
+        "confirmed_missed": len(apart) - len(good),
+    }

@@ -1,46 +1,45 @@
-"""The runs on which methods are compared, and one call that integrates them."""
+"""The runs on which methods are compared, and one call that solves them by any setting."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.task import Task
-from rattlesweep.sweeps.blocks.block import run_batch
+from rattlesweep.study.tradeoff.scalar_rk4 import scalar_rk4
+from rattlesweep.sweeps.blocks.block import columns_of, load_kernel, run_batch, take
 from rattlesweep.sweeps.cases.launches import full_batch, prepare, reduced_batch
 from rattlesweep.sweeps.cases.plan import make_plan
 from rattlesweep.sweeps.config.bodies import SdSource
 from rattlesweep.sweeps.config.load import override_config, resolved
-from rattlesweep.sweeps.tables.types import classify
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
     from numpy.typing import NDArray
 
     from rattlesweep.integrate.batch import Batch
+    from rattlesweep.study.tradeoff.settings import Setting
     from rattlesweep.sweeps.cases.launches import Launches
     from rattlesweep.sweeps.config.schema import Config
 
     Floats = NDArray[np.float64]
-    Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
 class Solution:
-    """What an integration comes to; arrays over runs.
+    """What a setting makes of some runs; arrays over runs.
 
     Attributes
     ----------
     t_r, t_end : ndarray
         First zero of the spin (NaN without one), and the time reached, in ``sqrt(a/g)``.
     types : ndarray of int
-        Places in :data:`rattlesweep.sweeps.tables.types.TYPES`; -1 where ``ok`` is false.
+        Places in :data:`rattlesweep.sweeps.tables.types.TYPES`; -1 where ``ok`` is false, -2 where
+        a method knows no types.
     ok : ndarray of bool
         Whether the status is ``ok``.
     n_end : ndarray
@@ -53,8 +52,8 @@ class Solution:
 
     t_r: Floats
     t_end: Floats
-    types: NDArray[Any]
-    ok: Flags
+    types: NDArray[np.int64]
+    ok: NDArray[np.bool_]
     n_end: Floats
     drift: Floats
     tries: float
@@ -62,7 +61,7 @@ class Solution:
 
 @dataclass(frozen=True)
 class Runs:
-    """Runs of a config, ready for the full and the reduced dynamics."""
+    """Runs of a config, ready for every model."""
 
     config: Config
     launches: Launches
@@ -72,38 +71,72 @@ class Runs:
         return len(self.launches.n_i)
 
     @cached_property
-    def batches(self) -> dict[str, Batch]:
-        """The runs as the models take them."""
+    def bounded(self) -> NDArray[np.intp]:
+        """Places of the runs that have a horizon to be integrated to."""
+        t_end = self.launches.t_end
+        return np.flatnonzero(np.isfinite(t_end) & (t_end > 0))
+
+    @cached_property
+    def _batches(self) -> dict[str, Batch]:
         return {"full": full_batch(self.launches), "reduced": reduced_batch(self.launches)}
 
-    @property
-    def bounded(self) -> Flags:
-        """Which runs have a horizon to be integrated to."""
-        bounded: Flags = np.isfinite(self.launches.t_end) & (self.launches.t_end > 0)
-        return bounded
+    def batch(self, setting: Setting, index: NDArray[np.intp]) -> Batch | None:
+        """Some of the runs as the model takes them; None: it is a formula."""
+        return None if setting.model == "gh" else take(self._batches[setting.model], index)
 
-    def integrate(
-        self, batch: Batch, model: str, integrator: Mapping[str, Any], threads: int
+    def load(self, setting: Setting) -> None:
+        """Load the kernel, compiled if need be."""
+        if setting.method == "plain":
+            scalar_rk4(take(self._batches["full"], np.empty(0, np.intp)))
+        else:
+            load_kernel(self._config(setting))
+
+    def solve(
+        self,
+        setting: Setting,
+        index: NDArray[np.intp],
+        batch: Batch | None = None,
+        *,
+        threads: int = 1,
     ) -> Solution:
-        """Integrate a batch of these runs with a method and its setting.
+        """Some of the runs by a setting; `batch` is theirs, with the horizons that are wanted.
 
         The kernel works in a thread of its own, so that Ctrl-C is heard.
         """
-        settings = type(self.config.integrator).model_validate(dict(integrator))
-        chosen = self.config.model_copy(update={"model": model, "integrator": settings})
-        out = Task(
-            lambda control: run_batch(chosen, batch, threads=threads, control=control)
-        ).wait()
-        ok = out.status == Status.OK
+        batch = self.batch(setting, index) if batch is None else batch
+        if setting.method == "plain" and batch is not None:
+            return _plain(batch, setting.value)
+        config, outcome = self._config(setting), None
+        if batch is not None:
+            work = batch
+            outcome = Task(
+                lambda control: run_batch(config, work, threads=threads, control=control)
+            ).wait()
+        columns = columns_of(config, take(self.launches, index), batch, outcome)
+        ok = columns["status"][0] == Status.OK
+        steps = None if outcome is None else outcome.n_steps + outcome.n_rejected
+        nothing = np.full(len(index), np.nan)
         return Solution(
-            t_r=np.where(ok, out.t_r, np.nan),
-            t_end=out.t_end,
-            types=classify(ok, out.t_r, out.amp_growth, out.n_departure, chosen.classify),
+            t_r=np.where(ok, columns["t_r"], np.nan),
+            t_end=columns["t_end"],
+            types=columns["type"][0],
             ok=ok,
-            n_end=out.n_end,
-            drift=np.abs(out.energy_drift),
-            tries=float(out.n_steps.sum() + out.n_rejected.sum()),
+            n_end=columns["n_end"],
+            drift=nothing if outcome is None else np.abs(outcome.energy_drift),
+            tries=0.0 if steps is None else float(steps.sum()),
         )
+
+    def _config(self, setting: Setting) -> Config:
+        integrator = type(self.config.integrator).model_validate(setting.integrator)
+        return self.config.model_copy(update={"model": setting.model, "integrator": integrator})
+
+
+def _plain(batch: Batch, dt: float) -> Solution:
+    """By scalar RK4, which sees no oscillation and so knows no types."""
+    t_r, nothing = scalar_rk4(batch), np.full(len(batch), np.nan)
+    t_end = np.where(np.isnan(t_r), batch.t_end, t_r)
+    types, ok = np.full(len(batch), -2), np.ones(len(batch), dtype=bool)
+    return Solution(t_r, t_end, types, ok, nothing, nothing, float(t_end.sum()) / dt)
 
 
 def draw(config: Config, base: Path | None, *, samples: int | None, least: int) -> Runs:
@@ -111,15 +144,14 @@ def draw(config: Config, base: Path | None, *, samples: int | None, least: int) 
 
     Parameters
     ----------
-    config : Config
+    config
         Its model, integrator and records play no part.
-    base : Path, optional
+    base
         Where a table's relative path is looked up besides the working directory.
-    samples : int, optional
-        Runs of each case, if there are as many; by default so many that there are ``least`` runs.
-    least : int
+    samples
+        Runs of each case, if there are as many; None: so many that there are ``least`` runs.
     """
-    data = resolved(config) | {"record": [], "model": "full"}
+    data: dict[str, Any] = resolved(config) | {"record": [], "model": "full"}
     config = override_config(data, ["integrator={method: dop853}"])
     plan = make_plan(config, base)
     wanted = samples or -(-least // len(plan.cases))

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.study.tradeoff.scalar_rk4 import DT
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 DEFAULT: dict[str, Any] = {
     "name": "tradeoff",
@@ -31,7 +29,43 @@ TOLERANCES: dict[str, tuple[float, ...]] = {
 # A method without a list here.
 OTHER_TOLERANCES = (1e-6, 1e-8, 1e-10, 1e-12)
 STEPS = (0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001)
-REDUCED_TOL = 1e-9
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A model, a method and its setting."""
+
+    model: str
+    method: str
+    name: str = "none"
+    value: float = float("nan")
+
+    @property
+    def integrator(self) -> dict[str, Any]:
+        """As in a config."""
+        return {} if self.method == "none" else {"method": self.method, self.name: self.value}
+
+    @property
+    def stages(self) -> int:
+        """Evaluations of the right-hand side in a step."""
+        return METHODS["rk4" if self.method == "plain" else self.method].stages
+
+
+# Two methods that are to agree; a quick study needs no kernel but theirs.
+REFERENCES = tuple(Setting("full", method, "tol", 1e-13) for method in ("verner98", "dop853"))
+PLAIN = Setting("full", "plain", "dt", DT)
+REDUCED = Setting("reduced", "dop853", "tol", 1e-9)
+CLOSED_FORM = Setting("gh", "none")
+
+
+def settings(methods: Collection[str]) -> list[Setting]:
+    """Those of some methods, by their order; a new method has a list without one of its own."""
+    found = []
+    for name in sorted(methods, key=lambda name: METHODS[name].order):
+        key = "tol" if METHODS[name].adaptive else "dt"
+        values = TOLERANCES.get(name, OTHER_TOLERANCES) if key == "tol" else STEPS
+        found += [Setting("full", name, key, value) for value in values]
+    return found
 
 
 @dataclass(frozen=True)
@@ -40,6 +74,10 @@ class Scope:
 
     Attributes
     ----------
+    settings : tuple of Setting
+        In the order of the table.
+    references : tuple of Setting
+        Two, which are to agree.
     least : int
         Runs to draw.
     rounds : int
@@ -55,6 +93,8 @@ class Scope:
         Time that the independent integrator may integrate in all.
     """
 
+    settings: tuple[Setting, ...]
+    references: tuple[Setting, ...] = REFERENCES
     least: int = 2000
     rounds: int = 3
     horizon: float = 1000.0
@@ -64,38 +104,9 @@ class Scope:
     confirm: float = 4000.0
 
 
-FULL = Scope()
-QUICK = Scope(300, 2, 500.0, 1e8, 2e7, 1e7, 400.0)
-
-
-@dataclass(frozen=True)
-class Setting:
-    """A model, a method and its setting."""
-
-    model: str
-    method: str
-    name: str = ""
-    value: float = float("nan")
-
-    @property
-    def integrator(self) -> Mapping[str, Any]:
-        """As in a config."""
-        return {"method": self.method, self.name: self.value}
-
-    @property
-    def stages(self) -> int:
-        """Evaluations of the right-hand side in a step."""
-        tableau = METHODS["rk4" if self.method == "plain" else self.method]
-        return tableau.stages
-
-
-def settings() -> list[Setting]:
-    """All that is measured; a method of a new tableau is among them by itself."""
-    found = [Setting("full", "plain", "dt", DT)]
-    for name, tableau in sorted(METHODS.items(), key=lambda item: item[1].order):
-        if tableau.adaptive:
-            values = TOLERANCES.get(name, OTHER_TOLERANCES)
-            found += [Setting("full", name, "tol", value) for value in values]
-        else:
-            found += [Setting("full", name, "dt", value) for value in STEPS]
-    return [*found, Setting("reduced", "dop853", "tol", REDUCED_TOL), Setting("gh", "none", "none")]
+FULL = Scope((PLAIN, *settings(METHODS), REDUCED, CLOSED_FORM))
+QUICK = Scope(
+    (PLAIN, *settings([s.method for s in REFERENCES]), CLOSED_FORM),
+    least=300, rounds=2, horizon=500.0, stages=1e8, scalar_stages=2e7, cost_stages=1e7,
+    confirm=400.0,
+)  # fmt: skip

@@ -1,21 +1,33 @@
-"""The table of the trade: its columns, and what it says of an error one wants."""
+"""The table of the trade: its columns, advice from it, and all of it as text."""
 
 from __future__ import annotations
 
 import math
+import platform
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+import pandas as pd
 import pyarrow as pa
 
+from rattlesweep.sweeps.store.provenance import machine, package_version
 from rattlesweep.sweeps.tables.columns import F64, I64, TEXT, TIME, field
+from rattlesweep.text import align
 
 if TYPE_CHECKING:
-    import pandas as pd
+    from rattlesweep.study.tradeoff.measure import Study
 
 # Errors of t_r for which the cheapest setting is named, and by which of the runs' errors.
 WANTED = (1e-3, 1e-6, 1e-9, 1e-12)
 QUANTILES = {"median": "error_median", "p99": "error_p99"}
 _MISSED = "; a run without t_r counts as infinite, and null is infinite"
+
+HEADS = (
+    ("", "us a unit", "over", "error of", "t_r", "share", "", "", "other", "energy drift", "",
+     "not", ""),
+    ("setting", "and run", "plain", "median", "99 %", "> 1e-6", "missed", "false", "type",
+     "median", "max", "ok", "runs"),
+)  # fmt: skip
 
 
 def _always(name: str, kind: pa.DataType, unit: str, words: str) -> pa.Field:
@@ -69,16 +81,7 @@ def number(value: float) -> str:
 
 
 def cheapest(rows: pd.DataFrame, error: float, quantile: str) -> Any:
-    """The row of the cheapest setting whose error is small enough; None if none is.
-
-    Parameters
-    ----------
-    rows : DataFrame
-        With the columns of :data:`SCHEMA`.
-    error : float
-    quantile : str
-        ``error_median`` or ``error_p99``.
-    """
+    """The row of the cheapest setting whose ``error_median`` or ``error_p99`` is small enough."""
     good = rows[rows[quantile] <= error].nsmallest(1, "us_per_unit")
     return next(good.itertuples(), None)
 
@@ -94,3 +97,75 @@ def advice(rows: pd.DataFrame) -> list[dict[str, Any]]:
             entry[f"{word}_us_per_unit"] = None if row is None else row.us_per_unit
         found.append(entry)
     return found
+
+
+def as_text(study: Study) -> str:
+    """Everything that was measured, to be read."""
+    f = study.facts
+    here = machine()
+    within = f["confirmed_within"]
+    confirmed = "no run" if within is None else f"within {within:.1e}"
+    return "\n".join(
+        [
+            f"{here['cpu']}, {here['processors']} processors, {here['system']}, Python "
+            f"{platform.python_version()}, rattlesweep {package_version()}",
+            f"{f['runs']} runs, {f['reversing_in_both']} with a reversal in both references; "
+            f"{f['compared']} of them agree to 1e-8",
+            f"{f['dropped']} runs are left out: the references do not agree on what becomes of "
+            "them",
+            f"the references differ by {f['references_differ_median']:.1e} (median), "
+            f"{f['references_differ_p99']:.1e} (99 %)",
+            f"an independent integrator confirms {f['confirmed_runs']} runs: {confirmed}, "
+            f"{f['confirmed_missed']} without a reversal",
+            f"costs on one thread, of runs cut at t = {f['timing_horizon']:g}",
+            "",
+            _settings(study.rows),
+            "",
+            "cheapest setting",
+            _advice(study.rows),
+        ]
+    )
+
+
+def _settings(rows: pd.DataFrame) -> str:
+    lines: list[Sequence[str]] = [*HEADS]
+    for row in rows.itertuples():
+        r: Any = row
+        lines.append(
+            [
+                row_name(r), f"{r.us_per_unit:.3g}", f"{r.speedup:.3g}x", number(r.error_median),
+                number(r.error_p99), f"{100 * r.share_above_1e_6:.2f} %", str(r.missed),
+                str(r.false), "-" if math.isnan(r.type_flips) else f"{100 * r.type_flips:.2f} %",
+                number(r.energy_drift_median), number(r.energy_drift_max), str(r.failed),
+                str(r.runs),
+            ]
+        )  # fmt: skip
+    return align(lines, "<>")
+
+
+def _advice(rows: pd.DataFrame) -> str:
+    lines: list[Sequence[str]] = [
+        ("error of t_r", "median", "us a unit", "99 % of runs", "us a unit")
+    ]
+    for entry in advice(rows):
+        cells = [number(entry["error"])]
+        for word in QUANTILES:
+            cost = entry[f"{word}_us_per_unit"]
+            cells += [entry[word] or "none", "-" if cost is None else f"{cost:.3g}"]
+        lines.append(cells)
+    return align(lines, "<")
+
+
+def as_data(study: Study) -> dict[str, Any]:
+    """The same as JSON can hold it."""
+    return {
+        "machine": machine() | {"python": platform.python_version()},
+        "rattlesweep": package_version(),
+        "facts": study.facts,
+        "rows": [
+            {k: None if isinstance(v, float) and not math.isfinite(v) else v
+             for k, v in row.items()}
+            for row in study.rows.to_dict("records")
+        ],
+        "cheapest": advice(study.rows),
+    }  # fmt: skip
