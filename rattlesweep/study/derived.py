@@ -25,13 +25,7 @@ class Quantity:
 
 
 def make_body(given: dict[str, Any]) -> Rattleback:
-    """Body from the options of the command line; None stands for not given.
-
-    Raises
-    ------
-    ConfigError
-        If options are missing, contradict each other, or make no body.
-    """
+    """Body from the options of the command line; None stands for not given."""
     given = {name: value for name, value in given.items() if value is not None}
     if "xi" in given and "xi_deg" in given:
         raise ConfigError("--xi and --xi-deg are both given; keep one of them")
@@ -78,13 +72,7 @@ def check_launch(
 
 
 def derived(body: Rattleback, n_i: float, omega_xy0: float) -> list[Quantity]:
-    """Everything theory says of a body and a launch along the relevant mode.
-
-    Raises
-    ------
-    ConfigError
-        If ``n_i`` is zero or ``omega_xy0`` is not positive.
-    """
+    """Everything theory says of a body and a launch along the relevant mode."""
     check_launch(n_i, omega_xy0, ("--n-i", "--omega-xy0"))
     b = body
     m = theory.modes(b.alpha, b.beta, b.theta, b.phi, b.xi)

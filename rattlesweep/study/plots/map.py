@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from matplotlib.colors import BoundaryNorm, ListedColormap, LogNorm, Normalize
 from matplotlib.patches import Patch
-from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.study.plots.bondi import threshold
@@ -19,6 +18,7 @@ from rattlesweep.study.plots.panels import (
     draw_panels,
     entry,
     legend_above,
+    plain_ticks,
     scale_axis,
 )
 from rattlesweep.study.style import FAILED, MISSING, TYPE_STYLE, label
@@ -112,7 +112,8 @@ class Map(Counted):
             bar = figure.colorbar(mesh, ax=[p.axes for p in panels], extend=extend, pad=0.03,
                                   aspect=30 if len(panels) < 4 else 45)  # fmt: skip
             bar.set_label(r"$t_r/t_{rGH}$ of runs that reverse")
-            _bar_ticks(bar, norm)
+            if isinstance(norm, LogNorm):
+                plain_ticks(bar.ax, "y", (float(norm.vmin or 1), float(norm.vmax or 1)))
         self._legend(figure, set(np.unique(code)), bondi)
 
     def _codes(self) -> Integers:
@@ -125,15 +126,9 @@ class Map(Counted):
     def _bondi(self, panel: Panel) -> bool:
         """Draw Bondi's line where theory knows it; whether it did."""
         x, y, *rest = self.axes
-        at = {
-            axis.name: float(axis.values[place])
-            for axis, place in zip(rest, panel.where, strict=True)
-        }
-        at |= {
-            name: float(axis.values[0])
-            for name, axis in self.layout.axes.items()
-            if len(axis.values) == 1
-        }
+        at = {a.name: float(a.values[k]) for a, k in zip(rest, panel.where, strict=True)}
+        single = (a for a in self.layout.axes.values() if len(a.values) == 1)
+        at |= {a.name: float(a.values[0]) for a in single}
         along = [axis for axis in (x, y) if axis.name in self.layout.bodies]
         others = [name for name in self.layout.bodies if name not in (x.name, y.name)]
         if not along or not set(others) <= at.keys():
@@ -195,12 +190,3 @@ def _ratio_norm(ratio: Floats) -> tuple[Normalize, str]:
     cut = {(True, True): "both", (True, False): "min", (False, True): "max"}
     extend = cut.get((bool(known.min() < low), bool(known.max() > high)), "neither")
     return (LogNorm if high > 4 * low else Normalize)(low, high), extend
-
-
-def _bar_ticks(bar: Any, norm: Normalize) -> None:
-    if isinstance(norm, LogNorm):
-        low, high = float(norm.vmin or 1), float(norm.vmax or 1)
-        ticks = [m * 10.0**e for e in range(-6, 7) for m in (1, 2, 5)]
-        bar.ax.yaxis.set_major_locator(FixedLocator([t for t in ticks if low <= t <= high]))
-        bar.ax.yaxis.set_minor_locator(NullLocator())
-        bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

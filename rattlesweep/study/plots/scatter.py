@@ -120,8 +120,8 @@ class Scatter(Picture):
         scale_axis(axes, "y", t_r, log is not False)
         if self.column == "t_rgh":
             # In small steps: where one axis alone is logarithmic, it is curved.
-            theory = np.linspace(*axes.get_xlim(), 400)
-            theory = theory[theory > 0]
+            low, high = axes.get_xlim()
+            theory = np.linspace(max(low, 0.0), high, 400)[1:]
             axes.plot(theory, theory, **THEORY, scalex=False, scaley=len(x) == 1)
             handles.append(entry(r"theory: $t_r = t_{rGH}$", **THEORY))
         unit = UNITS.get(self.unit, self.unit)

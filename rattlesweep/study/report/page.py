@@ -51,27 +51,7 @@ SESSION_COLUMNS = ("started", "state", "shard", "host", "threads", "blocks", "se
 
 
 def make_report(directory: Path, title: str | None = None) -> bytes:
-    """The page of a sweep.
-
-    Parameters
-    ----------
-    directory
-        Of a sweep, whole or still running.
-    title
-        Of the page; None: the sweep's name.
-
-    Returns
-    -------
-    bytes
-        HTML, self-contained, under 5 MB.
-
-    Raises
-    ------
-    ConfigError
-        The directory is none of a sweep.
-    OutputError
-        It cannot be read.
-    """
+    """The page of a sweep, whole or still running: HTML that needs nothing else, under 5 MB."""
     layout = read_layout(directory)
     manifest, store = layout.manifest, layout.store
     status = status_of(directory)
@@ -93,7 +73,7 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
         near_tangencies=int(summary.cells.near_tangencies.sum()),
         pictures=[_shown(kind, picture) for kind, picture in pictures.items()],
         case_head=[CASE_COLUMNS[name] for name in columns],
-        cases=[[_number(row[n], n) for n in columns] for row in summary.table().to_pylist()],
+        cases=[[_shorten(row[n], n) for n in columns] for row in summary.table().to_pylist()],
         open_cases=OPEN_CASES,
         most_cases=MOST_CASES,
         failures=_failures(facts),
@@ -102,9 +82,7 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
         config=config_yaml(resolved(layout.config)),
         provenance=_provenance(manifest, None if digest is None else digest.hexdigest()),
         session_head=SESSION_COLUMNS,
-        sessions=[
-            [_or_dash(session.said(name)) for name in SESSION_COLUMNS] for session in sessions
-        ],
+        sessions=[[session.said(name) for name in SESSION_COLUMNS] for session in sessions],
         horizon=_horizon(layout),
     )
 
@@ -151,9 +129,9 @@ def _shown(kind: str, picture: Picture | ConfigError) -> Mapping[str, Any]:
     }
 
 
-def _number(value: float | int | None, name: str) -> str:
+def _shorten(value: float | int | None, name: str) -> str | None:
     if value is None:
-        return "–"
+        return None
     if name.startswith("fraction"):
         return f"{value:.3f}"
     return f"{value:.5g}" if isinstance(value, float) else f"{value:,}"
@@ -202,17 +180,13 @@ def _seconds(value: float) -> str:
     return f"{value:.1f} s" if value < 600 else clock(value)
 
 
-def _or_dash(value: object) -> object:
-    return "–" if value is None else value
-
-
-def _provenance(manifest: Manifest, digest: str | None) -> list[tuple[str, str]]:
+def _provenance(manifest: Manifest, digest: str | None) -> list[tuple[str, str | None]]:
     def listed(part: Mapping[str, Any]) -> str:
         return ", ".join(f"{key} {value}" for key, value in part.items())
 
     rows = [
         ("started", manifest.started),
-        ("finished", manifest.finished or "–"),
+        ("finished", manifest.finished),
         ("command", " ".join(manifest.command)),
         ("machine", listed(manifest.machine)),
         ("versions", listed(manifest.versions)),

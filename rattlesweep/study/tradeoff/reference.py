@@ -71,7 +71,7 @@ def _cross(a: Vector, b: Vector) -> Vector:
 
 
 def _dot(a: Vector, b: Vector) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
 
 
 def _equations(body: dict[str, float]) -> Callable[[float, Floats], list[float]]:
@@ -152,8 +152,8 @@ def confirm(runs: Runs, reference: Reference, *, units: float) -> dict[str, Any]
     apart = []
     for k in picks[:affordable]:
         body = {name: float(getattr(launches.bodies, name)[k]) for name in PARAMETERS}
-        launch = [float(x[k]) for x in (launches.n_i, launches.omega_xy0, launches.psi)]
-        found = independent_reversal(body, *launch, 1.01 * float(t_r[k]))
+        n_i, omega, psi = (float(x[k]) for x in (launches.n_i, launches.omega_xy0, launches.psi))
+        found = independent_reversal(body, n_i, omega, psi, 1.01 * float(t_r[k]))
         apart.append(abs(found / float(t_r[k]) - 1))
     good = [value for value in apart if value == value]
     return {
