@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import platform
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
@@ -21,18 +22,7 @@ if TYPE_CHECKING:
 WANTED = (1e-3, 1e-6, 1e-9, 1e-12)
 QUANTILES = {"median": "error_median", "p99": "error_p99"}
 _MISSED = "; a run without t_r counts as infinite, and null is infinite"
-
-HEADS = (
-    ("", "us a unit", "over", "error of", "t_r", "share", "", "", "other", "energy drift", "",
-     "not", ""),
-    ("setting", "and run", "plain", "median", "99 %", "> 1e-6", "missed", "false", "type",
-     "median", "max", "ok", "runs"),
-)  # fmt: skip
-
-
-def _always(name: str, kind: pa.DataType, unit: str, words: str) -> pa.Field:
-    return field(name, kind, unit, words, nullable=False)
-
+_always = partial(field, nullable=False)
 
 # One row a setting.
 SCHEMA = pa.schema(
@@ -127,19 +117,28 @@ def as_text(study: Study) -> str:
     )
 
 
+# Two lines of heading, and the cell of a row.
+COLUMNS: tuple[tuple[str, str, Callable[[Any], str]], ...] = (
+    ("", "setting", row_name),
+    ("us a unit", "and run", lambda row: f"{row.us_per_unit:.3g}"),
+    ("over", "plain", lambda row: f"{row.speedup:.3g}x"),
+    ("error of", "median", lambda row: number(row.error_median)),
+    ("t_r", "99 %", lambda row: number(row.error_p99)),
+    ("share", "> 1e-6", lambda row: f"{100 * row.share_above_1e_6:.2f} %"),
+    ("", "missed", lambda row: str(row.missed)),
+    ("", "false", lambda row: str(row.false)),
+    ("other", "type",
+     lambda row: "-" if math.isnan(row.type_flips) else f"{100 * row.type_flips:.2f} %"),
+    ("energy drift", "median", lambda row: number(row.energy_drift_median)),
+    ("", "max", lambda row: number(row.energy_drift_max)),
+    ("not", "ok", lambda row: str(row.failed)),
+    ("", "runs", lambda row: str(row.runs)),
+)  # fmt: skip
+
+
 def _settings(rows: pd.DataFrame) -> str:
-    lines: list[Sequence[str]] = [*HEADS]
-    for row in rows.itertuples():
-        r: Any = row
-        lines.append(
-            [
-                row_name(r), f"{r.us_per_unit:.3g}", f"{r.speedup:.3g}x", number(r.error_median),
-                number(r.error_p99), f"{100 * r.share_above_1e_6:.2f} %", str(r.missed),
-                str(r.false), "-" if math.isnan(r.type_flips) else f"{100 * r.type_flips:.2f} %",
-                number(r.energy_drift_median), number(r.energy_drift_max), str(r.failed),
-                str(r.runs),
-            ]
-        )  # fmt: skip
+    lines = [[column[k] for column in COLUMNS] for k in (0, 1)]
+    lines += [[cell(row) for _, _, cell in COLUMNS] for row in rows.itertuples()]
     return align(lines, "<>")
 
 
