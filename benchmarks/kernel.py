@@ -45,15 +45,17 @@ def plain_rk4(y0, constants, t_end, dt, out):
     for k in prange(len(y0)):
         ix, iy, iz, cxx, cxy, cyy = constants[k]
         p, q, a, b, c = y0[k]
-        n = full.spin(p, q, a, b, c)
+        y, body = (p, q, a, b, c), (ix, iy, iz, cxx, cxy, cyy)
+        n = full.spin(*y)
         steps = round(t_end[k] / dt)
         for _ in range(steps):
-            p, q, a, b, c = rk4_step(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, dt)
-            n1 = full.spin(p, q, a, b, c)
+            y = rk4_step(y, body, dt)
+            n1 = full.spin(*y)
             if n * n1 <= 0:
                 break
             n = n1
-        out[k, 0], out[k, 1], out[k, 2], out[k, 3], out[k, 4] = p, q, a, b, c
+        for i in range(5):
+            out[k, i] = y[i]
 
 
 def batch(t_end):

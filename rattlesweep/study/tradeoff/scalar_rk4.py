@@ -21,40 +21,32 @@ DT = 0.002
 
 
 @full.scalar
-def rk4_step(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, dt):  # type: ignore[no-untyped-def]
-    """One step of the classical method for one run."""
-    half, sixth = dt / 2, dt / 6
-    p1, q1, a1, b1, c1 = full.rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy)
-    p2, q2, a2, b2, c2 = full.rhs(
-        p + half * p1, q + half * q1, a + half * a1, b + half * b1, c + half * c1,
-        ix, iy, iz, cxx, cxy, cyy,
-    )  # fmt: skip
-    p3, q3, a3, b3, c3 = full.rhs(
-        p + half * p2, q + half * q2, a + half * a2, b + half * b2, c + half * c2,
-        ix, iy, iz, cxx, cxy, cyy,
-    )  # fmt: skip
-    p4, q4, a4, b4, c4 = full.rhs(
-        p + dt * p3, q + dt * q3, a + dt * a3, b + dt * b3, c + dt * c3,
-        ix, iy, iz, cxx, cxy, cyy,
-    )  # fmt: skip
-    return (
-        p + sixth * (p1 + 2 * (p2 + p3) + p4),
-        q + sixth * (q1 + 2 * (q2 + q3) + q4),
-        a + sixth * (a1 + 2 * (a2 + a3) + a4),
-        b + sixth * (b1 + 2 * (b2 + b3) + b4),
-        c + sixth * (c1 + 2 * (c2 + c3) + c4),
-    )
+def _moved(y, h, k):  # type: ignore[no-untyped-def]
+    """Component by component, ``y + h k``."""
+    return (y[0] + h * k[0], y[1] + h * k[1], y[2] + h * k[2], y[3] + h * k[3], y[4] + h * k[4])
+
+
+@full.scalar
+def rk4_step(y, body, dt):  # type: ignore[no-untyped-def]
+    """One step of the classical method for one run; `y` and `body` are tuples."""
+    k1 = full.rhs(*(y + body))
+    k2 = full.rhs(*(_moved(y, dt / 2, k1) + body))
+    k3 = full.rhs(*(_moved(y, dt / 2, k2) + body))
+    k4 = full.rhs(*(_moved(y, dt, k3) + body))
+    slope = _moved(_moved(k1, 2.0, _moved(k2, 1.0, k3)), 1.0, k4)
+    return _moved(y, dt / 6, slope)
 
 
 def _reversals(y0, constants, t_end, dt, t_r):  # type: ignore[no-untyped-def]
     for k in range(len(y0)):
-        ix, iy, iz, cxx, cxy, cyy = constants[k]
         p, q, a, b, c = y0[k]
-        n = full.spin(p, q, a, b, c)
+        ix, iy, iz, cxx, cxy, cyy = constants[k]
+        y, body = (p, q, a, b, c), (ix, iy, iz, cxx, cxy, cyy)
+        n = full.spin(*y)
         t_r[k] = np.nan
         for step in range(int(np.ceil(t_end[k] / dt))):
-            p, q, a, b, c = rk4_step(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, dt)
-            n1 = full.spin(p, q, a, b, c)
+            y = rk4_step(y, body, dt)
+            n1 = full.spin(*y)
             if n * n1 <= 0:
                 t_r[k] = (step + n / (n - n1)) * dt
                 break
