@@ -14,8 +14,8 @@ from __future__ import annotations
 import statistics
 import time
 from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,7 +23,8 @@ import numpy as np
 import pandas as pd
 
 from rattlesweep.errors import ConfigError
-from rattlesweep.integrate.batch import available_threads
+from rattlesweep.integrate.batch import Control, available_threads
+from rattlesweep.integrate.task import side_by_side
 from rattlesweep.physics import theory
 from rattlesweep.study.tradeoff.reference import Reference, confirm, make_reference
 from rattlesweep.study.tradeoff.runs import Runs, Solution, draw
@@ -141,8 +142,12 @@ def _load_kernels(runs: Runs, settings: Iterable[Setting], report: Report) -> No
     """Load the kernels, and compile side by side those that this machine has not yet."""
     kernels = {f"{s.model} {s.method}": s for s in settings if s.model != "gh"}
     report(f"kernels, compiled where this machine has them not yet: {', '.join(kernels)}")
-    with ThreadPoolExecutor(available_threads()) as pool:
-        list(pool.map(runs.load, kernels.values()))
+    calls = [partial(_load, runs, setting) for setting in kernels.values()]
+    side_by_side(calls, available_threads())
+
+
+def _load(runs: Runs, setting: Setting, control: Control) -> None:
+    runs.load(setting)
 
 
 @dataclass(frozen=True)
