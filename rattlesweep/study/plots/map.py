@@ -146,7 +146,7 @@ class Map(Counted):
             for line in LINES:
                 panel.axes.contour(a, b, plane, [n_i], linestyles="solid", **line)
             return True
-        spin = y if along == [x] else x
+        spin = y if along[0] is x else x
         if spin.name != "n_i":
             return False
         (values,), n_c1 = threshold(self.layout, along, fixed)
