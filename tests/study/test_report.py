@@ -54,11 +54,11 @@ def sweeps(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
-READ = "what was read"
+Made = tuple[dict[str, bytes], list[str]]
 
 
 @pytest.fixture(scope="module")
-def pages(sweeps: Path) -> dict[str, bytes]:
+def made(sweeps: Path) -> Made:
     """Their pages, and the names of the files that were read for them."""
     read: list[str] = []
     file, whole = store_module.pq.ParquetFile, Path.read_bytes
@@ -74,8 +74,13 @@ def pages(sweeps: Path) -> dict[str, bytes]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(store_module.pq, "ParquetFile", parquet_file)
         patch.setattr(Path, "read_bytes", read_bytes)
-        found = {name: make_report(sweeps / name) for name in ("steady", "map")}
-    return {**found, READ: "\n".join(read).encode()}
+        return {name: make_report(sweeps / name) for name in ("steady", "map")}, read
+
+
+@pytest.fixture(scope="module")
+def pages(made: Made) -> dict[str, bytes]:
+    """Their pages."""
+    return made[0]
 
 
 class Page(HTMLParser):
@@ -167,7 +172,7 @@ def test_failures_are_counted_and_named(sweeps: Path, pages: dict[str, bytes]) -
 
 
 def test_the_page_needs_nothing_else(pages: dict[str, bytes]) -> None:
-    for data in (pages["steady"], pages["map"]):
+    for data in pages.values():
         assert len(data) < 5e6
         for tag, attrs in Page(data).tags:
             for key in ("src", "href", "srcset", "action"):
@@ -196,8 +201,8 @@ def test_a_sweep_that_is_not_whole(sweeps: Path, tmp_path: Path) -> None:
     assert "runs per second" not in text
 
 
-def test_the_directory_is_read_once(sweeps: Path, pages: dict[str, bytes]) -> None:
-    blocks = [name for name in pages[READ].decode().split() if name.endswith(".parquet")]
+def test_the_directory_is_read_once(sweeps: Path, made: Made) -> None:
+    blocks = [name for name in made[1] if name.endswith(".parquet")]
     assert sorted(blocks) == sorted(map(str, sweeps.glob("*/runs/*.parquet")))
 
 
