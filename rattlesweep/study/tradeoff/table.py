@@ -137,7 +137,7 @@ COLUMNS: tuple[tuple[str, str, Callable[[Any], str]], ...] = (
 
 
 def _settings(rows: pd.DataFrame) -> str:
-    lines = [[column[k] for column in COLUMNS] for k in (0, 1)]
+    lines = [[first for first, _, _ in COLUMNS], [second for _, second, _ in COLUMNS]]
     lines += [[cell(row) for _, _, cell in COLUMNS] for row in rows.itertuples()]
     return align(lines, "<>")
 
