@@ -58,7 +58,14 @@ integrator: {method: rk4, dt: 0.1}
 record: []
 """
 SMALL_SCOPE = replace(
-    FULL, least=24, rounds=1, horizon=50.0, stages=1e8, cost_stages=1e5, confirm=100.0
+    FULL,
+    least=24,
+    rounds=1,
+    horizon=50.0,
+    stages=1e8,
+    scalar_stages=2e7,
+    cost_stages=1e5,
+    confirm=100.0,
 )
 # One kernel, the yardstick and the closed form; the slow suite has all, and two reference methods.
 FEW = (PLAIN, *tradeoff.settings(["dop853"]), CLOSED_FORM)
