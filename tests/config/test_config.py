@@ -11,9 +11,8 @@ import pytest
 from pydantic import Field, create_model
 
 from rattlesweep.errors import ConfigError
-from rattlesweep.sweeps.config.bodies import SdSource
+from rattlesweep.sweeps.config.bodies import GridSource, SdSource
 from rattlesweep.sweeps.config.fields import Base
-from rattlesweep.sweeps.config.grid import GridSource
 from rattlesweep.sweeps.config.load import (
     config_json_schema,
     differences,

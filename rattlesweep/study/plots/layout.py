@@ -14,8 +14,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.sweeps.config.bodies import SdSource
-from rattlesweep.sweeps.config.grid import GridSource
+from rattlesweep.sweeps.config.bodies import GridSource, SdSource
 from rattlesweep.sweeps.config.messages import not_one_of
 from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.store.manifest import Manifest

@@ -16,8 +16,13 @@ import numpy as np
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics.body import PARAMETERS, Rattleback, shell_dumbbell, violations
 from rattlesweep.sweeps.cases.sampler import draw_bodies
-from rattlesweep.sweeps.config.bodies import PresetSource, SdSource, TableSource
-from rattlesweep.sweeps.config.grid import GridSource, PresetBase
+from rattlesweep.sweeps.config.bodies import (
+    GridSource,
+    PresetBase,
+    PresetSource,
+    SdSource,
+    TableSource,
+)
 from rattlesweep.sweeps.config.schema import Config
 
 if TYPE_CHECKING:
@@ -182,11 +187,7 @@ def _preset(name: str) -> dict[str, float]:
 
 def _grid(source: GridSource) -> GridBodies:
     base = source.base
-    if isinstance(base, PresetBase):
-        parameters = _preset(base.preset)
-    else:
-        # Of the two skew angles one is given.
-        parameters = base.model_dump(exclude={"xi_deg"}) | {"xi": base.xi_radians}
+    parameters = _preset(base.preset) if isinstance(base, PresetBase) else base.given()
     axes: dict[str, Floats] = {}
     for name, values in source.axes.values().items():
         array = np.asarray(values, dtype=float)

@@ -1,24 +1,24 @@
-"""Where parameter sets come from: drawn at random, a preset, or a table."""
+"""Where parameter sets come from: drawn at random, a preset, a table, or a grid."""
 
 import math
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import Field, ValidationInfo, field_validator, model_validator
+from pydantic import Discriminator, Field, Tag, ValidationInfo, field_validator, model_validator
 
+from rattlesweep.sweeps.config import fields
 from rattlesweep.sweeps.config.fields import (
-    DESCRIPTIONS,
-    Alpha,
+    PARAMETERS,
     Base,
-    Beta,
-    FSd,
-    Gamma,
-    Phi,
+    Linspace,
+    Logspace,
     PositiveNumbers,
-    Theta,
-    Xi,
-    XiDeg,
+    Spaced,
+    check_one,
     interval,
+    meant,
+    no_repeats,
 )
+from rattlesweep.sweeps.config.messages import out_of_range
 
 Preset = Literal["GH"]
 MAX_BODIES = 10**12
@@ -27,14 +27,14 @@ MAX_BODIES = 10**12
 class SdRanges(Base):
     """Ranges that shell-dumbbell bodies are drawn from; the paper's Table I unless given."""
 
-    gamma: Annotated[list[Gamma], *interval("gamma")] = Field(default=[5.0, 15.0])
-    f_sd: Annotated[list[FSd], *interval("f_sd")] = Field(default=[0.05, 0.15])
-    theta: Annotated[list[Theta], *interval("theta")] = Field(default=[0.6, 0.95])
-    phi: Annotated[list[Phi], *interval("phi")] = Field(default=[0.01, 0.1], validate_default=True)
+    gamma: Annotated[list[fields.Gamma], *interval("gamma")] = Field([5.0, 15.0])
+    f_sd: Annotated[list[fields.FSd], *interval("f_sd")] = Field([0.05, 0.15])
+    theta: Annotated[list[fields.Theta], *interval("theta")] = Field([0.6, 0.95])
+    phi: Annotated[list[fields.Phi], *interval("phi")] = Field([0.01, 0.1], validate_default=True)
     # Drawn from (low, high]: zero may bound the skew angle, but is never drawn.
     minus_xi_deg: Annotated[
         list[Annotated[float, Field(ge=0, lt=90)]], *interval("minus_xi_deg")
-    ] = Field(default=[0.0, 6.0])
+    ] = Field([0.0, 6.0])
 
     @field_validator("minus_xi_deg")
     @classmethod
@@ -62,30 +62,18 @@ class SdRanges(Base):
 class Target(Base):
     """Bodies are redrawn until their torque coefficient lies close to one of these values."""
 
-    K_r: PositiveNumbers | None = Field(
-        default=None,
-        description="Targets of the rolling coefficient K_r, no unit; one case for each.",
-    )
-    K_p: PositiveNumbers | None = Field(
-        default=None,
-        description="Targets of the pitching coefficient K_p, no unit; one case for each.",
-    )
-    rel_tol: float = Field(
-        default=1e-3,
-        gt=0,
-        le=0.5,
-        description="Largest relative distance from the target, no unit.",
-    )
-    max_draws: int = Field(
-        default=1_000_000, ge=1, le=2**62, description="Draws after which a sample is given up."
-    )
+    K_r: PositiveNumbers | None = None
+    """Targets of the rolling coefficient K_r, no unit; one case for each."""
+    K_p: PositiveNumbers | None = None
+    """Targets of the pitching coefficient K_p, no unit; one case for each."""
+    rel_tol: float = Field(1e-3, gt=0, le=0.5)
+    """Largest relative distance from the target, no unit."""
+    max_draws: int = Field(1_000_000, ge=1, le=2**62)
+    """Draws after which a sample is given up."""
 
     @model_validator(mode="after")
     def _one_of_two(self) -> "Target":
-        if self.K_r is not None and self.K_p is not None:
-            raise ValueError("both K_r and K_p are given; keep one of them")
-        if self.K_r is None and self.K_p is None:
-            raise ValueError("neither K_r nor K_p is given; give one of them")
+        check_one(self, "K_r", "K_p")
         return self
 
     @property
@@ -102,75 +90,199 @@ class Target(Base):
 class SdSource(Base):
     """Shell-dumbbell bodies, drawn at random from ranges."""
 
-    source: Literal["sd"] = Field(description="Draw shell-dumbbell bodies at random.")
-    samples: int = Field(default=1000, ge=1, le=MAX_BODIES, description="Bodies per case.")
-    ranges: SdRanges = Field(
-        default_factory=lambda: SdRanges(),
-        description="Where the parameters are drawn from, uniformly.",
-    )
-    target: Target | None = Field(
-        default=None, description="Keep only bodies with this torque coefficient; null: keep all."
-    )
+    source: Literal["sd"]
+    """Draw shell-dumbbell bodies at random."""
+    samples: int = Field(1000, ge=1, le=MAX_BODIES)
+    """Bodies per case."""
+    ranges: SdRanges = Field(default_factory=lambda: SdRanges())
+    """Where the parameters are drawn from, uniformly."""
+    target: Target | None = None
+    """Keep only bodies with this torque coefficient; null: keep all."""
 
 
 class Skewed(Base):
     """A body whose skew angle may be given in radians or in degrees."""
 
-    xi: Xi | None = Field(default=None, description=DESCRIPTIONS["xi"])
-    xi_deg: XiDeg | None = Field(default=None, description=DESCRIPTIONS["xi_deg"])
+    xi: fields.Xi | None = meant("xi", None)
+    xi_deg: fields.XiDeg | None = meant("xi_deg", None)
 
     needs_skew: ClassVar[bool] = True
 
     @model_validator(mode="after")
     def _one_angle(self) -> "Skewed":
-        if self.xi is not None and self.xi_deg is not None:
-            raise ValueError("both xi and xi_deg are given; keep one of them")
-        if self.needs_skew and self.xi is None and self.xi_deg is None:
-            raise ValueError("neither xi nor xi_deg is given; give one of them")
+        check_one(self, "xi", "xi_deg", needed=self.needs_skew)
         return self
 
-    @property
-    def xi_radians(self) -> float | None:
-        """The skew angle in radians, from whichever of the two is given."""
-        return self.xi if self.xi_deg is None else math.radians(self.xi_deg)
+    def given(self) -> dict[str, float]:
+        """The parameters that are set, with xi in radians."""
+        values = self.model_dump(exclude={"xi_deg"})
+        if self.xi_deg is not None:
+            values["xi"] = math.radians(self.xi_deg)
+        return {name: value for name, value in values.items() if value is not None}
 
 
 class Overrides(Skewed):
     """Parameters that replace those of a preset."""
 
-    alpha: Alpha | None = Field(default=None, description=DESCRIPTIONS["alpha"])
-    beta: Beta | None = Field(default=None, description=DESCRIPTIONS["beta"])
-    gamma: Gamma | None = Field(default=None, description=DESCRIPTIONS["gamma"])
-    theta: Theta | None = Field(default=None, description=DESCRIPTIONS["theta"])
-    phi: Phi | None = Field(default=None, description=DESCRIPTIONS["phi"])
+    alpha: fields.Alpha | None = meant("alpha", None)
+    beta: fields.Beta | None = meant("beta", None)
+    gamma: fields.Gamma | None = meant("gamma", None)
+    theta: fields.Theta | None = meant("theta", None)
+    phi: fields.Phi | None = meant("phi", None)
 
     needs_skew: ClassVar[bool] = False
-
-    def given(self) -> dict[str, float]:
-        """The parameters that are set, with xi in radians."""
-        values = self.model_dump(exclude={"xi_deg"}) | {"xi": self.xi_radians}
-        return {name: value for name, value in values.items() if value is not None}
 
 
 class PresetSource(Base):
     """One body of the literature, perhaps with parameters replaced."""
 
-    source: Literal["preset"] = Field(description="Use one named body.")
-    name: Preset = Field(description="GH: the body of Garcia and Hubbard (1988).")
-    overrides: Overrides = Field(
-        default_factory=lambda: Overrides(), description="Parameters that replace the preset's."
-    )
+    source: Literal["preset"]
+    """Use one named body."""
+    name: Preset
+    """GH: the body of Garcia and Hubbard (1988)."""
+    overrides: Overrides = Field(default_factory=lambda: Overrides())
+    """Parameters that replace the preset's."""
 
 
 class TableSource(Base):
     """Bodies from the rows of a table, in its order."""
 
-    source: Literal["table"] = Field(description="Read bodies from a table.")
-    path: str = Field(
-        min_length=1,
-        pattern=r"^[^\x00]*$",
-        description=(
-            "CSV or Parquet file with columns alpha beta gamma theta phi xi (radians), and "
-            "optionally n_i omega_xy0 t_end, which replace spin and horizon row by row."
-        ),
-    )
+    source: Literal["table"]
+    """Read bodies from a table."""
+    path: str = Field(min_length=1, pattern=r"^[^\x00]*$")
+    """CSV or Parquet file with columns alpha beta gamma theta phi xi (radians), and optionally
+    n_i omega_xy0 t_end, which replace spin and horizon row by row."""
+
+
+class PresetBase(Base):
+    """Start from a body of the literature."""
+
+    preset: Preset
+    """GH: the body of Garcia and Hubbard (1988)."""
+
+
+class ExplicitBase(Skewed):
+    """Start from a body given by its six parameters."""
+
+    alpha: fields.Alpha = meant("alpha")
+    beta: fields.Beta = meant("beta")
+    gamma: fields.Gamma = meant("gamma")
+    theta: fields.Theta = meant("theta")
+    phi: fields.Phi = meant("phi")
+
+
+class ShellDumbbellBase(Skewed):
+    """Start from a shell-dumbbell body."""
+
+    gamma: fields.Gamma = meant("gamma")
+    f_sd: fields.FSd = meant("f_sd")
+    theta: fields.Theta = meant("theta")
+    phi: fields.Phi = meant("phi")
+
+
+def _base_kind(base: Any) -> str:
+    if not isinstance(base, dict):
+        return type(base).__name__ if isinstance(base, Base) else "PresetBase"
+    if "f_sd" in base and "alpha" not in base:
+        return "ShellDumbbellBase"
+    explicit = "preset" not in base and PARAMETERS.keys() & base.keys()
+    return "ExplicitBase" if explicit else "PresetBase"
+
+
+GridBase = Annotated[
+    Annotated[PresetBase, Tag("PresetBase")]
+    | Annotated[ExplicitBase, Tag("ExplicitBase")]
+    | Annotated[ShellDumbbellBase, Tag("ShellDumbbellBase")],
+    Discriminator(_base_kind),
+]
+
+
+def _axis_kind(axis: Any) -> str:
+    if isinstance(axis, dict):
+        return "Logspace" if "logspace" in axis else "Linspace"
+    return type(axis).__name__ if isinstance(axis, Linspace | Logspace) else "list"
+
+
+Axis = (
+    Annotated[
+        Annotated[list[float], Tag("list")]
+        | Annotated[Linspace, Tag("Linspace")]
+        | Annotated[Logspace, Tag("Logspace")],
+        Discriminator(_axis_kind),
+    ]
+    | None
+)
+
+
+class Axes(Base):
+    """Parameters that vary: every combination is a body, and the first one varies slowest."""
+
+    alpha: Axis = meant("alpha", None)
+    beta: Axis = meant("beta", None)
+    gamma: Axis = meant("gamma", None)
+    f_sd: Axis = meant("f_sd", None)
+    theta: Axis = meant("theta", None)
+    phi: Axis = meant("phi", None)
+    xi: Axis = meant("xi", None)
+    xi_deg: Axis = meant("xi_deg", None)
+    minus_xi_deg: Axis = meant("minus_xi_deg", None)
+
+    @field_validator("*")
+    @classmethod
+    def _in_limits(cls, axis: Axis, info: ValidationInfo) -> Axis:
+        if axis is None or info.field_name is None:
+            return axis
+        ends = axis.ends[:2] if isinstance(axis, Spaced) else no_repeats(axis)
+        low, high, _ = PARAMETERS[info.field_name]
+        for value in (min(ends), max(ends)):
+            if not low < value < high:
+                bound = ("above", low) if value <= low else ("below", high)
+                raise ValueError(out_of_range(f"the value {value:g}", *bound))
+        return axis
+
+    @model_validator(mode="after")
+    def _plausible(self) -> "Axes":
+        given = self.given()
+        if not given:
+            raise ValueError("no parameter varies; give at least one axis")
+        check_one(self, "xi", "xi_deg", "minus_xi_deg", needed=False)
+        bodies = math.prod(
+            axis.ends[2] if isinstance(axis, Spaced) else len(axis) for axis in given.values()
+        )
+        if bodies > MAX_BODIES:
+            raise ValueError(f"the grid has {bodies} bodies; at most {MAX_BODIES} are possible")
+        return self
+
+    def given(self) -> dict[str, list[float] | Spaced]:
+        """The axes that are given."""
+        axes = {name: getattr(self, name) for name in type(self).model_fields}
+        return {name: axis for name, axis in axes.items() if axis is not None}
+
+    def values(self) -> dict[str, list[float]]:
+        """The values of each axis that is given."""
+        given = self.given().items()
+        return {name: axis.values() if isinstance(axis, Spaced) else axis for name, axis in given}
+
+
+class GridSource(Base):
+    """Every combination of some parameters' values, the others fixed."""
+
+    source: Literal["grid"]
+    """Vary parameters over a grid."""
+    base: GridBase
+    """The body whose parameters are varied."""
+    axes: Axes
+    """Which parameters vary, over which values."""
+
+    @field_validator("axes")
+    @classmethod
+    def _fit_base(cls, axes: Axes, info: ValidationInfo) -> Axes:
+        base = info.data.get("base")
+        foreign = ("alpha", "beta") if isinstance(base, ShellDumbbellBase) else ("f_sd",)
+        for name in foreign:
+            if base is not None and name in axes.given():
+                raise ValueError(
+                    f"{name} cannot vary over this base; f_sd is for a shell-dumbbell base, alpha "
+                    "and beta are for any other"
+                )
+        return axes

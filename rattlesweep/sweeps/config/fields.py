@@ -1,7 +1,7 @@
-"""The kinds of values that configs are made of: numbers with limits, lists, closed intervals."""
+"""The kinds of values that configs are made of: numbers with limits, lists, spaced values."""
 
 import math
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 from pydantic import (
     AfterValidator,
@@ -10,92 +10,82 @@ from pydantic import (
     ConfigDict,
     Field,
     WithJsonSchema,
-    model_validator,
+    field_validator,
 )
 from pydantic_core import PydanticCustomError
 
-from rattlesweep.sweeps.config.yamlfile import is_number
-
 
 class Base(BaseModel):
-    """Frozen, strict and closed: what a config does not know, it does not swallow."""
+    """Frozen, strict and closed: what a config does not know, it does not swallow.
+
+    The text below a field is its description, in the JSON Schema too.
+    """
 
     model_config = ConfigDict(
-        extra="forbid", frozen=True, strict=True, allow_inf_nan=False, validate_default=False
+        extra="forbid", frozen=True, strict=True, allow_inf_nan=False, use_attribute_docstrings=True
     )
 
+
+class Parameter(NamedTuple):
+    """The open interval that a body parameter lives in, and what it means."""
+
+    low: float
+    high: float
+    meaning: str
+
+
+PARAMETERS = {
+    "alpha": Parameter(
+        1, 1e6, "I_xx / (M a^2) + 1, moment of inertia about the x axis; no unit, above beta."),
+    "beta": Parameter(
+        1, 1e6, "I_yy / (M a^2) + 1, moment of inertia about the y axis; no unit, above 1."),
+    "gamma": Parameter(
+        0, 1e6, "I_zz / (M a^2), moment of inertia about the spin axis; no unit, above 0."),
+    "theta": Parameter(
+        0, 1, "The larger principal curvature at the bottom, times a; no unit, phi < theta < 1."),
+    "phi": Parameter(
+        0, 1, "The smaller principal curvature at the bottom, times a; no unit, 0 < phi < theta."),
+    "xi": Parameter(-math.pi / 2, 0,
+        "Skew angle from inertia to curvature axes in radians; negative, above -pi/2."),
+    "xi_deg": Parameter(
+        -90, 0, "Skew angle from inertia to curvature axes in degrees; negative, above -90."),
+    "minus_xi_deg": Parameter(0, 90, "Skew angle times -1, in degrees; between 0 and 90."),
+    "f_sd": Parameter(0, 0.5, "I_yy / I_zz of a shell-dumbbell body; no unit, between 0 and 0.5."),
+}  # fmt: skip
+"""Parameters of bodies, in the symbols of Kondo and Nakanishi (2017).
+
+How they go together is for `physics.body`.
+"""
+
+
+def limited(name: str) -> Any:
+    """Annotation of a number: the limits of a body parameter."""
+    return Field(gt=PARAMETERS[name].low, lt=PARAMETERS[name].high)
+
+
+def meant(name: str, default: Any = ...) -> Any:
+    """A field that is described as a body parameter is."""
+    return Field(default=default, description=PARAMETERS[name].meaning)
+
+
+Alpha = Annotated[float, limited("alpha")]
+Beta = Annotated[float, limited("beta")]
+Gamma = Annotated[float, limited("gamma")]
+Theta = Annotated[float, limited("theta")]
+Phi = Annotated[float, limited("phi")]
+Xi = Annotated[float, limited("xi")]
+XiDeg = Annotated[float, limited("xi_deg")]
+FSd = Annotated[float, limited("f_sd")]
 
 MAX_SPEED = 1e6
 """Of spins and oscillations, in sqrt(g/a): 5e6 turns a second of a body of 1 cm."""
 
-LIMITS = {
-    "alpha": (1, 1e6),
-    "beta": (1, 1e6),
-    "gamma": (0, 1e6),
-    "theta": (0, 1),
-    "phi": (0, 1),
-    "xi": (-math.pi / 2, 0),
-    "xi_deg": (-90, 0),
-    "minus_xi_deg": (0, 90),
-    "f_sd": (0, 0.5),
-}
-"""The open interval each body parameter lives in; how they go together is for `physics.body`."""
-
-DESCRIPTIONS = {
-    "alpha": "I_xx / (M a^2) + 1, moment of inertia about the x axis; no unit, above beta.",
-    "beta": "I_yy / (M a^2) + 1, moment of inertia about the y axis; no unit, above 1.",
-    "gamma": "I_zz / (M a^2), moment of inertia about the spin axis; no unit, above 0.",
-    "theta": "The larger principal curvature at the bottom, times a; no unit, phi < theta < 1.",
-    "phi": "The smaller principal curvature at the bottom, times a; no unit, 0 < phi < theta.",
-    "xi": "Skew angle from inertia to curvature axes in radians; negative, above -pi/2.",
-    "xi_deg": "Skew angle from inertia to curvature axes in degrees; negative, above -90.",
-    "minus_xi_deg": "Skew angle times -1, in degrees; between 0 and 90.",
-    "f_sd": "I_yy / I_zz of a shell-dumbbell body; no unit, between 0 and 0.5.",
-}
-"""What each body parameter means. Symbols are those of Kondo and Nakanishi (2017)."""
-
-
-def _limited(name: str) -> Any:
-    low, high = LIMITS[name]
-    return Field(gt=low, lt=high)
-
-
-Alpha = Annotated[float, _limited("alpha")]
-Beta = Annotated[float, _limited("beta")]
-Gamma = Annotated[float, _limited("gamma")]
-Theta = Annotated[float, _limited("theta")]
-Phi = Annotated[float, _limited("phi")]
-Xi = Annotated[float, _limited("xi")]
-XiDeg = Annotated[float, _limited("xi_deg")]
-FSd = Annotated[float, _limited("f_sd")]
-
-
 MAX_AXIS = 10**6
-
-
-def _whole_n(ends: list[float]) -> list[float]:
-    if len(ends) != 3:
-        raise ValueError(f"three numbers are wanted, [low, high, n], and not {len(ends)}")
-    if ends[2] != int(ends[2]) or not 1 <= ends[2] <= MAX_AXIS:
-        raise ValueError(f"n is {ends[2]:g}; it must be a whole number from 1 to {MAX_AXIS}")
-    return ends
-
-
-def _of_one_sign(ends: list[float]) -> list[float]:
-    low, high, _ = ends
-    if low == 0 or not 0 < high / low < math.inf:
-        raise ValueError(
-            f"no constant ratio leads from {low:g} to {high:g}; "
-            "both ends must have the same sign and neither be 0"
-        )
-    return ends
-
 
 _ENDS: Any = Field(
     description="[low, high, n]: n values between and including low and high.",
     json_schema_extra={"minItems": 3, "maxItems": 3},
 )
-Ends = Annotated[list[float], AfterValidator(_whole_n)]
 
 
 class Spaced(Base):
@@ -107,9 +97,10 @@ class Spaced(Base):
         low, high, n = next(iter(self.__dict__.values()))
         return low, high, int(n)
 
-    def between(self, low: float, high: float, share: float) -> float:
+    @classmethod
+    def between(cls, low: float, high: float, share: float) -> float:
         """The value at a share of the way."""
-        raise NotImplementedError
+        return low * math.pow(high / low, share) if cls is Logspace else low + (high - low) * share
 
     def values(self) -> list[float]:
         """All values, in their order."""
@@ -117,43 +108,44 @@ class Spaced(Base):
         inner = [self.between(low, high, i / (n - 1)) for i in range(1, n - 1)]
         return [low, *inner, high] if n > 1 else [low]
 
-    @model_validator(mode="after")
-    def _differ(self) -> "Spaced":
-        low, high, n = self.ends
+    @field_validator("*")
+    @classmethod
+    def _can_be_spaced(cls, ends: list[float]) -> list[float]:
+        if len(ends) != 3:
+            raise ValueError(f"three numbers are wanted, [low, high, n], and not {len(ends)}")
+        low, high, n = ends
+        if n != int(n) or not 1 <= n <= MAX_AXIS:
+            raise ValueError(f"n is {n:g}; it must be a whole number from 1 to {MAX_AXIS}")
+        if cls is Logspace and (low == 0 or not 0 < high / low < math.inf):
+            raise ValueError(
+                f"no constant ratio leads from {low:g} to {high:g}; "
+                "both ends must have the same sign and neither be 0"
+            )
         if (n == 1) != (low == high):
             raise ValueError(
-                f"{n} values from {low:g} to {high:g} cannot be spaced; "
+                f"{n:.0f} values from {low:g} to {high:g} cannot be spaced; "
                 "give equal ends with n = 1 and different ones with more"
             )
-        if n > 1:
-            # Values are closest at an end; neighbours closer than this may round to one number.
-            second, last = (self.between(low, high, i / (n - 1)) for i in (1, n - 2))
-            for one, other in ((low, second), (last, high)):
-                if not abs(one - other) > 4 * math.ulp(max(abs(one), abs(other))):
-                    raise ValueError(
-                        f"{n} values from {low!r} to {high!r} would not all differ; give fewer"
-                    )
-        return self
+        # Values are closest at an end; neighbours closer than this may round to one number.
+        for end, place in ((low, 1), (high, n - 2)):
+            beside = cls.between(low, high, place / (n - 1)) if n > 1 else math.inf
+            if not abs(beside - end) > 4 * math.ulp(max(abs(beside), abs(end))):
+                raise ValueError(
+                    f"{n:.0f} values from {low!r} to {high!r} would not all differ; give fewer"
+                )
+        return ends
 
 
 class Linspace(Spaced):
     """Evenly spaced values."""
 
-    linspace: Ends = _ENDS
-
-    def between(self, low: float, high: float, share: float) -> float:
-        """The value at a share of the way."""
-        return low + (high - low) * share
+    linspace: list[float] = _ENDS
 
 
 class Logspace(Spaced):
     """Values with a constant ratio; the ends are values, not exponents."""
 
-    logspace: Annotated[Ends, AfterValidator(_of_one_sign)] = _ENDS
-
-    def between(self, low: float, high: float, share: float) -> float:
-        """The value at a share of the way."""
-        return low * math.pow(high / low, share)
+    logspace: list[float] = _ENDS
 
 
 def no_repeats(values: list[Any]) -> list[Any]:
@@ -218,24 +210,26 @@ SpinNumbers = Annotated[
 def _ordered(ends: list[float]) -> list[float]:
     if len(ends) != 2:
         raise ValueError(f"a range has two numbers, [low, high], and not {len(ends)}; write both")
-    if ends[0] > ends[1]:
-        raise ValueError(
-            f"the range [{ends[0]:g}, {ends[1]:g}] is reversed; write [{ends[1]:g}, {ends[0]:g}]"
-        )
+    low, high = ends
+    if low > high:
+        raise ValueError(f"the range [{low:g}, {high:g}] is reversed; write [{high:g}, {low:g}]")
     return ends
 
 
 def interval(name: str) -> Any:
     """Annotations of a field that holds the range ``[low, high]`` of a body parameter."""
+    numbers = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
     return (
         AfterValidator(_ordered),
-        WithJsonSchema(
-            {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
-        ),
-        Field(description=f"Range [low, high]. {DESCRIPTIONS[name]}"),
+        WithJsonSchema(numbers),
+        Field(description=f"Range [low, high]. {PARAMETERS[name].meaning}"),
     )
 
 
-def tag_number(value: Any) -> str:
-    """Union branch of something that is a word or a number; quoted numbers count as numbers."""
-    return "word" if isinstance(value, str) and not is_number(value) else "number"
+def check_one(model: BaseModel, *names: str, needed: bool = True) -> None:
+    """Of some keys of a model one must be given, or at most one."""
+    given = [name for name in names if getattr(model, name) is not None]
+    if len(given) > 1:
+        raise ValueError(f"both {' and '.join(given)} are given; keep one of them")
+    if needed and not given:
+        raise ValueError(f"neither {' nor '.join(names)} is given; give one of them")

@@ -38,15 +38,10 @@ that the hashes, and with them the directories, of configs that do not use it st
 
 
 def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Config:
-    """Read a config file.
+    """Read a config file (YAML 1.2).
 
-    Parameters
-    ----------
-    path
-        YAML 1.2 file.
-    overrides
-        ``KEY=VALUE`` texts with dotted keys and YAML values, such as ``bodies.samples=10``; they
-        replace what the file says, the last one where several name one key.
+    `overrides` are ``KEY=VALUE`` texts with dotted keys and YAML values, such as
+    ``bodies.samples=10``; they replace what the file says, the last one where several name one key.
 
     Raises
     ------
@@ -56,9 +51,9 @@ def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> 
     file = one_line(os.fspath(path), 200)
     document = yamlfile.parse(yamlfile.read_text(path))
     data = document.data
-    origins: dict[Key, Origin] = {(): (1, 1), **document.positions}
-    if document.broken:
-        raise ConfigError(Places(file, origins).lines(document.problems))
+    places = Places(file, origins := {(): (1, 1), **document.positions})
+    if data is None and document.problems:
+        raise ConfigError(places.lines(document.problems))
     if data is None:
         raise ConfigError(f"{file}:1:1: the file is empty; it needs at least bodies and spin")
     if not isinstance(data, dict):
@@ -66,7 +61,7 @@ def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> 
             f"{file}:1:1: {describe(data)} found where a mapping is needed; write key: value lines"
         )
     refused = [line for text in overrides for line in _override(data, origins, text)]
-    return _checked(data, document.problems, Places(file, origins), refused)
+    return _checked(data, document.problems, places, refused)
 
 
 def parse_config(data: Mapping[str, Any]) -> Config:
@@ -99,6 +94,9 @@ def config_json_schema() -> dict[str, Any]:
     del schema["properties"]["bodies"]["discriminator"]
     schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
     schema["title"] = "rattlesweep config"
+    for model in (schema, *schema["$defs"].values()):
+        for key in model["properties"].values():
+            key["description"] = " ".join(key["description"].split())
     return schema
 
 
@@ -114,8 +112,7 @@ def physics_part(data: Mapping[str, Any]) -> dict[str, Any]:
     The limit of steps is left out: runs that did not reach it are the same under a higher one.
     """
     part = {key: value for key, value in data.items() if key not in NOT_PHYSICS}
-    limits = {"max_steps"}
-    part["integrator"] = {k: v for k, v in part["integrator"].items() if k not in limits}
+    part["integrator"] = {k: v for k, v in part["integrator"].items() if k != "max_steps"}
     return part
 
 

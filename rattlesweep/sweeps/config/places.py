@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -18,8 +17,6 @@ Origin = tuple[int, int] | str
 MAX_TOLD = 20
 """Problems told in full; of the rest only the number."""
 
-_DOTTED = re.compile(r"[A-Za-z_]\w*(?:\.\w+|\[\d+\])*(?=: )")
-
 
 class Problem(NamedTuple):
     """One thing wrong with the value at `key`, which stands at `position` where that is known."""
@@ -31,10 +28,8 @@ class Problem(NamedTuple):
 
 def dotted(key: Key) -> str:
     """A key as people write it: ``bodies.ranges.theta[1]``."""
-    text = ""
-    for part in key:
-        text += f"[{part}]" if isinstance(part, int) else f".{one_line(part)}"
-    text = text.removeprefix(".")
+    parts = (f"[{part}]" if isinstance(part, int) else f".{one_line(part)}" for part in key)
+    text = "".join(parts).removeprefix(".")
     return text if len(text) <= 200 else f"{text[:120]}...{text[-77:]}"
 
 
@@ -83,12 +78,3 @@ class Places:
             rest = f"and {more} more; fix these first"
             lines = [*lines[:MAX_TOLD], f"{self.file}: {rest}" if self.file else rest]
         return lines
-
-    def locate(self, message: str) -> str:
-        """`message` with its place in front if it begins with a key."""
-        found = _DOTTED.match(message)
-        if found is None:
-            return message
-        parts = re.findall(r"\w+", found[0])
-        key: Key = tuple(int(part) if part.isdigit() else part for part in parts)
-        return self.line(Problem(key, message[found.end() + 2 :]))

@@ -18,17 +18,11 @@ from pydantic import (
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.defaults import DT, MAX_STEPS, TOL
-from rattlesweep.sweeps.config.bodies import PresetSource, SdSource, TableSource
-from rattlesweep.sweeps.config.fields import (
-    Base,
-    OscillationNumbers,
-    SpinNumbers,
-    no_repeats,
-    tag_number,
-)
-from rattlesweep.sweeps.config.grid import GridSource
+from rattlesweep.sweeps.config.bodies import GridSource, PresetSource, SdSource, TableSource
+from rattlesweep.sweeps.config.fields import Base, OscillationNumbers, SpinNumbers, no_repeats
 from rattlesweep.sweeps.config.messages import not_one_of
-from rattlesweep.sweeps.config.places import Places
+from rattlesweep.sweeps.config.places import Places, Problem, dotted
+from rattlesweep.sweeps.config.yamlfile import is_number
 
 MAX_CASES = 100_000
 
@@ -70,49 +64,42 @@ def methods() -> Mapping[str, Any]:
     return METHODS
 
 
+def _word_or_number(value: Any) -> str:
+    # Quoted numbers count as numbers.
+    return "word" if isinstance(value, str) and not is_number(value) else "number"
+
+
 Bodies = Annotated[
     SdSource | PresetSource | TableSource | GridSource, Field(discriminator="source")
 ]
-
 Psi = Annotated[
     Annotated[Literal["relevant", "pitch", "roll"], Tag("word")]
     | Annotated[Annotated[float, Field(ge=-360, le=360)], Tag("number")],
-    Discriminator(tag_number),
+    Discriminator(_word_or_number),
 ]
+Record = Literal["energy", "contact", "windows", "lyapunov"]
 
 
 class Spin(Base):
     """How bodies are launched. Every n_i is combined with every omega_xy0."""
 
-    n_i: SpinNumbers = Field(
-        description=(
-            "Initial spins in sqrt(g/a); positive is the unsteady direction, negative the steady. "
-            "A number, a list, {linspace: [low, high, n]} or {logspace: [low, high, n]}."
-        )
-    )
-    omega_xy0: OscillationNumbers = Field(
-        description="Initial sizes of the oscillation's angular velocity in sqrt(g/a)."
-    )
-    psi: Psi = Field(
-        default="relevant",
-        description=(
-            "Direction of the oscillation: the relevant mode (pitch for n_i > 0, roll for "
-            "n_i < 0), the pitch mode, the roll mode, or an angle from the x axis in degrees."
-        ),
-    )
+    n_i: SpinNumbers
+    """Initial spins in sqrt(g/a); positive is the unsteady direction, negative the steady. A
+    number, a list, {linspace: [low, high, n]} or {logspace: [low, high, n]}."""
+    omega_xy0: OscillationNumbers
+    """Initial sizes of the oscillation's angular velocity in sqrt(g/a)."""
+    psi: Psi = "relevant"
+    """Direction of the oscillation: the relevant mode (pitch for n_i > 0, roll for n_i < 0), the
+    pitch mode, the roll mode, or an angle from the x axis in degrees."""
 
 
 class Horizon(Base):
     """When a run ends that has not reversed. Where both are given, the smaller counts."""
 
-    t_rgh: float | None = Field(
-        default=None,
-        gt=0,
-        description=(
-            "In units of t_rGH, the reversal time of Garcia and Hubbard in the spin's direction."
-        ),
-    )
-    t: float | None = Field(default=None, gt=0, description="A time in sqrt(a/g).")
+    t_rgh: float | None = Field(None, gt=0)
+    """In units of t_rGH, the reversal time of Garcia and Hubbard in the spin's direction."""
+    t: float | None = Field(None, gt=0)
+    """A time in sqrt(a/g)."""
 
     @model_validator(mode="after")
     def _one_at_least(self) -> "Horizon":
@@ -142,38 +129,29 @@ class Integrator(Base):
         }
     )  # fmt: skip
 
-    method: str = Field(
-        default="dop853", description="Name of the method.", json_schema_extra=_offer_methods
-    )
+    method: str = Field("dop853", json_schema_extra=_offer_methods)
+    """Name of the method."""
     tol: float | None = Field(
-        default=None,
+        None,
         ge=1e-15,
         le=1e-2,
         validate_default=True,
-        description=(
-            "Error allowed per step relative to the oscillation, no unit; for adaptive methods "
-            f"only, which take {TOL:g} unless given."
-        ),
+        description="Error allowed per step relative to the oscillation, no unit; for adaptive "
+        f"methods only, which take {TOL:g} unless given.",
     )
     dt: float | None = Field(
-        default=None,
+        None,
         gt=0,
         validate_default=True,
-        description=(
-            "Size of a step in sqrt(a/g); for methods of fixed step only, which take "
-            f"{DT:g} unless given."
-        ),
+        description="Size of a step in sqrt(a/g); for methods of fixed step only, which take "
+        f"{DT:g} unless given.",
     )
-    max_steps: int = Field(
-        default=MAX_STEPS, ge=1, le=2**62, description="Steps after which a run is given up."
-    )
+    max_steps: int = Field(MAX_STEPS, ge=1, le=2**62)
+    """Steps after which a run is given up."""
     accuracy: Literal["draft", "standard", "reference"] | None = Field(
-        default=None,
-        description=(
-            "Instead of method and tol, which are then those measured to give this accuracy: "
-            + "; ".join(f"{name}: {preset.words}" for name, preset in ACCURACIES.items())
-            + "."
-        ),
+        None,
+        description="Instead of method and tol, which are then those measured to give this "
+        f"accuracy: {'; '.join(f'{name}: {one.words}' for name, one in ACCURACIES.items())}.",
     )
 
     @model_validator(mode="before")
@@ -206,103 +184,58 @@ class Integrator(Base):
             raise ValueError(not_one_of(method, methods()))
         return method
 
-    @field_validator("tol")
+    @field_validator("tol", "dt")
     @classmethod
-    def _for_adaptive(cls, tol: float | None, info: ValidationInfo) -> float | None:
-        method = info.data.get("method")
+    def _of_its_method(cls, value: float | None, info: ValidationInfo) -> float | None:
+        """`tol` is for adaptive methods, `dt` for those of fixed step; each has its default."""
+        method, key = info.data.get("method"), info.field_name
         if method is None:
-            return tol
-        if methods()[method].adaptive:
-            return TOL if tol is None else tol
-        if tol is not None:
-            raise ValueError(f"{method} has steps of one size and takes no tol; leave it out")
-        return None
-
-    @field_validator("dt")
-    @classmethod
-    def _for_fixed(cls, dt: float | None, info: ValidationInfo) -> float | None:
-        method = info.data.get("method")
-        if method is None:
-            return dt
-        if not methods()[method].adaptive:
-            return DT if dt is None else dt
-        if dt is not None:
-            raise ValueError(f"{method} chooses its own steps and takes no dt; leave it out")
+            return value
+        if methods()[method].adaptive == (key == "tol"):
+            default = TOL if key == "tol" else DT
+            return default if value is None else value
+        if value is not None:
+            steps = "chooses its own steps" if key == "dt" else "has steps of one size"
+            raise ValueError(f"{method} {steps} and takes no {key}; leave it out")
         return None
 
 
 class Classify(Base):
     """Thresholds between the types of runs that do not reverse."""
 
-    ss_growth: float = Field(
-        default=1e-3,
-        gt=0,
-        description=(
-            "SS if the amplitude of the relevant oscillation in a window of time never exceeds its "
-            "smallest value in earlier windows by more than this fraction."
-        ),
-    )
-    sw_departure: float = Field(
-        default=0.05,
-        gt=0,
-        lt=1,
-        description=(
-            "SW, unless SS, if n/n_i falls below 1 by more than this fraction at some time."
-        ),
-    )
-
-
-Record = Literal["energy", "contact", "windows", "lyapunov"]
+    ss_growth: float = Field(1e-3, gt=0)
+    """SS if the amplitude of the relevant oscillation in a window of time never exceeds its
+    smallest value in earlier windows by more than this fraction."""
+    sw_departure: float = Field(0.05, gt=0, lt=1)
+    """SW, unless SS, if n/n_i falls below 1 by more than this fraction at some time."""
 
 
 class Config(Base):
     """A sweep: which bodies, launched how, integrated with what, and written where."""
 
-    name: str = Field(
-        default="sweep", description="Name of the sweep; also of its directory in out/."
-    )
-    seed: int = Field(
-        default=0,
-        ge=0,
-        le=2**63 - 1,
-        description="All draws depend on this, the case and the sample.",
-    )
-    bodies: Bodies = Field(description="Where parameter sets come from.")
-    spin: Spin | None = Field(
-        default=None,
-        validate_default=True,
-        description="How bodies are launched; null only where a table says it row by row.",
-    )
-    model: Literal["full", "reduced", "gh"] = Field(
-        default="full",
-        description=(
-            "full: all six variables; reduced: the three of the simplified dynamics; gh: the "
-            "closed form of Garcia and Hubbard, without integration."
-        ),
-    )
-    horizon: Horizon = Field(
-        default_factory=lambda: Horizon(t_rgh=5.0), description="When runs end that do not reverse."
-    )
-    integrator: Integrator = Field(
-        default_factory=lambda: Integrator(), description="How states move."
-    )
-    classify: Classify = Field(
-        default_factory=lambda: Classify(), description="Thresholds between types of runs."
-    )
-    record: list[Record] = Field(
-        default_factory=list,
-        description="Extra columns; each costs time.",
-        json_schema_extra={"uniqueItems": True},
-    )
-    block_size: int = Field(
-        default=4_000, ge=1, le=200_000, description="Runs per block, that is, per output file."
-    )
-    output: str | None = Field(
-        default=None,
-        min_length=1,
-        pattern=r"^[^\x00]*$",
-        description="Directory; null: out/<name>.",
-    )
+    name: str = "sweep"
+    """Name of the sweep; also of its directory in out/."""
+    seed: int = Field(0, ge=0, le=2**63 - 1)
+    """All draws depend on this, the case and the sample."""
+    bodies: Bodies
+    """Where parameter sets come from."""
+    spin: Spin | None = Field(None, validate_default=True)
+    """How bodies are launched; null only where a table says it row by row."""
+    model: Literal["full", "reduced", "gh"] = "full"
+    """full: all six variables; reduced: the three of the simplified dynamics; gh: the closed form
+    of Garcia and Hubbard, without integration."""
+    horizon: Horizon = Field(default_factory=lambda: Horizon(t_rgh=5.0))
+    """When runs end that do not reverse."""
+    integrator: Integrator = Field(default_factory=lambda: Integrator())
+    """How states move."""
+    classify: Classify = Field(default_factory=lambda: Classify())
+    """Thresholds between types of runs."""
+    record: list[Record] = Field(default_factory=list, json_schema_extra={"uniqueItems": True})
+    """Extra columns; each costs time."""
+    block_size: int = Field(4_000, ge=1, le=200_000)
+    """Runs per block, that is, per output file."""
+    output: str | None = Field(None, min_length=1, pattern=r"^[^\x00]*$")
+    """Directory; null: out/<name>."""
 
     _places: Places = PrivateAttr(default_factory=Places)
 
@@ -319,19 +252,18 @@ class Config(Base):
     @classmethod
     def _spin_where_needed(cls, spin: Spin | None, info: ValidationInfo) -> Spin | None:
         bodies = info.data.get("bodies")
-        if spin is None and bodies is not None and bodies.source != "table":
-            raise ValueError(
-                f"missing; bodies of source {bodies.source} need a spin with n_i and omega_xy0"
-            )
-        if spin is not None:
-            targets = 1
-            if isinstance(bodies, SdSource) and bodies.target is not None:
-                targets = len(bodies.target.values)
-            cases = targets * len(spin.n_i) * len(spin.omega_xy0)
-            if cases > MAX_CASES:
+        if spin is None:
+            if bodies is not None and bodies.source != "table":
                 raise ValueError(
-                    f"{cases} cases (targets x n_i x omega_xy0); at most {MAX_CASES} are possible"
+                    f"missing; bodies of source {bodies.source} need a spin with n_i and omega_xy0"
                 )
+            return None
+        target = getattr(bodies, "target", None)
+        cases = len(target.values if target else [0]) * len(spin.n_i) * len(spin.omega_xy0)
+        if cases > MAX_CASES:
+            raise ValueError(
+                f"{cases} cases (targets x n_i x omega_xy0); at most {MAX_CASES} are possible"
+            )
         return spin
 
     @field_validator("record")
@@ -357,11 +289,15 @@ class Config(Base):
         try:
             yield
         except ConfigError as error:
-            keys = type(self).model_fields
-            raise ConfigError(
-                self._places.locate(line) if re.split(r"\W", line)[0] in keys else line
-                for line in error.messages
-            ) from None
+            raise ConfigError(map(self._located, error.messages)) from None
+
+    def _located(self, line: str) -> str:
+        name, _, message = line.partition(": ")
+        parts = re.findall(r"\w+", name)
+        key = tuple(int(part) if part.isdigit() else part for part in parts)
+        if not key or dotted(key) != name or key[0] not in type(self).model_fields:
+            return line
+        return self._places.line(Problem(key, message))
 
     @property
     def directory(self) -> str:

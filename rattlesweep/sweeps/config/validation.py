@@ -42,7 +42,7 @@ _LIMITS = {
 def problems_of(
     error: ValidationError, model: type[BaseModel], data: Any, known: set[Key], places: Places
 ) -> tuple[list[Problem], int]:
-    """Errors of a validation as one plain sentence each and the key it is about.
+    """Errors of a validation as one plain sentence each, and how many more there are.
 
     Parameters
     ----------
@@ -52,11 +52,6 @@ def problems_of(
         Keys of which, and of what is below them, enough is said already.
     places
         Where the keys stand: the first `MAX_TOLD` are put in words.
-
-    Returns
-    -------
-    tuple
-        The problems, and how many more there are.
     """
     every = list(_errors(error, model))
     unknown: dict[Key, list[str]] = {}
@@ -124,39 +119,39 @@ def _sources(models: Models) -> list[str]:
 
 
 def _problem(key: Key, models: Models, error: Any, homes: dict[str, tuple[str, ...]]) -> Problem:
-    kind, value, context = error["type"], error["input"], error.get("ctx", {})
+    kind, value = error["type"], error["input"]
     if kind == "extra_forbidden":
         names = [name for model in models for name in model.model_fields]
-        message = unknown_key(str(key[-1]), names, homes)
-    elif kind == "missing":
-        message = "the key is missing; add it"
-        if key == ("bodies",):
-            message = "the key is missing; say with it where parameter sets come from"
-    elif kind == "union_tag_not_found" and isinstance(value, dict):
+        return Problem(key, unknown_key(str(key[-1]), names, homes))
+    if kind == "union_tag_not_found" and isinstance(value, dict):
         if near := nearest("source", map(str, value)):
             return Problem((*key, near), f'unknown key {quoted(near)}; did you mean "source"?')
-        key = (*key, "source")
-        message = f"the key is missing; it must be one of {', '.join(_sources(models))}"
-    elif kind == "union_tag_invalid" and isinstance(value, dict):
-        key, message = (*key, "source"), not_one_of(value.get("source"), _sources(models))
-    elif kind == "value_error":
-        message = str(context["error"])
-    elif kind == "literal_error":
-        choices = [c.strip("'") for c in context["expected"].replace(" or ", ", ").split(", ")]
-        message = not_one_of(value, choices)
-    elif kind in _LIMITS:
+        words = ", ".join(_sources(models))
+        return Problem((*key, "source"), f"the key is missing; it must be one of {words}")
+    if kind == "union_tag_invalid" and isinstance(value, dict):
+        return Problem((*key, "source"), not_one_of(value["source"], _sources(models)))
+    if kind == "missing" and key == ("bodies",):
+        return Problem(key, "the key is missing; say with it where parameter sets come from")
+    return Problem(key, _sentence(kind, value, error.get("ctx", {})))
+
+
+def _sentence(kind: str, value: Any, context: dict[str, Any]) -> str:
+    if kind == "missing":
+        return "the key is missing; add it"
+    if kind == "value_error":
+        return str(context["error"])
+    if kind == "literal_error":
+        choices = context["expected"].replace(" or ", ", ").split(", ")
+        return not_one_of(value, [choice.strip("'") for choice in choices])
+    if kind in _LIMITS:
         name, bound = _LIMITS[kind]
-        message = out_of_range(f"{value!r}", bound, context[name])
-    elif kind in _WANTED:
-        message = wrong_kind(value, _WANTED[kind])
-    elif kind == "string_too_short":
-        message = "the text is empty; write at least one character"
-    elif kind == "finite_number":
-        message = f"{value!r} is not a finite number; write a finite one"
-    else:
-        # Reached by nothing known; still names the offending value and never pydantic's words.
-        message = wrong_kind(value, "what the schema allows")
-    return Problem(key, message)
+        return out_of_range(f"{value!r}", bound, context[name])
+    if kind == "string_too_short":
+        return "the text is empty; write at least one character"
+    if kind == "finite_number":
+        return f"{value!r} is not a finite number; write a finite one"
+    # The last is reached by nothing known; still it is never pydantic's words.
+    return wrong_kind(value, _WANTED.get(kind, "what the schema allows"))
 
 
 def unknown_key(key: str, names: Sequence[str], homes: dict[str, tuple[str, ...]]) -> str:
