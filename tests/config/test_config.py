@@ -255,206 +255,107 @@ def test_set_takes_yaml_values_and_the_last_one_wins(tmp_path: Path) -> None:
 BODIES = "bodies:\n  source: sd\n"
 
 BAD = {
-    "unknown key": (
-        changed("samples: 1000", "sampels: 1000"),
-        'c.yaml:5:3: bodies.sampels: unknown key "sampels"; did you mean "samples"?',
-    ),
-    "unknown key like no other": (
-        changed("model: full", "zzz: full"),
-        'c.yaml:12:1: zzz: unknown key "zzz"; the keys allowed here are name, seed, bodies, spin,',
-    ),
-    "unknown key drawn out": (
-        changed("tol: 1e-9", "tolerance: 1e-9"),
-        'c.yaml:14:30: integrator.tolerance: unknown key "tolerance"; did you mean "tol"?',
-    ),
-    "key of a deeper section": (
-        changed("samples: 1000", "theta: [0.6, 0.95]"),
-        'c.yaml:5:3: bodies.theta: unknown key "theta" here; it belongs under bodies.ranges',
-    ),
-    "key of another source": (
-        PRESET.replace("overrides: {theta: 0.82}", "theta: 0.82"),
-        'c.yaml:1:36: bodies.theta: unknown key "theta" here; it belongs under bodies.overrides',
-    ),
-    "key of the top level": (
-        changed("psi: relevant", "model: full"),
-        'c.yaml:11:3: spin.model: unknown key "model" here; it belongs at the top level',
-    ),
-    "axis misspelt": (
-        GRID.replace("phi: [0.02", "phy: [0.02"),
-        'bodies.axes.phy: unknown key "phy"; did you mean "phi"?',
-    ),
-    "source misspelt": (
-        changed("source: sd", "souce: sd"),
-        'c.yaml:4:3: bodies.souce: unknown key "souce"; did you mean "source"?',
-    ),
-    "missing because misspelt": (
-        changed("omega_xy0:", "omega_xyO:"),
-        'c.yaml:10:3: spin.omega_xyO: unknown key "omega_xyO"; did you mean "omega_xy0"?',
-    ),
-    "model misspelt": (
-        changed("model: full", "model: redused"),
-        'c.yaml:12:1: model: "redused" is not one of full, reduced, gh; did you mean "reduced"?',
-    ),
-    "method in capitals": (
-        changed("method: dop853, tol: 1e-9", "method: RK4"),
-        'verner98, rk4; did you mean "rk4"?',
-    ),
-    "list as a key": (
-        "bodies: {[a]: 1}\n" + SPIN,
-        "c.yaml:1:10: bodies: a list, mapping or alias found where a key should be; write a name",
-    ),
+    "unknown key": (changed("samples: 1000", "sampels: 1000"),
+     'c.yaml:5:3: bodies.sampels: unknown key "sampels"; did you mean "samples"?'),
+    "unknown key like no other": (changed("model: full", "zzz: full"),
+     'c.yaml:12:1: zzz: unknown key "zzz"; the keys allowed here are name, seed, bodies, spin,'),
+    "unknown key drawn out": (changed("tol: 1e-9", "tolerance: 1e-9"),
+     'c.yaml:14:30: integrator.tolerance: unknown key "tolerance"; did you mean "tol"?'),
+    "key of a deeper section": (changed("samples: 1000", "theta: [0.6, 0.95]"),
+     'c.yaml:5:3: bodies.theta: unknown key "theta" here; it belongs under bodies.ranges'),
+    "key of another source": (PRESET.replace("overrides: {theta: 0.82}", "theta: 0.82"),
+     'c.yaml:1:36: bodies.theta: unknown key "theta" here; it belongs under bodies.overrides'),
+    "key of the top level": (changed("psi: relevant", "model: full"),
+     'c.yaml:11:3: spin.model: unknown key "model" here; it belongs at the top level'),
+    "source misspelt": (changed("source: sd", "souce: sd"),
+     'c.yaml:4:3: bodies.souce: unknown key "souce"; did you mean "source"?'),
+    "missing because misspelt": (changed("omega_xy0:", "omega_xyO:"),
+     'c.yaml:10:3: spin.omega_xyO: unknown key "omega_xyO"; did you mean "omega_xy0"?'),
+    "model misspelt": (changed("model: full", "model: redused"),
+     'c.yaml:12:1: model: "redused" is not one of full, reduced, gh; did you mean "reduced"?'),
+    "method in capitals": (changed("method: dop853, tol: 1e-9", "method: RK4"),
+     'verner98, rk4; did you mean "rk4"?'),
+    "list as a key": ("bodies: {[a]: 1}\n" + SPIN,
+     "c.yaml:1:10: bodies: a list, mapping or alias found where a key should be; write a name"),
     "too many cases": (
         f"bodies: {{source: sd}}\nspin:\n  n_i: {list(range(1, 402))}\n"
         f"  omega_xy0: {list(range(1, 402))}\n",
-        "c.yaml:2:1: spin: 160801 cases (targets x n_i x omega_xy0); at most 100000 are possible",
-    ),
-    "too fast": (
-        changed("n_i: [-0.1,", "n_i: [-1e7,"),
-        "c.yaml:9:9: spin.n_i[0]: -10000000.0 is out of range; it must be at least -1000000",
-    ),
-    "values too close": (
-        GRID.replace("[0.6, 0.99, 200]", "[0.6, 0.60000000000001, 1000]"),
-        "1000 values from 0.6 to 0.60000000000001 would not all differ; give",
-    ),
-    "repeated key": (
-        changed("model: full", "seed: 3"),
-        "c.yaml:12:1: seed: the key is repeated (first in line 2); keep one of the two",
-    ),
-    "repeated key deep down": (
-        changed("rel_tol: 1e-3", "K_r: 3"),
-        "c.yaml:7:36: bodies.target.K_r: the key is repeated (first in line 7)",
-    ),
-    "wrong type": (
-        changed("samples: 1000", "samples: many"),
-        'c.yaml:5:3: bodies.samples: "many" (text) is given here; write a whole number',
-    ),
-    "null for a number": (
-        changed("samples: 1000", "samples:"),
-        "c.yaml:5:3: bodies.samples: nothing (null) is given here; write a whole number",
-    ),
-    "list for a mapping": (
-        changed("classify: {}", "classify: []"),
-        "c.yaml:15:1: classify: a list is given here; write a mapping",
-    ),
-    "number for text": (
-        changed("output: out/steady-kr-quick", "output: 12"),
-        "c.yaml:17:1: output: 12 is a number; put it in quotes to make it text",
-    ),
-    "quoted number": (
-        changed("tol: 1e-9", 'tol: "1e-9"'),
-        'c.yaml:14:30: integrator.tol: "1e-9" is text; remove the quotes',
-    ),
-    "nan": (
-        changed("tol: 1e-9", "tol: .nan"),
-        "c.yaml:14:35: integrator.tol: .nan is not a finite number of 64 bits; write one below",
-    ),
-    "overflow": (
-        changed("0.001, 0.01, 0.1]", "0.001, 1e999]"),
-        "c.yaml:10:22: spin.omega_xy0[1]: 1e999 is not a finite number of 64 bits; write one below",
-    ),
-    "65 bits": (
-        changed("seed: 2017", "seed: 36893488147419103232"),
-        "c.yaml:2:7: seed: the integer 36893488147419103232 does not fit into 64 bits; write",
-    ),
-    "reversed range": (
-        changed("gamma: [5, 15]", "gamma: [15, 5]"),
-        "c.yaml:6:12: bodies.ranges.gamma: the range [15, 5] is reversed; write [5, 15]",
-    ),
-    "theta of one": (
-        changed("theta: [0.6, 0.95]", "theta: [0.6, 1.2]"),
-        "c.yaml:6:61: bodies.ranges.theta[1]: 1.2 is out of range; it must be below 1",
-    ),
-    "phi above theta": (
-        changed("phi: [0.01, 0.1]", "phi: [0.01, 0.7]"),
-        "c.yaml:6:68: bodies.ranges.phi: phi >= theta is possible, as phi goes up to 0.7 and "
-        "theta down to 0.6; the ranges must not meet",
-    ),
-    "phi of Table I above theta": (
-        BODIES + "  ranges: {theta: [0.05, 0.5]}\n" + SPIN,
-        "c.yaml:3:3: bodies.ranges.phi: phi >= theta is possible",
-    ),
-    "no skew": (
-        changed("minus_xi_deg: [0, 6]", "minus_xi_deg: [0, 0]"),
-        "c.yaml:6:86: bodies.ranges.minus_xi_deg: the range leaves only xi = 0",
-    ),
-    "target with neither": (
-        changed("K_r: [0.01, 0.03, 0.1], rel_tol: 1e-3", "rel_tol: 0.1"),
-        "c.yaml:7:3: bodies.target: neither K_r nor K_p is given; give one of them",
-    ),
-    "negative omega": (
-        changed("0.01, 0.1]\n  psi", "-0.01]\n  psi"),
-        "c.yaml:10:22: spin.omega_xy0[1]: -0.01 is out of range; it must be above 0",
-    ),
-    "spin of zero": (
-        changed("n_i: [-0.1,", "n_i: [0,"),
-        "c.yaml:9:9: spin.n_i[0]: the spin 0 has no direction; every n_i must be positive or neg",
-    ),
-    "the same spin twice": (
-        changed("n_i: [-0.1,", "n_i: [-0.3,"),
-        "c.yaml:9:3: spin.n_i: -0.3 is repeated; give each value once",
-    ),
-    "psi misspelt": (
-        changed("psi: relevant", "psi: relevent"),
-        'c.yaml:11:3: spin.psi: "relevent" is not one of relevant, pitch, roll; '
-        'did you mean "relevant"?',
-    ),
+     "c.yaml:2:1: spin: 160801 cases (targets x n_i x omega_xy0); at most 100000 are possible"),
+    "too fast": (changed("n_i: [-0.1,", "n_i: [-1e7,"),
+     "c.yaml:9:9: spin.n_i[0]: -10000000.0 is out of range; it must be at least -1000000"),
+    "values too close": (GRID.replace("[0.6, 0.99, 200]", "[0.6, 0.60000000000001, 1000]"),
+     "1000 values from 0.6 to 0.60000000000001 would not all differ; give"),
+    "repeated key": (changed("model: full", "seed: 3"),
+     "c.yaml:12:1: seed: the key is repeated (first in line 2); keep one of the two"),
+    "wrong type": (changed("samples: 1000", "samples: many"),
+     'c.yaml:5:3: bodies.samples: "many" (text) is given here; write a whole number'),
+    "null for a number": (changed("samples: 1000", "samples:"),
+     "c.yaml:5:3: bodies.samples: nothing (null) is given here; write a whole number"),
+    "list for a mapping": (changed("classify: {}", "classify: []"),
+     "c.yaml:15:1: classify: a list is given here; write a mapping"),
+    "number for text": (changed("output: out/steady-kr-quick", "output: 12"),
+     "c.yaml:17:1: output: 12 is a number; put it in quotes to make it text"),
+    "fraction of a sample": (changed("samples: 1000", "samples: 1.5"),
+     "c.yaml:5:3: bodies.samples: 1.5 is given here; write a whole number"),
+    "quoted number": (changed("tol: 1e-9", 'tol: "1e-9"'),
+     'c.yaml:14:30: integrator.tol: "1e-9" is text; remove the quotes'),
+    "nan": (changed("tol: 1e-9", "tol: .nan"),
+     "c.yaml:14:35: integrator.tol: .nan is not a finite number of 64 bits; write one below"),
+    "overflow": (changed("0.001, 0.01, 0.1]", "0.001, 1e999]"),
+     "c.yaml:10:22: spin.omega_xy0[1]: 1e999 is not a finite number of 64 bits; write one below"),
+    "65 bits": (changed("seed: 2017", "seed: 36893488147419103232"),
+     "c.yaml:2:7: seed: the integer 36893488147419103232 does not fit into 64 bits; write"),
+    "reversed range": (changed("gamma: [5, 15]", "gamma: [15, 5]"),
+     "c.yaml:6:12: bodies.ranges.gamma: the range [15, 5] is reversed; write [5, 15]"),
+    "empty range": (changed("gamma: [5, 15]", "gamma: []"),
+     "c.yaml:6:12: bodies.ranges.gamma: a range has two numbers, [low, high], and not 0"),
+    "theta of one": (changed("theta: [0.6, 0.95]", "theta: [0.6, 1.2]"),
+     "c.yaml:6:61: bodies.ranges.theta[1]: 1.2 is out of range; it must be below 1"),
+    "phi above theta": (changed("phi: [0.01, 0.1]", "phi: [0.01, 0.7]"),
+     "c.yaml:6:68: bodies.ranges.phi: phi >= theta is possible, as phi goes up to 0.7 and "
+     "theta down to 0.6; the ranges must not meet"),
+    "phi of Table I above theta": (BODIES + "  ranges: {theta: [0.05, 0.5]}\n" + SPIN,
+     "c.yaml:3:3: bodies.ranges.phi: phi >= theta is possible"),
+    "no skew": (changed("minus_xi_deg: [0, 6]", "minus_xi_deg: [0, 0]"),
+     "c.yaml:6:86: bodies.ranges.minus_xi_deg: the range leaves only xi = 0"),
+    "target with neither": (changed("K_r: [0.01, 0.03, 0.1], rel_tol: 1e-3", "rel_tol: 0.1"),
+     "c.yaml:7:3: bodies.target: neither K_r nor K_p is given; give one of them"),
+    "negative omega": (changed("0.01, 0.1]\n  psi", "-0.01]\n  psi"),
+     "c.yaml:10:22: spin.omega_xy0[1]: -0.01 is out of range; it must be above 0"),
+    "spin of zero": (changed("n_i: [-0.1,", "n_i: [0,"),
+     "c.yaml:9:9: spin.n_i[0]: the spin 0 has no direction; every n_i must be positive or neg"),
+    "the same spin twice": (changed("n_i: [-0.1,", "n_i: [-0.3,"),
+     "c.yaml:9:3: spin.n_i: -0.3 is repeated; give each value once"),
+    "psi misspelt": (changed("psi: relevant", "psi: relevent"),
+     'c.yaml:11:3: spin.psi: "relevent" is not one of relevant, pitch, roll; '
+     'did you mean "relevant"?'),
     "missing bodies": (SPIN, "c.yaml:1:1: bodies: the key is missing; say with it where"),
-    "missing source": (
-        "bodies: {samples: 3}\n" + SPIN,
-        "c.yaml:1:1: bodies.source: the key is missing; it must be one of sd, preset, table, grid",
-    ),
-    "wrong source": (
-        changed("source: sd ", "source: sdd "),
-        'c.yaml:4:3: bodies.source: "sdd" is not one of sd, preset, table, grid; did you mean "sd"',
-    ),
-    "tol with rk4": (
-        changed("method: dop853", "method: rk4"),
-        "c.yaml:14:27: integrator.tol: rk4 has steps of one size and takes no tol; leave it out",
-    ),
-    "dt with dop853": (
-        changed("tol: 1e-9", "dt: 0.1"),
-        "c.yaml:14:30: integrator.dt: dop853 chooses its own steps and takes no dt; leave",
-    ),
-    "unknown accuracy": (
-        changed("method: dop853, tol: 1e-9", "accuracy: drft"),
-        'c.yaml:14:14: integrator.accuracy: "drft" is not one of draft, standard, reference; did',
-    ),
-    "accuracy and a method": (
-        changed("method: dop853, tol: 1e-9", "method: rk4, accuracy: draft"),
-        "c.yaml:14:27: integrator.accuracy: draft stands for a method and its tol, and",
-    ),
-    "no horizon": (
-        changed("t_rgh: 5", ""),
-        "c.yaml:13:1: horizon: neither t_rgh nor t is given; give one of them, or both",
-    ),
-    "record twice": (
-        changed("record: []", "record: [energy, energy]"),
-        "c.yaml:16:1: record: energy is repeated; give each value once",
-    ),
-    "name with a slash": (
-        changed("name: steady-kr-quick", "name: a/b"),
-        "c.yaml:1:1: name: the name has a slash or a control character; write a plain word",
-    ),
-    "axis out of limits": (
-        GRID.replace("0.99, 200", "1.0, 200"),
-        "c.yaml:1:51: bodies.axes.theta: the value 1 is out of range; it must be below 1",
-    ),
-    "axis of no base": (
-        GRID.replace("phi: [0.02", "f_sd: [0.02"),
-        "c.yaml:1:44: bodies.axes: f_sd cannot vary over this base; f_sd is for a shell-dumbbell",
-    ),
-    "axis with one value too many": (
-        GRID.replace("0.99, 200", "0.99, 2.5"),
-        "bodies.axes.theta.linspace: n is 2.5; it must be a whole number from 1 to 1000000",
-    ),
-    "two skew angles": (
-        SHELL.replace("xi_deg: -3", "xi_deg: -3, xi: -0.1"),
-        "bodies.base: both xi and xi_deg are given; keep one of them",
-    ),
-    "alias": (
-        "a: &x [1, 2]\nb: *x\n",
-        "c.yaml:2:4: b: aliases (*name) are not supported; write the value out",
-    ),
+    "missing source": ("bodies: {samples: 3}\n" + SPIN,
+     "c.yaml:1:1: bodies.source: the key is missing; it must be one of sd, preset, table, grid"),
+    "wrong source": (changed("source: sd ", "source: sdd "),
+     'c.yaml:4:3: bodies.source: "sdd" is not one of sd, preset, table, grid; did you mean "sd"'),
+    "tol with rk4": (changed("method: dop853", "method: rk4"),
+     "c.yaml:14:27: integrator.tol: rk4 has steps of one size and takes no tol; leave it out"),
+    "dt with dop853": (changed("tol: 1e-9", "dt: 0.1"),
+     "c.yaml:14:30: integrator.dt: dop853 chooses its own steps and takes no dt; leave"),
+    "unknown accuracy": (changed("method: dop853, tol: 1e-9", "accuracy: drft"),
+     'c.yaml:14:14: integrator.accuracy: "drft" is not one of draft, standard, reference; did'),
+    "accuracy and a method": (changed("method: dop853, tol: 1e-9", "method: rk4, accuracy: draft"),
+     "c.yaml:14:27: integrator.accuracy: draft stands for a method and its tol, and"),
+    "no horizon": (changed("t_rgh: 5", ""),
+     "c.yaml:13:1: horizon: neither t_rgh nor t is given; give one of them, or both"),
+    "name with a slash": (changed("name: steady-kr-quick", "name: a/b"),
+     "c.yaml:1:1: name: the name has a slash or a control character; write a plain word"),
+    "axis out of limits": (GRID.replace("0.99, 200", "1.0, 200"),
+     "c.yaml:1:51: bodies.axes.theta: the value 1 is out of range; it must be below 1"),
+    "axis of no base": (GRID.replace("phi: [0.02", "f_sd: [0.02"),
+     "c.yaml:1:44: bodies.axes: f_sd cannot vary over this base; f_sd is for a shell-dumbbell"),
+    "axis with one value too many": (GRID.replace("0.99, 200", "0.99, 2.5"),
+     "bodies.axes.theta.linspace: n is 2.5; it must be a whole number from 1 to 1000000"),
+    "two skew angles": (SHELL.replace("xi_deg: -3", "xi_deg: -3, xi: -0.1"),
+     "bodies.base: both xi and xi_deg are given; keep one of them"),
+    "alias": ("a: &x [1, 2]\nb: *x\n",
+     "c.yaml:2:4: b: aliases (*name) are not supported; write the value out"),
     "tag": (changed("seed: 2017", "seed: !!int 7"), "c.yaml:2:7: seed: tags (!name) are not"),
     "tab": ("bodies:\n\tsource: sd\n", "c.yaml:2:1: a tab found where YAML requires spaces"),
     "syntax": ("a: [1, 2\nb: 3\n", "c.yaml:2:2: not valid YAML ("),
@@ -462,14 +363,12 @@ BAD = {
     "two documents": (EXAMPLE + "---\na: 1\n", "c.yaml:18:1: a second YAML document begins; keep"),
     "empty": ("# nothing\n", "c.yaml:1:1: the file is empty; it needs at least bodies and spin"),
     "a list": ("- 1\n", "c.yaml:1:1: a list found where a mapping is needed; write key: value"),
-    "endless": (
-        "record: [" + "1, " * 30_000 + "]",
-        "c.yaml:1:60001: more than 20000 keys and values up to here; a config is a short YAML",
-    ),
+    "endless": ("record: [" + "1, " * 30_000 + "]",
+     "c.yaml:1:60001: more than 20000 keys and values up to here; a config is a short YAML"),
     "deep": ("a: " + "[" * 500, "more than 30 levels are nested"),
     "escape": ('a: "\\UFFFFFFFF"\n', "the text is not valid YAML (OverflowError"),
     "control character": ("a: 1\nb: \x01\n", "c.yaml:2:4: the character U+0001 is not allowed"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", BAD)

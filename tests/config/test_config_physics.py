@@ -17,8 +17,12 @@ from rattlesweep.sweeps.cases.plan import make_plan
 from rattlesweep.sweeps.cases.sampler import draw_bodies
 from rattlesweep.sweeps.config.bodies import SdSource, Target
 from rattlesweep.sweeps.config.load import load_config, parse_config
-from rattlesweep.sweeps.sense.sense import check_physics, checked_plan, stability_limit
-from rattlesweep.sweeps.sense.targets import target_problems
+from rattlesweep.sweeps.sense.sense import (
+    check_physics,
+    checked_plan,
+    stability_limit,
+    target_findings,
+)
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 
@@ -225,7 +229,7 @@ def test_the_stability_of_rk4_is_the_textbooks() -> None:
 @pytest.mark.parametrize("value", [0.01, 0.1])
 def test_the_draws_told_for_a_target_are_the_samplers(value: float) -> None:
     source = SdSource(source="sd", samples=400, target=Target(K_r=value, max_draws=10))
-    [(sentence, fatal)] = target_problems(source)
+    [(_, sentence, fatal)] = target_findings(source)
     assert fatal
     told = float(sentence.split("takes about ")[1].split(" draws a body")[0])
     ranges = np.array(source.ranges.ends())

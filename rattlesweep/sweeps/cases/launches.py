@@ -33,17 +33,8 @@ MARK_PERIODS = 8.0
 class Launches:
     """Runs that are ready to go; arrays over runs.
 
-    Attributes
-    ----------
-    case, sample : ndarray of int64
-    bodies : Bodies
-    n_i, omega_xy0, psi : ndarray
-    modes : theory.Modes
-    gh : launch.GarciaHubbard
-        The spin as Garcia and Hubbard have it.
-    n_c1 : ndarray
-    t_end : ndarray
-        Horizon; not finite where it cannot be told.
+    `gh` is the spin as Garcia and Hubbard have it; `t_end` the horizon, not finite where it cannot
+    be told.
     """
 
     case: NDArray[np.int64]
@@ -113,21 +104,17 @@ def with_theory(
 def _bodies(plan: Plan, groups: NDArray[np.int64], sample: NDArray[np.int64]) -> Bodies:
     """Bodies of samples of some groups, each in the place of its run."""
     found = {int(group): groups == group for group in np.unique(groups)}
-    parts = {group: plan.source.bodies(group, sample[mask]) for group, mask in found.items()}
-    first = next(iter(parts.values()))
+    parts = [plan.source.bodies(group, sample[mask]) for group, mask in found.items()]
     if len(parts) == 1:
-        return first
-
-    def joined(name: str) -> Floats | None:
-        if getattr(first, name) is None:
-            return None
-        column = np.empty(len(sample))
-        for group, mask in found.items():
-            column[mask] = getattr(parts[group], name)
-        return column
-
-    columns: dict[str, Any] = {name: joined(name) for name in first.__dataclass_fields__}
-    return type(first)(**columns)
+        return parts[0]
+    # Where the parts, one behind the other, have the runs.
+    places = np.argsort(np.concatenate([np.flatnonzero(mask) for mask in found.values()]))
+    columns: dict[str, Any] = {
+        name: np.concatenate([getattr(part, name) for part in parts])[places]
+        for name, column in vars(parts[0]).items()
+        if column is not None
+    }
+    return type(parts[0])(**columns)
 
 
 def make_batch(launches: Launches, model: str) -> Batch | None:
@@ -185,13 +172,7 @@ def reduced_batch(launches: Launches) -> Batch:
 
 
 def with_energies(batch: Batch, e_p0: float | None, e_r0: float | None) -> Batch:
-    """A batch of the reduced model with other energies of the launch, where they are given.
-
-    Raises
-    ------
-    ConfigError
-        One of them is none.
-    """
+    """A batch of the reduced model with other energies of the launch, where they are given."""
     y0 = batch.y0.copy()
     for column, name, value in ((1, "e_p0", e_p0), (2, "e_r0", e_r0)):
         if value is None:

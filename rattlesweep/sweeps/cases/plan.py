@@ -90,14 +90,13 @@ class Plan:
 
 
 def make_plan(config: Config, base: Path | None = None) -> Plan:
-    """Cases, source and blocks of a config.
+    """Cases, source (:func:`rattlesweep.sweeps.cases.sources.make_source`) and blocks of a config.
 
     Raises
     ------
     ConfigError
-        If the source cannot deliver (see :func:`rattlesweep.sweeps.cases.sources.make_source`), if
-        nothing says how to launch, if the model and the recordings do not go together, or if
-        there would be too many blocks.
+        If the source cannot deliver, nothing says how to launch, the model and the recordings do
+        not go together, or there would be too many blocks.
     """
     from rattlesweep.sweeps.tables.columns import runs_schema
 
@@ -105,8 +104,8 @@ def make_plan(config: Config, base: Path | None = None) -> Plan:
     source = make_source(config, base)
     targets: list[tuple[str | None, float | None]] = [(None, None)]
     if isinstance(config.bodies, SdSource) and config.bodies.target is not None:
-        target = config.bodies.target
-        targets = [(target.name, value) for value in target.values]
+        aim = config.bodies.target
+        targets = [(aim.name, value) for value in aim.values]
     launches: list[tuple[float | None, float | None]] = [(None, None)]
     if not (isinstance(source, TableBodies) and source.has_launch):
         if config.spin is None:
@@ -115,13 +114,12 @@ def make_plan(config: Config, base: Path | None = None) -> Plan:
                 "give spin.n_i and spin.omega_xy0"
             )
         launches = list(product(config.spin.n_i, config.spin.omega_xy0))
-    cases = [
-        Case(index, group, name, value, n_i, omega)
-        for index, ((group, (name, value)), (n_i, omega)) in enumerate(
-            product(enumerate(targets), launches)
-        )
-    ]
-    plan = Plan(config, source, tuple(cases), config.block_size)
+    groups = product(enumerate(targets), launches)
+    cases = tuple(
+        Case(index, group, *target, *launch)
+        for index, ((group, target), launch) in enumerate(groups)
+    )
+    plan = Plan(config, source, cases, config.block_size)
     if plan.n_blocks > MAX_BLOCKS:
         raise ConfigError(
             f"block_size: {plan.runs} runs make {plan.n_blocks} blocks of {plan.block_size} runs, "

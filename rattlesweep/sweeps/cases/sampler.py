@@ -94,23 +94,21 @@ def draw_bodies(
     max_draws: int = 1,
     threads: int | None = None,
 ) -> tuple[Floats, NDArray[np.int64], Floats]:
-    """Draw bodies of some samples.
+    """Draw bodies of some samples; each depends on the seed, its group and its own number alone.
 
     Parameters
     ----------
-    seed, group : int
-        Of the sweep and of the target's place in its list.
-    samples : ndarray of int64
-        Sample numbers; each depends on its own number alone.
-    ranges : ndarray, shape (5, 2)
+    group
+        Place of the target in its list.
+    ranges : shape (5, 2)
         Of ``gamma, f_sd, theta, phi`` and minus ``xi`` in degrees.
-    which : int
+    which
         0 without a target, 1 for ``K_p``, 2 for ``K_r``.
-    target, rel_tol, max_draws
-        Relative distance allowed, and draws after which a sample is given up.
-    threads : int, optional
-        Threads that draw for a target; they are Python's, since one of Numba's thread pools aborts
-        the process when the integrator's kernel runs in another thread at the same time.
+    rel_tol, max_draws
+        Relative distance allowed from the target, and draws after which a sample is given up.
+    threads
+        That draw for a target; they are Python's, since one of Numba's thread pools aborts the
+        process when the integrator's kernel runs in another thread at the same time.
 
     Returns
     -------

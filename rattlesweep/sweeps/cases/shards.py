@@ -22,13 +22,7 @@ class Shard:
 
     @classmethod
     def parse(cls, text: str) -> Shard:
-        """Read ``I/N``.
-
-        Raises
-        ------
-        ValueError
-            It is something else, or I is not one of 0 to N-1.
-        """
+        """Read ``I/N``; a ValueError says what is wrong with it."""
         match = re.fullmatch(r"\s*(\d{1,9})\s*/\s*(\d{1,9})\s*", text)
         if not match:
             raise ValueError("is not I/N; write it as in --shard 0/4")

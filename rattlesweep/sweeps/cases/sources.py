@@ -28,8 +28,6 @@ from rattlesweep.sweeps.config.schema import Config
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from rattlesweep.sweeps.cases.table import BodyTable
-
     Floats = NDArray[np.float64]
     Integers = NDArray[np.int64]
 
@@ -72,17 +70,12 @@ class Source(Protocol):
 def make_source(config: Config, base: Path | None = None) -> Source:
     """The source that a config asks for.
 
-    Parameters
-    ----------
-    config : Config
-    base : Path, optional
-        Directory against which a table's relative path is looked up if it is not found from
-        the working directory.
+    A table's relative path is looked up from the working directory and then from `base`.
 
     Raises
     ------
     ConfigError
-        If a body is impossible, a target out of reach, or a table unreadable.
+        If a body is impossible, or a table unreadable.
     """
     bodies = config.bodies
     if isinstance(bodies, SdSource):
@@ -118,19 +111,22 @@ class SdBodies:
     def bodies(self, group: int, samples: Integers) -> Bodies:
         """Bodies of some samples of the cases of target ``group``."""
         if self._target is None:
-            return _from_columns(self._columns(group, samples))
-        # Every case of a target asks for the same bodies, and redrawing is slow.
-        chunk, place = np.divmod(samples, CHUNK)
-        columns = np.empty((7, len(samples)))
-        for number in np.unique(chunk).tolist():
-            # A block may hold the end of one case and the start of the next.
-            here = chunk == number
-            columns[:, here] = self._chunk(group, number)[:, place[here]]
-        return _from_columns(columns)
+            columns = self._columns(group, samples)
+        else:
+            # Every case of a target asks for the same bodies, and redrawing is slow.
+            columns = np.empty((7, len(samples)))
+            chunk, place = np.divmod(samples, CHUNK)
+            for number in np.unique(chunk).tolist():
+                # A block may hold the end of one case and the start of the next.
+                here = chunk == number
+                columns[:, here] = self._chunk(group, number)[:, place[here]]
+        gamma, f_sd, theta, phi, xi, alpha, beta = columns
+        return Bodies(alpha, beta, gamma, theta, phi, xi, f_sd)
 
     def _draw_chunk(self, group: int, chunk: int) -> Floats:
-        samples = np.arange(chunk * CHUNK, min((chunk + 1) * CHUNK, self.samples))
-        return self._columns(group, samples)
+        return self._columns(
+            group, np.arange(chunk * CHUNK, min((chunk + 1) * CHUNK, self.samples))
+        )
 
     def _columns(self, group: int, samples: Integers) -> Floats:
         samples = np.ascontiguousarray(samples, dtype=np.int64)
@@ -142,9 +138,7 @@ class SdBodies:
             self._seed, group, samples, self._ranges, 1 if target.name == "K_p" else 2,
             value, target.rel_tol, target.max_draws,
         )  # fmt: skip
-        missed = np.flatnonzero(draws < 0)
-        if missed.size:
-            place = missed[0]
+        for place in np.flatnonzero(draws < 0):
             raise ConfigError(
                 f"bodies.target.{target.name}: {value:g} was not met to {target.rel_tol:g} in "
                 f"{target.max_draws} draws of sample {samples[place]}, the nearest being "
@@ -152,11 +146,6 @@ class SdBodies:
                 "or more max_draws"
             )
         return columns
-
-
-def _from_columns(columns: Floats) -> Bodies:
-    gamma, f_sd, theta, phi, xi, alpha, beta = columns
-    return Bodies(alpha, beta, gamma, theta, phi, xi, f_sd)
 
 
 class GridBodies:
@@ -188,14 +177,10 @@ def _preset(name: str) -> dict[str, float]:
 def _grid(source: GridSource) -> GridBodies:
     base = source.base
     parameters = _preset(base.preset) if isinstance(base, PresetBase) else base.given()
-    axes: dict[str, Floats] = {}
-    for name, values in source.axes.values().items():
-        array = np.asarray(values, dtype=float)
-        if name == "xi_deg":
-            name, array = "xi", np.radians(array)
-        elif name == "minus_xi_deg":
-            name, array = "xi", -np.radians(array)
-        axes[name] = array
+    axes = {name: np.asarray(values, float) for name, values in source.axes.values().items()}
+    for name, sign in (("xi_deg", 1), ("minus_xi_deg", -1)):
+        if name in axes:
+            axes["xi"] = sign * np.radians(axes.pop(name))
     grid = GridBodies(parameters, axes)
     # A rule is linear in each parameter, so a grid that breaks it breaks it in a corner.
     ends = {name: np.array([axis.min(), axis.max()]) for name, axis in axes.items()}
@@ -211,14 +196,11 @@ def _grid(source: GridSource) -> GridBodies:
 class TableBodies:
     """Bodies from the rows of a table."""
 
-    def __init__(self, table: BodyTable) -> None:
-        self._columns = table.columns
-        self.samples = table.rows
-
-    @property
-    def has_launch(self) -> bool:
-        """Whether the rows say how they are launched."""
-        return "n_i" in self._columns
+    def __init__(self, columns: dict[str, Floats]) -> None:
+        self._columns = columns
+        self.samples = len(columns["alpha"])
+        # Whether the rows say how they are launched.
+        self.has_launch = "n_i" in columns
 
     def bodies(self, group: int, samples: Integers) -> Bodies:
         """Bodies of some samples; ``group`` is always 0."""

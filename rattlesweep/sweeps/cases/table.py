@@ -3,56 +3,55 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.physics.body import PARAMETERS, violations
 from rattlesweep.sweeps.config.fields import MAX_SPEED
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
+Floats = NDArray[np.float64]
 
 LAUNCH = ("n_i", "omega_xy0")
-COLUMNS = (*PARAMETERS, *LAUNCH, "t_end", "psi", "f_sd", "t_r")
+NULLABLE = ("t_end", "psi", "f_sd", "t_r")
+COLUMNS = (*PARAMETERS, *LAUNCH, *NULLABLE)
+
+# Of columns that are no body's: what is wrong with a value, and what is wanted.
+RULES: tuple[tuple[str, Callable[[Floats], NDArray[np.bool_]], str], ...] = (
+    ("n_i", lambda n_i: n_i == 0, "it must not be zero"),
+    ("n_i", lambda n_i: np.abs(n_i) > MAX_SPEED, f"at most {MAX_SPEED:g} is allowed"),
+    ("omega_xy0", lambda omega: omega <= 0, "it must be positive"),
+    ("omega_xy0", lambda omega: omega > MAX_SPEED, f"at most {MAX_SPEED:g} is allowed"),
+    ("t_end", lambda t_end: t_end <= 0, "it must be positive"),
+)
 
 # Types of a Parquet file that are taken.
 NUMBERS = (pa.types.is_integer, pa.types.is_floating, pa.types.is_decimal, pa.types.is_string,
            pa.types.is_large_string, pa.types.is_null)  # fmt: skip
 
 
-@dataclass(frozen=True)
-class BodyTable:
-    """Columns of a table that was found good."""
-
-    columns: dict[str, Floats]
-    rows: int
-
-
-def read_table(path: str, base: Path | None = None) -> BodyTable:
+def read_table(path: str, base: Path | None = None) -> dict[str, Floats]:
     """Read bodies from a file, or from a directory of Parquet files such as ``runs``.
 
     Parameters
     ----------
-    path : str
+    path
         CSV (with a header) or Parquet, by its ending.
-    base : Path, optional
+    base
         A second directory to look in.
 
     Returns
     -------
-    BodyTable
-        ``alpha .. xi``; ``n_i``, ``omega_xy0`` and ``psi`` where the table has a launch; ``t_end``
-        where it has one, NaN for rows that have a ``t_r``: in an output table the ``t_end`` of a
-        run that reversed is its result, not its horizon.
+    dict
+        Columns ``alpha .. xi``; ``n_i``, ``omega_xy0`` and ``psi`` where the table has a launch;
+        ``t_end`` where it has one, NaN for rows that have a ``t_r``: in an output table the
+        ``t_end`` of a run that reversed is its result, not its horizon.
 
     Raises
     ------
@@ -74,20 +73,19 @@ def read_table(path: str, base: Path | None = None) -> BodyTable:
     except Exception as error:  # pandas and pyarrow raise many kinds
         reason = one_line(str(error).split("\n")[0] or type(error).__name__, 200)
         raise ConfigError(f"{where}: cannot be read as a table ({reason})") from None
-    missing = [name for name in PARAMETERS if name not in frame.columns]
-    if missing:
+    for name in PARAMETERS:
+        if name not in frame.columns:
+            wanted = " ".join(PARAMETERS)
+            raise ConfigError(f"{where}: the column {name} is missing; {wanted} are wanted")
+    lone = [name for name in LAUNCH if name in frame.columns]
+    if len(lone) == 1:
         raise ConfigError(
-            f"{where}: the column {missing[0]} is missing; {' '.join(PARAMETERS)} are wanted"
+            f"{where}: {lone[0]} stands alone; give both n_i and omega_xy0, or neither"
         )
-    if ("n_i" in frame.columns) != ("omega_xy0" in frame.columns):
-        lone = "n_i" if "n_i" in frame.columns else "omega_xy0"
-        raise ConfigError(f"{where}: {lone} stands alone; give both n_i and omega_xy0, or neither")
     if not len(frame):
         raise ConfigError(f"{where}: the table has no rows; give at least one body")
     columns = {
-        name: _numbers(frame[name], name, where, nullable=name in ("f_sd", "t_r", "t_end", "psi"))
-        for name in COLUMNS
-        if name in frame.columns
+        name: _numbers(frame[name], name, where) for name in COLUMNS if name in frame.columns
     }
     _check_rows(columns, where)
     reversal = columns.pop("t_r", None)
@@ -95,7 +93,7 @@ def read_table(path: str, base: Path | None = None) -> BodyTable:
         columns["t_end"] = np.where(np.isfinite(reversal), np.nan, columns["t_end"])
     if "n_i" not in columns or not np.isfinite(columns.get("psi", np.array(np.nan))).all():
         columns.pop("psi", None)
-    return BodyTable(columns, len(frame))
+    return columns
 
 
 def _read_csv(file: Path, where: str) -> pd.DataFrame:
@@ -130,11 +128,13 @@ def _check_repeats(names: list[str], where: str) -> None:
             )
 
 
-def _numbers(series: pd.Series[str], name: str, where: str, *, nullable: bool) -> Floats:
+def _numbers(series: pd.Series[str], name: str, where: str) -> Floats:
     values = pd.to_numeric(series, errors="coerce").to_numpy(dtype=float)
-    bad = ~np.isfinite(values) & ~(series.isna().to_numpy() if nullable else False)
+    bad = ~np.isfinite(values)
+    if name in NULLABLE:
+        bad &= ~series.isna().to_numpy()
     if bad.any():
-        row = int(np.flatnonzero(bad)[0])
+        row = int(np.argmax(bad))
         cell = series.iloc[row]
         found = "empty" if pd.isna(cell) else f"{str(cell)[:40]!r}"
         raise ConfigError(f"{where}: row {row + 1}: {name} is {found}; a finite number is needed")
@@ -143,20 +143,13 @@ def _numbers(series: pd.Series[str], name: str, where: str, *, nullable: bool) -
 
 def _check_rows(columns: dict[str, Floats], where: str) -> None:
     worst: list[tuple[int, str]] = list(violations(**{name: columns[name] for name in PARAMETERS}))
-    for name, least, sentence in (
-        ("n_i", -np.inf, "it must not be zero"),
-        ("omega_xy0", 0.0, "it must be positive"),
-        ("t_end", 0.0, "it must be positive"),
-    ):
-        # NaN, where it may stand, is no value.
+    for name, is_wrong, wanted in RULES:
+        # NaN, where it may stand, is no value, and breaks no rule.
         values = columns.get(name, np.array([np.nan]))
-        rules = [((values == 0) | (values < least), sentence)]
-        if name in LAUNCH:
-            rules.append((np.abs(values) > MAX_SPEED, f"at most {MAX_SPEED:g} is allowed"))
-        for bad, wanted in rules:
-            if bad.any():
-                row = int(np.argmax(bad))
-                worst.append((row, f"{name} is {values[row]:g}; {wanted}"))
+        bad = is_wrong(values)
+        if bad.any():
+            row = int(np.argmax(bad))
+            worst.append((row, f"{name} is {values[row]:g}; {wanted}"))
     if worst:
         row, sentence = min(worst)
         raise ConfigError(f"{where}: row {row + 1}: {sentence}")

@@ -36,16 +36,23 @@ class Sample:
     launches: Launches
     words: str
 
+    def told(self, mask: NDArray[np.bool_]) -> str:
+        """How many of the runs are meant, in words."""
+        if mask.size == 1:
+            return "the only run"
+        count = int(mask.sum())
+        return f"all of {self.words}" if count == mask.size else f"{count} of {self.words}"
+
 
 def sample_runs(plan: Plan) -> Sample:
     """Runs that stand for those of a sweep: all if they are few, else `RUNS` from all over it."""
-    drawn = plan.config.bodies
-    if isinstance(drawn, SdSource):
-        plan = replace(plan, source=DrawnBodies(drawn))
+    bodies = plan.config.bodies
+    if isinstance(bodies, SdSource):
+        plan = replace(plan, source=DrawnBodies(bodies))
     size = min(plan.runs, RUNS)
     runs = np.linspace(0, plan.runs - 1, size).astype(np.int64)
     words = f"the {size} runs" if size == plan.runs else f"{size} of the {plan.runs} runs"
-    if isinstance(drawn, SdSource):
+    if isinstance(bodies, SdSource):
         words = f"{size} runs drawn from the ranges"
     return Sample(prepare(plan, *np.divmod(runs, plan.samples)), words)
 
@@ -53,22 +60,22 @@ def sample_runs(plan: Plan) -> Sample:
 class DrawnBodies:
     """A source of random bodies: with targets, of those that come nearest to them."""
 
+    samples = RUNS
+
     def __init__(self, source: SdSource) -> None:
-        self.samples = RUNS
-        self._target = source.target
-        self._points = draw(source.ranges, RUNS if source.target is None else DRAWN)
-        if source.target is not None:
-            found = coefficient(self._points, source.target.name)
+        target = source.target
+        points = draw(source.ranges, RUNS if target is None else DRAWN)
+        self._groups = [points]
+        if target is not None:
+            found = coefficient(points, target.name)
             order = np.argsort(found)
-            self._points, self._found = self._points[:, order], found[order]
+            middle = np.searchsorted(found[order], target.values)
+            first = np.clip(middle - RUNS // 2, 0, DRAWN - RUNS)
+            self._groups = [points[:, order[start : start + RUNS]] for start in first]
 
     def bodies(self, group: int, samples: NDArray[np.int64]) -> Bodies:
         """Bodies of some samples of the cases of target ``group``."""
-        first = 0
-        if self._target is not None:
-            nearest = int(np.searchsorted(self._found, self._target.values[group]))
-            first = int(np.clip(nearest - RUNS // 2, 0, DRAWN - RUNS))
-        return bodies_at(self._points[:, first + samples])
+        return bodies_at(self._groups[group][:, samples])
 
 
 def draw(ranges: SdRanges, size: int = DRAWN) -> Floats:

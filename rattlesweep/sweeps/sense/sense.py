@@ -22,8 +22,7 @@ from rattlesweep.sweeps.cases.sources import SdBodies
 from rattlesweep.sweeps.config.bodies import SdSource
 from rattlesweep.sweeps.config.places import Key, Problem
 from rattlesweep.sweeps.config.schema import Config
-from rattlesweep.sweeps.sense.sample import Sample, sample_runs
-from rattlesweep.sweeps.sense.targets import target_problems
+from rattlesweep.sweeps.sense.sample import DRAWN, Sample, coefficient, draw, sample_runs
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -31,81 +30,62 @@ if TYPE_CHECKING:
     from rattlesweep.integrate.batch import Batch
 
     Floats = NDArray[np.float64]
-    Mask = NDArray[np.bool_]
 
 # A run may reverse before t_rGH, but none was seen to in a tenth of it.
 EARLY = 0.1
 # Shares of runs from which on a short horizon looks like a mistake.
 MOST = 0.5
+# Bodies by which the density near a target is judged.
+ENOUGH = 32
+# The sampler draws some 1e7 bodies a second and thread.
+TOO_MANY, MANY = 1e10, 1e11
 
 
-class _Finding(NamedTuple):
+class Finding(NamedTuple):
+    """What makes little sense at a key; fatal if no run of the sweep can be right."""
+
     key: Key
     message: str
-    fatal: bool
+    fatal: bool = False
 
 
 def checked_plan(config: Config, base: Path | None = None) -> tuple[Plan, list[str]]:
-    """Plan of a config, and one line for everything that makes little physical sense.
+    """Plan of a config (:func:`rattlesweep.sweeps.cases.plan.make_plan`), and its warnings.
 
-    Parameters
-    ----------
-    config : Config
-    base : Path, optional
-        See :func:`rattlesweep.sweeps.cases.plan.make_plan`.
-
-    Returns
-    -------
-    tuple
-        The plan, and the warnings: place, key, sentence.
-
-    Raises
-    ------
-    ConfigError
-        If the plan cannot be made, or if none of its runs can be right; each line names file, line
-        and column of the key where they are known.
+    A warning, like each line of the ConfigError if no run can be right, is place, key, sentence.
     """
     with config.locating():
         plan = make_plan(config, base)
-    warnings = check_physics(plan)
-    if isinstance(plan.source, SdBodies):
-        with config.locating():
+        warnings = check_physics(plan)
+        if isinstance(plan.source, SdBodies):
             plan.source.check_targets()
     return plan, warnings
 
 
 def check_physics(plan: Plan) -> list[str]:
-    """Warnings about a plan: place, key, sentence.
-
-    Raises
-    ------
-    ConfigError
-        If no run of the sweep can be right.
-    """
+    """Warnings about a plan, or a ConfigError if no run of the sweep can be right."""
     with np.errstate(all="ignore"):
         found = list(_findings(plan))
-    places = plan.config.places
-    if any(one.fatal for one in found):
-        raise ConfigError(places.lines(Problem(one.key, one.message) for one in found if one.fatal))
-    return places.lines(Problem(one.key, one.message) for one in found)
+    fatal = [one for one in found if one.fatal]
+    lines = plan.config.places.lines(Problem(one.key, one.message) for one in fatal or found)
+    if fatal:
+        raise ConfigError(lines)
+    return lines
 
 
-def _findings(plan: Plan) -> Iterator[_Finding]:
+def _findings(plan: Plan) -> Iterator[Finding]:
     config = plan.config
-    bodies = config.bodies
-    if isinstance(bodies, SdSource) and bodies.target is not None:
-        key: Key = ("bodies", "target", bodies.target.name)
-        problems = [_Finding(key, *problem) for problem in target_problems(bodies)]
-        yield from problems
-        if any(one.fatal for one in problems):
+    if isinstance(config.bodies, SdSource):
+        targets = list(target_findings(config.bodies))
+        yield from targets
+        if any(one.fatal for one in targets):
             return
     sample = sample_runs(plan)
     yield from _horizon(config, sample)
-    launches = sample.launches
     # Without a horizon there is nothing to judge by; the runs get a status of their own.
-    if config.model == "gh" or not np.isfinite(launches.t_end).all():
+    if config.model == "gh" or not np.isfinite(sample.launches.t_end).all():
         return
-    batch = make_batch(launches, config.model)
+    batch = make_batch(sample.launches, config.model)
     assert batch is not None
     method = METHODS[config.integrator.method]
     if not method.adaptive and config.model == "full":
@@ -116,113 +96,141 @@ def _findings(plan: Plan) -> Iterator[_Finding]:
         yield from _max_steps(config, sample, batch)
 
 
-def _told(mask: Mask, sample: Sample) -> str:
-    if mask.size == 1:
-        return "the only run"
-    count = int(mask.sum())
-    return f"all of {sample.words}" if count == mask.size else f"{count} of {sample.words}"
-
-
-def _horizon(config: Config, sample: Sample) -> Iterator[_Finding]:
-    launches = sample.launches
-    horizon = config.horizon
-    rows = launches.bodies.t_end is not None
-    key: Key = ("bodies", "path") if rows else ("horizon", "t")
-    if not rows and (horizon.t is None or (horizon.t_rgh is not None and horizon.t_rgh < 1)):
-        key = ("horizon", "t_rgh")
-    endless = ~np.isfinite(launches.t_end)
-    if endless.any():
-        yield _Finding(
-            ("horizon", "t_rgh"),
-            f"t_rgh times t_rGH is not a finite time in {_told(endless, sample)}; give t as well, "
-            "which then counts",
-            bool(endless.all()),
-        )
+def target_findings(source: SdSource) -> Iterator[Finding]:
+    """Targets that are out of reach in the ranges, and those that will take long."""
+    target = source.target
+    if target is None:
         return
+    key: Key = ("bodies", "target", target.name)
+    found = coefficient(draw(source.ranges), target.name)
+    low, high = float(np.nanmin(found)), float(np.nanmax(found))
+    wayout = "give other ranges, a larger rel_tol or another target"
+    for value in target.values:
+        # What lies beyond all of these takes millions of draws a body, if there is any.
+        if not low <= (1 + target.rel_tol) * value or not (1 - target.rel_tol) * value <= high:
+            yield Finding(
+                key,
+                f"{value:g} is out of reach: in {DRAWN} bodies drawn from the ranges {target.name} "
+                f"lies between {low:.4g} and {high:.4g}; give a target in between or other ranges",
+                fatal=True,
+            )
+            continue
+        chance, most = _chance(found, value, target.rel_tol)
+        draws = 1 / chance if chance else np.inf
+        words = (
+            f"{value:g} takes {'at least' if most else 'about'} {draws:.1e} draws a body, by "
+            f"{DRAWN} bodies drawn from the ranges"
+        )
+        missed = float(np.exp(-chance * target.max_draws))
+        if draws > TOO_MANY:
+            yield Finding(key, f"{words}: hours for each; {wayout}", fatal=True)
+        elif missed > 0.99:
+            yield Finding(
+                key,
+                f"{words}, but max_draws is {target.max_draws}; {wayout}, or more max_draws",
+                fatal=True,
+            )
+        elif missed * source.samples > 0.01:
+            yield Finding(
+                key,
+                f"{words}: in max_draws = {target.max_draws} of them each of the {source.samples} "
+                f"samples is missed with probability {missed:.1g}, and one miss ends the sweep; "
+                f"{wayout}, or more max_draws",
+            )
+        elif draws * source.samples > MANY:
+            yield Finding(key, f"{words}, {draws * source.samples:.1e} in all: hours; {wayout}")
+
+
+def _chance(found: Floats, value: float, rel_tol: float) -> tuple[float, bool]:
+    """Probability that a draw meets `value`, and whether it is only an upper limit."""
+    off = np.sort(np.abs(found - value))
+    inside = int(np.searchsorted(off, rel_tol * value, side="right"))
+    if inside >= ENOUGH:
+        return inside / len(off), False
+    # The nearest bodies stand for the neighbourhood, if they are not more than half as far away.
+    count = int(np.searchsorted(off, value / 2))
+    place = (min(count, ENOUGH) or ENOUGH) - 1
+    share = rel_tol * value / max(float(off[place]), rel_tol * value)
+    return (place + 1) / len(off) * share, count == 0
+
+
+def _horizon(config: Config, sample: Sample) -> Iterator[Finding]:
+    launches, horizon = sample.launches, config.horizon
+    key: Key = ("horizon", "t")
+    if launches.bodies.t_end is not None:
+        key = ("bodies", "path")
+    elif horizon.t is None or (horizon.t_rgh is not None and horizon.t_rgh < 1):
+        key = ("horizon", "t_rgh")
     t_end, t_rgh = launches.t_end, launches.gh.t_rgh
     period = 2 * np.pi / launches.modes.omega_p
+    endless, early = ~np.isfinite(t_end), t_end < t_rgh
     brief = (t_end < period) & (config.model == "full")
-    early = t_end < t_rgh
-    if brief.mean() >= MOST:
-        yield _Finding(
+    if endless.any():
+        yield Finding(
+            ("horizon", "t_rgh"),
+            f"t_rgh times t_rGH is not a finite time in {sample.told(endless)}; give t as well, "
+            "which then counts",
+            fatal=bool(endless.all()),
+        )
+    elif brief.mean() >= MOST:
+        yield Finding(
             key,
             f"the horizon of {_span(t_end)} is shorter than one pitch oscillation, {_span(period)},"
-            f" in {_told(brief, sample)}, and no type can be told; give a longer one",
-            False,
+            f" in {sample.told(brief)}, and no type can be told; give a longer one",
         )
     elif early.mean() >= MOST:
-        yield _Finding(
+        yield Finding(
             key,
             f"the horizon comes before t_rGH, the time of reversal by theory, in "
-            f"{_told(early, sample)}, and few will be of type R; give t_rgh above 1, or t above "
+            f"{sample.told(early)}, and few will be of type R; give t_rgh above 1, or t above "
             f"{_figure(float(np.median(t_rgh)))}, the median of t_rGH",
-            False,
         )
 
 
-def _step(config: Config, sample: Sample, batch: Batch, method: Tableau) -> Iterator[_Finding]:
+def _step(config: Config, sample: Sample, batch: Batch, method: Tableau) -> Iterator[Finding]:
     """A fixed step against the oscillations: stability first, then the status coarse_step."""
     dt = config.integrator.dt
     assert dt is not None
     key: Key = ("integrator", "dt")
     limit = stability_limit(method)
-    # At the launch's spin and without spin, which is where a reversal leads.
-    slowest = np.minimum(batch.swing / 2, sample.launches.modes.omega_p)
-    fits = _largest_step(sample, batch, method, dt)
-    unstable = dt * slowest > limit
-    if unstable.all():
-        yield _Finding(
-            key,
-            f"{dt:g} is beyond the stability of {method.name} for {_told(unstable, sample)}: dt "
-            f"omega_p must be below {limit:.3g}, and omega_p is {_span(slowest)}; {fits}",
-            True,
-        )
-        return
-    damping = _damping(sample, batch, method, dt)
-    coarse = unstable | ~(np.abs(damping) <= MAX_DAMPING)
-    if coarse.any():
-        fastest = float(np.max(batch.swing / 2))
-        yield _Finding(
-            key,
-            f"{dt:g} is too coarse for {_told(coarse, sample)}: up to their horizons {method.name} "
-            f"damps or feeds the oscillation by more than {100 * MAX_DAMPING:g} %, and they end as "
-            f"coarse_step or energy (omega_p goes up to {fastest:.3g}); {fits}",
-            False,
-        )
-
-
-def _reduced_step(config: Config, sample: Sample, batch: Batch) -> Iterator[_Finding]:
-    """A fixed step against the growth of the reduced model, which does not oscillate."""
-    dt = config.integrator.dt
-    assert dt is not None
-    coarse = dt * batch.swing > 1
-    if coarse.any():
-        yield _Finding(
-            ("integrator", "dt"),
-            f"{dt:g} is longer than the oscillation's energy takes to grow e-fold, "
-            f"{_span(1 / batch.swing)}, in {_told(coarse, sample)}; give a tenth of that or less",
-            False,
-        )
-
-
-def _damping(sample: Sample, batch: Batch, method: Tableau, dt: float) -> Floats:
-    """What :func:`rattlesweep.integrate.batch.integrate` will hold against runs of that length."""
+    fastest = batch.swing / 2
+    # What `rattlesweep.integrate.batch.integrate` will hold against runs of that length.
     span = np.minimum(sample.launches.t_end, sample.launches.gh.t_rgh)
-    found: Floats = method.damping(dt * batch.relevant) * (span / dt)
-    return found
 
+    def coarse(step: float) -> NDArray[np.bool_]:
+        """Runs whose oscillation a step damps or feeds too much."""
+        bad: NDArray[np.bool_] = ~(
+            np.abs(method.damping(step * batch.relevant) * (span / step)) <= MAX_DAMPING
+        )
+        return bad
 
-def _largest_step(sample: Sample, batch: Batch, method: Tableau, dt: float) -> str:
-    """Advice: the largest step of 1, 2 or 5 times a power of ten with which every run would do."""
-    exponent = int(np.floor(np.log10(dt)))
-    for power in range(exponent, exponent - 12, -1):
-        for digit in (5, 2, 1):
-            step = digit * 10.0**power
-            if step < dt and (
-                np.abs(_damping(sample, batch, method, step)) <= MAX_DAMPING
-            ).all() and (step * batch.swing / 2 < stability_limit(method)).all():  # fmt: skip
-                return f"dt {step:g} would do for all of them"
-    return "take an adaptive method"
+    def advice() -> str:
+        """The largest step of 1, 2 or 5 times a power of ten with which every run would do."""
+        exponent = int(np.floor(np.log10(dt)))
+        for power in range(exponent, exponent - 12, -1):
+            for step in (digit * 10.0**power for digit in (5, 2, 1)):
+                if step < dt and not coarse(step).any() and (step * fastest < limit).all():
+                    return f"dt {step:g} would do for all of them"
+        return "take an adaptive method"
+
+    # At the launch's spin and without spin, which is where a reversal leads.
+    slowest = np.minimum(fastest, sample.launches.modes.omega_p)
+    unstable = dt * slowest > limit
+    spoilt = unstable | coarse(dt)
+    if unstable.all():
+        yield Finding(
+            key,
+            f"{dt:g} is beyond the stability of {method.name} for {sample.told(unstable)}: dt "
+            f"omega_p must be below {limit:.3g}, and omega_p is {_span(slowest)}; {advice()}",
+            fatal=True,
+        )
+    elif spoilt.any():
+        yield Finding(
+            key,
+            f"{dt:g} is too coarse for {sample.told(spoilt)}: up to their horizons {method.name} "
+            f"damps or feeds the oscillation by more than {100 * MAX_DAMPING:g} %, and they end as "
+            f"coarse_step or energy (omega_p goes up to {fastest.max():.3g}); {advice()}",
+        )
 
 
 def stability_limit(method: Tableau) -> float:
@@ -232,32 +240,42 @@ def stability_limit(method: Tableau) -> float:
     return float(phase[growing[0]]) if growing.size else np.inf
 
 
-def _max_steps(config: Config, sample: Sample, batch: Batch) -> Iterator[_Finding]:
+def _reduced_step(config: Config, sample: Sample, batch: Batch) -> Iterator[Finding]:
+    """A fixed step against the growth of the reduced model, which does not oscillate."""
+    dt = config.integrator.dt
+    assert dt is not None
+    coarse = dt * batch.swing > 1
+    if coarse.any():
+        yield Finding(
+            ("integrator", "dt"),
+            f"{dt:g} is longer than the oscillation's energy takes to grow e-fold, "
+            f"{_span(1 / batch.swing)}, in {sample.told(coarse)}; give a tenth of that or less",
+        )
+
+
+def _max_steps(config: Config, sample: Sample, batch: Batch) -> Iterator[Finding]:
     """Steps allowed against the horizon; an adaptive step spans less than a pitch period."""
     steps, dt = config.integrator.max_steps, config.integrator.dt
-    period = 4 * np.pi / batch.swing
-    reach = np.full(len(batch), steps * dt) if dt is not None else steps * period
-    each = f"of dt {dt:g}" if dt is not None else "of a whole pitch period each"
+    each = "of a whole pitch period each" if dt is None else f"of dt {dt:g}"
+    length = 4 * np.pi / batch.swing if dt is None else np.full(len(batch), dt)
+    reach = steps * length
     t_end, t_rgh = sample.launches.t_end, sample.launches.gh.t_rgh
     key: Key = ("integrator", "max_steps")
-    least = f"{_figure(float(np.max(t_end / reach)) * steps)} steps"
+    wayout = f"give {_figure(float(np.max(t_end / reach)) * steps)} steps, or a shorter horizon"
     lost = reach < np.minimum(t_end, EARLY * t_rgh)
     far = reach < t_end
     if lost.all():
-        yield _Finding(
+        yield Finding(
             key,
             f"{steps} steps {each} end at {_span(reach)}, before the horizon and before a tenth of "
-            f"t_rGH, {_span(t_rgh)}, in {_told(lost, sample)}: none can be done; give {least}, or "
-            "a shorter horizon",
-            True,
+            f"t_rGH, {_span(t_rgh)}, in {sample.told(lost)}: none can be done; {wayout}",
+            fatal=True,
         )
     elif far.any():
-        yield _Finding(
+        yield Finding(
             key,
             f"{steps} steps {each} do not reach the horizon, {_span(t_end)}, in "
-            f"{_told(far, sample)}, which end as step_limit unless they reverse; give {least}, or "
-            "a shorter horizon",
-            False,
+            f"{sample.told(far)}, which end as step_limit unless they reverse; {wayout}",
         )
 
 
