@@ -169,14 +169,6 @@ def test_the_standard_accuracy_is_the_default_and_better_ones_are_better(tmp_pat
             assert list(column) == sorted(column, reverse=True)
 
 
-def test_the_schema_refuses_an_accuracy_with_a_method_or_its_setting() -> None:
-    data = {"bodies": {"source": "sd"}, "spin": {"n_i": 1, "omega_xy0": 1}}
-    validator = jsonschema.Draft202012Validator(config_json_schema())
-    assert validator.is_valid(data | {"integrator": {"accuracy": "draft"}})
-    for other in ({"method": "rk4"}, {"tol": 1e-9}, {"dt": 0.1}):
-        assert not validator.is_valid(data | {"integrator": {"accuracy": "draft", **other}})
-
-
 def test_grid_axes_give_their_values(tmp_path: Path) -> None:
     config = load_config(write(tmp_path, GRID))
     assert isinstance(config.bodies, GridSource)
@@ -495,16 +487,21 @@ def test_the_schema_is_one_and_describes_every_key() -> None:
 
 
 @pytest.mark.parametrize(
-    "data",
+    "changes",
     [
         {"bodies": {"source": "sdd"}},
-        {"bodies": {"source": "sd"}, "sede": 3},
-        {"bodies": {"source": "sd"}, "integrator": {"method": "euler"}},
-        {"bodies": {"source": "sd"}, "spin": {"n_i": 0, "omega_xy0": 1}},
+        {"sede": 3},
+        {"spin": {"n_i": 0, "omega_xy0": 1}},
+        {"integrator": {"method": "euler"}},
+        *({"integrator": {"accuracy": "draft", **other}}
+          for other in ({"method": "rk4"}, {"tol": 1e-9}, {"dt": 0.1})),
     ],
-)
-def test_the_schema_refuses(data: dict[str, object]) -> None:
-    assert not jsonschema.Draft202012Validator(config_json_schema()).is_valid(data)
+)  # fmt: skip
+def test_the_schema_refuses(changes: dict[str, object]) -> None:
+    validator = jsonschema.Draft202012Validator(config_json_schema())
+    good = {"bodies": {"source": "sd"}, "integrator": {"accuracy": "draft"}}
+    assert validator.is_valid(good)
+    assert not validator.is_valid(good | changes)
 
 
 def test_reading_a_config_loads_nothing_heavy() -> None:

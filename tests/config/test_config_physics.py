@@ -200,8 +200,10 @@ def test_rows_of_a_table_are_judged_by_their_own_horizons(tmp_path: Path) -> Non
 # -- against the runs themselves, the sampler, and other ways to compute --------------------------
 
 
-@pytest.mark.parametrize(("dt", "expected"), [(0.2, "ok"), (1.0, "coarse_step"), (3.0, "never")])
-def test_steps_are_judged_as_the_runs_are(dt: float, expected: str, tmp_path: Path) -> None:
+@pytest.mark.slow
+@pytest.mark.parametrize(("dt", "allowed"), [(0.2, {"ok"}), (1.0, {"coarse_step", "energy"})])
+def test_steps_are_judged_as_the_runs_are(dt: float, allowed: set[str], tmp_path: Path) -> None:
+    """In the second, either may be noticed first; the kernel of rk4 is compiled."""
     data: dict[str, Any] = {
         "bodies": {"source": "preset", "name": "GH"},
         "spin": {"n_i": [0.1, -0.1], "omega_xy0": 0.01},
@@ -209,15 +211,8 @@ def test_steps_are_judged_as_the_runs_are(dt: float, expected: str, tmp_path: Pa
         "integrator": {"method": "rk4", "dt": dt},
         "output": str(tmp_path / "out"),
     }
-    config = parse_config(data)
-    if expected == "never":
-        with pytest.raises(ConfigError, match="beyond the stability"):
-            checked_plan(config)
-        return
-    warned = checked_plan(config)[1]
-    assert bool(warned) == (expected == "coarse_step")
-    # Either may be noticed first.
-    allowed = {"ok"} if expected == "ok" else {"coarse_step", "energy"}
+    warned = checked_plan(parse_config(data))[1]
+    assert bool(warned) == (allowed != {"ok"})
     assert set(rs.sweep(data).runs["status"]) <= allowed
 
 

@@ -8,7 +8,6 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
-import numba
 import numpy as np
 import pandas as pd
 import pyarrow as pa
@@ -95,16 +94,10 @@ def test_draws_fill_the_ranges_uniformly_and_independently():
         assert unit[-1].max() > 1 - 1e-3
         assert stats.kstest(unit[-1], "uniform").pvalue > 1e-3
     assert np.abs(np.corrcoef(unit) - np.eye(5)).max() < 4 / math.sqrt(n)
+    # The draw 1 - u lies in (0, 1]: the angle is never zero.
     assert (xi < 0).all()
     assert np.array_equal(alpha, (1 - f_sd) * gamma + 1)
     assert np.array_equal(beta, f_sd * gamma + 1)
-
-
-def test_the_skew_angle_is_never_zero():
-    # The draw 1 - u lies in (0, 1]: the smallest angle is 2^-53 of the range.
-    angles = draw_bodies(5, 0, np.arange(300_000), RANGES)[0][4]
-    assert angles.max() < 0
-    assert angles.min() >= -math.radians(6)
 
 
 # -- shell-dumbbell bodies ---------------------------------------------------------------------
@@ -169,19 +162,12 @@ def test_a_body_depends_on_seed_group_and_sample_alone(target):
 
 
 def test_a_body_does_not_depend_on_threads():
-    before = numba.get_num_threads()
-    results = []
-    try:
-        for threads in (1, 2, 3):
-            numba.set_num_threads(min(threads, before))
-            results.append(
-                draw_bodies(1, 2, np.arange(301), RANGES, 2, 0.05, 0.01, 10**6, threads=threads)
-            )
-    finally:
-        numba.set_num_threads(before)
-    for other in results[1:]:
-        for one, two in zip(results[0], other, strict=True):
-            assert one.tobytes() == two.tobytes()
+    one, *others = (
+        draw_bodies(1, 2, np.arange(301), RANGES, 2, 0.05, 0.01, 10**6, threads=threads)
+        for threads in (1, 2, 3)
+    )
+    for other in others:
+        assert [part.tobytes() for part in other] == [part.tobytes() for part in one]
 
 
 def test_samples_come_in_the_order_asked_for_from_any_chunk():
@@ -275,18 +261,20 @@ def test_a_grid_over_a_shell_dumbbell_body_remakes_its_inertia():
     assert np.array_equal(b.alpha, (1 - b.f_sd) * b.gamma + 1)
 
 
-def test_an_impossible_corner_of_a_grid_is_named():
-    # gamma 13 exceeds I_xx + I_yy = 12.562 of GH's alpha and beta, but only there.
-    axes = {"theta": [0.7, 0.8], "gamma": [12, 12.28, 13]}
+@pytest.mark.parametrize(
+    ("axes", "corner", "words"),
+    [
+        # gamma 13 exceeds I_xx + I_yy = 12.562 of GH's alpha and beta, but only there.
+        ({"theta": [0.7, 0.8], "gamma": [12, 12.28, 13]},
+         "bodies.axes: at alpha 13.04, beta 1.522, gamma 13, theta 0.7, phi 0.036",
+         "I_zz = gamma = 13 exceeds I_xx + I_yy = 12.562"),
+        ({"phi": [0.02, 0.7]}, "bodies.axes: at alpha 13.04", "phi 0.7 is not below theta 0.6429"),
+    ],
+)  # fmt: skip
+def test_an_impossible_corner_of_a_grid_is_named(axes, corner, words):
     line = refusal(lambda: plan({"source": "grid", "base": {"preset": "GH"}, "axes": axes}))
-    assert "bodies.axes: at alpha 13.04, beta 1.522, gamma 13, theta 0.7, phi 0.036" in line
-    assert "I_zz = gamma = 13 exceeds I_xx + I_yy = 12.562" in line
-    # Axes of a preset that pass its other curvature.
-    line = refusal(
-        lambda: plan({"source": "grid", "base": {"preset": "GH"}, "axes": {"phi": [0.02, 0.7]}})
-    )
-    assert "at alpha 13.04" in line
-    assert "phi 0.7 is not below theta 0.6429" in line
+    assert line.startswith(corner)
+    assert words in line
 
 
 # -- tables ------------------------------------------------------------------------------------
@@ -356,18 +344,19 @@ def test_a_bad_table_is_told_by_its_row(name, tmp_path):
     assert words in line
 
 
-def test_files_that_are_no_tables(tmp_path):
-    (tmp_path / "b.parquet").write_bytes(b"PAR1 this is not one PAR1")
-    (tmp_path / "latin.csv").write_bytes(b"alpha,\xe9\n1,2\n")
-    (tmp_path / "zero.csv").write_bytes(b"\0" * 100)
-    (tmp_path / "notes.docx").write_bytes(b"PK\x03\x04" + bytes(range(256)))
-    (tmp_path / "empty").mkdir()
-    for name in ("b.parquet", "latin.csv", "zero.csv", "notes.docx", "empty"):
-        line = refusal(lambda name=name: plan({"source": "table", "path": str(tmp_path / name)}))
-        assert name in line
-        assert line.startswith("bodies.path: ")
-    line = refusal(lambda: plan({"source": "table", "path": str(tmp_path / "no.csv")}))
-    assert line.endswith("no such file; give the path of a CSV or Parquet table")
+NO_TABLES = {
+    "b.parquet": b"PAR1 this is not one PAR1", "latin.csv": b"alpha,\xe9\n1,2\n",
+    "zero.csv": b"\0" * 100, "notes.docx": b"PK\x03\x04" + bytes(range(256)), "empty": None,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", NO_TABLES)
+def test_files_that_are_no_tables(name, tmp_path):
+    content = NO_TABLES[name]
+    (tmp_path / name).mkdir() if content is None else (tmp_path / name).write_bytes(content)
+    line = refusal(lambda: plan({"source": "table", "path": str(tmp_path / name)}))
+    assert line.startswith("bodies.path: ")
+    assert name in line
 
 
 def test_wrong_types_inside_parquet_are_told(tmp_path):
