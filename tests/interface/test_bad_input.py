@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from test_config import EXAMPLE, GRID, PRESET, SHELL
+from test_config import GRID, PRESET, SHELL, changed
 from test_config_fuzz import values
 from test_run import PROGRAM, invoke, tree
 
@@ -26,22 +26,17 @@ GH = "13.04,1.522,12.28,0.6429,0.036,-0.03"
 TABLE = "bodies: {source: table, path: TABLE}\nspin: {n_i: 0.1, omega_xy0: 0.01}\n"
 
 
-def sd(old: str, new: str) -> str:
-    assert old in EXAMPLE
-    return EXAMPLE.replace(old, new)
-
-
 # name: (config, table, words); one for each place where a config is refused, whose own tests have
 # every message: `test_config`, `test_config_physics`, `test_bodies`
 BAD = {
     "not YAML": ("a: [1, 2\nb: 3\n", "", "c.yaml:2:2: not valid YAML ("),
-    "repeated key": (sd("model: full", "seed: 1"), "", "the key is repeated (first in line 2)"),
-    "unknown key": (sd("samples:", "sampels:"), "", 'did you mean "samples"?'),
+    "repeated key": (changed("model: full", "seed: 1"), "", "repeated (first in line 2)"),
+    "unknown key": (changed("samples:", "sampels:"), "", 'did you mean "samples"?'),
     "phi of a preset": (PRESET.replace("theta: 0.82", "phi: 0.7"), "", "is not below theta"),
     "phi of a grid": (GRID.replace("0.036]", "0.7]"), "", "phi 0.7 is not below theta"),
     "phi of a grid's base": (GRID.replace("theta: {linspace: [0.6, 0.99, 200]}, phi: [0.02, 0.036]",
                              "phi: [0.02, 0.7]"), "", "phi 0.7 is not below theta"),
-    "impossible target": (sd("K_r: [0.01, 0.03, 0.1]", "K_r: 7, max_draws: 100000"), "",
+    "impossible target": (changed("K_r: [0.01, 0.03, 0.1]", "K_r: 7, max_draws: 100000"), "",
                           "7 is out of reach: in 65536 bodies drawn from the ranges"),
     "no such table": (TABLE.replace("TABLE", "nowhere.csv"), "", "no such file"),
     "bad row": (TABLE, f"{HEAD}\n{GH}\n13,1.5,12.3,0.5,0.6,-0.1\n", "row 2: phi 0.6 is not below"),
@@ -93,7 +88,7 @@ def test_a_bad_config_ends_with_2_and_leaves_nothing(name, here):
 
 
 def test_all_mistakes_are_told_at_once(here):
-    (here / "c.yaml").write_text(sd("seed: 2017", "seed: x").replace("tol: 1e-9", "tol: 5"))
+    (here / "c.yaml").write_text(changed("seed: 2017", "seed: x").replace("tol: 1e-9", "tol: 5"))
     for command in ("run", "validate"):
         result = invoke(command, "c.yaml")
         refused(result, 2, "c.yaml:2:1: seed:")
@@ -283,7 +278,7 @@ def test_a_damaged_manifest(damage, here):
 
 
 def test_the_program_itself_shows_no_traceback(here):
-    (here / "c.yaml").write_text(sd("samples: 1000", "samples: many"))
+    (here / "c.yaml").write_text(changed("samples: 1000", "samples: many"))
     done = subprocess.run(
         [PROGRAM, "run", "c.yaml"], capture_output=True, text=True, timeout=60, check=False
     )

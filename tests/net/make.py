@@ -79,6 +79,8 @@ body --gamma 10 --f-sd 0.1 --theta 0.8 --phi 0.05 --xi-deg -3 --n-i -0.3 --json
 body --preset HG
 body --preset GH --theta 1.5
 run bad.yaml
+validate bad.yaml
+validate sd.yaml
 run none.yaml
 run sd.yaml --set spin.psi=up
 run sd.yaml --shard 3/2

@@ -27,14 +27,16 @@ MAX_BODIES = 10**12
 class SdRanges(Base):
     """Ranges that shell-dumbbell bodies are drawn from; the paper's Table I unless given."""
 
-    gamma: Annotated[list[fields.Gamma], *interval("gamma")] = Field([5.0, 15.0])
-    f_sd: Annotated[list[fields.FSd], *interval("f_sd")] = Field([0.05, 0.15])
-    theta: Annotated[list[fields.Theta], *interval("theta")] = Field([0.6, 0.95])
-    phi: Annotated[list[fields.Phi], *interval("phi")] = Field([0.01, 0.1], validate_default=True)
+    gamma: Annotated[list[fields.Gamma], *interval("gamma")] = Field(default=[5.0, 15.0])
+    f_sd: Annotated[list[fields.FSd], *interval("f_sd")] = Field(default=[0.05, 0.15])
+    theta: Annotated[list[fields.Theta], *interval("theta")] = Field(default=[0.6, 0.95])
+    phi: Annotated[list[fields.Phi], *interval("phi")] = Field(
+        default=[0.01, 0.1], validate_default=True
+    )
     # Drawn from (low, high]: zero may bound the skew angle, but is never drawn.
     minus_xi_deg: Annotated[
         list[Annotated[float, Field(ge=0, lt=90)]], *interval("minus_xi_deg")
-    ] = Field([0.0, 6.0])
+    ] = Field(default=[0.0, 6.0])
 
     @field_validator("minus_xi_deg")
     @classmethod
@@ -66,9 +68,9 @@ class Target(Base):
     """Targets of the rolling coefficient K_r, no unit; one case for each."""
     K_p: PositiveNumbers | None = None
     """Targets of the pitching coefficient K_p, no unit; one case for each."""
-    rel_tol: float = Field(1e-3, gt=0, le=0.5)
+    rel_tol: float = Field(default=1e-3, gt=0, le=0.5)
     """Largest relative distance from the target, no unit."""
-    max_draws: int = Field(1_000_000, ge=1, le=2**62)
+    max_draws: int = Field(default=1_000_000, ge=1, le=2**62)
     """Draws after which a sample is given up."""
 
     @model_validator(mode="after")
@@ -92,7 +94,7 @@ class SdSource(Base):
 
     source: Literal["sd"]
     """Draw shell-dumbbell bodies at random."""
-    samples: int = Field(1000, ge=1, le=MAX_BODIES)
+    samples: int = Field(default=1000, ge=1, le=MAX_BODIES)
     """Bodies per case."""
     ranges: SdRanges = Field(default_factory=lambda: SdRanges())
     """Where the parameters are drawn from, uniformly."""

@@ -51,7 +51,8 @@ def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> 
     file = one_line(os.fspath(path), 200)
     document = yamlfile.parse(yamlfile.read_text(path))
     data = document.data
-    places = Places(file, origins := {(): (1, 1), **document.positions})
+    origins: dict[Key, Origin] = {(): (1, 1), **document.positions}
+    places = Places(file, origins)
     if data is None and document.problems:
         raise ConfigError(places.lines(document.problems))
     if data is None:

@@ -96,9 +96,9 @@ class Spin(Base):
 class Horizon(Base):
     """When a run ends that has not reversed. Where both are given, the smaller counts."""
 
-    t_rgh: float | None = Field(None, gt=0)
+    t_rgh: float | None = Field(default=None, gt=0)
     """In units of t_rGH, the reversal time of Garcia and Hubbard in the spin's direction."""
-    t: float | None = Field(None, gt=0)
+    t: float | None = Field(default=None, gt=0)
     """A time in sqrt(a/g)."""
 
     @model_validator(mode="after")
@@ -129,10 +129,10 @@ class Integrator(Base):
         }
     )  # fmt: skip
 
-    method: str = Field("dop853", json_schema_extra=_offer_methods)
+    method: str = Field(default="dop853", json_schema_extra=_offer_methods)
     """Name of the method."""
     tol: float | None = Field(
-        None,
+        default=None,
         ge=1e-15,
         le=1e-2,
         validate_default=True,
@@ -140,16 +140,16 @@ class Integrator(Base):
         f"methods only, which take {TOL:g} unless given.",
     )
     dt: float | None = Field(
-        None,
+        default=None,
         gt=0,
         validate_default=True,
         description="Size of a step in sqrt(a/g); for methods of fixed step only, which take "
         f"{DT:g} unless given.",
     )
-    max_steps: int = Field(MAX_STEPS, ge=1, le=2**62)
+    max_steps: int = Field(default=MAX_STEPS, ge=1, le=2**62)
     """Steps after which a run is given up."""
     accuracy: Literal["draft", "standard", "reference"] | None = Field(
-        None,
+        default=None,
         description="Instead of method and tol, which are then those measured to give this "
         f"accuracy: {'; '.join(f'{name}: {one.words}' for name, one in ACCURACIES.items())}.",
     )
@@ -203,10 +203,10 @@ class Integrator(Base):
 class Classify(Base):
     """Thresholds between the types of runs that do not reverse."""
 
-    ss_growth: float = Field(1e-3, gt=0)
+    ss_growth: float = Field(default=1e-3, gt=0)
     """SS if the amplitude of the relevant oscillation in a window of time never exceeds its
     smallest value in earlier windows by more than this fraction."""
-    sw_departure: float = Field(0.05, gt=0, lt=1)
+    sw_departure: float = Field(default=0.05, gt=0, lt=1)
     """SW, unless SS, if n/n_i falls below 1 by more than this fraction at some time."""
 
 
@@ -215,11 +215,11 @@ class Config(Base):
 
     name: str = "sweep"
     """Name of the sweep; also of its directory in out/."""
-    seed: int = Field(0, ge=0, le=2**63 - 1)
+    seed: int = Field(default=0, ge=0, le=2**63 - 1)
     """All draws depend on this, the case and the sample."""
     bodies: Bodies
     """Where parameter sets come from."""
-    spin: Spin | None = Field(None, validate_default=True)
+    spin: Spin | None = Field(default=None, validate_default=True)
     """How bodies are launched; null only where a table says it row by row."""
     model: Literal["full", "reduced", "gh"] = "full"
     """full: all six variables; reduced: the three of the simplified dynamics; gh: the closed form
@@ -232,9 +232,9 @@ class Config(Base):
     """Thresholds between types of runs."""
     record: list[Record] = Field(default_factory=list, json_schema_extra={"uniqueItems": True})
     """Extra columns; each costs time."""
-    block_size: int = Field(4_000, ge=1, le=200_000)
+    block_size: int = Field(default=4_000, ge=1, le=200_000)
     """Runs per block, that is, per output file."""
-    output: str | None = Field(None, min_length=1, pattern=r"^[^\x00]*$")
+    output: str | None = Field(default=None, min_length=1, pattern=r"^[^\x00]*$")
     """Directory; null: out/<name>."""
 
     _places: Places = PrivateAttr(default_factory=Places)
