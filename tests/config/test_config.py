@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import jsonschema
 import numpy as np
@@ -179,6 +180,30 @@ def test_grid_axes_give_their_values(tmp_path: Path) -> None:
     shell = load_config(write(tmp_path, SHELL))
     assert isinstance(shell.bodies, GridSource)
     np.testing.assert_allclose(shell.bodies.axes.values()["minus_xi_deg"], [0.01, 0.1, 1])
+
+
+@pytest.mark.parametrize("law", ["linspace", "logspace"])
+@pytest.mark.parametrize(
+    ("ends", "values"),
+    [([0.1, 0.1, 1], [0.1]), ([0.1, 0.2, 2], [0.1, 0.2]), ([0.1, 0.2, 1], None),
+     ([0.1, 0.1, 2], None), ([0.1, 0.10000000000000002, 2], None), ([0.1, 0.2], None)],
+)  # fmt: skip
+def test_values_are_spaced_where_they_can_be(law: str, ends: list[float], values: Any) -> None:
+    axes = {"phi": {law: ends}}
+    data: dict[str, Any]
+    for data in (
+        {"bodies": {"source": "preset", "name": "GH"}, "spin": {"n_i": {law: ends}}},
+        {"bodies": {"source": "grid", "base": {"preset": "GH"}, "axes": axes}, "spin": {"n_i": 1}},
+    ):
+        data["spin"]["omega_xy0"] = 0.1
+        if values is None:
+            with pytest.raises(ConfigError, match=r"space|differ|three numbers"):
+                parse_config(data)
+            continue
+        config = parse_config(data)
+        assert config.spin is not None
+        found = config.bodies.axes.values()["phi"] if "axes" in data["bodies"] else config.spin.n_i
+        assert found == values
 
 
 def test_the_hash_is_of_the_physics_alone(tmp_path: Path) -> None:

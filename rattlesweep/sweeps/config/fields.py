@@ -127,8 +127,8 @@ class Spaced(Base):
                 "give equal ends with n = 1 and different ones with more"
             )
         # Values are closest at an end; neighbours closer than this may round to one number.
-        for end, place in ((low, 1), (high, n - 2)):
-            beside = cls.between(low, high, place / (n - 1)) if n > 1 else math.inf
+        for end, place in ((low, 1), (high, n - 2)) if n > 1 else ():
+            beside = cls.between(low, high, place / (n - 1))
             if not abs(beside - end) > 4 * math.ulp(max(abs(beside), abs(end))):
                 raise ValueError(
                     f"{n:.0f} values from {low!r} to {high!r} would not all differ; give fewer"
