@@ -11,11 +11,9 @@ from rattlesweep.errors import one_line
 
 
 @command(
-    section="Sweeps",
-    examples=(
-        "rattlesweep validate configs/steady.yaml",
-        "rattlesweep validate configs/steady.yaml --set integrator.dt=0.1",
-    ),
+    "Sweeps",
+    "rattlesweep validate configs/steady.yaml",
+    "rattlesweep validate configs/steady.yaml --set integrator.tol=1e-8",
 )
 @options.config
 @options.overrides
