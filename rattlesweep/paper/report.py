@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from rattlesweep.paper.claims.claim import Judgement
-from rattlesweep.paper.data.columns import count, number, schema, table, word
+from rattlesweep.paper.columns import count, number, schema, table, word
 from rattlesweep.paper.registry import FIGURES
 from rattlesweep.paper.symbols import symbols
 from rattlesweep.study.pages import render, source

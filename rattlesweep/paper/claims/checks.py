@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rattlesweep.paper.claims.claim import Count, every
-from rattlesweep.paper.data.chaos import EDGE
+from rattlesweep.paper.figures.chaos import EDGE
 from rattlesweep.sweeps.tables.cells import wilson
 
 if TYPE_CHECKING:

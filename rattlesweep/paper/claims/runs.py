@@ -8,7 +8,7 @@ import numpy as np
 
 from rattlesweep.paper.claims.checks import at_spin, share, share_words, slow
 from rattlesweep.paper.claims.claim import Count
-from rattlesweep.paper.data.chaos import LONGER, SLOW
+from rattlesweep.paper.figures.chaos import LONGER, SLOW
 from rattlesweep.sweeps.tables.chaos import LEAST_GROWTH
 
 if TYPE_CHECKING:
