@@ -11,6 +11,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from rattlesweep.paper.claims.claim import judge
+from rattlesweep.paper.kernels import compile_ahead
 from rattlesweep.paper.registry import FIGURES, SWEEPS, THEORY
 from rattlesweep.paper.report import Reproduction, write_report
 from rattlesweep.paper.settings import FULL, Sizes, sweep_config
@@ -82,6 +83,7 @@ def reproduce(
     expected = {name: f.seconds[column] for name, f in chosen.items() if name not in kept}
     needed = {chosen[name].sweep for name in expected}
     expected |= {name: SWEEPS[name][column] for name in sweeps if name in needed}
+    compile_ahead(expected)
     parts = Parts(expected | {"report": 2.0}, show)
     tables: dict[str, Tables] = {}
     for name, figure in chosen.items():
