@@ -24,12 +24,7 @@ SWEEPS = {"unsteady": (4.0, 0.5), "steady": (27.0, 1.1)}
 
 
 def choose(names: str | None) -> list[str]:
-    """Names that were asked for, in the paper's order, ``theory`` last; all without a word.
-
-    Parameters
-    ----------
-    names
-        Separated by commas, such as ``fig6,fig7``.
+    """Names that were asked for, such as ``fig7,fig6``, in the paper's order; by default all.
 
     Raises
     ------

@@ -57,23 +57,13 @@ def reproduce(
 ) -> Reproduction:
     """Compute, draw and judge what was asked for, and write the report.
 
-    Parameters
-    ----------
-    directory : Path
-        Output directory; what is whole there and of the same sizes and code is kept.
-    names : sequence of str
-        Of :func:`rattlesweep.paper.registry.choose`.
-    sizes : Sizes
-    threads : int
-    show : callable
-        Called a few times a second.
+    What is whole in the directory and of the same sizes and code is kept, after a Ctrl-C as well:
+    whole figures and complete blocks of the sweeps.  ``show`` is called a few times a second.
 
     Raises
     ------
-    ConfigError, OutputError
-        If the directory holds other sweeps, or cannot be written.
-    KeyboardInterrupt
-        On Ctrl-C; whole figures and complete blocks of the sweeps are kept.
+    ConfigError
+        If the directory holds other sweeps.
     """
     ws = Workspace(directory, sizes, threads)
     chosen = {name: FIGURES[name] for name in names if name in FIGURES}

@@ -188,21 +188,9 @@ class Workspace:
     ) -> pd.DataFrame:
         """Integrate runs of the steady sweep once more, as a sweep of its own.
 
-        Parameters
-        ----------
-        name : str
-            Of the new sweep.
-        runs : DataFrame
-            With the columns :data:`LAUNCH`.
-        columns : sequence of str
-            Of the new runs, to be given back.
-        changes
-            Keys of the config, such as ``record``.
-
-        Returns
-        -------
-        DataFrame
-            One row a run, with the index of ``runs``; null where it failed.
+        ``runs`` have the columns :data:`LAUNCH`; ``changes`` are keys of the config, such as
+        ``record``.  The new runs have these columns and the index of ``runs``, and are null where
+        one failed.
         """
         bodies = encode(pa.Table.from_pandas(runs[list(LAUNCH)], preserve_index=False))
         path = self.directory / "sweeps" / name / "bodies.parquet"

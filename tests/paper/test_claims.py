@@ -14,7 +14,7 @@ import pyarrow as pa
 import pytest
 
 from rattlesweep.paper import run
-from rattlesweep.paper.claims import times as measures
+from rattlesweep.paper.claims import sweeps as measures
 from rattlesweep.paper.claims.claim import TABLE, Claim, Count, claims, every, judge
 from rattlesweep.paper.figures import times
 from rattlesweep.paper.report import claims_table, closing_table

@@ -11,7 +11,7 @@ import pyarrow as pa
 import pytest
 
 from rattlesweep.paper.claims.claim import claims, judge
-from rattlesweep.paper.claims.long import force_words
+from rattlesweep.paper.claims.runs import force_words
 from rattlesweep.paper.figures import fig4, fig6, fig8, lyapunov
 from rattlesweep.paper.figures.follow import forces, thin
 from rattlesweep.paper.registry import FIGURES

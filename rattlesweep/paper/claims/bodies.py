@@ -2,24 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numpy.typing import NDArray
 
-from rattlesweep.paper.claims.checks import EXACT, share
-from rattlesweep.paper.claims.claim import every
+from rattlesweep.paper.claims.claim import EXACT, Measured, Tables, every, share
 from rattlesweep.paper.figures.fig3 import DECADES, counts_of, edges
 from rattlesweep.paper.figures.sd import BOUND, draw
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import shell_dumbbell
 from rattlesweep.sweeps.config.bodies import SdRanges
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from rattlesweep.paper.claims.claim import Measured, Tables
-
-    Floats = NDArray[np.float64]
+Floats = NDArray[np.float64]
 
 # Random bodies on which formulas are tried.
 SAMPLES = 2000

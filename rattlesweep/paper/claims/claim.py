@@ -14,12 +14,16 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from ruamel.yaml import YAML
 
+from rattlesweep.sweeps.tables.cells import wilson
+
 Tables = Mapping[str, Mapping[str, pa.Table]]
 Verdict = Literal["agree", "partly", "disagree"]
 # Checks, whose truth says whether they hold, and numbers by name.
 Measured = tuple[Sequence[object], dict[str, Any]]
 
 TABLE = Path(__file__).with_name("claims.yaml")
+# Rounding error allowed in an identity between doubles.
+EXACT = 1e-9
 # Share at which a headline must hold where the paper's words leave room, for `partly`.
 MOST = 0.9
 
@@ -44,6 +48,17 @@ class Count:
 def every(mask: Any) -> Count:
     """Count of the true values."""
     return Count(int(np.sum(mask)), len(mask))
+
+
+def share(hits: int, runs: int) -> dict[str, float]:
+    """Share with its interval, as the numbers that decide a claim."""
+    low, high = map(float, wilson(hits, runs))
+    return {"value": hits / runs if runs else np.nan, "low": low, "high": high}
+
+
+def share_words(hits: int, runs: int) -> str:
+    """Share with its interval, in words."""
+    return "{value:.2%} [{low:.2%}, {high:.2%}]".format(**share(hits, runs))
 
 
 def complete(figure: Mapping[str, pa.Table]) -> bool:

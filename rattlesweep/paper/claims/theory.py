@@ -9,22 +9,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rattlesweep.paper.claims.bodies import SAMPLES, sd_bodies, wide_bodies
-from rattlesweep.paper.claims.checks import EXACT
-from rattlesweep.paper.claims.claim import Count, every
+from rattlesweep.paper.claims.claim import EXACT, Count, Measured, Tables, every
 from rattlesweep.physics import full, reduced, steady, theory
 from rattlesweep.physics.body import Rattleback
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from rattlesweep.paper.claims.claim import Measured, Tables
-
-    Floats = NDArray[np.float64]
+Floats = NDArray[np.float64]
 
 # --- T1 -----------------------------------------------------------------------------------------
 

@@ -26,8 +26,6 @@ from rattlesweep.sweeps.tables.columns import RATE, TIME, field
 
 Floats = NDArray[np.float64]
 
-# Spins and oscillations are compared with this margin, as they come from a file.
-EDGE = 1e-9
 # Runs called chaotic although they are slow are followed to this many horizons.
 LONGER = 6
 SLOW = 0.4
@@ -54,7 +52,7 @@ def exponents(ws: Workspace, progress: Progress) -> pd.DataFrame:
         part = between(progress, 0.0, 0.7)
         runs[columns] = ws.again("lyapunov", runs, columns, part, record=["lyapunov"])
     runs["chaotic"] = is_chaotic(runs["lyapunov_late"].to_numpy(), runs["t_end"].to_numpy())
-    slow = runs[runs["chaotic"] & (runs["n_i"].abs() <= SLOW + EDGE)]
+    slow = runs[runs["chaotic"] & (runs["n_i"].abs() <= SLOW)]
     ends = np.array([LONGER / 2, LONGER])
     found = growths(
         [(launch_of(run), float(run["t_end"]) * ends, 1e-11) for _, run in slow.iterrows()],

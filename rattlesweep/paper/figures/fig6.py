@@ -10,10 +10,9 @@ import pandas as pd
 import pyarrow as pa
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
-from numpy.typing import NDArray
 
 from rattlesweep.paper.columns import count, number, schema, table, word
-from rattlesweep.paper.figures.chaos import CHAOS, EDGE, exponents, launch_of
+from rattlesweep.paper.figures.chaos import CHAOS, exponents, launch_of
 from rattlesweep.paper.figures.follow import FORCE_CHANNELS, FORCES, SPIN, follow, forces, thinned
 from rattlesweep.paper.figures.integrators import rk4
 from rattlesweep.paper.figures.style import ABOVE, N_AXIS, T_AXIS, decade_ticks, frame, launch
@@ -187,8 +186,8 @@ def examples(sweep: StoredRuns, wobbling: pd.DataFrame, progress: Progress) -> T
     integrator = sweep.config.integrator.model_dump(exclude_none=True)
     tables, presses = {}, []
     for k, row in enumerate(rows):
-        key = ["K_r", "n_i", "omega_xy0", "sample"]
-        run = runs[(runs[key] == [row[name] for name in key]).all(axis=1)].iloc[0]
+        key = ("K_r", "n_i", "omega_xy0", "sample")
+        run = runs[at(runs, {name: row[name] for name in key})].iloc[0]
         row["shown"] = min(LONGEST, float(run["t_end"]))
         chosen = replace(launch_of(run), t_end=row["shown"], integrator=integrator)
         words, part = f"Fig. 6(b), {row['example']}", between(progress, k / 3, (k + 1) / 3)
@@ -220,10 +219,9 @@ def choose(runs: pd.DataFrame, wobbling: pd.DataFrame) -> list[dict[str, Any]]:
     ]  # fmt: skip
 
 
-def at(runs: pd.DataFrame, values: dict[str, float]) -> NDArray[np.bool_]:
-    """Which runs have these values, as they come from a file."""
-    same = np.isclose(runs[list(values)], list(values.values()), rtol=EDGE, atol=0)
-    return np.all(same, axis=1)  # type: ignore[no-any-return]
+def at(runs: pd.DataFrame, values: dict[str, float]) -> pd.Series[bool]:
+    """Which runs have these values."""
+    return (runs[list(values)] == pd.Series(values)).all(axis=1)
 
 
 # -------------------------------------------------------------------------------- picture

@@ -77,16 +77,8 @@ def panels(
 ) -> tuple[Drawing, list[Axes], list[Axes]]:
     """A panel a spin: the figure, its panels, and the axes that are left over, switched off.
 
-    Parameters
-    ----------
-    points : pyarrow.Table
-        Of :func:`times`.
-    coefficient : str
-        ``K_p`` or ``K_r``.
-    time, theory : str
-        Symbols of the time and of the theory's, as mathematics.
-    above : bool
-        Whether the legend stands above all panels, and not in the last of those left over.
+    Of the table of :func:`times`; ``time`` and ``theory`` are symbols, as mathematics.  The legend
+    stands ``above`` all panels, or in the last of those left over.
     """
     values = points.to_pandas()
     spins = sorted(values["n_i"].unique(), key=abs)
