@@ -20,7 +20,7 @@ TANGENT = WITH_TANGENT[FULL.name].name
 
 def needed(figures: Collection[str]) -> list[Callable[[Any], Any]]:
     """What loads the kernels of some figures, in the order in which they come to be needed."""
-    kernels = [
+    kernels: list[tuple[str, Callable[..., Any], str, str]] = [
         ("fig4 fig5 fig6 fig8", march_kernel, "dop853", FULL.name),
         ("fig4 fig5 fig6 fig8", aside_kernel, "dop853", FULL.name),
         ("fig5 fig6 fig7", kernel, "dop853", FULL.name),
