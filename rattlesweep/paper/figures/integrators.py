@@ -13,7 +13,7 @@ from rattlesweep.paper.workspace import LAUNCH, Progress, Workspace, between
 from rattlesweep.sweeps.config.schema import Classify
 from rattlesweep.sweeps.tables.columns import TIME
 
-PAPERS = {"method": "rk4", "dt": 0.002}
+PAPERS: dict[str, Any] = {"method": "rk4", "dt": 0.002}
 # Judges where the two disagree.
 REFERENCE = {"method": "dop853", "tol": 1e-12}
 # Two times of reversal are the same if they differ by less than this, relatively.
