@@ -41,7 +41,7 @@ def rk4(ws: Workspace, progress: Progress) -> pa.Table:
     if ours.empty:
         return table([], RK4)
     theirs = ws.again("rk4", ours, RESULTS, between(progress, 0.0, 0.97), integrator=PAPERS)
-    rows = ours.join(theirs[["t_r", "type"]], rsuffix="_rk4")
+    rows = ours.join(theirs[["t_r", "type"]].add_suffix("_rk4"))
     rows["difference"] = rows["t_r_rk4"] / rows["t_r"] - 1
     odd = (rows["type"] != rows["type_rk4"]) | (rows["difference"].abs() > SAME)
     if odd.any():
