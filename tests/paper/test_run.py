@@ -25,8 +25,9 @@ from rattlesweep import cli
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import available_threads
 from rattlesweep.integrate.follow.lyapunov import growth_along
-from rattlesweep.paper import report, run, workspace
+from rattlesweep.paper import report, workspace
 from rattlesweep.paper.figures import chaos, fig6, fig7, integrators
+from rattlesweep.paper.kernels import needed
 from rattlesweep.paper.registry import FIGURES, choose
 from rattlesweep.paper.run import reproduce
 from rattlesweep.paper.settings import FULL, QUICK, Sizes, sweep_config
@@ -104,6 +105,12 @@ def test_names_are_chosen_in_the_papers_order():
         choose("fgi6")
     with pytest.raises(ConfigError, match="--only"):
         choose(" ,")
+
+
+def test_only_the_kernels_of_what_is_asked_for_are_compiled_ahead():
+    assert needed(["fig2", "fig3"]) == []
+    assert len(needed(["fig4"])) == len(needed(["fig3", "fig4"])) == 2
+    assert len(needed(FIGURES)) == 8
 
 
 # ---------------------------------------------------------------------------- the figures
@@ -215,16 +222,6 @@ def test_examples_are_runs_of_the_sweep(made):
             assert spin["n"].iloc[-1] == pytest.approx(run_["n_end"], rel=0.02)
 
 
-def test_the_fast_run_of_gh_swings_at_twice_the_frequency_of_the_pitch(made):
-    spin = made.table("fig5_spin")
-    late = spin[spin["t"].between(30, 60)]
-    # Once up through the middle each period.
-    periods = [(np.diff(np.sign(late[c] - late[c].rolling(100, center=True).mean())) > 0).sum()
-               for c in ("n", "omega_x")]  # fmt: skip
-    assert periods[0] == pytest.approx(2 * periods[1], abs=2)
-    assert made.table("fig5_forces")["ratio_max"].iloc[0] > 0.5
-
-
 def test_readings_of_ss_contain_each_other(made):
     rows, runs = made.table("fig6_definitions"), made.steady
     for (n_i, size), own in rows.groupby(["n_i", "omega_xy0"]):
@@ -316,7 +313,6 @@ def figures(monkeypatch):
         figure.add_subplot().plot(tables["values"]["x"])
         return figure
 
-    monkeypatch.setattr(run, "compile_ahead", lambda figures: None)
     for name in FIGURES.copy():
         monkeypatch.delitem(FIGURES, name)
     for name in ("first", "second"):
