@@ -146,21 +146,23 @@ class Workspace:
 
     def load_or_make(self, name: str, figure: Figure, progress: Progress) -> Tables:
         """Tables of a figure, which are kept with its pictures; what there is already stays."""
-        kept = self.load(name)
-        tables = figure.data(self, progress) if kept is None else kept
-        paths = {kind: self.directory / f"{name}.{kind}" for kind in ("svg", "png")}
-        if kept is None:
+        tables = self.load(name)
+        if tables is None:
+            tables = figure.data(self, progress)
             for part, table in tables.items():
                 replace_file(self.directory / f"{name}_{part}.parquet", encode(table))
-        if kept is None or not all(path.exists() for path in paths.values()):
-            for kind, data in pictures(figure, tables).items():
-                replace_file(paths[kind], data)
-        if kept is None:
+            self._draw(name, figure, tables)
             # Last: it names only what is there.
             entry = {"key": self._figures_key(), "tables": list(tables)}
             self.record["figures"][name] = entry
             self.save()
+        elif not all((self.directory / f"{name}.{kind}").exists() for kind in ("svg", "png")):
+            self._draw(name, figure, tables)
         return tables
+
+    def _draw(self, name: str, figure: Figure, tables: Tables) -> None:
+        for kind, data in pictures(figure, tables).items():
+            replace_file(self.directory / f"{name}.{kind}", data)
 
     def _figures_key(self) -> str:
         return _digest(json.dumps(asdict(self.sizes)), code_key(*OF_FIGURES))
