@@ -40,11 +40,8 @@ def reversal(run: dict[str, Any], printed: int, when: str) -> Measured:
 def shape(own: pd.DataFrame, t_r: float) -> dict[str, float]:
     """Envelope about a reversal, from the extrema in groups of one period (two extrema).
 
-    Returns
-    -------
-    dict
-        ``top``: largest amplitude, ``top_t``: when; ``left``, ``right``: largest before and after
-        the reversal, ``low``: least between those two, ``low_t``: when.
+    ``top``: largest amplitude; ``left``, ``right``: largest before and after the reversal; ``low``:
+    least between those two; ``top_t`` and so on: when.
     """
     t, size = own["t"].to_numpy(), own["amplitude"].to_numpy()
     # The larger of neighbours: maxima and minima of the rate need not be of one size.

@@ -205,15 +205,10 @@ ANGLES = (0.01, 1.0, 6.0, 20.0, 45.0, 70.0, 89.0)
 
 
 def contradictions(body: tuple[Floats, ...], spins: tuple[tuple[float, bool], ...]) -> Count:
-    """How often the eigenvalues contradict Bondi's threshold.
+    """How often the eigenvalues contradict Bondi's threshold, at the skew angles ``ANGLES``.
 
-    Parameters
-    ----------
-    body : tuple of ndarray
-        ``alpha, beta, gamma, theta, phi, xi``; each is tried at the skew angles ``ANGLES``.
-    spins : tuple
-        Spins in thresholds, and whether the steady spin should be stable there; bodies without a
-        threshold should be unstable at any spin.
+    ``spins`` are in thresholds, each with whether the steady spin should be stable there; bodies
+    without a threshold should be unstable at any spin.
     """
     alpha, beta, gamma, theta, phi, _ = body
     threshold = theory.bondi_threshold(alpha, beta, gamma, theta, phi)
