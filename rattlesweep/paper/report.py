@@ -7,13 +7,14 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from textwrap import shorten
 from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from rattlesweep.paper.claims.claim import Judgement
-from rattlesweep.paper.data.columns import count, number, schema, table, word
+from rattlesweep.paper.columns import count, number, schema, table, word
 from rattlesweep.paper.registry import FIGURES
 from rattlesweep.paper.symbols import symbols
 from rattlesweep.study.pages import render, source
@@ -71,12 +72,11 @@ def tally(claims: Sequence[Judgement]) -> str:
 
 def closing_table(claims: Sequence[Judgement]) -> str:
     """The claims as text for a terminal: id, verdict, checks that hold, the measured figure."""
-    lines = []
-    for claim in claims:
-        measured = claim.measured
-        short = measured if len(measured) <= 68 else measured[:65].rsplit(" ", 1)[0] + " ..."
-        lines.append(f"{claim.id:<3}  {claim.verdict:<8}  {claim.score:<7}  {short}")
-    return "\n".join(lines)
+    return "\n".join(
+        f"{claim.id:<3}  {claim.verdict:<8}  {claim.score:<7}  "
+        f"{shorten(claim.measured, 68, placeholder=' ...')}"
+        for claim in claims
+    )
 
 
 def write_report(done: Reproduction, figures: Sequence[str]) -> None:
@@ -109,7 +109,7 @@ def page(done: Reproduction, figures: Sequence[str]) -> bytes:
         claims=done.claims,
         tally=tally(done.claims),
         symbols=symbols,
-        figures=[(name, FIGURES[name], _source(done, name)) for name in figures],
+        figures=[(name, FIGURES[name], _address(done.directory / name)) for name in figures],
         rk4=rk4,
         changed=sum(row["type"] != row["type_rk4"] for row in rk4),
         odd=[_odd(row) for row in rk4 if row["exception"]],
@@ -119,9 +119,8 @@ def page(done: Reproduction, figures: Sequence[str]) -> bytes:
     )
 
 
-def _source(done: Reproduction, name: str) -> str:
-    svg, png = ((done.directory / f"{name}.{kind}").read_bytes() for kind in ("svg", "png"))
-    return source(svg, png)
+def _address(picture: Path) -> str:
+    return source(*(picture.with_suffix(kind).read_bytes() for kind in (".svg", ".png")))
 
 
 def _odd(row: dict[str, Any]) -> list[str]:

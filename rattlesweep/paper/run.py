@@ -7,23 +7,18 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
-from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
-import pyarrow as pa
-
-from rattlesweep.paper.claims.table import judge
-from rattlesweep.paper.data.progress import Progress
+from rattlesweep.paper.claims.claim import judge
+from rattlesweep.paper.kernels import compile_ahead
 from rattlesweep.paper.registry import FIGURES, SWEEPS, THEORY
 from rattlesweep.paper.report import Reproduction, write_report
 from rattlesweep.paper.settings import FULL, Sizes, sweep_config
-from rattlesweep.paper.workspace import Workspace
-from rattlesweep.study.style import encode, styled
+from rattlesweep.paper.workspace import Progress, Tables, Workspace
 from rattlesweep.sweeps.config.load import resolved
 from rattlesweep.sweeps.store.provenance import PACKAGES, machine, now, package_version
 
-DPI = 150
 # Of the whole, seconds elapsed, and seconds left or None as long as there is nothing to judge by.
 Show = Callable[[float, str, float, float | None], None]
 
@@ -62,43 +57,31 @@ def reproduce(
 ) -> Reproduction:
     """Compute, draw and judge what was asked for, and write the report.
 
-    Parameters
-    ----------
-    directory : Path
-        Output directory; what is whole there and of the same sizes and code is kept.
-    names : sequence of str
-        Of :func:`rattlesweep.paper.registry.choose`.
-    sizes : Sizes
-    threads : int
-    show : callable
-        Called a few times a second.
+    What is whole in the directory and of the same sizes and code is kept, after a Ctrl-C as well:
+    whole figures and complete blocks of the sweeps.  ``show`` is called a few times a second.
 
     Raises
     ------
-    ConfigError, OutputError
-        If the directory holds other sweeps, or cannot be written.
-    KeyboardInterrupt
-        On Ctrl-C; whole figures and complete blocks of the sweeps are kept.
+    ConfigError
+        If the directory holds other sweeps.
     """
     ws = Workspace(directory, sizes, threads)
-    chosen = [name for name in names if name in FIGURES]
+    chosen = {name: FIGURES[name] for name in names if name in FIGURES}
     kept = [name for name in chosen if ws.load(name) is not None]
-    sweeps = list(dict.fromkeys(s for n in chosen if (s := FIGURES[n].sweep) is not None))
+    sweeps = list(dict.fromkeys(figure.sweep for figure in chosen.values() if figure.sweep))
     column = 0 if sizes == FULL else 1
-    expected = {name: FIGURES[name].seconds[column] for name in chosen if name not in kept}
-    needed = {FIGURES[name].sweep for name in expected}
+    expected = {name: f.seconds[column] for name, f in chosen.items() if name not in kept}
+    needed = {chosen[name].sweep for name in expected}
     expected |= {name: SWEEPS[name][column] for name in sweeps if name in needed}
+    compile_ahead(expected)
     parts = Parts(expected | {"report": 2.0}, show)
-    tables: dict[str, Mapping[str, pa.Table]] = {}
-    for name in chosen:
-        figure = FIGURES[name]
-        sweep = figure.sweep if name in expected else None
-        if sweep is not None and sweep not in parts.seconds:
-            with parts.part(sweep) as progress:
-                ws.sweep(sweep, progress)
+    tables: dict[str, Tables] = {}
+    for name, figure in chosen.items():
+        if name in expected and figure.sweep and figure.sweep not in parts.seconds:
+            with parts.part(figure.sweep) as progress:
+                ws.sweep(figure.sweep, progress)
         with parts.part(name) as progress:
-            tables[name] = ws.load_or_make(name, partial(figure.data, ws, progress))
-            _draw(ws, name, tables[name])
+            tables[name] = ws.load_or_make(name, figure, progress)
     with parts.part("claims"):
         claims = judge(tables, theory=THEORY in names)
     ws.record |= {
@@ -115,19 +98,7 @@ def reproduce(
     }
     done = Reproduction(directory, claims, parts.seconds, kept, ws.failed(sweeps), ws.record)
     with parts.part("report"):
-        write_report(done, chosen)
+        write_report(done, list(chosen))
     ws.record["seconds"] = {name: round(value, 3) for name, value in parts.seconds.items()}
     ws.save()
     return done
-
-
-def _draw(ws: Workspace, name: str, tables: Mapping[str, pa.Table]) -> None:
-    def pictures() -> dict[str, bytes]:
-        with styled():
-            figure = FIGURES[name].draw(tables)
-            svg = encode(figure, "svg", DPI)
-            # The layout is known now; computing it again would take half of the time.
-            figure.set_layout_engine("none")
-            return {"svg": svg, "png": encode(figure, "png", DPI)}
-
-    ws.draw_if_needed(name, pictures)

@@ -1,7 +1,7 @@
 """The command's output directory: sweeps, the figures' tables, and of which code they are.
 
-``paper.json`` records the key of each figure's tables and of each sweep, so that a command that was
-stopped resumes: what is whole and of today's key is kept, all else is made again.
+``paper.json`` records the key of each figure and of each sweep, so that a command that was stopped
+resumes: what is whole and of today's key is kept, all else is made again.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import hashlib
 import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -18,9 +18,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pyarrow as pa
+from matplotlib.figure import Figure as Drawing
 
 from rattlesweep.errors import OutputError
 from rattlesweep.paper.settings import Sizes, sweep_config
+from rattlesweep.study.style import encode as picture
+from rattlesweep.study.style import styled
 from rattlesweep.sweeps.cases.plan import Plan, make_plan
 from rattlesweep.sweeps.config.load import parse_config, resolved
 from rattlesweep.sweeps.config.schema import Config
@@ -29,19 +32,48 @@ from rattlesweep.sweeps.store.atomic import probe_directory, reason, replace_fil
 from rattlesweep.sweeps.store.store import Store
 from rattlesweep.sweeps.tables.arrow import DamagedError, encode, open_sealed
 
-RECORD = "paper.json"
+Tables = Mapping[str, pa.Table]
+# Told the share that is done and a few words; may raise to stop the work.
+Progress = Callable[[float, str], None]
+
+RECORD, DPI = "paper.json", 150
 # Columns that say how a run was launched.
 LAUNCH = ("alpha", "beta", "gamma", "theta", "phi", "xi", "n_i", "omega_xy0", "psi")
 PACKAGE = Path(__file__).resolve().parents[1]
-# What the runs of a sweep depend on, the tables of a figure besides, and its picture besides.
+# What the runs of a sweep depend on, and a figure besides.
 OF_RUNS = ("physics", "integrate", "sweeps")
-OF_TABLES = (*OF_RUNS, "study/onerun", "paper/data", "paper/workspace.py", "paper/steady.yaml",
-             "paper/unsteady.yaml")  # fmt: skip
-OF_PICTURES = ("study/style.py", "paper/figures")
+OF_FIGURES = (*OF_RUNS, "study/onerun", "study/style.py", "paper/figures", "paper/columns.py",
+              "paper/workspace.py", "paper/steady.yaml", "paper/unsteady.yaml")  # fmt: skip
 # What a killed process may leave of the files written here.
 _TEMPORARY = re.compile(
     r"\.(fig\w+\.(parquet|svg|png)|claims\.parquet|report\.html|paper\.json)\.[0-9a-f]{8}\.tmp"
 )
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure of the paper: words for people, its tables from a workspace, its picture from them.
+
+    Attributes
+    ----------
+    seconds : tuple of float
+        That it takes, roughly, at full size and with ``--quick``, on two cores of an EPYC server
+        (Zen 5), without the sweep.
+    sweep : str, optional
+        Name of the sweep that it reads.
+    """
+
+    title: str
+    caption: str
+    data: Callable[[Workspace, Progress], Tables]
+    draw: Callable[[Tables], Drawing]
+    seconds: tuple[float, float]
+    sweep: str | None = None
+
+
+def between(progress: Progress, low: float, high: float) -> Progress:
+    """Progress of a part, which is the share from ``low`` to ``high`` of something larger."""
+    return lambda share, words: progress(low + (high - low) * share, words)
 
 
 @cache
@@ -56,19 +88,11 @@ def code_key(*places: str) -> str:
 
 
 class StoredRuns:
-    """The runs of a finished sweep, those whose status is ``ok``.
-
-    Attributes
-    ----------
-    config : Config
-    target : str
-        ``K_p`` or ``K_r``, which the cases of the sweep have as target.
-    """
+    """The runs of a finished sweep whose status is ``ok``; ``target`` is ``K_p`` or ``K_r``."""
 
     def __init__(self, plan: Plan, store: Store) -> None:
-        self.config = plan.config
+        self.config, self._cases, self._store = plan.config, plan.cases, store
         self.target = str(plan.cases[0].target_name)
-        self._cases, self._store = plan.cases, store
 
     def runs(self, columns: Sequence[str]) -> pd.DataFrame:
         """These columns, and ``case``; the target of the case, unless its column is among them."""
@@ -89,19 +113,7 @@ class StoredRuns:
 
 
 class Workspace:
-    """An output directory, and what is made in it.
-
-    Parameters
-    ----------
-    directory : Path
-    sizes : Sizes
-    threads : int
-
-    Attributes
-    ----------
-    record : dict
-        What ``paper.json`` says.
-    """
+    """An output directory, and what is made in it; ``record`` is what ``paper.json`` says."""
 
     def __init__(self, directory: Path, sizes: Sizes, threads: int) -> None:
         probe_directory(directory)
@@ -109,7 +121,8 @@ class Workspace:
             if _TEMPORARY.fullmatch(path.name):
                 path.unlink(missing_ok=True)
         self.directory, self.sizes, self.threads = directory, sizes, threads
-        self.record = _read_record(directory / RECORD)
+        empty: dict[str, Any] = {"format": 1, "figures": {}, "sweeps": {}}
+        self.record = empty | _read(directory / RECORD)
         self._sweeps: dict[str, StoredRuns] = {}
 
     def save(self) -> None:
@@ -117,65 +130,44 @@ class Workspace:
         text = json.dumps(self.record, indent=2, allow_nan=False, ensure_ascii=False)
         replace_file(self.directory / RECORD, text.encode() + b"\n")
 
-    # ------------------------------------------------------------------------------- tables
-
-    def table_path(self, figure: str, table: str) -> Path:
-        """Where a table of a figure has its place."""
-        return self.directory / f"{figure}_{table}.parquet"
-
-    def load_or_make(
-        self, figure: str, make: Callable[[], Mapping[str, pa.Table]]
-    ) -> Mapping[str, pa.Table]:
-        """Tables of a figure: those on disk if they are whole and of this key, else new ones."""
-        tables = self.load(figure)
-        if tables is None:
-            tables = make()
-            for name, table in tables.items():
-                replace_file(self.table_path(figure, name), encode(table))
-            # Last: it names only what is there.
-            self.record["figures"][figure] = {"key": self._key(), "tables": list(tables)}
-            self.save()
-        return tables
-
-    def load(self, figure: str) -> Mapping[str, pa.Table] | None:
-        """Tables of a figure that are whole on disk and of this key; None if one is not."""
+    def load(self, figure: str) -> Tables | None:
+        """Tables of a figure that are whole on disk and of today's key; None if one is not."""
         entry = self.record["figures"].get(figure, {})
-        if entry.get("key") != self._key():
+        if entry.get("key") != self._figures_key():
             return None
         try:
-            return {
-                name: open_sealed(self.table_path(figure, name).read_bytes())
-                .read()
-                .replace_schema_metadata(None)
-                for name in entry["tables"]
-            }
+            return {name: self._read_table(figure, name) for name in entry["tables"]}
         except (OSError, DamagedError):
             return None
 
-    def _key(self) -> str:
-        text = json.dumps(asdict(self.sizes)) + code_key(*OF_TABLES)
-        return hashlib.sha256(text.encode()).hexdigest()
+    def _read_table(self, figure: str, name: str) -> pa.Table:
+        data = (self.directory / f"{figure}_{name}.parquet").read_bytes()
+        return open_sealed(data).read().replace_schema_metadata(None)
 
-    def draw_if_needed(self, figure: str, draw: Callable[[], Mapping[str, bytes]]) -> None:
-        """Write a figure's pictures, unless they are there and of today's tables and drawing.
-
-        Parameters
-        ----------
-        figure : str
-        draw : callable
-            Makes the bytes of the pictures ``svg`` and ``png``.
-        """
-        entry, drawing = self.record["figures"][figure], code_key(*OF_PICTURES)
-        paths = {kind: self.directory / f"{figure}.{kind}" for kind in ("svg", "png")}
-        if entry.get("drawn") != drawing or not all(path.exists() for path in paths.values()):
-            for kind, data in draw().items():
-                replace_file(paths[kind], data)
-            entry["drawn"] = drawing
+    def load_or_make(self, name: str, figure: Figure, progress: Progress) -> Tables:
+        """Tables of a figure, which are kept with its pictures; what there is already stays."""
+        tables = self.load(name)
+        if tables is None:
+            tables = figure.data(self, progress)
+            for part, table in tables.items():
+                replace_file(self.directory / f"{name}_{part}.parquet", encode(table))
+            self._draw(name, figure, tables)
+            # Last: it names only what is there.
+            entry = {"key": self._figures_key(), "tables": list(tables)}
+            self.record["figures"][name] = entry
             self.save()
+        elif not all((self.directory / f"{name}.{kind}").exists() for kind in ("svg", "png")):
+            self._draw(name, figure, tables)
+        return tables
 
-    # ------------------------------------------------------------------------------- sweeps
+    def _draw(self, name: str, figure: Figure, tables: Tables) -> None:
+        for kind, data in pictures(figure, tables).items():
+            replace_file(self.directory / f"{name}.{kind}", data)
 
-    def sweep(self, direction: str, progress: Callable[[float, str], None]) -> StoredRuns:
+    def _figures_key(self) -> str:
+        return _digest(json.dumps(asdict(self.sizes)), code_key(*OF_FIGURES))
+
+    def sweep(self, direction: str, progress: Progress) -> StoredRuns:
         """The sweep ``steady`` or ``unsteady``, run at the first call.
 
         Raises
@@ -184,8 +176,8 @@ class Workspace:
             If the directory holds the runs of another config.
         """
         if direction not in self._sweeps:
-            config = sweep_config(direction, self.sizes)
-            self._sweeps[direction] = self._run(direction, config, code_key(*OF_RUNS), progress)
+            config, key = sweep_config(direction, self.sizes), code_key(*OF_RUNS)
+            self._sweeps[direction] = self._run(direction, config, key, progress)
         return self._sweeps[direction]
 
     def again(
@@ -193,47 +185,32 @@ class Workspace:
         name: str,
         runs: pd.DataFrame,
         columns: Sequence[str],
-        progress: Callable[[float, str], None],
+        progress: Progress,
         **changes: Any,
     ) -> pd.DataFrame:
         """Integrate runs of the steady sweep once more, as a sweep of its own.
 
-        Parameters
-        ----------
-        name : str
-            Of the new sweep.
-        runs : DataFrame
-            With the columns :data:`LAUNCH`.
-        columns : sequence of str
-            Of the new runs, to be given back.
-        changes
-            Keys of the config, such as ``record``.
-
-        Returns
-        -------
-        DataFrame
-            One row a run, with the index of ``runs``; null where it failed.
+        ``runs`` have the columns :data:`LAUNCH`; ``changes`` are keys of the config, such as
+        ``record``.  The new runs have these columns and the index of ``runs``, and are null where
+        one failed.
         """
-        data = encode(pa.Table.from_pandas(runs[list(LAUNCH)], preserve_index=False))
+        bodies = encode(pa.Table.from_pandas(runs[list(LAUNCH)], preserve_index=False))
         path = self.directory / "sweeps" / name / "bodies.parquet"
-        steady = sweep_config("steady", self.sizes)
-        config = resolved(steady.model_copy(update={"name": name, "block_size": 1000, **changes}))
-        config |= {"bodies": {"source": "table", "path": str(path)}}
+        config = resolved(sweep_config("steady", self.sizes)) | {"block_size": 1000} | changes
+        config |= {"name": name, "bodies": {"source": "table", "path": str(path)}}
         del config["spin"]
-        text = json.dumps(config) + hashlib.sha256(data).hexdigest() + code_key(*OF_RUNS)
-        key = hashlib.sha256(text.encode()).hexdigest()
-        if self.record["sweeps"].get(name) != key or not path.exists():
-            self.record["sweeps"][name] = "other"
-            self.save()
-            probe_directory(path.parent)
-            replace_file(path, data)
-        found = self._run(name, parse_config(config), key, progress).runs(("sample", *columns))
-        return (
-            found.set_index("sample")[list(columns)].reindex(range(len(runs))).set_axis(runs.index)
-        )
+        key = _digest(json.dumps(config), hashlib.sha256(bodies).hexdigest(), code_key(*OF_RUNS))
+        again = self._run(name, parse_config(config), key, progress, bodies)
+        found = again.runs(("sample", *columns)).set_index("sample")
+        return found[list(columns)].reindex(range(len(runs))).set_axis(runs.index)
 
     def _run(
-        self, name: str, config: Config, key: str, progress: Callable[[float, str], None]
+        self,
+        name: str,
+        config: Config,
+        key: str,
+        progress: Progress,
+        bodies: bytes = b"",
     ) -> StoredRuns:
         """Run a sweep; runs that are there, but of another key, are removed first."""
         folder, keys = self.directory / "sweeps" / name, self.record["sweeps"]
@@ -243,10 +220,13 @@ class Workspace:
         # Until the new ones are complete, those of another key may still be among them.
         keys[name] = "other" if fresh else key
         self.save()
+        if bodies:
+            probe_directory(folder)
+            replace_file(folder / "bodies.parquet", bodies)
         plan = make_plan(config)
         run_sweep(
             plan, folder, threads=self.threads, fresh=fresh,
-            report=lambda p: progress(p.fraction, f"{config.name}: {p.runs}/{p.total} runs"),
+            report=lambda p: progress(p.fraction, f"{name}: {p.runs}/{p.total} runs"),
         )  # fmt: skip
         keys[name] = key
         self.save()
@@ -260,15 +240,28 @@ class Workspace:
         )
 
 
-def _read_record(path: Path) -> dict[str, Any]:
-    record: Any = None
+def pictures(figure: Figure, tables: Tables) -> dict[str, bytes]:
+    """The figure as ``svg`` and ``png``, whatever the user's settings of Matplotlib are."""
+    with styled():
+        drawing = figure.draw(tables)
+        svg = picture(drawing, "svg", DPI)
+        # The layout is known now; computing it again would take half of the time.
+        drawing.set_layout_engine("none")
+        return {"svg": svg, "png": picture(drawing, "png", DPI)}
+
+
+def _digest(*texts: str) -> str:
+    return hashlib.sha256("".join(texts).encode()).hexdigest()
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """The record; it vouches for the data, and where it is none they are made again."""
     try:
         record = json.loads(path.read_bytes())
+    except FileNotFoundError:
+        return {}
     except OSError as error:
-        if not isinstance(error, FileNotFoundError):
-            raise OutputError(f"cannot read {path}: {reason(error)}") from error
+        raise OutputError(f"cannot read {path}: {reason(error)}") from error
     except ValueError:
-        # It vouches for the data; without it they are made again.
-        pass
-    found = record if isinstance(record, dict) else {}
-    return {"format": 1, "figures": {}, "sweeps": {}} | found
+        return {}
+    return record if isinstance(record, dict) else {}

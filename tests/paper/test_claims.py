@@ -15,12 +15,11 @@ import pytest
 
 from rattlesweep.paper import run
 from rattlesweep.paper.claims import sweeps as measures
-from rattlesweep.paper.claims.claim import Claim, Count, every
-from rattlesweep.paper.claims.table import CLAIMS, judge
-from rattlesweep.paper.data import fig5
+from rattlesweep.paper.claims.claim import TABLE, Claim, Count, claims, every, judge
+from rattlesweep.paper.figures import times
 from rattlesweep.paper.report import claims_table, closing_table
 
-BY_ID = {claim.id: claim for claim in CLAIMS}
+BY_ID = claims()
 
 
 def judgement(*checks, **numbers):
@@ -73,8 +72,8 @@ def test_numbers_that_are_none_are_null_in_the_table():
 
 
 def test_every_claim_is_one_row():
-    assert len(BY_ID) == len(CLAIMS) == 24
-    assert all(claim.words and claim.measured and claim.criteria for claim in CLAIMS)
+    assert len(BY_ID) == 24
+    assert all(claim.words and claim.measured and claim.criteria for claim in BY_ID.values())
     assert judge({}, theory=False) == []
 
 
@@ -87,7 +86,7 @@ def points(coefficient="K_p", sign=1, ratio=1.0, scatter=0.01):
     for k in (0.1, 0.3, 1.0):
         for n in (0.1, 0.2, 0.3, 0.4, 0.5):
             for w in (0.001, 0.01, 0.1):
-                line = fig5.gh_line(k, n, math.hypot(n, w))
+                line = times.gh_line(k, n, math.hypot(n, w))
                 rows.append({coefficient: k, "n_i": sign * n, "omega_xy0": w, "runs": 9,
                              "reversed": 9, "t_r_mean": ratio * line, "t_r_std": scatter * line,
                              "t_r_low": 0.99 * ratio * line, "t_r_high": 1.01 * ratio * line,
@@ -176,6 +175,7 @@ def plain(text, *, tex=False):
 
 def texts():
     """All texts of the room of the paper, as far as they are written out in its sources."""
+    yield " ".join(TABLE.read_text().split())
     for path in sorted(Path(run.__file__).parent.rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):

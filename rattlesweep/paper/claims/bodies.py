@@ -2,25 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numpy.typing import NDArray
 
-from rattlesweep.paper.claims.checks import EXACT, share
-from rattlesweep.paper.claims.claim import every
-from rattlesweep.paper.data.fig3 import DECADES, counts_of, grid_of
-from rattlesweep.paper.data.sd import BOUND, ranges_array
+from rattlesweep.paper.claims.claim import EXACT, Measured, Tables, every, share
+from rattlesweep.paper.figures.fig3 import DECADES, counts_of, edges
+from rattlesweep.paper.figures.sd import BOUND, draw
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import shell_dumbbell
-from rattlesweep.sweeps.cases.sampler import draw_bodies
 from rattlesweep.sweeps.config.bodies import SdRanges
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from rattlesweep.paper.claims.claim import Measured, Tables
-
-    Floats = NDArray[np.float64]
+Floats = NDArray[np.float64]
 
 # Random bodies on which formulas are tried.
 SAMPLES = 2000
@@ -32,9 +24,7 @@ MUCH = 10.0
 
 def sd_bodies(samples: int, seed: int = 2017) -> tuple[Floats, ...]:
     """``alpha, beta, gamma, theta, phi, xi`` of random bodies of the set SD."""
-    drawn = draw_bodies(seed, 0, np.arange(samples), ranges_array(SdRanges()))[0]
-    gamma, _, theta, phi, xi, alpha, beta = drawn
-    return alpha, beta, gamma, theta, phi, xi
+    return draw(0, samples, SdRanges(), seed)
 
 
 def wide_bodies(samples: int, seed: int = 2017) -> tuple[Floats, ...]:
@@ -83,11 +73,11 @@ def coefficients(tables: Tables) -> Measured:
     share = own["density"]["relative_frequency"].to_numpy()
     decades = (float(np.log10(share.min())), float(np.log10(share.max())))
     # The two parts of the figure come from two codes: vectorised theory and the counting loop.
-    counts, grid, total = counts_of(own), grid_of(own), row["density_samples"]
+    counts, total = counts_of(own), row["density_samples"]
     gap = 0.0
     for axis, name in enumerate(("K_p", "K_r")):
         rising = np.cumsum(counts.sum(axis=1 - axis)) / total
-        drawn = np.interp(grid.edges(name)[1:], data[name], level)
+        drawn = np.interp(edges(name)[1:], data[name], level)
         gap = max(gap, float(np.abs(drawn - rising).max()))
     # Kolmogorov's 99.9 % quantile for each, and the steps of the stored levels.
     allowed = 1.95 * np.sqrt(1 / row["samples"] + 1 / total) + 1 / (len(level) - 1)

@@ -4,14 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
+from importlib import import_module
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
+from ruamel.yaml import YAML
+
+from rattlesweep.sweeps.tables.cells import wilson
 
 Tables = Mapping[str, Mapping[str, pa.Table]]
 Verdict = Literal["agree", "partly", "disagree"]
+# Checks, whose truth says whether they hold, and numbers by name.
+Measured = tuple[Sequence[object], dict[str, Any]]
+
+TABLE = Path(__file__).with_name("claims.yaml")
+# Rounding error allowed in an identity between doubles.
+EXACT = 1e-9
 # Share at which a headline must hold where the paper's words leave room, for `partly`.
 MOST = 0.9
 
@@ -38,14 +50,21 @@ def every(mask: Any) -> Count:
     return Count(int(np.sum(mask)), len(mask))
 
 
+def share(hits: int, runs: int) -> dict[str, float]:
+    """Share with its interval, as the numbers that decide a claim."""
+    low, high = map(float, wilson(hits, runs))
+    return {"value": hits / runs if runs else np.nan, "low": low, "high": high}
+
+
+def share_words(hits: int, runs: int) -> str:
+    """Share with its interval, in words."""
+    return "{value:.2%} [{low:.2%}, {high:.2%}]".format(**share(hits, runs))
+
+
 def complete(figure: Mapping[str, pa.Table]) -> bool:
     """Whether all points of the figure's sweep have runs of status ok: others settle nothing."""
     points = figure.get("times", figure.get("fractions"))
     return points is None or pc.min(points["runs"]).as_py() > 0
-
-
-# Checks, whose truth says whether they hold, and numbers by name.
-Measured = tuple[Sequence[object], dict[str, Any]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,7 +80,7 @@ class Claim:
         ``Eq. (38) [k-diff]``.
     words : str
         What the paper says.  What stands between quotation marks is quoted word for word.
-    criteria : tuple of str
+    criteria : list of str
         What is asked of the measurement.  The first is the headline: the paper's statement itself.
     measure : callable
         From the tables of the figures to the checks, one for each criterion, and the numbers;
@@ -71,33 +90,32 @@ class Claim:
         What was found; how it was found, and what explains it.  Numbers stand in braces.
     leeway : str
         The paper's word that leaves room in the headline, such as “almost”, if there is one.
-    figures : tuple of str
+    figures : list of str
         Figures whose tables are needed; none for a claim about formulas alone.
     """
 
     id: str
     where: str
     words: str
-    criteria: tuple[str, ...]
+    criteria: Sequence[str]
     measure: Callable[..., Measured | None]
     measured: str
     notes: str = ""
     leeway: str = ""
-    figures: tuple[str, ...] = ()
+    figures: Sequence[str] = ()
 
     def judge(self, tables: Tables, **options: Any) -> Judgement | None:
-        """Measure the claim; None if these tables cannot settle it."""
-        if not all(complete(tables.get(name, {})) for name in self.figures):
-            return None
-        found = self.measure(tables, **options)
-        return None if found is None else self.verdict(*found)
-
-    def verdict(self, checks: Sequence[object], numbers: Mapping[str, Any]) -> Judgement:
-        """What the checks, one for each criterion, and the numbers come to.
+        """Measure the claim; None if these tables cannot settle it.
 
         A headline that fails makes it ``disagree``; where the paper's words leave room, and nine in
         ten still meet the headline, ``partly``.
         """
+        if not all(complete(tables.get(name, {})) for name in self.figures):
+            return None
+        found = self.measure(tables, **options)
+        if found is None:
+            return None
+        checks, numbers = found
         told = [
             f"{words}: {'yes' if check else 'no'}"
             + (f", {check}" if isinstance(check, Count) else "")
@@ -124,10 +142,7 @@ class Claim:
 
 @dataclass(frozen=True)
 class Judgement:
-    """A judged claim, as the report and ``claims.parquet`` have it.
-
-    The verdict is ``agree`` if all checks hold; see :meth:`Claim.verdict` for the others.
-    """
+    """A judged claim, as the report and ``claims.parquet`` have it."""
 
     id: str
     where: str
@@ -146,3 +161,21 @@ class Judgement:
     def score(self) -> str:
         """Such as ``3 of 4``."""
         return f"{self.held} of {self.checks}"
+
+
+@cache
+def claims() -> dict[str, Claim]:
+    """The claims of ``claims.yaml`` by their id."""
+    found = {}
+    for name, row in YAML(typ="safe").load(TABLE).items():
+        module, function = row.pop("measure").split(".")
+        measure = getattr(import_module(f"{__package__}.{module}"), function)
+        found[name] = Claim(id=name, measure=measure, **row)
+    return found
+
+
+def judge(tables: Tables, *, theory: bool) -> list[Judgement]:
+    """Judge the claims that the tables of these figures, and ``theory`` alone, can settle."""
+    able = [c for c in claims().values()
+            if (tables.keys() >= set(c.figures) if c.figures else theory)]  # fmt: skip
+    return [found for claim in able if (found := claim.judge(tables)) is not None]

@@ -1,23 +1,15 @@
-"""Claims about the runs of Fig. 4 (G1 to G3) and about the wobbling ones of Fig. 6 (S5)."""
+"""Claims about single runs: those of Fig. 4 (G1 to G3), the long ones of Fig. 8 (L1 to L3)."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
-from rattlesweep.paper.claims.checks import at_spin, share, share_words, slow
-from rattlesweep.paper.claims.claim import Count
-from rattlesweep.paper.data.chaos import LONGER, SLOW
+from rattlesweep.paper.claims.claim import Measured, Tables
 from rattlesweep.sweeps.tables.chaos import LEAST_GROWTH
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-    from rattlesweep.paper.claims.claim import Measured, Tables
-
-
-# --- Fig. 4 -------------------------------------------------------------------------------------
 
 
 def runs_of_gh(tables: Tables) -> dict[str, dict[str, Any]]:
@@ -48,11 +40,8 @@ def reversal(run: dict[str, Any], printed: int, when: str) -> Measured:
 def shape(own: pd.DataFrame, t_r: float) -> dict[str, float]:
     """Envelope about a reversal, from the extrema in groups of one period (two extrema).
 
-    Returns
-    -------
-    dict
-        ``top``: largest amplitude, ``top_t``: when; ``left``, ``right``: largest before and after
-        the reversal, ``low``: least between those two, ``low_t``: when.
+    ``top``: largest amplitude; ``left``, ``right``: largest before and after the reversal; ``low``:
+    least between those two; ``top_t`` and so on: when.
     """
     t, size = own["t"].to_numpy(), own["amplitude"].to_numpy()
     # The larger of neighbours: maxima and minima of the rate need not be of one size.
@@ -97,37 +86,116 @@ def envelopes(tables: Tables) -> Measured:
     }  # fmt: skip
 
 
-# --- Fig. 6(b) ----------------------------------------------------------------------------------
+# --- Fig. 8 -------------------------------------------------------------------------------------
+
+# Curvatures of Fig. 8.
+PAPERS = (0.6429, 0.82, 0.9)
 
 
-def wobbling_chaos(tables: Tables) -> Measured | None:
-    """S5: which wobbling runs are chaotic; None without slow ones and without fast ones."""
-    runs = tables["fig6"]["chaos"].to_pandas()
-    calm, fast = slow(runs, SLOW), at_spin(runs, -0.5)
-    if calm.empty or fast.empty:
-        return None
-    middle = float(np.sqrt(runs["K_r"].min() * runs["K_r"].max()))
-    least = fast["K_r"].min()
-    parts = (
-        calm,
-        fast[fast["K_r"] < middle],
-        fast[fast["K_r"] >= middle],
-        fast[fast["K_r"] == least],
+def intervals(reversals: pd.DataFrame, model: str) -> dict[float, np.ndarray[Any, Any]]:
+    """Times between successive reversals of the runs with a model."""
+    own = reversals[reversals["model"] == model]
+    return {theta: np.diff(own[own["theta"] == theta]["t"]) for theta in PAPERS}
+
+
+def three_kinds(tables: Tables) -> Measured:
+    """L1: quasi-periodic, chaotic, quasi-periodic with a shorter period."""
+    exponents = tables["fig8_lyapunov"]["exponents"].to_pandas()
+    reversals, (a, b, c) = tables["fig8"]["reversals"].to_pandas(), PAPERS
+    gaps = intervals(reversals, "full")
+    whole = {theta: gap.mean() for theta, gap in intervals(reversals, "reduced").items()}
+    # The first interval leads from the launch to the motion that follows.
+    mean = {theta: float(gap[1:].mean()) for theta, gap in gaps.items()}
+    scatter = {theta: float(gap[1:].std(ddof=1)) / mean[theta] for theta, gap in gaps.items()}
+    full = reversals[reversals["model"] == "full"]
+    second = float(full[full["theta"] == b]["t"].iloc[1])
+    best = exponents[exponents["tol"] == exponents["tol"].iloc[-1]].set_index("theta")
+    chaotic = best["growth"] > LEAST_GROWTH
+    checks = [
+        bool(chaotic[b] and max(scatter[a], scatter[c]) < 0.05),
+        not chaotic[a],
+        abs(mean[a] / whole[a] - 1) < 0.05,
+        abs(second / 3000 - 1) < 0.05,
+        scatter[b] > 0.2,
+        mean[c] < 0.5 * whole[c] and gaps[c][0] > 2 * mean[c],
+        not chaotic[c],
+    ]
+    named = "; ".join(
+        f"theta = {theta:g}: first interval between reversals {gaps[theta][0]:.0f}, then "
+        f"{mean[theta]:.0f} +- {scatter[theta]:.1%}, reduced model {whole[theta]:.0f}; Lyapunov "
+        f"exponent {best['exponent'][theta]:.2g} +- {best['error'][theta]:.1g}, growth "
+        f"e^{best['growth'][theta]:.0f}"
+        for theta in PAPERS
     )
-    (hits, total), (many, small), (few, large), lowest = (
-        (int(part["chaotic"].sum()), len(part)) for part in parts
-    )
-    kept = calm["growth_longer"].dropna()
-    longer = (
-        f" The {len(kept)} chaotic ones at abs(n_i) <= 0.4 were followed to {LONGER} horizons: "
-        f"{(kept > LEAST_GROWTH).sum()} are still chaotic in the second half of that time."
-        if len(kept)
-        else ""
-    )
-    checks = [Count(total - hits, total), many > 0, many * large > few * small]
+    doubling = float(np.log(2) / best["exponent"][c])
+    narrow = "" if not chaotic[c] else (
+        " The motion of (c) is chaotic, but looks quasi-periodic because the chaos is confined "
+        f"to a narrow band: small differences double in {doubling:.0f}, or "
+        f"{doubling / mean[c]:.1f} intervals between reversals, yet these intervals differ by "
+        f"only {scatter[c]:.1%}."
+    )  # fmt: skip
+    value, error = float(best["exponent"][b]), float(best["error"][b])
     return checks, {
-        **share(hits, total), "hits": hits, "runs": total, "share": share_words(hits, total),
-        "middle": middle, "small": f"{many} of {small}", "large": f"{few} of {large}",
-        "K_r": least, "least": "{} of {}, {}".format(*lowest, share_words(*lowest)),
-        "longer": longer,
+        "value": value, "low": value - 2 * error, "high": value + 2 * error, "runs": named,
+        "second": second, "t_end": best["t_end"].iloc[0], "tol": best["tol"].iloc[0],
+        "narrow": narrow,
     }  # fmt: skip
+
+
+def invariants(tables: Tables) -> Measured:
+    """L2: what the two models conserve."""
+    rows, reversals = (tables["fig8"][n].to_pandas() for n in ("invariants", "reversals"))
+    rows = rows.assign(moves=lambda r: r["casimir_high"] - r["casimir_low"])
+    simple, full = rows[rows["model"] == "reduced"], rows[rows["model"] == "full"]
+    gaps = intervals(reversals, "reduced").values()
+    uneven = max(float(gap.std() / gap.mean()) for gap in gaps)
+    at = reversals.query("model == 'full'").groupby("theta")["casimir"].agg(np.ptp)
+    checks = [
+        uneven < 1e-6,
+        bool((simple["energy_drift"] < 1e-8).all()),
+        bool((simple["moves"] < 1e-5).all()),
+        bool((full["energy_drift"] < 1e-8).all()),
+        bool((full["moves"] > 1).all()),
+    ]
+    return checks, {
+        "value": float(full["moves"].min()), "energy": simple["energy_drift"].max(),
+        "casimir": simple["moves"].max(), "uneven": uneven, "drift": full["energy_drift"].max(),
+        "moved": ", ".join(
+            f"{moves:.3g} (at the reversals alone {at[theta]:.3g}) at theta = {theta:g}"
+            for theta, moves in zip(full["theta"], full["moves"], strict=True)
+        ),
+    }  # fmt: skip
+
+
+def forces(tables: Tables) -> Measured:
+    """L3: forces at the contact, beside those of the other figures."""
+    runs = tables["fig8"]["forces"].to_pandas()
+    top = runs.iloc[int(runs["ratio_max"].argmax())]
+    light = runs.iloc[int(runs["normal_min"].argmin())]
+    others = "; ".join(
+        force_words(row)
+        for name in ("fig4", "fig5", "fig6")
+        if "forces" in tables.get(name, {})
+        for row in tables[name]["forces"].to_pylist()
+    )
+    value = float(top["ratio_max"])
+    return [round(value, 1) == 0.2, bool((runs["normal_min"] > 0).all())], {
+        "value": value, "run": top["run"], "t": top["ratio_t"], "light": light["run"],
+        "normal": light["normal_min"],
+        "runs": "; ".join(
+            f"{row.run}: {row.ratio_max:.3f} at t = {row.ratio_t:.1f}, F_parallel at least "
+            f"{row.normal_min:.3f} at t = {row.normal_t:.1f}"
+            for row in runs.itertuples()
+        ),
+        "others": f" Largest ratios in the other figures: {others}." if others else "",
+    }  # fmt: skip
+
+
+def force_words(row: Mapping[str, Any]) -> str:
+    """Largest ratio of a run, and whether it needs friction above 1 or loses contact."""
+    text = f"{row['run']}: {row['ratio_max']:.2f} at t = {row['ratio_t']:.1f}"
+    if row["open_t"] is not None:
+        text = f"{row['run']}: unbounded, as contact would be lost at t = {row['open_t']:.1f}"
+    if row["slip_t"] is not None:
+        text += f" (above 1 first at t = {row['slip_t']:.1f})"
+    return text

@@ -1,4 +1,4 @@
-"""Claims about times of reversal in the sweeps of Figs. 5 and 7 (U1, U2, S6 to S8).
+"""Claims about the sweeps: times of reversal (U1, U2, S6 to S8), types (S1 to S4), chaos (S5).
 
 To agree with the formula means in all of them that the mean is within a tenth of a decade of the
 line (a factor of 1.26), the size of a symbol on the paper's logarithmic axes.
@@ -6,35 +6,90 @@ line (a factor of 1.26), the size of a symbol on the paper's logarithmic axes.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
+import pandas as pd
+import pyarrow as pa
+from numpy.typing import NDArray
 
-from rattlesweep.paper.claims.checks import (
-    SYMBOL,
-    beside_line,
-    farthest,
-    fast,
-    near,
-    rises,
-    slopes,
-    slow,
-    small,
-)
-from rattlesweep.paper.claims.claim import every
+from rattlesweep.paper.claims.claim import Count, Measured, Tables, every, share, share_words
+from rattlesweep.paper.figures.chaos import LONGER, SLOW
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import Rattleback
+from rattlesweep.sweeps.tables.chaos import LEAST_GROWTH
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
+Floats = NDArray[np.float64]
 
-    import pandas as pd
-    import pyarrow as pa
-    from numpy.typing import NDArray
+# A tenth of a decade: the size of a symbol on the paper's logarithmic axes.
+SYMBOL = 10**0.1
 
-    from rattlesweep.paper.claims.claim import Measured, Tables
 
-    Floats = NDArray[np.float64]
+def slow(frame: pd.DataFrame, most: float) -> pd.DataFrame:
+    """Points of ``abs(n_i) <= most``."""
+    return frame[frame["n_i"].abs() <= most]
+
+
+def fast(frame: pd.DataFrame, least: float) -> pd.DataFrame:
+    """Points of ``abs(n_i) >= least``."""
+    return frame[frame["n_i"].abs() >= least]
+
+
+def small(frame: pd.DataFrame, most: float = 0.01) -> pd.DataFrame:
+    """Points of ``omega_xy0 <= most``."""
+    return frame[frame["omega_xy0"] <= most]
+
+
+def at_spin(frame: pd.DataFrame, n_i: float) -> pd.DataFrame:
+    """Points of this spin."""
+    return frame[frame["n_i"] == n_i]
+
+
+def rises(frame: pd.DataFrame, value: str, by: str, within: Sequence[str]) -> Count:
+    """In how many groups ``within`` the value rises strictly with abs(``by``)."""
+    groups = [g.sort_values(by, key=np.abs)[value] for _, g in frame.groupby(list(within))]
+    return every([bool(np.all(np.diff(g) > 0)) for g in groups if len(g) > 1])
+
+
+def beside_line(frame: pd.DataFrame) -> pd.DataFrame:
+    """Add ``ratio``, mean over line, with its interval, and ``scatter``, deviation over mean."""
+    line = frame["t_rgh_line"]
+    return frame.assign(
+        ratio=frame["t_r_mean"] / line,
+        ratio_low=frame["t_r_low"] / line,
+        ratio_high=frame["t_r_high"] / line,
+        scatter=frame["t_r_std"] / frame["t_r_mean"],
+    ).dropna(subset=["ratio"])
+
+
+def near(ratio: pd.Series[float]) -> pd.Series[bool]:
+    """Whether each is within the size of a symbol of 1."""
+    inside: pd.Series[bool] = np.abs(np.log(ratio)) < np.log(SYMBOL)
+    return inside
+
+
+def slopes(frame: pd.DataFrame, coefficient: str) -> list[float]:
+    """Slope of log mean time against log coefficient, one a spin and oscillation."""
+    return [
+        float(np.polyfit(np.log(own[coefficient]), np.log(own["t_r_mean"]), 1)[0])
+        for _, own in frame.groupby(["n_i", "omega_xy0"])
+        if len(own) > 1
+    ]
+
+
+def farthest(frame: pd.DataFrame, coefficient: str) -> dict[str, float | str]:
+    """The ratio farthest from 1 with its interval, and where it is, among the range of all."""
+    row = frame.loc[np.log(frame["ratio"]).abs().idxmax()]
+    value, low, high = (float(row[name]) for name in ("ratio", "ratio_low", "ratio_high"))
+    return {
+        "value": value, "low": low, "high": high,
+        "least": frame["ratio"].min(), "largest": frame["ratio"].max(),
+        "farthest": f"{value:.3f} [{low:.3f}, {high:.3f}] at {coefficient} = "
+        f"{row[coefficient]:.3g}, n_i = {row['n_i']:g}, omega_xy0 = {row['omega_xy0']:g}",
+    }  # fmt: skip
+
+
+# --- times of reversal ---------------------------------------------------------------------------
 
 # Fewest runs of a kind for a median.
 FEW = 5
@@ -109,7 +164,7 @@ def swing_frequency(t: Floats, n: Floats) -> float:
 def steady_formula(tables: Tables) -> Measured:
     """S6: at small spin and oscillation the formula holds in the steady direction, too."""
     every_size = beside_line(slow(tables["fig7"]["times"].to_pandas(), 0.2))
-    points, large = small(every_size), every_size[every_size["omega_xy0"] > 0.01 + 1e-9]
+    points, large = small(every_size), every_size[every_size["omega_xy0"] > 0.01]
     inside, slope, curves = near(points["ratio"]), slopes(points, "K_r"), ("n_i", "K_r")
     checks = [
         every(inside),
@@ -167,4 +222,149 @@ def onset_of_wobbling(tables: Tables) -> Measured | None:
         "sizes": ", ".join(
             f"{own.median():.2f} at {size:g}" for size, own in ratio.groupby(points["omega_xy0"])
         ),
+    }  # fmt: skip
+
+
+# --- types --------------------------------------------------------------------------------------
+
+# "only several Type SS samples out of 8000 samples".
+SEVERAL = (1, 20)
+DEFAULT_READING = "type SS"
+
+
+def pooled(frame: pd.DataFrame, name: str) -> pd.Series[float]:
+    """Share of a type over all K_r, by spin and oscillation."""
+    sums = frame.groupby(["n_i", "omega_xy0"])[[name, "runs"]].sum()
+    return sums[name] / sums["runs"]
+
+
+def halves(frame: pd.DataFrame, name: str) -> pd.DataFrame:
+    """Share of a type at the smaller and at the larger half of the K_r, by spin and oscillation."""
+    middle = float(np.sqrt(frame["K_r"].min() * frame["K_r"].max()))
+    return frame.assign(half=np.where(frame["K_r"] < middle, "small", "large")).pivot_table(
+        index=["n_i", "omega_xy0"], columns="half", values=f"fraction_{name}", aggfunc="mean"
+    )
+
+
+def steady_spin(tables: Tables) -> Measured:
+    """S1: small spins reverse; SS beyond."""
+    frame = tables["fig6"]["fractions"].to_pandas()
+    slowest = slow(frame, frame["n_i"].abs().min())
+    beyond = fast(frame, 0.3)
+    by_spin = pooled(frame, "SS").unstack("omega_xy0").sort_index(key=np.abs)
+    values = by_spin.to_numpy()
+    split = halves(beyond, "SS")
+    each = small(beyond).groupby(["n_i", "omega_xy0"])["SS"].sum()
+    top = frame.sort_values("fraction_SS").iloc[-1]
+    reversing = int(slowest["R"].sum()), int(slowest["runs"].sum())
+    checks = [
+        bool(slow(frame, 0.2)["SS"].sum() == 0 and every(each > 0)),
+        reversing[0] >= 0.99 * reversing[1],
+        bool(np.all((np.diff(values, axis=0) > 0) | (values[1:] == 0))),
+        bool(np.all(np.diff(values, axis=1) <= 0)),
+        every(split["small"] >= split["large"]),
+    ]
+    return checks, {
+        "value": float(top["fraction_SS"]), "low": float(top["low_SS"]),
+        "high": float(top["high_SS"]), "K_r": top["K_r"], "n_i": top["n_i"],
+        "slowest": slowest["n_i"].iloc[0], "reversing": share_words(*reversing),
+        "by_spin": ", ".join(
+            f"{n:g}: {most:.1%}" for n, most in zip(by_spin.index, values.max(axis=1), strict=True)
+        ),
+    }  # fmt: skip
+
+
+def wobbling(tables: Tables) -> Measured:
+    """S2: from which spin on there is SW, and how much."""
+    frame = tables["fig6"]["fractions"].to_pandas()
+    beyond = fast(frame, 0.4)
+    split_slow, split_fast = halves(slow(frame, 0.3), "SW"), halves(beyond, "SW")
+    around = pooled(beyond, "SW")
+    both = around + pooled(beyond, "unclassified")
+    total = int(beyond["SW"].sum()), int(beyond["runs"].sum())
+    single = beyond["fraction_SW"]
+    checks = [
+        int(slow(frame, 0.1)["SW"].sum()) > 0,
+        every(split_slow["small"] > split_slow["large"]),
+        every(split_fast["small"] > split_fast["large"]),
+        every(around.between(0.15, 0.25)),
+    ]
+    return checks, {
+        **share(*total), "share": share_words(*total), "single": (single.min(), single.max()),
+        "both": (both.min(), both.max()), "both_mean": both.mean(), "mean": around.mean(),
+        "by_spin": ", ".join(
+            f"{n:g}: {own.min():.1%} to {own.max():.1%}"
+            for n, own in pooled(frame, "SW").groupby(level="n_i", sort=False)
+        ),
+    }  # fmt: skip
+
+
+def threshold(tables: Tables) -> Measured:
+    """S3: at the smallest oscillation SS is Bondi's threshold, body by body."""
+    frame = tables["fig6"]["fractions"].to_pandas()
+    own = small(frame, 0.001)
+    wrong, runs = int(own[["ss_only", "bondi_only"]].sum().sum()), int(own["runs"].sum())
+    return [Count(runs - wrong, runs)], {
+        **share(wrong, runs), "wrong": wrong, "runs": runs, "SS": int(own["SS"].sum()),
+    }  # fmt: skip
+
+
+def large_oscillation(tables: Tables) -> Measured:
+    """S4: at a large oscillation some bodies past the threshold are not SS."""
+    frame = tables["fig6"]["fractions"].to_pandas()
+    readings, basin = (tables["fig6"][name].to_pandas() for name in ("definitions", "basin"))
+    size = frame["omega_xy0"].max()
+    large = frame[frame["omega_xy0"] == size]
+    least = frame[frame["omega_xy0"] == frame["omega_xy0"].min()]
+    at = at_spin(large, -0.3)
+    hits, runs = int(at["SS"].sum()), int(at["runs"].sum())
+    more, fewer = (pooled(fast(points, 0.4), "SS").to_numpy() for points in (least, large))
+    own = at_spin(readings[readings["omega_xy0"] == size], -0.3)
+    others = own[~own["definition"].str.startswith(DEFAULT_READING)]
+    decided = share(hits, runs)
+    past = int(large["bondi_only"].sum())
+    checks = [past > 0, SEVERAL[0] <= 8000 * decided["value"] <= SEVERAL[1], every(fewer < more)]
+    return checks, {
+        **decided, "bondi_only": past, "bondi": int(large["bondi"].sum()), "omega_xy0": size,
+        "hits": hits, "runs": runs, "most": decided["high"] * runs,
+        "readings": "; ".join(
+            f"{name}: {count}"
+            for name, count in zip(others["definition"], others["count"], strict=True)
+        ),
+        "past": basin["runs"].max(), "bears": ", ".join(
+            f"{row.SS} at {row.omega_xy0:g}" for row in basin.itertuples()
+        ),
+    }  # fmt: skip
+
+
+def wobbling_chaos(tables: Tables) -> Measured | None:
+    """S5: which wobbling runs are chaotic; None without slow ones and without fast ones."""
+    runs = tables["fig6"]["chaos"].to_pandas()
+    calm, fast = slow(runs, SLOW), at_spin(runs, -0.5)
+    if calm.empty or fast.empty:
+        return None
+    middle = float(np.sqrt(runs["K_r"].min() * runs["K_r"].max()))
+    least = fast["K_r"].min()
+    parts = (
+        calm,
+        fast[fast["K_r"] < middle],
+        fast[fast["K_r"] >= middle],
+        fast[fast["K_r"] == least],
+    )
+    (hits, total), (many, small), (few, large), lowest = (
+        (int(part["chaotic"].sum()), len(part)) for part in parts
+    )
+    kept = calm["growth_longer"].dropna()
+    longer = (
+        f" The {len(kept)} chaotic ones at abs(n_i) <= 0.4 were followed to {LONGER} horizons: "
+        f"{(kept > LEAST_GROWTH).sum()} are still chaotic in the second half of that time."
+        if len(kept)
+        else ""
+    )
+    checks = [Count(total - hits, total), many > 0, many * large > few * small]
+    return checks, {
+        **share(hits, total), "hits": hits, "runs": total, "share": share_words(hits, total),
+        "middle": middle, "small": f"{many} of {small}", "large": f"{few} of {large}",
+        "K_r": least, "least": "{} of {}, {}".format(*lowest, share_words(*lowest)),
+        "longer": longer,
     }  # fmt: skip

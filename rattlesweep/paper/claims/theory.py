@@ -9,22 +9,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rattlesweep.paper.claims.bodies import SAMPLES, sd_bodies, wide_bodies
-from rattlesweep.paper.claims.checks import EXACT
-from rattlesweep.paper.claims.claim import Count, every
+from rattlesweep.paper.claims.claim import EXACT, Count, Measured, Tables, every
 from rattlesweep.physics import full, reduced, steady, theory
 from rattlesweep.physics.body import Rattleback
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from rattlesweep.paper.claims.claim import Measured, Tables
-
-    Floats = NDArray[np.float64]
+Floats = NDArray[np.float64]
 
 # --- T1 -----------------------------------------------------------------------------------------
 
@@ -210,15 +205,10 @@ ANGLES = (0.01, 1.0, 6.0, 20.0, 45.0, 70.0, 89.0)
 
 
 def contradictions(body: tuple[Floats, ...], spins: tuple[tuple[float, bool], ...]) -> Count:
-    """How often the eigenvalues contradict Bondi's threshold.
+    """How often the eigenvalues contradict Bondi's threshold, at the skew angles ``ANGLES``.
 
-    Parameters
-    ----------
-    body : tuple of ndarray
-        ``alpha, beta, gamma, theta, phi, xi``; each is tried at the skew angles ``ANGLES``.
-    spins : tuple
-        Spins in thresholds, and whether the steady spin should be stable there; bodies without a
-        threshold should be unstable at any spin.
+    ``spins`` are in thresholds, each with whether the steady spin should be stable there; bodies
+    without a threshold should be unstable at any spin.
     """
     alpha, beta, gamma, theta, phi, _ = body
     threshold = theory.bondi_threshold(alpha, beta, gamma, theta, phi)

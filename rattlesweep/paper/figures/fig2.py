@@ -1,44 +1,121 @@
-"""Fig. 2: four cumulative distributions of frequencies; inset: their ratio."""
+"""Fig. 2: cumulative distributions of the pitch and the roll frequencies of the set SD."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
-import pyarrow as pa
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure as Drawing
+from scipy.stats import ks_2samp
 
-from rattlesweep.paper.data.sd import BOUND
+from rattlesweep.paper.columns import count, number, schema, table
+from rattlesweep.paper.figures.sd import BOUND, cumulative, draw_modes
 from rattlesweep.paper.figures.style import DASHES, frame
+from rattlesweep.paper.workspace import Figure, Progress, Tables, Workspace, between
+from rattlesweep.physics import theory
+from rattlesweep.physics.body import shell_dumbbell
 from rattlesweep.study.style import GREEN, ORANGE, SKY, new_figure
+from rattlesweep.sweeps.config.bodies import SdRanges
+from rattlesweep.sweeps.tables.columns import RATE
+
+CUMULATIVE = schema(
+    "probability",
+    number("omega_p", "pitch frequency (Eq. (24) [def-omega_pr])", RATE),
+    number("omega_r", "roll frequency (Eq. (24) [def-omega_pr])", RATE),
+    number("omega_p0", "pitch frequency at zero skew angle (Eq. (28) [omega_p0])", RATE),
+    number("omega_r0", "roll frequency at zero skew angle (Eq. (29) [omega_r0])", RATE),
+    number("ratio", "omega_p / omega_r"),
+)
+SUMMARY = schema(
+    "",
+    count("samples", "bodies"),
+    count("below", f"bodies with omega_p / omega_r at or below {BOUND}"),
+    number("ratio_bound", "infimum of omega_p / omega_r over the ranges"),
+    number("distance_p", "largest difference of the pitch distributions"),
+    number("off_median_p", "median of abs(omega_p0/omega_p - 1)"),
+    number("off_p99_p", "99th percentile of abs(omega_p0/omega_p - 1)"),
+    number("distance_r", "largest difference of the roll distributions"),
+    number("off_median_r", "median of abs(omega_r0/omega_r - 1)"),
+    number("off_p99_r", "99th percentile of abs(omega_r0/omega_r - 1)"),
+)
 
 
-def draw(tables: Mapping[str, pa.Table]) -> Figure:
-    """Draw the figure from its data."""
-    data = tables["cumulative"].to_pandas()
-    level = data["probability"]
+def data(ws: Workspace, progress: Progress) -> Tables:
+    """Tables ``cumulative``, values at equally spaced probabilities, and ``summary``, one row."""
+    return distributions(ws.sizes.fig2_bodies, SdRanges(), progress)
+
+
+def distributions(bodies: int, ranges: SdRanges, progress: Progress) -> Tables:
+    """The tables of so many bodies of these ranges."""
+    names = ("omega_p", "omega_r", "omega_p0", "omega_r0")
+    found = draw_modes(names, bodies, ranges, between(progress, 0.0, 0.8))
+    found["ratio"] = found["omega_p"] / found["omega_r"]
+    below = np.count_nonzero(found["ratio"] <= BOUND)
+    row = {"samples": bodies, "below": below, "ratio_bound": ratio_bound(ranges)}
+    progress(0.9, "comparing the distributions")
+    for mode in ("p", "r"):
+        exact, zeroth = found[f"omega_{mode}"], found[f"omega_{mode}0"]
+        row[f"distance_{mode}"] = ks_2samp(exact, zeroth, method="asymp").statistic
+        off = np.quantile(np.abs(zeroth / exact - 1), (0.5, 0.99))
+        row[f"off_median_{mode}"], row[f"off_p99_{mode}"] = off
+    progress(1.0, f"{bodies:,} bodies")
+    return {"cumulative": table(cumulative(found), CUMULATIVE), "summary": table([row], SUMMARY)}
+
+
+def ratio_bound(ranges: SdRanges) -> float:
+    """Infimum of ``omega_p / omega_r`` over ranges of bodies whose pitch is the faster mode.
+
+    The product of the squares, ``det H``, does not depend on xi and their sum grows with ``sin^2
+    xi``, so the ratio is least at the least skew angle.  There it depends on ``beta/alpha`` and
+    ``(1/phi - 1)/(1/theta - 1)`` alone, monotonically in both, and the four pairs of their ends
+    decide.  Where pitch and roll can change places this is 1, the bound of any ratio.
+    """
+    alpha, beta = shell_dumbbell(
+        np.array([ranges.gamma[1], ranges.gamma[0]]), np.array([ranges.f_sd[0], ranges.f_sd[1]])
+    )
+    theta, phi = np.array(ranges.theta), np.array(ranges.phi[::-1])
+    xi = -np.radians(ranges.minus_xi_deg[0])
+    found = theory.modes(alpha[:, None], beta[:, None], theta, phi, xi)
+    if np.any(found.omega_p0 <= found.omega_r0):
+        return 1.0
+    return float(np.min(found.omega_p / found.omega_r))
+
+
+def draw(tables: Tables) -> Drawing:
+    """Four distributions; inset: that of the ratio."""
+    values = tables["cumulative"].to_pandas()
+    level = values["probability"]
     figure = new_figure(4.6, 3.6)
     axes = figure.add_subplot()
     # The approximations lie almost on top, so they are dark, dashed and thin over something pale
     # and broad.
     for mode, colour, dark in (("p", SKY, "#003F66"), ("r", ORANGE, "#7A2E00")):
-        axes.plot(data[f"omega_{mode}"], level, color=colour, linewidth=3.2,
+        axes.plot(values[f"omega_{mode}"], level, color=colour, linewidth=3.2,
                   solid_capstyle="butt", label=rf"$\omega_{mode}$")  # fmt: skip
-        axes.plot(data[f"omega_{mode}0"], level, color=dark, linewidth=1.1, linestyle=DASHES,
+        axes.plot(values[f"omega_{mode}0"], level, color=dark, linewidth=1.1, linestyle=DASHES,
                   label=rf"$\omega_{{{mode}0}}$")  # fmt: skip
-    axes.set(xlim=(0, 1.02 * data["omega_p"].iloc[-1]), ylim=(0, 1.03),
+    axes.set(xlim=(0, 1.02 * values["omega_p"].iloc[-1]), ylim=(0, 1.03),
              xlabel=r"$\omega\,/\,\tilde\omega$", ylabel="cumulative distribution")  # fmt: skip
     axes.legend(frameon=False, loc="upper right", bbox_to_anchor=(0.99, 0.9), ncols=2,
                 handlelength=1.9, columnspacing=1.0)  # fmt: skip
     inset = axes.inset_axes((0.6, 0.19, 0.36, 0.42))
-    inset.plot(data["ratio"], level, color=GREEN, linewidth=1.6)
+    inset.plot(values["ratio"], level, color=GREEN, linewidth=1.6)
     inset.axvline(BOUND, color="#444444", linewidth=0.8, linestyle=":")
     inset.annotate(f"{BOUND:g}", (BOUND, 0.93), xytext=(3, 0), textcoords="offset points",
                    fontsize=7.5, color="#444444", va="center")  # fmt: skip
     # The last percent of the ratios would fill half of the axis.
-    inset.set(xlim=(0, np.ceil(np.interp(0.995, level, data["ratio"]))), ylim=(0, 1.05))
+    inset.set(xlim=(0, np.ceil(np.interp(0.995, level, values["ratio"]))), ylim=(0, 1.05))
     inset.set_xlabel(r"$\omega_p/\omega_r$", fontsize=9, labelpad=1)
     for each in (axes, inset):
         frame(each)
     inset.tick_params(labelsize=7.5)
     return figure
+
+
+FIGURE = Figure(
+    "Fig. 2: frequencies",
+    "Cumulative distributions of the pitch and roll frequencies of random shell-dumbbell bodies, "
+    "exact and to zeroth order in the skew angle. Inset: their ratio, with the paper's lower "
+    "bound.",
+    data,
+    draw,
+    seconds=(1.4, 0.3),
+)

@@ -1,29 +1,237 @@
-"""Fig. 6: (a) a column a spin, a row an oscillation; (b) examples."""
+"""Fig. 6: fractions of the types R, SS and SW in the steady direction, and examples of them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure as Drawing
 
-from rattlesweep.paper.data.fig6 import TYPES
-from rattlesweep.paper.figures.style import ABOVE, SPIN, TIME, decade_ticks, frame, launch
+from rattlesweep.paper.columns import count, number, schema, table, word
+from rattlesweep.paper.figures.chaos import CHAOS, exponents, launch_of
+from rattlesweep.paper.figures.follow import FORCE_CHANNELS, FORCES, SPIN, follow, forces, thinned
+from rattlesweep.paper.figures.integrators import rk4
+from rattlesweep.paper.figures.style import ABOVE, N_AXIS, T_AXIS, decade_ticks, frame, launch
+from rattlesweep.paper.workspace import (
+    LAUNCH,
+    Figure,
+    Progress,
+    StoredRuns,
+    Tables,
+    Workspace,
+    between,
+)
 from rattlesweep.study.style import BLUE, TYPE_STYLE, new_figure
+from rattlesweep.sweeps.tables.cells import wilson
+from rattlesweep.sweeps.tables.columns import RATE, TIME
+from rattlesweep.sweeps.tables.types import TYPES
 
+# In the order of the legend.
+SHOWN = ("R", "SW", "SS", "unclassified")
 BONDI = r"$|n_{c1}| < |n_i|$ (Bondi)"
 EXAMPLES = {"spin_ss": "(b-1) SS", "spin_sw": "(b-2) SW", "spin_chaotic": "(b-3) SW, chaotic"}
+FRACTIONS = schema(
+    "K_r n_i omega_xy0 runs",
+    count("bondi", "bodies with abs(n_c1) < abs(n_i)"),
+    count("ss_only", "runs of type SS without abs(n_c1) < abs(n_i)"),
+    count("bondi_only", "bodies with abs(n_c1) < abs(n_i) that are not SS"),
+    number("fraction_bondi", "share with abs(n_c1) < abs(n_i)"),
+    *(
+        column
+        for name in SHOWN
+        for column in (
+            count(name, f"runs of type {name}"),
+            number(f"fraction_{name}", f"share of type {name}"),
+            number(f"low_{name}", "its 95 % confidence interval (Wilson), lower end"),
+            number(f"high_{name}", "the same, upper end"),
+        )
+    ),
+)
 
 
-def draw(tables: Mapping[str, pa.Table]) -> Figure:
-    """Draw the figure from its data; part (b) if there are tables of spins."""
-    data = tables["fractions"].to_pandas()
-    spins, sizes = sorted(data["n_i"].unique(), key=abs), sorted(data["omega_xy0"].unique())
-    shown = [name for name in EXAMPLES if name in tables]
+def data(ws: Workspace, progress: Progress) -> Tables:
+    """Data of the figure, and what its claims need.
+
+    ``fractions``: one row a point.  ``definitions``, ``basin``: other readings of SS, larger
+    oscillations.  ``chaos``: :mod:`rattlesweep.paper.figures.chaos`.  ``rk4``:
+    :mod:`rattlesweep.paper.figures.integrators`.  ``examples``, ``forces``, ``spin_ss``,
+    ``spin_sw``, ``spin_chaotic``: part (b), as far as the sweep has such runs.
+    """
+    sweep = ws.sweep("steady", progress)
+    escaped = basin(ws, between(progress, 0.1, 0.15))
+    wobbling = exponents(ws, between(progress, 0.15, 0.5))
+    return {
+        "fractions": fractions(sweep),
+        "definitions": readings(sweep),
+        "basin": escaped,
+        "chaos": table(wobbling, CHAOS),
+        **examples(sweep, wobbling, between(progress, 0.5, 0.6)),
+        "rk4": rk4(ws, between(progress, 0.6, 1.0)),
+    }
+
+
+def fractions(sweep: StoredRuns) -> pa.Table:
+    """Count the types of every case."""
+    rows = []
+    for point, runs in sweep.points(("n_c1", "type")):
+        total = len(runs)
+        past, steady = runs["n_c1"].abs() < abs(point["n_i"]), runs["type"] == "SS"
+        row = point | {
+            "runs": total,
+            "bondi": past.sum(),
+            "ss_only": (steady & ~past).sum(),
+            "bondi_only": (past & ~steady).sum(),
+            "fraction_bondi": past.mean(),
+        }
+        for name in SHOWN:
+            hits = (runs["type"] == name).sum()
+            low, high = wilson(hits, total)
+            row |= {name: hits, f"fraction_{name}": hits / total if total else None,
+                    f"low_{name}": float(low), f"high_{name}": float(high)}  # fmt: skip
+        rows.append(row)
+    return table(rows, FRACTIONS)
+
+
+# ------------------------------------------------------------------ other readings of "SS"
+
+DEFINITIONS = schema(
+    "n_i omega_xy0",
+    word("definition", "what is counted as SS"),
+    count("count", "runs that it takes for SS"),
+    more="runs",
+)
+GROWTHS = (0.01, 0.1, 0.3)
+DEPARTURES = (0.01, 0.02, 0.05)
+
+
+def readings(sweep: StoredRuns) -> pa.Table:
+    """How many runs count as SS by several readings of "decays monotonously"."""
+    runs = sweep.runs(("n_i", "omega_xy0", "n_c1", "type", "amp_growth", "n_departure", "t_r"))
+    stays = runs["t_r"].isna()
+    found = {
+        "type SS (amplitude never grows by more than the threshold)": runs["type"] == "SS",
+        **{
+            f"amplitude never grows by more than {limit:.0%}": stays & (runs["amp_growth"] <= limit)
+            for limit in GROWTHS
+        },
+        **{
+            f"no reversal, spin never falls by more than {limit:.0%}": stays
+            & (runs["n_departure"] <= limit)
+            for limit in DEPARTURES
+        },
+        "no reversal, past Bondi's threshold": stays & (runs["n_c1"].abs() < runs["n_i"].abs()),
+    }
+    rows = [
+        {"n_i": n_i, "omega_xy0": size, "definition": words, "runs": len(own),
+         "count": counted[own.index].sum()}
+        for (n_i, size), own in runs.groupby(["n_i", "omega_xy0"], sort=False)
+        for words, counted in found.items()
+    ]  # fmt: skip
+    return table(rows, DEFINITIONS)
+
+
+# Of a trial of how large an oscillation SS bears.
+N_I, SIZES = -0.3, (0.05, 0.06, 0.07, 0.08, 0.09)
+BASIN = schema(
+    "n_i omega_xy0",
+    count("runs", "bodies past Bondi's threshold at this spin"),
+    *(count(name, f"of them, type {name}") for name in TYPES),
+)
+
+
+def basin(ws: Workspace, progress: Progress) -> pa.Table:
+    """Types of the bodies past Bondi's threshold, launched with larger and larger oscillations.
+
+    The bodies are those of the sweep; empty if none of them is past it.
+    """
+    runs = ws.sweep("steady", progress).runs((*LAUNCH, "n_c1"))
+    # Cases of one target share their bodies.
+    one = (runs["n_i"] == N_I) & (runs["omega_xy0"] == runs["omega_xy0"].min())
+    bodies = runs[one & (runs["n_c1"].abs() < abs(N_I))]
+    if bodies.empty:
+        return table([], BASIN)
+    launches = pd.concat([bodies.assign(omega_xy0=size) for size in SIZES], ignore_index=True)
+    launches["type"] = ws.again("basin", launches, ("type",), progress)["type"]
+    counts = pd.crosstab(launches["omega_xy0"], launches["type"]).reindex(columns=TYPES)
+    counts = counts.fillna(0).assign(n_i=N_I, runs=counts.sum(axis=1))
+    return table(counts.reset_index(), BASIN)
+
+
+# ------------------------------------------------------------------------------ examples
+
+# The paper says of the chaotic run only where it lies.
+SS_AT = {"n_i": -0.5, "omega_xy0": 0.1}
+SW_AT = {"n_i": -0.4, "omega_xy0": 0.01}
+CHAOTIC_AT = {"K_r": 0.0041, "n_i": -0.5}
+# Longest that is shown, in sqrt(a/g).
+LONGEST = 20_000.0
+BINS = 1100
+CHOSEN = schema(
+    "",
+    word("example", "spin_ss, spin_sw or spin_chaotic"),
+    *list(CHAOS)[:6],
+    number("lyapunov_late", "Lyapunov exponent over the second half of the run", RATE),
+    number("shown", "time shown", TIME),
+)
+
+
+def examples(sweep: StoredRuns, wobbling: pd.DataFrame, progress: Progress) -> Tables:
+    """Table ``examples``, the forces in these runs, and the spin of each, thinned."""
+    runs = sweep.runs((*LAUNCH, "sample", "n_end", "n_departure", "t_end", "type"))
+    rows = choose(runs, wobbling)
+    integrator = sweep.config.integrator.model_dump(exclude_none=True)
+    tables, presses = {}, []
+    for k, row in enumerate(rows):
+        key = ("K_r", "n_i", "omega_xy0", "sample")
+        run = runs[at(runs, {name: row[name] for name in key})].iloc[0]
+        row["shown"] = min(LONGEST, float(run["t_end"]))
+        chosen = replace(launch_of(run), t_end=row["shown"], integrator=integrator)
+        words, part = f"Fig. 6(b), {row['example']}", between(progress, k / 3, (k + 1) / 3)
+        found, _ = follow(chosen, ("t", "n", *FORCE_CHANNELS), words, part)
+        tables[row["example"]] = thinned(found.table, SPIN, {"n": BINS})
+        name = row["example"].removeprefix("spin_").replace("chaotic", "chaotic SW")
+        presses.append(forces(f"Fig. 6(b), {name}", found.table))
+    return tables | {"examples": table(rows, CHOSEN), "forces": table(presses, FORCES)}
+
+
+def choose(runs: pd.DataFrame, wobbling: pd.DataFrame) -> list[dict[str, Any]]:
+    """The examples, as far as there are such runs.
+
+    SS: of this launch, the run with the median spin at its end.  SW: of this launch, the run with
+    the median loss of spin among those that are not chaotic.  Chaotic: at this ``K_r`` and spin,
+    the run with the largest exponent over its second half.
+    """
+    chaotic = wobbling["chaotic"].astype(bool)
+    last = [*SS_AT, "K_r", "sample"]
+    ordered = {
+        "spin_ss": runs[(runs["type"] == "SS") & at(runs, SS_AT)].sort_values(["n_end", *last]),
+        "spin_sw": wobbling[~chaotic & at(wobbling, SW_AT)].sort_values(["n_departure", *last]),
+        "spin_chaotic": wobbling[chaotic & at(wobbling, CHAOTIC_AT)].nlargest(1, "lyapunov_late"),
+    }
+    # The one in the middle, the lower one of two.
+    return [
+        {"example": name, **{str(k): v for k, v in own.iloc[(len(own) - 1) // 2].items()}}
+        for name, own in ordered.items() if len(own)
+    ]  # fmt: skip
+
+
+def at(runs: pd.DataFrame, values: dict[str, float]) -> pd.Series[bool]:
+    """Which runs have these values."""
+    return (runs[list(values)] == pd.Series(values)).all(axis=1)
+
+
+# -------------------------------------------------------------------------------- picture
+
+
+def draw(tables: Tables) -> Drawing:
+    """(a) a column a spin, a row an oscillation; (b) examples, if there are any."""
+    values = tables["fractions"].to_pandas()
+    spins, sizes = sorted(values["n_i"].unique(), key=abs), sorted(values["omega_xy0"].unique())
+    shown = tables["examples"].to_pylist()
     height = 1.75 * len(sizes) + 0.7
     figure = new_figure(2.1 * len(spins) + 0.6, height + (2.4 if shown else 0.0))
     upper: Any = figure
@@ -34,7 +242,7 @@ def draw(tables: Mapping[str, pa.Table]) -> Figure:
     axes = upper.subplots(len(sizes), len(spins), sharex=True, sharey=True, squeeze=False)
     for row, size in zip(axes, sizes, strict=True):
         for axis, spin in zip(row, spins, strict=True):
-            own = data[(data["n_i"] == spin) & (data["omega_xy0"] == size)]
+            own = values[(values["n_i"] == spin) & (values["omega_xy0"] == size)]
             _fractions(axis, own.sort_values("K_r"))
         row[0].set_ylabel(launch({"omega_xy0": size}, "omega_xy0") + "\nfraction")
     for axis, spin in zip(axes[0], spins, strict=True):
@@ -53,7 +261,7 @@ def draw(tables: Mapping[str, pa.Table]) -> Figure:
 
 def _fractions(axis: Axes, rows: pd.DataFrame) -> None:
     x = rows["K_r"].to_numpy()
-    for name in TYPES:
+    for name in SHOWN:
         mark, share = TYPE_STYLE[name], rows[f"fraction_{name}"].to_numpy()
         bars = np.array([share - rows[f"low_{name}"], rows[f"high_{name}"] - share])
         axis.errorbar(
@@ -69,17 +277,25 @@ def _fractions(axis: Axes, rows: pd.DataFrame) -> None:
     frame(axis, grid="y")
 
 
-def _examples(figure: Any, names: list[str], tables: Mapping[str, pa.Table]) -> None:
-    rows = tables["examples"].to_pylist() if "examples" in tables else []
-    runs = {row["example"]: row for row in rows}
-    axes = figure.subplots(1, len(names), squeeze=False)[0]
-    for axis, name in zip(axes, names, strict=True):
-        spin, title = tables[name].to_pandas(), EXAMPLES[name]
+def _examples(figure: Any, rows: list[dict[str, Any]], tables: Tables) -> None:
+    axes = figure.subplots(1, len(rows), squeeze=False)[0]
+    for axis, row in zip(axes, rows, strict=True):
+        spin = tables[row["example"]].to_pandas()
         axis.plot(spin["t"], spin["n"], color=BLUE, linewidth=0.7)
-        if name in runs:
-            title += "\n" + launch(runs[name], "n_i", "omega_xy0", "K_r")
-        axis.set_xlabel(TIME)
+        axis.set_xlabel(T_AXIS)
         axis.locator_params(axis="x", nbins=5)
-        frame(axis, title)
+        frame(axis, EXAMPLES[row["example"]] + "\n" + launch(row, "n_i", "omega_xy0", "K_r"))
         axis.title.set_fontsize(9.5)
-    axes[0].set_ylabel(SPIN)
+    axes[0].set_ylabel(N_AXIS)
+
+
+FIGURE = Figure(
+    "Fig. 6: types in the steady direction",
+    "(a) Fractions of the types; bars are 95 % confidence intervals (Wilson). Filled triangles: "
+    "fraction of the bodies whose Bondi threshold lies below the spin. (b) Examples from the "
+    "sweep, chosen by the rules in fig6_examples.parquet, as far as there are any.",
+    data,
+    draw,
+    seconds=(47.0, 5.0),
+    sweep="steady",
+)

@@ -9,7 +9,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from rattlesweep.study.style import FAINT
 
-TIME, SPIN = r"$t$ / $\tilde t$", r"$n$ / $\tilde\omega$"
+T_AXIS, N_AXIS = r"$t$ / $\tilde t$", r"$n$ / $\tilde\omega$"
 DASHES: Any = (0, (4, 2))
 ZERO: dict[str, Any] = {"color": "#777777", "linewidth": 0.6, "zorder": 1}
 ABOVE: dict[str, Any] = {"loc": "outside upper center", "frameon": False, "fontsize": 9.5}

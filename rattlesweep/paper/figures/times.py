@@ -1,70 +1,96 @@
-"""Figs. 5 and 7: times of reversal, one panel a spin, three oscillations each, and the theory."""
+"""Times of reversal beside Garcia and Hubbard's, for Figs. 5 and 7."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure as Drawing
 
-from rattlesweep.paper.figures.style import ABOVE, SPIN, TIME, ZERO, decade_ticks, frame, launch
-from rattlesweep.study.style import BLUE, SERIES, new_figure
+from rattlesweep.paper.columns import number, schema, table
+from rattlesweep.paper.figures.style import ABOVE, decade_ticks, frame, launch
+from rattlesweep.paper.workspace import StoredRuns
+from rattlesweep.study.style import SERIES, new_figure
+from rattlesweep.sweeps.tables.columns import RATE, TIME
 
+Z95 = 1.959964
+# Panels beside each other.
 COLUMNS = 3
 
 
-def fig5(tables: Mapping[str, pa.Table]) -> Figure:
-    """Draw Fig. 5 from its data; part (b) if there is a table ``spin``."""
-    if "spin" not in tables:
-        return _panels(tables["times"], "K_p", "t_{ru}", "t_{rGH+}")[0]
-    figure, first, spare = _panels(tables["times"], "K_p", "t_{ru}", "t_{rGH+}", above=True)
-    frame(first, "(a)", loc="left")
-    spin, axis = tables["spin"].to_pandas(), spare[0]
-    axis.axis("on")
-    axis.plot(spin["t"], spin["n"], color=BLUE, linewidth=0.8)
-    axis.axhline(0, **ZERO)
-    axis.set(xlabel=TIME, ylabel=SPIN)
-    frame(axis, "(b) GH, " + launch({"n_i": spin["n"].iloc[0]}, "n_i"))
-    return figure
+def times(sweep: StoredRuns) -> pa.Table:
+    """One row a point: the runs that reverse, and the theory's line at the mean ``n_0``."""
+    columns = ("n_0", "t_rgh", "t_r", "type")
+    rows = [point | of_point(runs, point) for point, runs in sweep.points(columns)]
+    return table(
+        rows,
+        schema(
+            f"{sweep.target} n_i omega_xy0 runs reversed",
+            number("t_r_mean", "mean time of reversal", TIME),
+            number("t_r_std", "its sample standard deviation over the runs", TIME),
+            number("t_r_low", "95 % confidence interval of the mean (normal), lower end", TIME),
+            number("t_r_high", "the same, upper end", TIME),
+            number("t_r_median", "median time of reversal", TIME),
+            number("n_0_mean", "mean over all runs of the spin that would hold all energy", RATE),
+            number("t_rgh_line", "Garcia and Hubbard's time at the mean n_0", TIME),
+            number("ratio_mean", "mean over the runs of t_r / t_rGH of the same run"),
+            number("ratio_std", "its sample standard deviation"),
+        ),
+    )
 
 
-def fig7(tables: Mapping[str, pa.Table]) -> Figure:
-    """Draw Fig. 7 from its data."""
-    return _panels(tables["times"], "K_r", "t_{rs}", "t_{rGH-}")[0]
+def of_point(runs: pd.DataFrame, point: dict[str, Any]) -> dict[str, Any]:
+    """The rest of the row; not a number where no run, or only one, reverses."""
+    back = runs[runs["type"] == "R"]
+    t_r, ratio = back["t_r"], back["t_r"] / back["t_rgh"]
+    mean, n_0 = t_r.mean(), runs["n_0"].mean()
+    half = Z95 * t_r.std() / np.sqrt(max(len(back), 1))
+    coefficient, n_i = next(iter(point.values())), point["n_i"]
+    return {
+        "runs": len(runs),
+        "reversed": len(back),
+        "t_r_mean": mean,
+        "t_r_std": t_r.std(),
+        "t_r_low": mean - half,
+        "t_r_high": mean + half,
+        "t_r_median": t_r.median(),
+        "n_0_mean": n_0,
+        "t_rgh_line": gh_line(coefficient, n_i, n_0),
+        "ratio_mean": ratio.mean(),
+        "ratio_std": ratio.std(),
+    }
 
 
-def _panels(
-    table: pa.Table, coefficient: str, time: str, theory: str, *, above: bool = False
-) -> tuple[Figure, Axes, list[Axes]]:
-    """The panels: the figure, the first of them, and the axes that are left over, switched off.
+def gh_line(coefficient: float, n_i: float, n_0: float) -> float:
+    """Garcia and Hubbard's reversal time from ``n_0`` (Eqs. (56) [trgh-p] and (58) [trgh-m]).
 
-    Parameters
-    ----------
-    table : pyarrow.Table
-        Of :func:`rattlesweep.paper.data.fig5.times`.
-    coefficient : str
-        ``K_p`` or ``K_r``.
-    time, theory : str
-        Symbols of the time and of the theory's, as mathematics.
-    above : bool
-        Whether the legend stands above all panels, and not in the last of those left over.
+    Twice artanh(n_i/n_0): the logarithm's argument loses no more digits than the mean of n_0 has.
     """
-    data = table.to_pandas()
-    spins = sorted(data["n_i"].unique(), key=abs)
+    return 2 * float(np.arctanh(abs(n_i) / n_0)) / (n_0 * coefficient)
+
+
+def panels(
+    points: pa.Table, coefficient: str, time: str, theory: str, *, above: bool = False
+) -> tuple[Drawing, list[Axes], list[Axes]]:
+    """A panel a spin: the figure, its panels, and the axes that are left over, switched off.
+
+    Of the table of :func:`times`; ``time`` and ``theory`` are symbols, as mathematics.  The legend
+    stands ``above`` all panels, or in the last of those left over.
+    """
+    values = points.to_pandas()
+    spins = sorted(values["n_i"].unique(), key=abs)
     rows = -(-(len(spins) + 1) // COLUMNS)
     figure = new_figure(9.2, 2.9 * rows + 0.35)
     axes = list(figure.subplots(rows, COLUMNS, squeeze=False).ravel())
-    means = data[["t_r_mean", "t_rgh_line"]].to_numpy()
+    means = values[["t_r_mean", "t_rgh_line"]].to_numpy()
     ends = (0.1, 1.0) if np.isnan(means).all() else (np.nanmin(means) / 2.5, np.nanmax(means) * 2.5)
     for axis, spin in zip(axes, spins, strict=False):
-        own = data[data["n_i"] == spin]
-        _points(axis, own, coefficient)
+        _points(axis, values[values["n_i"] == spin], coefficient)
         axis.set(xscale="log", yscale="log", ylim=ends, xlabel=f"${coefficient}$")
-        axis.set_xlim(data[coefficient].min() / 1.35, data[coefficient].max() * 1.35)
+        axis.set_xlim(values[coefficient].min() / 1.35, values[coefficient].max() * 1.35)
         decade_ticks(axis.xaxis)
         frame(axis, launch({"n_i": spin}, "n_i"), grid="both")
     for place in range(0, len(spins), COLUMNS):
@@ -73,14 +99,14 @@ def _panels(
     marks = dict(zip(labels, handles, strict=True))
     # The theory's line comes first, as it has no bars.
     marks[rf"${theory}$ at the mean $n_0$"] = marks.pop("theory")
-    spare = axes[len(spins) :]
+    used, spare = axes[: len(spins)], axes[len(spins) :]
     for axis in spare:
         axis.axis("off")
     if above:
         figure.legend(marks.values(), marks, ncols=len(marks), **ABOVE)
     else:
         spare[-1].legend(marks.values(), marks, loc="center", frameon=False, labelspacing=0.9)
-    return figure, axes[0], spare
+    return figure, used, spare
 
 
 def _points(axis: Axes, rows: pd.DataFrame, coefficient: str) -> None:

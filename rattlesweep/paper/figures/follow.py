@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -12,8 +11,8 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from rattlesweep.errors import OutputError
-from rattlesweep.paper.data.columns import number, schema, word
-from rattlesweep.paper.data.progress import Progress
+from rattlesweep.paper.columns import number, schema, table, word
+from rattlesweep.paper.workspace import Progress
 from rattlesweep.study.onerun.course import Course, Trajectory, collect
 from rattlesweep.study.onerun.rows import Rows
 from rattlesweep.sweeps.blocks.single import Launch
@@ -41,15 +40,7 @@ FORCES = schema(
 def follow(
     launch: Launch, channels: Sequence[str], words: str, progress: Progress, dt: float = DT
 ) -> tuple[Trajectory, Course]:
-    """One run, past its reversals, with a row every ``dt``.
-
-    Parameters
-    ----------
-    launch, channels
-        As for :class:`rattlesweep.study.onerun.course.Course`.
-    words : str
-        What it is, for the progress and for errors.
-    """
+    """One run past its reversals with a row every ``dt``; ``words`` say what it is."""
     course = Course(
         launch, channels=channels, rows=Rows(dt=dt), watch=lambda share: progress(share, words)
     )
@@ -72,35 +63,32 @@ def forces(name: str, run: pd.DataFrame) -> dict[str, Any]:
 
     return {
         "run": name,
-        "t_end": float(t[-1]),
-        "ratio_max": float(ratio[most]),
-        "ratio_t": float(t[most]),
-        "normal_min": float(normal[least]),
-        "normal_t": float(t[least]),
+        "t_end": t[-1],
+        "ratio_max": ratio[most],
+        "ratio_t": t[most],
+        "normal_min": normal[least],
+        "normal_t": t[least],
         "slip_t": first(down & (ratio > 1)),
         "open_t": first(~down),
     }
 
 
 def thin(values: Floats, bins: int) -> NDArray[np.int64]:
-    """Places of the least and the largest value of each of so many stretches, in order.
+    """Places of the ends, and of the least and the largest value of each of so many stretches.
 
     A curve through them covers on paper what the whole one does, if a stretch is no wider than a
-    line.  The ends are among them.
+    line.
     """
     count = len(values)
     if count <= 2 * bins:
         return np.arange(count)
-    edges = np.linspace(0, count, bins + 1).astype(np.int64)
-    places = [0, count - 1]
-    for first, last in pairwise(edges):
-        part = values[first:last]
-        places += [first + int(part.argmin()), first + int(part.argmax())]
-    return np.unique(places)
+    stretches = np.split(values, np.linspace(0, count, bins + 1).astype(np.int64)[1:-1])
+    first = np.cumsum([0, *map(len, stretches[:-1])])
+    extremes = [(part.argmin(), part.argmax()) for part in stretches]
+    return np.union1d(first[:, None] + extremes, [0, count - 1])
 
 
 def thinned(run: pd.DataFrame, wanted: pa.Schema, bins: dict[str, int]) -> pa.Table:
     """Rows of a run that curves through some of its columns need: bins by column."""
     places = [thin(run[name].to_numpy(), number) for name, number in bins.items()]
-    rows = run.iloc[np.unique(np.concatenate(places))]
-    return pa.Table.from_pandas(rows[wanted.names], schema=wanted, preserve_index=False)
+    return table(run.iloc[np.unique(np.concatenate(places))], wanted)

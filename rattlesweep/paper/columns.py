@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import pandas as pd
 import pyarrow as pa
 
 from rattlesweep.sweeps.tables.columns import F64, I64, RATE, TEXT, TIME, field
@@ -28,7 +29,6 @@ COMMON = {
         field("omega_x", F64, RATE, "angular velocity, body's x"),
         field("omega_y", F64, RATE, "angular velocity, body's y"),
         field("t_end", F64, TIME, "time reached"),
-        field("t_r_median", F64, TIME, "median time of reversal"),
     )
 }
 
@@ -55,9 +55,7 @@ def word(name: str, words: str) -> pa.Field:
     return field(name, TEXT, "1", words)
 
 
-def table(rows: Sequence[Mapping[Any, Any]], wanted: pa.Schema) -> pa.Table:
-    """A table of rows; what a row lacks is null, and so is what is not a number."""
-    columns = [
-        pa.array((row.get(f.name) for row in rows), f.type, from_pandas=True) for f in wanted
-    ]
-    return pa.Table.from_arrays(columns, schema=wanted)
+def table(rows: pd.DataFrame | Mapping[str, Any] | Sequence[Any], wanted: pa.Schema) -> pa.Table:
+    """A table of rows or columns; what a row lacks is null, and so is what is not a number."""
+    frame = pd.DataFrame(rows).reindex(columns=wanted.names)
+    return pa.Table.from_pandas(frame, schema=wanted, preserve_index=False).cast(wanted)

@@ -1,136 +1,71 @@
 """Figs. 2 and 3 of the paper and its claims about theory, at reduced size."""
 
-import io
-import threading
-import time
-from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
-import pyarrow.parquet as pq
 import pytest
 import theory_mp
 from mpmath import mp
 
-from rattlesweep.integrate.task import THREAD
 from rattlesweep.paper.claims import bodies
 from rattlesweep.paper.claims import theory as measures
-from rattlesweep.paper.claims.table import CLAIMS, judge
-from rattlesweep.paper.data import density, fig2, fig3, sd
-from rattlesweep.paper.registry import FIGURES
+from rattlesweep.paper.claims.claim import claims, judge
+from rattlesweep.paper.figures import fig2, fig3, sd
 from rattlesweep.physics import full, theory
 from rattlesweep.physics.body import Rattleback
-from rattlesweep.sweeps.cases import sampler
 from rattlesweep.sweeps.config.bodies import SdRanges
 
-RANGES = sd.ranges_array(SdRanges())
-LINEAR = density.Grid((0.0, 7.0), (0.0, 0.4), 40)
 
-
-def silent(*_):
-    """Report of someone who does not listen."""
+def quiet(share, words):
+    assert 0 <= share <= 1 + 1e-12
+    assert words
 
 
 @pytest.fixture(scope="module")
 def fig2_tables():
-    return fig2.data(40_000, silent)
+    return fig2.distributions(40_000, SdRanges(), quiet)
 
 
 @pytest.fixture(scope="module")
 def fig3_tables():
-    return fig3.data(20_000, 1_500_000, silent)
+    return fig3.distributions(20_000, 1_500_000, SdRanges(), 2, quiet)
 
 
-# --- the counting loop --------------------------------------------------------------------------
+# --- bodies by their coefficients ---------------------------------------------------------------
 
 
-def test_loop_counts_what_the_vectorised_theory_says():
-    size = 150_000
-    _, _, th, phi, xi, alpha, beta = sampler.draw_bodies(7, 0, np.arange(size), RANGES)[0]
+def test_bodies_are_counted_by_their_coefficients():
+    size = 250_000
+    alpha, beta, _, th, phi, xi = sd.draw(0, size, SdRanges(), 7)
     found = theory.modes(alpha, beta, th, phi, xi)
-    edges = [LINEAR.edges("K_p"), LINEAR.edges("K_r")]
-    wanted = np.histogram2d(found.K_p, found.K_r, bins=edges)[0].astype(int)
-    got = density.count_bodies(size, RANGES, LINEAR, seed=7, limit=2.0)
-    # A coefficient on an edge may fall on either side by its last bit.
-    assert np.abs(got.counts - wanted).sum() <= 4
-    assert got.counts.sum() + got.outside == size
-    ratio = found.omega_p / found.omega_r
-    assert got.least_ratio == pytest.approx(ratio.min(), rel=1e-14)
-    assert abs(got.below - np.count_nonzero(ratio < 2.0)) <= 1
+    wanted = np.histogram2d(found.K_p, found.K_r, bins=[fig3.edges("K_p"), fig3.edges("K_r")])[0]
+    shares = []
+    for threads in (1, 2, 3):
+        got = fig3.count_bodies(size, SdRanges(), threads, lambda s, w: shares.append(s), seed=7)
+        # A coefficient on an edge may fall on either side by its last bit.
+        assert np.abs(got.counts - wanted).sum() <= 4
+        ratio = found.omega_p / found.omega_r
+        assert got.ratio_min == pytest.approx(ratio.min(), rel=1e-14)
+        assert got.below == np.count_nonzero(ratio < sd.BOUND)
+    assert shares[-1] == 1
+    other = fig3.count_bodies(size, SdRanges(), 2, quiet, seed=4)
+    assert not np.array_equal(other.counts, got.counts)
 
 
-def test_bodies_outside_the_grid_are_counted_as_such():
-    narrow = density.Grid((0.2, 0.5), (0.01, 0.02), 10)
-    got = density.count_bodies(50_000, RANGES, narrow, seed=7)
-    assert 1000 < got.counts.sum() < 40_000
-    assert got.counts.sum() + got.outside == 50_000
+def test_bodies_outside_the_bins_are_counted_as_such(monkeypatch):
+    monkeypatch.setattr(fig3, "ENDS", {"K_p": (0.2, 0.5), "K_r": (0.01, 0.02)})
+    row = fig3.distributions(100, 50_000, SdRanges(), 2, quiet)["summary"].to_pylist()[0]
+    assert 10_000 < row["outside"] < 49_000
 
 
-def test_scalar_coefficients_are_the_vectorised_ones():
-    alpha, beta, _, th, phi, xi = bodies.wide_bodies(3000, seed=5)
-    found = theory.modes(alpha, beta, th, phi, xi)
-    wanted = np.stack([found.omega_p**2, found.omega_r**2, found.K_p, found.K_r], -1)
-    rows = zip(*(x.tolist() for x in (alpha, beta, th, phi, xi)), strict=True)
-    got = np.array([density.torque_coefficients(*row) for row in rows])
-    np.testing.assert_allclose(got, wanted, rtol=1e-14)
-
-
-def test_threads_do_not_change_the_counts():
-    size = 2 * density.PIECE + 12_345
-    one = density.count_bodies(size, RANGES, LINEAR, seed=3, limit=1.5, threads=1)
-    assert one.below > 100
-    for threads in (2, 3):
-        got = density.count_bodies(size, RANGES, LINEAR, seed=3, limit=1.5, threads=threads)
-        assert np.array_equal(got.counts, one.counts)
-        assert (got.below, got.least_ratio, got.outside) == (
-            one.below, one.least_ratio, one.outside,
-        )  # fmt: skip
-    other = density.count_bodies(size, RANGES, LINEAR, seed=4, threads=2)
-    assert not np.array_equal(other.counts, one.counts)
-
-
-def test_bodies_are_those_of_the_sampler_one_by_one():
-    # The first n bodies are the first n of any larger number.
-    few = density.count_bodies(1000, RANGES, LINEAR, seed=3).counts
-    more = density.count_bodies(1500, RANGES, LINEAR, seed=3).counts
-    assert np.all(more >= few)
-    assert (more - few).sum() == 500
-
-
-def test_a_report_that_raises_stops_the_threads():
-    calls = []
-
-    def report(done):
-        calls.append(done)
-        if len(calls) == 3:
-            raise KeyboardInterrupt
+def test_a_stop_ends_the_counting():
+    def stop(share, words):
+        raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        density.count_bodies(10**11, RANGES, LINEAR, seed=3, threads=2, progress=report)
-    assert len(calls) == 3
-    deadline = time.monotonic() + 60
-    while any(t.name == THREAD for t in threading.enumerate()):
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-
-
-def test_compiled_loop_is_of_todays_random_numbers(monkeypatch, tmp_path):
-    """Its file knows nothing of the sampler's sources: its name does."""
-    before = density.kernel.__wrapped__().py_func.__name__
-    edited = tmp_path / "philox.py"
-    edited.write_text("# edited\n")
-    monkeypatch.setattr(density, "philox", SimpleNamespace(__file__=str(edited)))
-    assert density.kernel.__wrapped__().py_func.__name__ != before
-
-
-# --- the figures --------------------------------------------------------------------------------
-
-
-def test_quantiles():
-    rng = np.random.default_rng(1)
-    values = rng.normal(size=501)
-    got = sd.quantiles(values, np.array([0, 0.002, 0.5, 1]))
-    assert np.array_equal(got, np.sort(values)[[0, 1, 250, 500]])
+        fig3.count_bodies(10**9, SdRanges(), 2, stop)
+    with pytest.raises(KeyboardInterrupt):
+        fig2.distributions(1000, SdRanges(), stop)
 
 
 def test_fig2_tables(fig2_tables):
@@ -138,10 +73,11 @@ def test_fig2_tables(fig2_tables):
     assert list(data["probability"].iloc[[0, -1]]) == [0, 1]
     assert (data.diff().dropna() >= 0).all().all()
     # Against the defining matrix, of the same bodies.
-    _, _, th, phi, xi, alpha, beta = sampler.draw_bodies(2017, 0, np.arange(40_000), RANGES)[0]
+    alpha, beta, _, th, phi, xi = sd.draw(0, 40_000, SdRanges())
     found = measures.by_definition((alpha, beta, alpha, th, phi, xi))
-    middle = data[data["probability"] == 0.5].iloc[0]
-    assert middle["ratio"] == pytest.approx(np.median(np.sqrt(found["ratio"])), rel=1e-3)
+    middle, ratio = data[data["probability"] == 0.5].iloc[0], np.sqrt(found["ratio"])
+    assert middle["ratio"] == pytest.approx(np.median(ratio), rel=1e-3)
+    assert data["ratio"].iloc[[0, -1]].tolist() == pytest.approx([ratio.min(), ratio.max()])
     assert middle["omega_p0"] == pytest.approx(np.median(np.sqrt((1 / phi - 1) / alpha)), rel=1e-3)
     assert middle["omega_r0"] == pytest.approx(np.median(np.sqrt((1 / th - 1) / beta)), rel=1e-3)
 
@@ -159,40 +95,18 @@ def test_fig3_tables(fig3_tables):
     assert mean == pytest.approx(np.mean(fig3_tables["cumulative"]["K_p"].to_numpy()), rel=0.05)
 
 
-def test_figures_draw_and_tables_keep(fig2_tables, fig3_tables):
-    for name_, tables in (("fig2", fig2_tables), ("fig3", fig3_tables)):
-        kept = {}
-        for name, table in tables.items():
-            buffer = io.BytesIO()
-            pq.write_table(table, buffer)
-            kept[name] = pq.read_table(buffer)
-            assert kept[name].equals(table)
-            assert all(b"unit" in field.metadata for field in kept[name].schema)
-        figure = FIGURES[name_].draw(kept)
-        figure.canvas.draw()
-        # Nothing hangs over the edge.
-        width, height = figure.canvas.get_width_height()
-        for axes in figure.axes:
-            box = axes.get_tightbbox()
-            assert box.x0 >= -1
-            assert box.y0 >= -1
-            assert box.x1 <= width + 1
-            assert box.y1 <= height + 1
-
-
-def test_reports_rise_to_one_and_can_stop():
-    for data in (partial(fig2.data, 250_000), partial(fig3.data, 150_000, 1_000_000)):
-        shares = []
-        data(lambda share, words, to=shares: to.append(share))
-        assert shares == sorted(shares)
-        assert shares[0] < 0.6
-        assert shares[-1] == pytest.approx(1)
-
-        def stop(share, words):
-            raise KeyboardInterrupt
-
-        with pytest.raises(KeyboardInterrupt):
-            data(stop)
+@pytest.mark.parametrize(("name", "figure"), [("fig2", fig2.FIGURE), ("fig3", fig3.FIGURE)])
+def test_nothing_of_a_picture_hangs_over_the_edge(request, name, figure):
+    tables = request.getfixturevalue(f"{name}_tables")
+    assert all(b"unit" in field.metadata for table in tables.values() for field in table.schema)
+    drawing = figure.draw(tables)
+    drawing.canvas.draw()
+    width, height = drawing.canvas.get_width_height()
+    for axes in drawing.axes:
+        box = axes.get_tightbbox()
+        assert min(box.x0, box.y0) >= -1
+        assert box.x1 <= width + 1
+        assert box.y1 <= height + 1
 
 
 # --- the claims ---------------------------------------------------------------------------------
@@ -200,7 +114,7 @@ def test_reports_rise_to_one_and_can_stop():
 
 def claim(name, **tables):
     """Judge one claim, those of theory alone by a few bodies."""
-    row = next(row for row in CLAIMS if row.id == name)
+    row = claims()[name]
     return row.judge(tables, **({"samples": 50} if not row.figures and name != "T1" else {}))
 
 
@@ -342,14 +256,21 @@ def test_least_ratio_of_the_frequencies():
     assert fig2.ratio_bound(SdRanges(theta=[0.15, 0.2], phi=[0.05, 0.14])) == 1
 
 
-def test_t4_follows_the_measurement(fig2_tables):
-    shares = SdRanges(theta=[0.75, 0.95])
-    tables = fig2.data(5000, silent, ranges=shares)
-    assert claim("T4", fig2=tables).verdict == "agree"
-    slow = SdRanges(f_sd=[0.3, 0.45], theta=[0.4, 0.5], phi=[0.2, 0.39], minus_xi_deg=[20.0, 30.0])
-    tables = fig2.data(5000, silent, ranges=slow)
-    assert claim("T4", fig2=tables).verdict == "disagree"
-    assert claim("T4", fig2=fig2_tables).verdict == "partly"
+@pytest.mark.parametrize(
+    ("ranges", "verdict"),
+    [
+        ({"theta": [0.75, 0.95]}, "agree"),
+        ({}, "partly"),
+        (
+            {"f_sd": [0.3, 0.45], "theta": [0.4, 0.5], "phi": [0.2, 0.39],
+             "minus_xi_deg": [20.0, 30.0]},
+            "disagree",
+        ),
+    ],
+)  # fmt: skip
+def test_t4_follows_the_measurement(ranges, verdict):
+    tables = fig2.distributions(5000, SdRanges(**ranges), quiet)
+    assert claim("T4", fig2=tables).verdict == verdict
 
 
 def test_t5_follows_the_measurement(fig3_tables):
@@ -360,7 +281,7 @@ def test_t5_follows_the_measurement(fig3_tables):
     assert claim("T5", fig3=tables).verdict == "partly"
     # The two parts of the figure must be of the same bodies.
     others = SdRanges(theta=[0.6, 0.62], phi=[0.09, 0.1])
-    other = fig3.data(20_000, 100, silent, ranges=others)
+    other = fig3.distributions(20_000, 100, others, 1, quiet)
     tables = dict(fig3_tables) | {"cumulative": other["cumulative"]}
     assert claim("T5", fig3=tables).verdict == "disagree"
 
@@ -378,7 +299,7 @@ def changed(function, **factors):
 
 
 @pytest.mark.parametrize(
-    ("module", "name", "wrong", "claims"),
+    ("module", "name", "wrong", "names"),
     [
         (theory, "modes", changed(theory.modes, K_p=1 + 1e-7), ["T3", "T7"]),
         (theory, "bondi_threshold", lambda *a, f=theory.bondi_threshold: 1.0001 * f(*a), ["S9"]),
@@ -387,7 +308,7 @@ def changed(function, **factors):
         (measures, "by_definition", changed(measures.by_definition, K_r=1.001), ["T2"]),
     ],
 )
-def test_wrong_theory_is_found_out(monkeypatch, module, name, wrong, claims):
+def test_wrong_theory_is_found_out(monkeypatch, module, name, wrong, names):
     """Each claim disagrees with formulas that are a little wrong."""
     monkeypatch.setattr(module, name, wrong)
-    assert [claim(each).verdict for each in claims] == ["disagree"] * len(claims)
+    assert [claim(each).verdict for each in names] == ["disagree"] * len(names)

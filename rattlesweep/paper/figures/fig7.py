@@ -15,14 +15,14 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
+from matplotlib.figure import Figure as Drawing
 from numpy.typing import NDArray
 from scipy.stats import binom
 
-from rattlesweep.paper.data.columns import count, number, schema, table
-from rattlesweep.paper.data.fig5 import times
-from rattlesweep.paper.data.progress import Progress, between
-from rattlesweep.paper.workspace import LAUNCH, Workspace
+from rattlesweep.paper.columns import count, number, schema, table
+from rattlesweep.paper.figures.chaos import thinned_out
+from rattlesweep.paper.figures.times import panels, times
+from rattlesweep.paper.workspace import LAUNCH, Figure, Progress, Tables, Workspace, between
 from rattlesweep.physics import full
 from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.physics.steady import growth
@@ -36,7 +36,6 @@ LATE_FROM = 2.0
 PLATEAU = 0.1
 # Spins beyond which the paper sees late reversals.
 FAST = 0.3
-
 
 LATE = schema(
     "K_r n_i omega_xy0",
@@ -64,26 +63,20 @@ ONSET = schema(
 )
 
 
-def data(ws: Workspace, progress: Progress) -> dict[str, pa.Table]:
-    """Tables ``times`` (see :func:`rattlesweep.paper.data.fig5.times`), ``late`` and ``onset``.
-
-    One row a point each.
-    """
+def data(ws: Workspace, progress: Progress) -> Tables:
+    """Tables ``times``, ``late`` and ``onset``: one row a point each."""
     sweep = ws.sweep("steady", progress)
     points = list(sweep.points((*LAUNCH, "sample", "t_rgh", "t_r", "type", "K_r")))
     for _, runs in points:
-        ratio = runs["t_r"] / runs["t_rgh"]
-        runs["ratio"], runs["back"] = ratio, runs["type"] == "R"
-        runs["late"] = runs["back"] & (ratio > LATE_FROM)
+        runs["ratio"], runs["back"] = runs["t_r"] / runs["t_rgh"], runs["type"] == "R"
+        runs["late"] = runs["back"] & (runs["ratio"] > LATE_FROM)
     every = pd.concat([runs for _, runs in points], ignore_index=True)
-    chosen = every[(every["type"] == "SW") | every["late"]]
-    # Evenly thinned, so that all cases keep their share.
-    chosen = chosen.iloc[:: max(1, -(-len(chosen) // ws.sizes.windows))].reset_index(drop=True)
+    chosen = thinned_out(every[(every["type"] == "SW") | every["late"]], ws.sizes.windows)
     followed = in_windows(ws, chosen, between(progress, 0.1, 1.0))
     cells = dict(list(followed.groupby("case")))
     late, onset = [], []
-    for number_, (point, runs) in enumerate(points):
-        own = cells.get(number_, followed[:0])
+    for case, (point, runs) in enumerate(points):
+        own = cells.get(case, followed[:0])
         late.append(point | of_late(runs, own[own["back"]]))
         onset.append(point | of_onsets(runs, own[~own["back"]]))
     return {"times": times(sweep), "late": table(late, LATE), "onset": table(onset, ONSET)}
@@ -104,9 +97,8 @@ def in_windows(ws: Workspace, runs: pd.DataFrame, progress: Progress) -> pd.Data
             # The end nearer to zero, or beyond it.
             loss = 1 - np.asarray(most if spins[k] < 0 else least, dtype=float) / spins[k]
             if loss.size:
-                found[k] = [
-                    first_above(loss, level, step) for level in (loss.max() / 2, leave, PLATEAU)
-                ]
+                levels = (loss.max() / 2, leave, PLATEAU)
+                found[k] = [first_above(loss, level, step) for level in levels]
                 if np.isnan(found[k, 2]):
                     # So abrupt that the run was over before the window was: kept to its beginning.
                     found[k, 2] = loss.size * step
@@ -168,3 +160,19 @@ def median_interval(values: Floats) -> tuple[float | None, float | None]:
         return None, None
     ordered = np.sort(values)
     return float(ordered[k - 1]), float(ordered[n - k])
+
+
+def draw(tables: Tables) -> Drawing:
+    """A panel a spin."""
+    return panels(tables["times"], "K_r", "t_{rs}", "t_{rGH-}")[0]
+
+
+FIGURE = Figure(
+    "Fig. 7: time of reversal in the steady direction",
+    "Mean over the runs of type R; bars are one standard deviation, lines Garcia and Hubbard's "
+    "formula at the mean n_0.",
+    data,
+    draw,
+    seconds=(7.7, 1.0),
+    sweep="steady",
+)
