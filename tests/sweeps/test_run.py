@@ -14,7 +14,6 @@ import subprocess
 import sys
 import termios
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -66,15 +65,6 @@ MIXED = (
     "bodies.target={K_r: [0.01, 0.1], rel_tol: 0.1}",
     "spin.n_i=[-0.1, -0.3, -0.5]",
 )
-
-
-@pytest.fixture(autouse=True)
-def handlers() -> Iterator[None]:
-    """The commands set handlers of signals for the process they think is theirs."""
-    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
-    yield
-    for number, handler in before.items():
-        signal.signal(number, handler)
 
 
 def invoke(*args: Any) -> Any:
@@ -707,7 +697,7 @@ def test_a_stopped_run_goes_on_to_the_same_rows(long_hash, tmp_path):
 
 def test_ctrl_c_is_heard_within_a_block_and_while_bodies_are_drawn(tmp_path):
     # One block of several seconds, then hours of drawing before anything is written.
-    long_block = ("block_size=100000", "bodies.samples=20000")
+    long_block = ("block_size=100000", "bodies.samples=6000")
     hard = ("bodies.target={K_r: 0.1, rel_tol: 1e-9, max_draws: 4000000000000}",)
     for place, (sets, started) in enumerate(
         ((long_block, lambda o: (o / "manifest.json").exists()), (hard, lambda o: True))
