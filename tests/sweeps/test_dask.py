@@ -15,6 +15,7 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -184,8 +185,9 @@ def in_place(output: Path) -> int:
 def children(pid: int) -> list[int]:
     found = []
     for path in Path(f"/proc/{pid}/task").glob("*/children"):
-        for child in map(int, path.read_text().split()):
-            found += [child, *children(child)]
+        with suppress(OSError):  # the thread has just ended
+            for child in map(int, path.read_text().split()):
+                found += [child, *children(child)]
     return found
 
 
@@ -383,8 +385,8 @@ def test_signal_to_the_whole_group_ends_it_quietly(number, gate, held_config, he
     output = tmp_path / "out"
     process = begin(held_config, output, "--workers", "2")
     wait_for(lambda: in_place(output) >= 1, process)
+    wait_for(lambda: len(dask_workers(process.pid)) == 2, process)
     workers = dask_workers(process.pid)
-    assert len(workers) == 2
     os.killpg(process.pid, number)
     said = process.communicate(timeout=NEVER)[1]
     assert process.returncode == 128 + number
@@ -407,6 +409,7 @@ def test_killed_and_paused_workers_of_an_embedded_cluster_are_replaced(
     output = tmp_path / "out"
     process = begin(held_config, output, "--workers", "2")
     wait_for(lambda: in_place(output) >= 1, process)
+    wait_for(lambda: len(dask_workers(process.pid)) == 2, process)
     first, second = dask_workers(process.pid)
     os.kill(first, signal.SIGKILL)
     os.kill(second, signal.SIGSTOP)

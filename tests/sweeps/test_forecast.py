@@ -148,8 +148,8 @@ def test_runs_that_take_too_long_are_cut_and_counted_as_unknown():
 
 
 def test_of_what_was_cut_the_steps_lie_between_the_bounds():
-    plan = plan_of("quickstart.yaml", "bodies.samples=30", "horizon={t: 40000}", "spin.n_i=-0.9")
-    pilot = trial(plan, budget=0.02)
+    plan = plan_of("quickstart.yaml", "bodies.samples=30", "horizon={t: 20000}", "spin.n_i=-0.9")
+    pilot = trial(plan, budget=0.001)
     assert pilot.cut > 0
     cut = np.flatnonzero(pilot.low < pilot.high)
     _, batch = prepare_block(plan, plan.block(0))

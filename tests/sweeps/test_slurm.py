@@ -321,9 +321,8 @@ def test_kernels_are_not_taken_from_a_directory_of_somebody_else(home, cluster):
 # -- and with the program itself -------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "own", [pytest.param(False, id="shared"), pytest.param(True, id="own", marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("own", [pytest.param(False, id="shared"), pytest.param(True, id="own")])
 def test_array_with_a_warning_in_the_middle_comes_to_the_same_table(own, home, cluster):
     plan = make_plan(load_config(home / "sweep.yaml"))
     run_sweep(plan, home / "plain")
