@@ -704,6 +704,7 @@ def test_ctrl_c_is_heard_within_a_block_and_while_bodies_are_drawn(tmp_path):
     time.sleep(1.5)
     for child in children:
         child.send_signal(signal.SIGINT)
+    for child in children:
         # The block, let alone the drawing, would take longer.
         _, said = child.communicate(timeout=20)
         assert child.returncode == 130
