@@ -34,7 +34,7 @@ SPEED = 0.15
 # Nanoseconds of a step of one run on one thread, a stage of the method; and the seconds from which
 # on a sweep is worth a pilot.
 STAGE, WORTH = 3e-9, 120.0
-REPLICATES = 1000
+REPLICATES = 500
 
 
 @dataclass(frozen=True)

@@ -169,7 +169,7 @@ class Pilot:
             left = 0.9 * (end - time.perf_counter()) / self.turn * self._stretch
             known = self.high[self.drawn]
             able = (left - float(known.max())) * lanes / float(known.mean())
-            count = int(min(able, 4 * len(self.drawn)))
+            count = int(min(able, 4 * len(self.drawn), KNOWN))
 
     def _by_cost(self, count: int) -> Integers:
         """Rows in steps of equal cost: likely in proportion to it, and spread over the cases."""
