@@ -15,6 +15,7 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,7 @@ from rattlesweep.sweeps.engines import dask_cluster as daskcluster
 from rattlesweep.sweeps.engines import dask_driver as daskengine
 from rattlesweep.sweeps.engines import dask_worker as daskworker
 from rattlesweep.sweeps.engines.dask_driver import make_engine
+from rattlesweep.sweeps.engines.progress import Progress
 from rattlesweep.sweeps.engines.run import run_sweep
 from rattlesweep.sweeps.inspect.content_hash import content_hash
 from rattlesweep.sweeps.inspect.verify import verify
@@ -57,13 +59,6 @@ HELD = {
 NEVER = 600
 
 
-@pytest.fixture(autouse=True)
-def handlers() -> Iterator[None]:
-    before = signal.getsignal(signal.SIGTERM)
-    yield
-    signal.signal(signal.SIGTERM, before)
-
-
 def plan_of(config: dict[str, Any] = CONFIG, **changes: Any) -> Plan:
     return make_plan(parse_config(config | changes))
 
@@ -84,7 +79,6 @@ class Cluster:
         self.place = place
         self.processes: list[subprocess.Popen[bytes]] = []
         self._environment = {
-            **os.environ,
             "DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": ttl,
             "DASK_TEMPORARY_DIRECTORY": str(place),
         }
@@ -105,7 +99,7 @@ class Cluster:
     def _start(self, *command: str) -> subprocess.Popen[bytes]:
         log = open(self.place / f"{len(self.processes)}.log", "wb")  # noqa: SIM115
         process = subprocess.Popen(
-            [DASK, *command], env=self._environment, stdin=subprocess.DEVNULL,
+            [DASK, *command], env=os.environ | self._environment, stdin=subprocess.DEVNULL,
             stdout=log, stderr=log, start_new_session=True,
         )  # fmt: skip
         log.close()
@@ -191,8 +185,9 @@ def in_place(output: Path) -> int:
 def children(pid: int) -> list[int]:
     found = []
     for path in Path(f"/proc/{pid}/task").glob("*/children"):
-        for child in map(int, path.read_text().split()):
-            found += [child, *children(child)]
+        with suppress(OSError):  # the thread has just ended
+            for child in map(int, path.read_text().split()):
+                found += [child, *children(child)]
     return found
 
 
@@ -250,6 +245,7 @@ def test_workers_come_to_the_same_table_for_any_threads_and_shares(
     assert all(receipt["seconds"] > 0 for receipt in said["receipts"].values())
 
 
+@pytest.mark.slow
 def test_embedded_cluster_comes_to_the_same_table(plain, tmp_path):
     config = tmp_path / "sweep.yaml"
     config.write_text(json.dumps(CONFIG))
@@ -310,7 +306,7 @@ def test_time_that_is_up_stops_the_driver_and_the_workers(cluster, tmp_path):
     # Spins that never reverse, and would be watched for hours.
     spin = {"n_i": -0.9, "omega_xy0": 1e-3}
     plan = plan_of(HELD, block_size=40, spin=spin, horizon={"t": 1e10})
-    report = run_sweep(plan, output, engine=make_engine(cluster.address), max_time=4)
+    report = run_sweep(plan, output, engine=make_engine(cluster.address), max_time=2)
     # A few of the bodies do reverse, and are kept.
     assert report.stopped is not None
     assert report.stopped.startswith("the time")
@@ -337,33 +333,42 @@ def test_stopped_workers_hand_in_what_has_ended(cluster, held_plain, tmp_path):
 # -- harm ------------------------------------------------------------------------------------------
 
 
-def test_killed_worker_costs_nothing_but_time(gate, own_cluster, held_config, held_plain, tmp_path):
-    it = own_cluster(2)
+def test_killed_worker_costs_nothing_but_time(cluster, gate, held_plain, tmp_path):
+    """It holds its blocks until it is killed; the others do theirs, and then those."""
+    from distributed import Client
+
+    gate.with_name("ticket").unlink()
+    mortal = cluster.worker()
+    with Client(cluster.address, set_as_default=False) as client:
+        client.wait_for_workers(3)
     output = tmp_path / "out"
-    process = begin(held_config, output, "--scheduler", it.address, "--threads", "1")
-    wait_for(lambda: in_place(output) >= 1, process)
-    it.workers[0].kill()
-    assert in_place(output) == 1
-    gate.touch()
-    said = process.communicate(timeout=NEVER)[1]
-    assert process.returncode == 0, said
+
+    def kill_in_the_middle(progress: Progress) -> None:
+        if in_place(output) >= 4:
+            mortal.kill()
+
+    run_sweep(plan_of(HELD), output, report=kill_in_the_middle, engine=make_engine(cluster.address))
+    assert mortal.wait() == -signal.SIGKILL
     assert verify(output).problems == []
     assert content_hash(output) == held_plain
 
 
 def test_lost_scheduler_is_one_sentence_and_the_sweep_goes_on_later(
-    gate, own_cluster, held_config, held_plain, tmp_path
+    gate, own_cluster, held_plain, tmp_path, monkeypatch
 ):
-    it = own_cluster(2)
+    monkeypatch.setattr(daskengine, "RETURN", 1.0)
+    it = own_cluster(1)
     output = tmp_path / "out"
-    process = begin(held_config, output, "--scheduler", it.address, "--threads", "1")
-    wait_for(lambda: in_place(output) >= 1, process)
-    it.scheduler.kill()
-    said = process.communicate(timeout=NEVER)[1]
-    assert process.returncode == 1
-    assert said == (
-        f"error: the scheduler at {it.address} is lost; completed work is kept, and with a new one "
-        "the same command resumes from there\n"
+
+    def kill_in_the_middle(progress: Progress) -> None:
+        if in_place(output) == 1:
+            it.scheduler.kill()
+
+    with pytest.raises(OutputError) as caught:
+        run_sweep(plan_of(HELD), output, report=kill_in_the_middle, engine=make_engine(it.address))
+    assert str(caught.value) == (
+        f"the scheduler at {it.address} is lost; completed work is kept, and with a new one "
+        "the same command resumes from there"
     )
     assert list(output.glob(".order*")) == []
     assert in_place(output) == 1
@@ -380,8 +385,8 @@ def test_signal_to_the_whole_group_ends_it_quietly(number, gate, held_config, he
     output = tmp_path / "out"
     process = begin(held_config, output, "--workers", "2")
     wait_for(lambda: in_place(output) >= 1, process)
+    wait_for(lambda: len(dask_workers(process.pid)) == 2, process)
     workers = dask_workers(process.pid)
-    assert len(workers) == 2
     os.killpg(process.pid, number)
     said = process.communicate(timeout=NEVER)[1]
     assert process.returncode == 128 + number
@@ -404,6 +409,7 @@ def test_killed_and_paused_workers_of_an_embedded_cluster_are_replaced(
     output = tmp_path / "out"
     process = begin(held_config, output, "--workers", "2")
     wait_for(lambda: in_place(output) >= 1, process)
+    wait_for(lambda: len(dask_workers(process.pid)) == 2, process)
     first, second = dask_workers(process.pid)
     os.kill(first, signal.SIGKILL)
     os.kill(second, signal.SIGSTOP)
@@ -475,40 +481,20 @@ def test_killed_driver_leaves_workers_that_stop_and_a_directory_that_goes_on(
 
 
 def test_block_that_takes_its_workers_along_is_given_up(cluster, tmp_path, monkeypatch):
-    class Future:
-        status = "error"
+    def do_block(order: str, index: int, begun: bool) -> None:
+        from distributed import KilledWorker
 
-        def result(self, timeout: float) -> None:
-            from distributed import KilledWorker
+        worker = type("Worker", (), {"address": "tcp://127.0.0.1:5"})()
+        raise KilledWorker("x", worker, 3)
 
-            worker = type("Worker", (), {"address": "tcp://127.0.0.1:5"})()
-            raise KilledWorker("x", worker, 3)
-
-    class Driver(daskengine._Driver):
-        def _hand_out(self) -> None:
-            while self._pending:
-                block = self._pending.popleft()
-                self._flying[block.index] = block, Future()  # type: ignore[assignment]
-
-    monkeypatch.setattr(daskengine, "_Driver", Driver)
+    monkeypatch.setattr(daskengine, "do_block", do_block)
     with pytest.raises(OutputError, match=r"block \d+ is given up: workers .*tcp://127.0.0.1:5"):
         run_sweep(plan_of(), tmp_path / "out", engine=make_engine(cluster.address))
 
 
-def test_embedded_cluster_is_closed_to_others():
+def test_embedded_cluster_is_closed_to_others_and_has_a_directory_of_its_own(tmp_path, monkeypatch):
     from distributed import Client
 
-    with daskcluster.embedded(1, 1) as client, daskcluster.quiet():
-        assert client.submit(sum, [1, 2]).result() == 3
-        address = client.scheduler.address
-        assert address.startswith("tls://127.0.0.1:")
-        with pytest.raises((OSError, TypeError)):
-            Client(address, timeout=1, set_as_default=False)
-        with pytest.raises((OSError, TypeError)):
-            Client(address.replace("tls", "tcp"), timeout=1, set_as_default=False)
-
-
-def test_embedded_cluster_works_in_a_directory_of_its_own(tmp_path, monkeypatch):
     # A place that somebody else has prepared.
     planted = tmp_path / "dask-scratch-space"
     planted.mkdir(mode=0o777)
@@ -519,7 +505,7 @@ def test_embedded_cluster_works_in_a_directory_of_its_own(tmp_path, monkeypatch)
     def look(dask_worker: Any) -> tuple[list[str], str]:
         return sys.path, dask_worker.local_directory
 
-    with daskcluster.embedded(1, 1) as client:
+    with daskcluster.embedded(1, 1) as client, daskcluster.quiet():
         ((path, scratch),) = client.run(look).values()
         (private,) = tmp_path.glob("rattlesweep-dask-*")
         assert private.stat().st_mode & 0o777 == 0o700
@@ -531,6 +517,11 @@ def test_embedded_cluster_works_in_a_directory_of_its_own(tmp_path, monkeypatch)
         for page in ("status", "info/main/workers.html", "metrics", "json/counts.json"):
             with pytest.raises(urllib.error.HTTPError, match="404"):
                 urllib.request.urlopen(f"http://127.0.0.1:{at}/{page}", timeout=20)
+        address = client.scheduler.address
+        assert address.startswith("tls://127.0.0.1:")
+        for other in (address, address.replace("tls", "tcp")):
+            with pytest.raises((OSError, TypeError)):
+                Client(other, timeout=1, set_as_default=False)
     assert not private.exists()
     assert [p.name for p in planted.iterdir()] == ["planted.py"]
 

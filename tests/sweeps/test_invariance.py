@@ -50,8 +50,9 @@ def expected(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, bytes]:
     return contents(output)
 
 
-@pytest.mark.parametrize("size", [1, 5, 16, 47, 48, 1000])
-@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize(
+    ("size", "threads"), [(1, 2), (5, 1), (16, 2), (47, 1), (48, 2), (1000, 1)]
+)
 def test_blocks_and_threads(size, threads, expected, tmp_path):
     if threads > most_threads():
         pytest.skip("there is one processor")
@@ -59,12 +60,11 @@ def test_blocks_and_threads(size, threads, expected, tmp_path):
     assert contents(tmp_path) == expected
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_the_order_of_blocks(seed, expected, tmp_path):
+def test_the_order_of_blocks(expected, tmp_path):
     order = []
 
     def shuffled(job: Job) -> None:
-        random.Random(seed).shuffle(job.session.pending)
+        random.Random(1).shuffle(job.session.pending)
         order.extend(block.index for block in job.session.pending)
         local.work_off(job)
 
@@ -73,7 +73,7 @@ def test_the_order_of_blocks(seed, expected, tmp_path):
     assert contents(tmp_path) == expected
 
 
-@pytest.mark.parametrize("count", [1, 2, 7])
+@pytest.mark.parametrize("count", [1, 7])
 def test_shards_in_one_directory(count, expected, tmp_path):
     reports = []
     for index in random.Random(count).sample(range(count), count):
@@ -83,11 +83,10 @@ def test_shards_in_one_directory(count, expected, tmp_path):
     assert [report.summary is not None for report in reports] == [False] * (count - 1) + [True]
 
 
-@pytest.mark.parametrize("count", [2, 7])
-def test_shards_in_directories_of_their_own(count, expected, tmp_path):
-    parts = [tmp_path / str(index) for index in range(count)]
+def test_shards_in_directories_of_their_own(expected, tmp_path):
+    parts = [tmp_path / str(index) for index in range(3)]
     for index, part in enumerate(parts):
-        sweep(part, "block_size=3", shard=Shard(index, count))
+        sweep(part, "block_size=3", shard=Shard(index, 3))
     merge(parts, tmp_path / "merged")
     assert contents(tmp_path / "merged") == expected
 
@@ -128,7 +127,7 @@ def test_resumed_again_and_again(expected, tmp_path):
 
 def test_blocks_that_were_lost_are_the_same_again(expected, tmp_path):
     sweep(tmp_path, "block_size=5")
-    for seed in range(4):
+    for seed in range(2):
         rng = random.Random(seed)
         for path in rng.sample(sorted(tmp_path.glob("runs/*.parquet")), 4):
             path.unlink()

@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -39,13 +39,6 @@ horizon: {t: 300}
 integrator: {method: rk4, dt: 0.001}
 block_size: 10
 """
-
-
-@pytest.fixture(autouse=True)
-def handlers() -> Iterator[None]:
-    before = signal.getsignal(signal.SIGTERM)
-    yield
-    signal.signal(signal.SIGTERM, before)
 
 
 @pytest.fixture
@@ -328,9 +321,8 @@ def test_kernels_are_not_taken_from_a_directory_of_somebody_else(home, cluster):
 # -- and with the program itself -------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "own", [pytest.param(False, id="shared"), pytest.param(True, id="own", marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("own", [pytest.param(False, id="shared"), pytest.param(True, id="own")])
 def test_array_with_a_warning_in_the_middle_comes_to_the_same_table(own, home, cluster):
     plan = make_plan(load_config(home / "sweep.yaml"))
     run_sweep(plan, home / "plain")

@@ -105,8 +105,8 @@ def test_what_is_no_time(text, sweep, tmp_path):
 @pytest.mark.parametrize(
     ("number", "code", "word", "stride"),
     [
-        (signal.SIGINT, 130, "interrupted", 5),
-        (signal.SIGTERM, 143, "terminated", 9),
+        (signal.SIGINT, 130, "interrupted", 7),
+        (signal.SIGTERM, 143, "terminated", 17),
         pytest.param(signal.SIGINT, 130, "interrupted", 1, marks=pytest.mark.slow),
         pytest.param(signal.SIGTERM, 143, "terminated", 1, marks=pytest.mark.slow),
     ],
@@ -158,14 +158,14 @@ def test_a_second_ctrl_c_is_obeyed_at_once(sweep, tmp_path):
 
 # -- inside a block ----------------------------------------------------------------------------
 
-RUNS = 600
+RUNS, FEW = 600, 120
 
 
-def plan_of(**changes: Any) -> Plan:
+def plan_of(runs: int = RUNS, **changes: Any) -> Plan:
     """A sweep of one block."""
     config = {
         "name": "one",
-        "bodies": {"source": "sd", "samples": RUNS // 2},
+        "bodies": {"source": "sd", "samples": runs // 2},
         "spin": {"n_i": [-0.1, 0.2], "omega_xy0": 0.01},
         "block_size": RUNS,
     }
@@ -177,6 +177,14 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> Reference:
     """That sweep, never stopped."""
     output = tmp_path_factory.mktemp("plain")
     run_sweep(plan_of(), output)
+    return Reference.of(output)
+
+
+@pytest.fixture(scope="module")
+def few(tmp_path_factory: pytest.TempPathFactory) -> Reference:
+    """A small one, which many sessions are to share."""
+    output = tmp_path_factory.mktemp("few")
+    run_sweep(plan_of(FEW), output)
     return Reference.of(output)
 
 
@@ -245,23 +253,23 @@ def stop_and_go(plan: Plan, output: Path, **how: Any) -> list[Result]:
     return reports
 
 
-def test_any_time_however_short_makes_progress(plain, often, tmp_path):
-    reports = stop_and_go(plan_of(), tmp_path)
+def test_any_time_however_short_makes_progress(few, often, tmp_path):
+    reports = stop_and_go(plan_of(FEW), tmp_path)
     assert len(reports) > 1
-    assert sum(report.done for report in reports) == RUNS
+    assert sum(report.done for report in reports) == FEW
     assert reports[0].stopped == "the time is up"
-    check_finished(tmp_path, plain)
+    check_finished(tmp_path, few)
 
 
-def test_retrying_hears_the_time(plain, often, tmp_path):
+def test_retrying_hears_the_time(few, often, tmp_path):
     limited = {"integrator": {"max_steps": 400}}
-    failed = run_sweep(plan_of(**limited), tmp_path).failed["step_limit"]
-    assert failed > 100
-    reports = stop_and_go(plan_of(), tmp_path, retry_failed=True)
+    failed = run_sweep(plan_of(FEW, **limited), tmp_path).failed["step_limit"]
+    assert failed > 20
+    reports = stop_and_go(plan_of(FEW), tmp_path, retry_failed=True)
     assert len(reports) > 1
-    assert [report.runs for report in reports] == [RUNS] * len(reports)
+    assert [report.runs for report in reports] == [FEW] * len(reports)
     assert sum(report.retried for report in reports) == failed
-    check_finished(tmp_path, plain)
+    check_finished(tmp_path, few)
 
 
 def test_blocks_that_vanish_are_no_success(tmp_path):
@@ -270,9 +278,9 @@ def test_blocks_that_vanish_are_no_success(tmp_path):
         job.session.store.block_path(1).unlink()
 
     with pytest.raises(OutputError, match=r"block-000001.parquet was in place and has vanished"):
-        run_sweep(plan_of(block_size=400), tmp_path, engine=vanishing)
+        run_sweep(plan_of(FEW, block_size=80), tmp_path, engine=vanishing)
     assert manifest(tmp_path)["state"] == "stopped"
-    assert run_sweep(plan_of(block_size=400), tmp_path).summary is not None
+    assert run_sweep(plan_of(FEW, block_size=80), tmp_path).summary is not None
     assert verify(tmp_path).problems == []
 
 

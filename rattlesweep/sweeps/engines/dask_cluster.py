@@ -138,14 +138,13 @@ def _no_interrupt_for_children() -> Iterator[None]:
 @contextmanager
 def quiet() -> Iterator[None]:
     """Keep Dask's log off the terminal: what matters is said in one sentence."""
-    names: tuple[str, ...] = ("distributed", "tornado", "tornado.application", "asyncio")
-    names += tuple(n for n in logging.root.manager.loggerDict if n.startswith("distributed."))
-    loggers = [logging.getLogger(name) for name in names]
-    levels = [logger.level for logger in loggers]
-    for logger in loggers:
+    noisy = ("distributed", "tornado", "asyncio")
+    names = [name for name in logging.root.manager.loggerDict if name.split(".")[0] in noisy]
+    levels = {logger: logger.level for logger in map(logging.getLogger, names)}
+    for logger in levels:
         logger.setLevel(logging.CRITICAL)
     try:
         yield
     finally:
-        for logger, level in zip(loggers, levels, strict=True):
+        for logger, level in levels.items():
             logger.setLevel(level)

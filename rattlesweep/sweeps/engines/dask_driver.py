@@ -11,30 +11,31 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
-from typing import TYPE_CHECKING, Any
+from itertools import count
+from typing import TYPE_CHECKING
 
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.integrate.task import POLL
 from rattlesweep.sweeps.blocks.block import Interrupted, load_kernel
 from rattlesweep.sweeps.engines.dask_cluster import ANSWER, embedded, existing, quiet, reach
 from rattlesweep.sweeps.engines.dask_worker import (
-    Answer,
     call_off,
     do_block,
     in_place,
     place_order,
     remove_orders,
 )
-from rattlesweep.sweeps.engines.remainder import GATHER, prepare_remainder, write_remainder
+from rattlesweep.sweeps.engines.remainder import GATHER
 from rattlesweep.sweeps.store.manifest import Receipt
 from rattlesweep.sweeps.store.provenance import machine
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from distributed import Client, Future, KilledWorker
+    from distributed import Client, Future
 
     from rattlesweep.sweeps.cases.plan import Block
+    from rattlesweep.sweeps.engines.dask_worker import Answer
     from rattlesweep.sweeps.engines.job import Job
 
 AHEAD = 2  # blocks handed out for each worker: one under way, one ready
@@ -94,7 +95,7 @@ def make_engine(
             if job.session.shard is None:
                 remove_orders(directory.resolve())
             order = place_order(
-                job.session.opened, job.session.base, threads or (None if scheduler else 1)
+                job.session.output, job.session.base, threads or (None if scheduler else 1)
             )
             # Taken away first: workers hear it and drop their blocks.
             stack.callback(order.unlink, missing_ok=True)
@@ -107,15 +108,20 @@ class _Driver:
     """Hands out blocks and keeps their receipts."""
 
     def __init__(self, job: Job, client: Client, order: Path) -> None:
-        self._job = job
-        self._client = client
-        self._order = order
-        self._pending: deque[Block] = deque()
-        self._flying: dict[int, tuple[Block, Future]] = {}
-        self._tries: Counter[int] = Counter()
+        from distributed import as_completed
+
+        self._job, self._client, self._order = job, client, order
+        costs = job.session.costs
+        # The dearest first, so that no worker begins one when the others are done.
+        blocks = sorted(job.session.pending, key=lambda block: (-costs.of(block), block.index))
+        self._pending = deque(blocks)
+        self._flying: dict[Future, Block] = {}
+        self._completed = as_completed(loop=client.loop)
+        self._handed_out = count()
         self._killed: Counter[int] = Counter()
         self._workers = 0
-        self._counted = self._seen = time.monotonic()
+        self._due = 0.0
+        self._seen = time.monotonic()
         self._cpus = {machine()["cpu"]}
 
     def work_off(self) -> None:
@@ -133,22 +139,15 @@ class _Driver:
 
     def _work_off(self) -> None:
         job = self._job
-        costs = job.session.costs
-        # The dearest first, so that no worker begins one when the others are done.
-        blocks = sorted(job.pending, key=lambda block: (-costs.of(block), block.index))
-        self._pending.extend(blocks)
-        self._count(first=True)
-        job.begin()
-        job.tracker.begin()
         while self._pending or self._flying:
             self._connected()
             self._count()
             self._hand_out()
-            if job.too_late(job.result.done > 0):
+            if job.too_late(job.result.done > 0 or not self._workers):
                 break
             time.sleep(POLL)
-            for index in [i for i, (_, f) in self._flying.items() if f.status != "pending"]:
-                self._look_at(*self._flying[index])
+            for future in self._completed.next_batch(block=False):
+                self._look_at(self._flying.pop(future), future)
             job.tick()
 
     def _call_off(self) -> None:
@@ -158,64 +157,57 @@ class _Driver:
         call_off(self._order)
         end = time.monotonic() + GATHER
         while self._flying and time.monotonic() < end and self._client.status == "running":
-            for index in [i for i, (_, f) in self._flying.items() if f.done()]:
-                block, future = self._flying.pop(index)
+            for future in self._completed.next_batch(block=False):
+                block = self._flying.pop(future)
                 with suppress(Exception):  # a worker that could not do it has nothing
                     self._keep(block, future.result(timeout=ANSWER))
             time.sleep(POLL)
 
-    # ------------------------------------------------------------- handing out
-
     def _hand_out(self) -> None:
-        session = self._job.session
+        # Not all at once: a worker would take as many blocks as it has threads, and its kernel
+        # works on one at a time.
         while self._pending and len(self._flying) < AHEAD * self._workers:
             block = self._pending.popleft()
-            session.replaces(block.index)
+            self._job.session.replaces(block.index)
             future = self._client.submit(
                 do_block,
                 str(self._order),
                 block.index,
-                self._job.is_begun(block),
-                key=f"rattlesweep-{self._order.stem[-16:]}-{block.index}-{self._tries[block.index]}",
+                block.index in self._job.session.begun,
+                key=f"rattlesweep-{self._order.stem[-16:]}-{next(self._handed_out)}",
                 pure=False,
             )
-            self._flying[block.index] = block, future
+            self._flying[future] = block
+            self._completed.add(future)
 
-    def _count(self, first: bool = False) -> None:
-        """Count the workers, now and then; at first, wait until there is one."""
-        while True:
-            now = time.monotonic()
-            if first or now - self._counted >= COUNT_EVERY:
-                self._counted = now
-                self._workers = len(self._ask(self._client.scheduler.ncores))
-            if self._workers:
-                self._seen = now
-            elif now - self._seen > WORKERLESS:
-                where = self._client.scheduler.address
-                raise OutputError(
-                    f"the scheduler at {where} has had no worker for {WORKERLESS:.0f} s; start "
-                    f"some with `dask worker {where}`, and the same command resumes from there"
-                )
-            if self._workers or not first or self._job.too_late():
-                return
-            time.sleep(POLL)
-            self._job.tick()
-
-    def _ask(self, question: Any) -> Any:
+    def _count(self) -> None:
+        """Count the workers, now and then."""
         from distributed import TimeoutError as Late
 
+        now = time.monotonic()
+        if now < self._due:
+            return
+        self._due = now + COUNT_EVERY
         try:
-            return self._client.sync(question, callback_timeout=ANSWER)
+            cores = self._client.sync(self._client.scheduler.ncores, callback_timeout=ANSWER)
         except (OSError, Late) as error:
             raise self._scheduler_lost() from error
-
-    # ---------------------------------------------------------- what comes back
+        if cores and not self._job.begun:
+            self._job.begin()
+            self._job.tracker.begin()
+        if self._workers or cores:
+            self._seen = now
+        elif now - self._seen > WORKERLESS:
+            where = self._client.scheduler.address
+            raise OutputError(
+                f"the scheduler at {where} has had no worker for {WORKERLESS:.0f} s; start "
+                f"some with `dask worker {where}`, and the same command resumes from there"
+            )
+        self._workers = len(cores)
 
     def _connected(self) -> None:
         """Wait while Dask tries to find a lost scheduler again."""
         client = self._client
-        if client.status == "running":
-            return
         end = time.monotonic() + RETURN
         while client.status == "connecting" and time.monotonic() < end:
             time.sleep(POLL)
@@ -232,24 +224,24 @@ class _Driver:
         )
 
     def _look_at(self, block: Block, future: Future) -> None:
-        from distributed import KilledWorker
+        from distributed import CancelledError, KilledWorker
         from distributed import TimeoutError as Late
 
-        if future.status == "lost":
-            return  # its worker is, and Dask has it done again
-        del self._flying[block.index]
-        if future.status == "cancelled":
-            # By a scheduler that was lost and found again, or by another client.
-            self._again(block)
-            return
         try:
             answer = future.result(timeout=ANSWER)
-        except (Late, OSError):
-            self._look_on_disk(block)
         except KilledWorker as error:
-            self._again(block, error)
-        except Interrupted:
-            self._again(block)  # its worker was told to close
+            self._killed[block.index] += 1
+            if self._killed[block.index] >= ATTEMPTS:
+                raise OutputError(
+                    f"block {block.index} is given up: workers that have it are lost again and "
+                    f"again, the last one was {error.last_worker.address}; their logs say why, "
+                    "want of memory perhaps, which a smaller block_size in a new output avoids"
+                ) from error
+            self._pending.append(block)
+        except (CancelledError, Interrupted, Late, OSError):
+            # The scheduler was lost and found again; the worker was told to close; or it is lost or
+            # silent and its receipt with it, but the block may be there: the next one finds it.
+            self._pending.append(block)
         except ModuleNotFoundError as error:
             raise OutputError(
                 f"a worker cannot import rattlesweep ({error}); give all workers the environment "
@@ -258,38 +250,16 @@ class _Driver:
         else:
             self._keep(block, answer)
 
-    def _look_on_disk(self, block: Block) -> None:
-        """The receipt does not come, its worker being lost or silent; the block may be there."""
-        found = in_place(self._job.session.opened, block)
-        if found is None or block.index in self._job.session.retry:
-            self._again(block)
-        else:
-            self._keep(block, Answer(machine()["cpu"], found.dump(), block.rows))
-
-    def _again(self, block: Block, error: KilledWorker | None = None) -> None:
-        self._tries[block.index] += 1
-        self._pending.append(block)
-        if error is None:
-            return
-        self._killed[block.index] += 1
-        if self._killed[block.index] >= ATTEMPTS:
-            raise OutputError(
-                f"block {block.index} is given up: workers that have it are lost again and again, "
-                f"the last one was {error.last_worker.address}; their logs say why, want of memory "
-                "perhaps, which a smaller block_size in a new output avoids"
-            ) from error
-
     def _keep(self, block: Block, answer: Answer) -> None:
-        job, opened = self._job, self._job.session.opened
+        job = self._job
         job.result.lost += answer.lost
         receipt = None if answer.receipt is None else Receipt.load(answer.receipt)
         if receipt is not None:
             job.tracker.finish(block)
-        elif answer.columns is None or in_place(opened, block):
+        elif answer.columns is None or in_place(job.session.output, block):
             return
         else:
-            part = prepare_remainder(opened, block, job.is_begun(block))
-            receipt = write_remainder(opened, part, answer.columns)
+            receipt = job.prepare(block).write(answer.columns)
         job.wrote(block, receipt, answer.rows, answer.seconds)
         if answer.cpu not in self._cpus:
             self._cpus.add(answer.cpu)

@@ -29,12 +29,7 @@ from rattlesweep.integrate.task import POLL
 from rattlesweep.sweeps.blocks.block import Interrupted, load_kernel
 from rattlesweep.sweeps.cases.plan import make_plan
 from rattlesweep.sweeps.config.load import override_config, resolved
-from rattlesweep.sweeps.engines.remainder import (
-    gather,
-    integrate,
-    prepare_remainder,
-    write_remainder,
-)
+from rattlesweep.sweeps.engines.remainder import Remainder, gather
 from rattlesweep.sweeps.store.atomic import reason, replace_file
 from rattlesweep.sweeps.store.manifest import Receipt
 from rattlesweep.sweeps.store.output import Output
@@ -59,30 +54,14 @@ _opening = threading.Lock()
 
 @dataclass(frozen=True)
 class Answer:
-    """What a worker says of a block: small, unless a stop has left a part of it.
+    """What a worker says of a block: small, unless a stop has left a part of it."""
 
-    Attributes
-    ----------
-    cpu : str
-        Of the worker's machine.
-    receipt : dict or None
-        None if the block was stopped.
-    rows : int
-        Runs integrated.
-    seconds : float or None
-        Time of the integration; None if the block was in place.
-    columns : mapping or None
-        Of the runs that had ended when it was stopped.
-    lost : int
-        Runs that had begun but not ended.
-    """
-
-    cpu: str
-    receipt: dict[str, Any] | None = None
-    rows: int = 0
-    seconds: float | None = None
-    columns: Columns | None = None
-    lost: int = 0
+    cpu: str  # of the worker's machine
+    receipt: dict[str, Any] | None = None  # None if the block was stopped
+    rows: int = 0  # integrated
+    seconds: float | None = None  # of the integration; None if the block was in place
+    columns: Columns | None = None  # of the runs that had ended when it was stopped
+    lost: int = 0  # runs that had begun but not ended
 
 
 class _Stopped(Exception):
@@ -103,7 +82,7 @@ def essentials() -> dict[str, str]:
     }
 
 
-def place_order(opened: Output, base: Path | None, threads: int | None) -> Path:
+def place_order(output: Output, base: Path | None, threads: int | None) -> Path:
     """Write the order for the workers of this session; to be removed when it ends.
 
     Parameters
@@ -112,15 +91,15 @@ def place_order(opened: Output, base: Path | None, threads: int | None) -> Path:
         Threads of a kernel; by default those that the worker says it has.
     """
     order = {
-        "config": resolved(opened.plan.config) | {"block_size": opened.plan.block_size},
+        "config": resolved(output.plan.config) | {"block_size": output.plan.block_size},
         "base": None if base is None else str(base),
-        "hash": opened.hash_,
+        "hash": output.hash_,
         "threads": threads,
-        "retry_failed": opened.retry_failed,
+        "retry_failed": output.retry_failed,
         "essentials": essentials(),
         "host": socket.gethostname(),
     }
-    path = opened.store.directory.resolve() / f".order-{secrets.token_hex(8)}.json"
+    path = output.store.directory.resolve() / f".order-{secrets.token_hex(8)}.json"
     replace_file(path, json.dumps(order).encode())
     return path
 
@@ -169,21 +148,23 @@ def do_block(order: str, index: int, begun: bool = False) -> Answer:
     Interrupted
         The driver has ended.
     """
+    from distributed import get_worker
+
     with _opening:
-        opened, threads = _open(order)
-    block, cpu = opened.plan.block(index), machine()["cpu"]
-    if not begun and (there := in_place(opened, block)) is not None:
-        return Answer(cpu, there.dump())
+        output, threads = _open(order)
+    block, cpu = output.plan.block(index), machine()["cpu"]
+    if not begun and (there := in_place(output, block)) is not None:
+        return Answer(cpu, there.dump(), block.rows)  # by a worker that was lost
     watch = _Watch(Path(order))
-    part = prepare_remainder(opened, block, begun)
+    part = Remainder.prepare(output, block, begun)
     task: Task[Columns] | None = None
     try:
         while not _kernel.acquire(timeout=POLL):
             watch()
         try:
             # Not while another thread uses a kernel, nor as a part of the integration's time.
-            load_kernel(opened.plan.config)
-            task = integrate(part, opened.plan.config, threads or _my_threads())
+            load_kernel(output.plan.config)
+            task = part.integrate(threads or get_worker().state.nthreads)
             columns = task.wait(lambda control: watch())
         finally:
             _kernel.release()
@@ -193,7 +174,7 @@ def do_block(order: str, index: int, begun: bool = False) -> Answer:
         some, lost = gather(task)
         rows = 0 if some is None else len(some["case"])
         return Answer(cpu, None, rows, task.seconds, some, lost)
-    return Answer(cpu, write_remainder(opened, part, columns).dump(), part.rows, task.seconds)
+    return Answer(cpu, part.write(columns).dump(), part.rows, task.seconds)
 
 
 @cache
@@ -233,13 +214,13 @@ def _open(order: str) -> tuple[Output, int | None]:
     return Output(Store(path.parent), plan, asked["hash"], None, [], retry), asked["threads"]
 
 
-def in_place(opened: Output, block: Block) -> Receipt | None:
+def in_place(output: Output, block: Block) -> Receipt | None:
     """Receipt of a block that a worker finished before it was lost."""
     try:
-        found = opened.store.inspect_block(block.index)
+        found = output.store.inspect_block(block.index)
     except DamagedError:
         return None
-    whole = found.complete and found.note == opened.note(block)
+    whole = found.complete and found.note == output.note(block)
     return found.receipt if whole else None
 
 
@@ -268,12 +249,6 @@ class _Watch:
             return  # a moment of a network file system
         if stop:
             raise _Stopped
-
-
-def _my_threads() -> int:
-    from distributed import get_worker
-
-    return int(get_worker().state.nthreads)
 
 
 def _me() -> str:

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rattlesweep.sweeps.engines.remainder import Remainder
+
 if TYPE_CHECKING:
     import pyarrow as pa
 
@@ -77,6 +79,8 @@ class Job:
     ----------
     deadline : float or None
         Of :func:`time.monotonic`, after which no work is to be done.
+    begun : float
+        The same, when the engine was ready to integrate; 0 before.
     """
 
     session: Session
@@ -84,25 +88,20 @@ class Job:
     result: Result
     threads: int
     deadline: float | None
-    _begun: float = 0.0
+    begun: float = 0.0
 
     @property
     def plan(self) -> Plan:
         """What is to be done."""
-        return self.session.plan
+        return self.session.output.plan
 
-    @property
-    def pending(self) -> list[Block]:
-        """Blocks to work off."""
-        return self.session.pending
-
-    def is_begun(self, block: Block) -> bool:
-        """Whether rows of a pending block are there."""
-        return block.index in self.session.begun
+    def prepare(self, block: Block) -> Remainder:
+        """What is left to do of a pending block."""
+        return Remainder.prepare(self.session.output, block, block.index in self.session.begun)
 
     def begin(self) -> None:
         """Say that the engine is ready to integrate."""
-        self._begun = time.monotonic()
+        self.begun = time.monotonic()
 
     def wrote(self, block: Block, receipt: Receipt, rows: int, seconds: float | None) -> None:
         """Count a block into which so many new rows were written; not all, if it was stopped."""
@@ -120,7 +119,7 @@ class Job:
         """Whether to stop; a session in which no run has ended yet is given a little longer."""
         if self.deadline is None or time.monotonic() < self.deadline:
             return False
-        return some_done or (self._begun > 0 and time.monotonic() >= self._begun + GRACE)
+        return some_done or (self.begun > 0 and time.monotonic() >= self.begun + GRACE)
 
     def stop(self) -> None:
         """Say that the time was up."""

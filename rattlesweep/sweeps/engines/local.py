@@ -10,20 +10,14 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from rattlesweep.sweeps.blocks.block import load_kernel
-from rattlesweep.sweeps.engines.remainder import (
-    Remainder,
-    gather,
-    integrate,
-    prepare_remainder,
-    write_remainder,
-)
+from rattlesweep.sweeps.engines.remainder import gather
 from rattlesweep.sweeps.forecast.forecast import expectation
 
 if TYPE_CHECKING:
     from rattlesweep.integrate.task import Task
     from rattlesweep.sweeps.cases.plan import Block
     from rattlesweep.sweeps.engines.job import Job
-    from rattlesweep.sweeps.engines.remainder import Columns
+    from rattlesweep.sweeps.engines.remainder import Columns, Remainder
 
 
 class _Late(Exception):
@@ -36,8 +30,8 @@ def work_off(job: Job) -> None:
     job.session.expect(lambda: expectation(job.plan, job.threads, left))
     job.result.load_seconds = load_kernel(job.plan.config)
     job.begin()
-    opened, pending = job.session.opened, job.pending
-    ready = prepare_remainder(opened, pending[0], job.is_begun(pending[0]))
+    pending = job.session.pending
+    ready = job.prepare(pending[0])
     task: Task[Columns] | None = None
     done: tuple[Remainder, Columns, float] | None = None
     try:
@@ -45,13 +39,12 @@ def work_off(job: Job) -> None:
             if job.too_late(place > 0):
                 raise _Late
             under_way = ready
-            task = integrate(under_way, job.plan.config, job.threads)
+            task = under_way.integrate(job.threads)
             if done is not None:
                 _write(job, *done)
                 done = None
             if place + 1 < len(pending):
-                after = pending[place + 1]
-                ready = prepare_remainder(opened, after, job.is_begun(after))
+                ready = job.prepare(pending[place + 1])
             columns = task.wait(lambda control, block=block: _tick(job, block, control))  # type: ignore[misc]
             done, task = (under_way, columns, task.seconds), None
             job.tracker.finish(block)
@@ -83,5 +76,4 @@ def _tick(job: Job, block: Block, control: Any) -> None:
 
 def _write(job: Job, part: Remainder, columns: Columns, seconds: float) -> None:
     job.session.replaces(part.block.index)
-    receipt = write_remainder(job.session.opened, part, columns)
-    job.wrote(part.block, receipt, len(columns["case"]), seconds)
+    job.wrote(part.block, part.write(columns), len(columns["case"]), seconds)

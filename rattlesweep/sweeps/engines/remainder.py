@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from rattlesweep.integrate.batch import Batch
     from rattlesweep.sweeps.cases.launches import Launches
     from rattlesweep.sweeps.cases.plan import Block
-    from rattlesweep.sweeps.config.schema import Config
     from rattlesweep.sweeps.store.manifest import Receipt
     from rattlesweep.sweeps.store.output import Output
 
@@ -50,51 +49,69 @@ class Remainder:
         Under which the rows in ``old`` were done.
     """
 
+    output: Output
     block: Block
     old: pa.Table | None
     limit: int
     launches: Launches
     batch: Batch | None
 
+    @classmethod
+    def prepare(cls, output: Output, block: Block, begun: bool) -> Remainder:
+        """What can be done before the kernel is free: bodies, theory, initial states.
+
+        Parameters
+        ----------
+        begun : bool
+            Whether rows of the block are there.
+        """
+        plan = output.plan
+        case, sample = plan.runs_of(block)
+        old, limit = None, plan.config.integrator.max_steps
+        if begun:
+            file = output.store.inspect_block(block.index)
+            limit = limit if file.note is None else file.note.max_steps
+            old = with_types(file.table(), plan.config.classify)
+            kept = old.filter(pc.equal(old.column("status"), "ok")) if output.retry_failed else old
+            left = ~np.isin(np.arange(block.first, block.stop), _numbers(kept, plan.samples))
+            case, sample = case[left], sample[left]
+        return cls(output, block, old, limit, *prepare_runs(plan, case, sample))
+
     @property
     def rows(self) -> int:
         """Number of runs to integrate."""
         return len(self.launches.case)
 
-
-def prepare_remainder(opened: Output, block: Block, begun: bool) -> Remainder:
-    """What can be done before the kernel is free: bodies, theory, initial states.
-
-    Parameters
-    ----------
-    begun : bool
-        Whether rows of the block are there.
-
-    Raises
-    ------
-    DamagedError, OutputError
-        They cannot be read any more.
-    """
-    plan = opened.plan
-    case, sample = plan.runs_of(block)
-    old, limit = None, plan.config.integrator.max_steps
-    if begun:
-        file = opened.store.inspect_block(block.index)
-        limit = limit if file.note is None else file.note.max_steps
-        old = with_types(file.table(), plan.config.classify)
-        kept = old.filter(pc.equal(old.column("status"), "ok")) if opened.retry_failed else old
-        left = ~np.isin(np.arange(block.first, block.stop), _numbers(kept, plan.samples))
-        case, sample = case[left], sample[left]
-    return Remainder(block, old, limit, *prepare_runs(plan, case, sample))
-
-
-def integrate(part: Remainder, config: Config, threads: int) -> Task[Columns]:
-    """Begin to integrate and type the runs, in a thread."""
-    return Task(
-        lambda control: finish_block(
-            config, part.launches, part.batch, threads=threads, control=control
+    def integrate(self, threads: int) -> Task[Columns]:
+        """Begin to integrate and type the runs, in a thread."""
+        config = self.output.plan.config
+        return Task(
+            lambda control: finish_block(
+                config, self.launches, self.batch, threads=threads, control=control
+            )
         )
-    )
+
+    def write(self, columns: Columns) -> Receipt:
+        """Write the block's new rows beside those that are there; every engine does it so.
+
+        Parameters
+        ----------
+        columns : mapping
+            Of all runs that were left, or of those that had ended when it was stopped.
+        """
+        plan, store, index = self.output.plan, self.output.store, self.block.index
+        note = self.output.note(self.block)
+        if self.old is None:
+            schema = runs_schema(plan.config.record, plan.config.model)
+            return store.write_block(index, columns, schema, note)
+        new = build_table(columns, self.old.schema)
+        others = ~np.isin(_numbers(self.old, plan.samples), _numbers(new, plan.samples))
+        rows = pa.concat_tables([self.old.filter(pa.array(others)), new])
+        rows = rows.take(pc.sort_indices(rows, [("case", "ascending"), ("sample", "ascending")]))
+        if self.output.retry_failed and len(new) < self.rows:
+            # Some that failed under the old limit are still there.
+            note = replace(note, max_steps=self.limit)
+        return store.rewrite_block(index, rows, note)
 
 
 def gather(task: Task[Columns]) -> tuple[Columns | None, int]:
@@ -106,29 +123,6 @@ def gather(task: Task[Columns]) -> tuple[Columns | None, int]:
         return stopped.columns, stopped.lost
     except TimeoutError:
         return None, task.control.runs_begun
-
-
-def write_remainder(opened: Output, part: Remainder, columns: Columns) -> Receipt:
-    """Write a block's new rows beside those that are there; every engine does it so.
-
-    Parameters
-    ----------
-    columns : mapping
-        Of all runs that were left, or of those that had ended when it was stopped.
-    """
-    config, note = opened.plan.config, opened.note(part.block)
-    if part.old is None:
-        schema = runs_schema(config.record, config.model)
-        return opened.store.write_block(part.block.index, columns, schema, note)
-    new = build_table(columns, part.old.schema)
-    samples = opened.plan.samples
-    others = ~np.isin(_numbers(part.old, samples), _numbers(new, samples))
-    rows = pa.concat_tables([part.old.filter(pa.array(others)), new])
-    rows = rows.take(pc.sort_indices(rows, [("case", "ascending"), ("sample", "ascending")]))
-    if opened.retry_failed and len(new) < part.rows:
-        # Some that failed under the old limit are still there.
-        note = replace(note, max_steps=part.limit)
-    return opened.store.rewrite_block(part.block.index, rows, note)
 
 
 def _numbers(rows: pa.Table, samples: int) -> NDArray[np.int64]:

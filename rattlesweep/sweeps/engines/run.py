@@ -76,7 +76,7 @@ def run_sweep(
     ) as session:
         session.scan()
         session.check_shared()
-        result.remarks += session.opened.remarks
+        result.remarks += session.output.remarks
         result.resumed_runs = session.kept
         there = {block.index: block.rows for block in session.blocks}
         there |= {block.index: session.begun.get(block.index, 0) for block in session.pending}

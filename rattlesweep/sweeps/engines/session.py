@@ -62,7 +62,7 @@ class Session:
         Numbers of complete blocks with types of other thresholds, and with failed runs to do again.
     """
 
-    opened: Output
+    output: Output
     base: Path | None
     shard: Shard | None
     threads: int
@@ -91,12 +91,12 @@ class Session:
     @property
     def store(self) -> Store:
         """Its directory."""
-        return self.opened.store
+        return self.output.store
 
     @property
     def plan(self) -> Plan:
         """What is to be done."""
-        return self.opened.plan
+        return self.output.plan
 
     @property
     def runs(self) -> int:
@@ -117,14 +117,14 @@ class Session:
             If a block may not be read.
         """
         schema = runs_schema(self.plan.config.record, self.plan.config.model)
-        known = self.opened.manifest.receipts if self.opened.manifest else {}
+        known = self.output.manifest.receipts if self.output.manifest else {}
         for block in self.blocks:
             try:
                 found = self.store.inspect_block(block.index)
             except DamagedError:
                 self.pending.append(block)
                 continue
-            wanted = self.opened.note(block)
+            wanted = self.output.note(block)
             old = known.get(block.index)
             if (
                 found.note is None
@@ -136,7 +136,7 @@ class Session:
                 self.pending.append(block)
                 continue
             self._check_limit(found.note, wanted, found.receipt)
-            retry = bool(found.receipt.failed) and self.opened.retry_failed
+            retry = bool(found.receipt.failed) and self.output.retry_failed
             if retry or not found.complete:
                 self.pending.append(block)
                 again = sum(found.receipt.failed.values()) if retry else 0
@@ -161,7 +161,7 @@ class Session:
         if (
             old.max_steps < new.max_steps
             and "step_limit" in receipt.failed
-            and not (self.opened.retry_failed)
+            and not (self.output.retry_failed)
         ):
             raise ConfigError(
                 f"{self.store.directory}: some of its runs ended at integrator.max_steps "
@@ -197,14 +197,14 @@ class Session:
             manifest.clear("classified")
             manifest.sessions = [*self._others(manifest)[-REMEMBERED:], self._record]
 
-        if self.opened.manifest is None and self.store.has_manifest():
+        if self.output.manifest is None and self.store.has_manifest():
             self._replace_damaged()
         self.store.update_manifest(change, self._blank)
         self._due = time.monotonic() + NOTE_EVERY
 
     def _blank(self) -> Manifest:
         """A manifest with all that this session knows: it may be removed while that is at work."""
-        manifest = Manifest.begin(self.plan, self.opened.hash_, self.base)
+        manifest = Manifest.begin(self.plan, self.output.hash_, self.base)
         manifest.receipts, manifest.sessions = dict(self.receipts), [self._record]
         return manifest
 
@@ -220,7 +220,7 @@ class Session:
 
     def expect(self, forecast: Callable[[], dict[str, Any] | None]) -> None:
         """Keep what the sweep is expected to take, if nobody has before and it can be told."""
-        known = self.opened.manifest and self.opened.manifest.expected
+        known = self.output.manifest and self.output.manifest.expected
         if known or (expected := forecast()) is None:
             return
 
@@ -242,7 +242,7 @@ class Session:
         bool
             Whether it is whole.
         """
-        if not self.opened.note(self.plan.block(index)).is_whole(receipt.rows):
+        if not self.output.note(self.plan.block(index)).is_whole(receipt.rows):
             self.begun[index] = receipt.rows
             return False
         if self.begun.pop(index, None) is not None or seconds is None:
@@ -354,12 +354,12 @@ def open_session(
             _check_not_input(plan, base, store)
             remove_runs(store)
         store.remove_stale_temporaries(alone)
-        opened = replace(examine(plan, directory, base), retry_failed=retry_failed)
-        opened.remarks.extend(put_in_order(store, opened.plan, opened.hash_))
-        costs = Costs(opened.plan)
-        shares = deal(opened.plan, 1 if shard is None else shard.count, costs)
+        output = replace(examine(plan, directory, base), retry_failed=retry_failed)
+        output.remarks.extend(put_in_order(store, output.plan, output.hash_))
+        costs = Costs(output.plan)
+        shares = deal(output.plan, 1 if shard is None else shard.count, costs)
         blocks = shares[0 if shard is None else shard.index]
-        yield Session(opened, base, shard, threads, costs, blocks)
+        yield Session(output, base, shard, threads, costs, blocks)
 
 
 def remove_runs(store: Store) -> None:

@@ -37,49 +37,31 @@ GIVEN = ("keys", "body", "launch", "theory")
 
 @dataclass(frozen=True)
 class Footprint:
-    """Measured: ``block_*`` for a block whatever its size, ``row_*`` for each of its rows.
+    """What the whole sweep takes beside the kernel.
 
     Attributes
     ----------
+    bytes, memory : int
+        Of all files; and of memory at most.
     start_seconds : float
         Paid once in a process, by the first table.
-    prepare_seconds, type_seconds, row_seconds : float
-        To prepare a row, to type it, and to write it.
-    row_memory : float
-        Bytes of a row when most is held: a block in the kernel, the next one prepared, the one
-        before being written.
-    base_memory : int
-        Bytes of the process before it begins.
+    prepare_seconds, type_seconds, write_seconds : float
+        To prepare all rows, to type them, and to write them, rest on the disk aside.
     """
 
+    bytes: int
+    memory: int
     start_seconds: float
     prepare_seconds: float
     type_seconds: float
-    block_seconds: float
-    row_seconds: float
-    block_bytes: float
-    row_bytes: float
-    row_memory: float
-    base_memory: int
-
-    def bytes_of(self, plan: Plan) -> int:
-        """Bytes of all files of a sweep."""
-        beside = BESIDE + BESIDE_CASE * len(plan.cases) + BESIDE_BLOCK * plan.n_blocks
-        return round(beside + plan.n_blocks * self.block_bytes + plan.runs * self.row_bytes)
-
-    def memory_of(self, plan: Plan) -> int:
-        """Bytes of memory at most."""
-        rows = min(plan.block_size, plan.runs)
-        # The summary gathers two numbers of each run of a case, and sorts them out.
-        return round(self.base_memory + rows * self.row_memory + 32 * plan.samples)
+    write_seconds: float
 
 
 def measure(plan: Plan, pilot: Pilot) -> Footprint:
     """Prepare, type and encode some rows."""
-    config = plan.config
+    config, base = plan.config, _resident()
     schema = runs_schema(config.record, config.model)
     given = [column.name for part in GIVEN for column in RUNS[part]]
-    base = _resident() - _bytes(pilot.launches) - _bytes(pilot.batch)
     # Rows as they follow one another in a block in the middle, as far as bodies are cheap.
     case, sample = plan.runs_of(plan.block(plan.n_blocks // 2))
     cheap = sample < pilot.each if pilot.small is not plan else np.ones(len(case), dtype=bool)
@@ -92,36 +74,35 @@ def measure(plan: Plan, pilot: Pilot) -> Footprint:
     times.append(time.perf_counter())
     _encoded(inputs, given, schema, 1)
     times.append(time.perf_counter())
-    rows = len(launches.case)
-    prepare_seconds, type_seconds, start_seconds = np.diff(times) / [rows, rows, 1]
+    prepare_seconds, type_seconds, start_seconds = np.diff(times).tolist()
     outputs = pilot.columns or inputs
     results = [name for name in schema.names if name not in given and name in outputs]
-    one = _encoded({**inputs, **outputs}, [*given, *results], schema, 1)
+    block = _encoded({**inputs, **outputs}, [*given, *results], schema, 1)
     # Columns are written one by one, so each may be measured where it is true to life: what is
     # given on neighbours in a block, which may share bodies; what comes out on runs of any kind.
-    slopes = np.zeros(3)
+    row = np.zeros(3)
     for columns, names in ((inputs, given), (outputs, results)):
         if (count := len(columns["case"])) > 1:
             more = _encoded(columns, names, schema, count) - _encoded(columns, names, schema, 1)
-            slopes += np.maximum(more, 0.0) / (count - 1)
-    prepared = (_bytes(launches) + _bytes(batch)) / rows
+            row += np.maximum(more, 0.0) / (count - 1)
+    rows, at_once, blocks = len(launches.case), min(plan.block_size, plan.runs), plan.n_blocks
     kernel = 0
     if batch is not None:
         kernel = 8 * (C.FIRST_STATE + batch.y0.shape[1] + C.N_PLAN + C.N_COUNTS + 2)
         kernel += 24 * N_WINDOWS * ("windows" in config.record)
-    blocks = min(plan.n_blocks, 3)
-    # While a block is prepared, as much again comes and goes.
-    held = (blocks + 1) * prepared + min(blocks, 2) * kernel + slopes[2] + 3 * slopes[0]
+    # Most is held with a block in the kernel, the next one prepared, for which as much again comes
+    # and goes, and the one before being written.
+    held = (min(blocks, 3) + 1) * (_bytes(launches) + _bytes(batch)) / rows
+    held += min(blocks, 2) * kernel + row[2] + 3 * row[0]
+    beside = BESIDE + BESIDE_CASE * len(plan.cases) + BESIDE_BLOCK * blocks
     return Footprint(
+        bytes=round(beside + blocks * block[0] + plan.runs * row[0]),
+        # The summary gathers two numbers of each run of a case, and sorts them out.
+        memory=round(base + at_once * held + 32 * plan.samples),
         start_seconds=start_seconds,
-        prepare_seconds=prepare_seconds,
-        type_seconds=type_seconds,
-        block_seconds=float(one[1]),
-        row_seconds=float(slopes[1]),
-        block_bytes=float(one[0]),
-        row_bytes=float(slopes[0]),
-        row_memory=float(held),
-        base_memory=max(0, base),
+        prepare_seconds=plan.runs / rows * prepare_seconds,
+        type_seconds=plan.runs / rows * type_seconds,
+        write_seconds=float(blocks * block[1] + plan.runs * row[1]),
     )
 
 

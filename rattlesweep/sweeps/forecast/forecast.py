@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rattlesweep.integrate.batch import available_threads
+from rattlesweep.integrate.defaults import DT
 from rattlesweep.integrate.lanes.step import LANES
+from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.sweeps.cases.costs import SEED, Costs
 from rattlesweep.sweeps.cases.shards import deal
 from rattlesweep.sweeps.forecast.footprint import Footprint, measure
-from rattlesweep.sweeps.forecast.pilot import Pilot, nominal_seconds, turns
+from rattlesweep.sweeps.forecast.pilot import Pilot
 from rattlesweep.text import align
 
 if TYPE_CHECKING:
@@ -27,68 +29,39 @@ if TYPE_CHECKING:
 # Opening and closing a directory, and putting a block to rest on the disk: a pilot that writes
 # nothing cannot measure them. Both were 0.05 s and 0.01 s on a local disk.
 OPEN_SECONDS, REST_SECONDS = 0.05, 0.01
-# Usual relative standard deviations of the time of a turn, on a machine that others use too, and
-# of what is beside the kernel.
-USUAL, REST = 0.15, 0.25
-# Rows of blocks whose queue is played through to see how long their last runs keep lanes waiting.
-PLAYED_ROWS = 20_000
-# Seconds from which on a sweep is worth a pilot, by nominal rates.
-WORTH = 120.0
-REPLICATES = 1000
+# Relative standard deviation of a machine's speed from one time to another.
+SPEED = 0.15
+# Nanoseconds of a step of one run on one thread, a stage of the method; and the seconds from which
+# on a sweep is worth a pilot.
+STAGE, WORTH = 3e-9, 120.0
+REPLICATES = 500
 
 
 @dataclass(frozen=True)
 class Forecast:
-    """What a sweep is expected to take.
-
-    Attributes
-    ----------
-    runs, cases, blocks, block_rows, threads : int
-    units, units_most : float
-        Time integrated, in ``sqrt(a/g)``, summed over the runs; and what it would be if every run
-        went to its horizon.
-    seconds, low, high : float
-        Expected time, and its interval of 95 %.
-    kernel_seconds, start_seconds : float
-        Of these: integration, and what a process pays once.
-    compile_seconds : float or None
-        Time the kernel took to compile just now, which the sweep need not any more; None if it
-        was compiled before.
-    bytes, memory : int
-        On disk, and of memory at most.
-    million, billion : float
-        Seconds for so many runs like these.
-    shards : int or None
-        Shares it is split into, each on a machine like this one.
-    shard_seconds : float or None
-        Time of the longest share.
-    pilot_runs, pilot_cut : int
-        Runs that the pilot integrated, and those of them that it could not wait for.
-    pilot_threads : int
-    pilot_seconds : float
-    """
+    """What a sweep is expected to take: times in seconds, of which `low` to `high` hold 95 %."""
 
     runs: int
     cases: int
     blocks: int
     block_rows: int
     threads: int
-    units: float
-    units_most: float
+    units: float  # time integrated, in sqrt(a/g), summed over the runs
+    units_most: float  # the same, if every run went to its horizon
     seconds: float
     low: float
     high: float
-    kernel_seconds: float
-    start_seconds: float
-    compile_seconds: float | None
-    bytes: int
-    memory: int
-    million: float
+    kernel_seconds: float  # integration
+    start_seconds: float  # paid once by a process
+    compile_seconds: float | None  # the kernel, just now; None if it was compiled before
+    bytes: int  # on disk
+    memory: int  # bytes at most
+    million: float  # seconds for so many runs like these
     billion: float
-    shards: int | None
-    shard_seconds: float | None
+    shards: int | None  # each on a machine like this one
+    shard_seconds: float | None  # of the longest
     pilot_runs: int
-    pilot_cut: int
+    pilot_cut: int  # of these, how many the pilot could not wait for
     pilot_threads: int
     pilot_seconds: float
 
@@ -127,14 +100,20 @@ def forecast(
     pilot.run(max(0.25 * budget, 0.9 * budget - (time.perf_counter() - begin)))
     paper = measure(plan, pilot)
     spent = time.perf_counter() - begin - (pilot.compile_seconds or 0.0)
-    kernel, units, most = _kernel(plan, pilot, LANES * threads)
+    horizon = np.where(pilot.cost > 0, pilot.launches.t_end, 0.0) * (plan.config.model != "gh")
     once = pilot.load_seconds + paper.start_seconds + OPEN_SECONDS
-    beside, waiting = _beside(plan, pilot, paper), _waiting(plan, pilot, LANES * threads)
-    times = _whole(plan, paper, threads, once, waiting * kernel, beside)
-    low, high = np.quantile(times[1:], [0.025, 0.975]).tolist()
+    steps, units = pilot.steps(REPLICATES)
+    waiting = pilot.waiting(LANES * threads)
+    kernel = waiting * steps * pilot.turn / (LANES * threads)
+    times = once + _overlapped(plan, paper, threads, kernel) + pilot.draw_seconds
+    # The machine may be as fast again as the others who use it now let it be, or slower.
+    speed = np.hypot(SPEED, np.log(pilot.share) / 2)
+    random = np.random.default_rng(SEED)
+    busier = np.exp(speed * random.standard_normal(REPLICATES))
+    low, high = np.quantile(times[1:] * busier, [0.025, 0.975]).tolist()
     seconds = float(times[0])
     # In a large sweep no lane waits for the last runs.
-    each = (seconds - once - float(kernel[0]) * (waiting - 1)) / plan.runs
+    each = (seconds - once - float(kernel[0]) * (1 - 1 / waiting)) / plan.runs
     longest = None
     if shards is not None:
         costs = Costs(plan)
@@ -147,24 +126,37 @@ def forecast(
         block_rows=min(plan.block_size, plan.runs),
         threads=threads,
         units=units,
-        units_most=most,
+        units_most=float(horizon.sum()) * plan.samples / pilot.each,
         seconds=seconds,
         low=min(low, seconds),
         high=max(high, seconds),
-        kernel_seconds=waiting * float(kernel[0]),
+        kernel_seconds=float(kernel[0]),
         start_seconds=once,
         compile_seconds=pilot.compile_seconds,
-        bytes=paper.bytes_of(plan),
-        memory=paper.memory_of(plan),
+        bytes=paper.bytes,
+        memory=paper.memory,
         million=once + 1e6 * each,
         billion=once + 1e9 * each,
         shards=shards,
         shard_seconds=longest,
-        pilot_runs=int((~np.isnan(pilot.steps)).sum()),
+        pilot_runs=int((~np.isnan(pilot.low)).sum()),
         pilot_cut=pilot.cut,
         pilot_threads=pilot.threads,
         pilot_seconds=spent,
     )
+
+
+def _overlapped(plan: Plan, paper: Footprint, threads: int, kernel: Floats) -> Floats:
+    """Seconds of all blocks, as the engine does them: the kernel beside preparing and writing."""
+    beside = paper.prepare_seconds + paper.write_seconds + plan.n_blocks * REST_SECONDS
+    # The first block is prepared, and the last one written, by itself; and the summary reads a
+    # part of what was written.
+    ends = beside * min(plan.block_size, plan.runs) / plan.runs
+    typed, meanwhile = kernel + paper.type_seconds, beside - ends
+    cores = max(available_threads(), threads)
+    all_cores = (threads * kernel + paper.type_seconds + meanwhile) / cores
+    seconds: Floats = np.maximum(np.maximum(typed, meanwhile), all_cores)
+    return seconds + ends + paper.write_seconds / 4
 
 
 def expectation(plan: Plan, threads: int, max_time: float | None = None) -> dict[str, Any] | None:
@@ -172,104 +164,16 @@ def expectation(plan: Plan, threads: int, max_time: float | None = None) -> dict
 
     What a shorter one would take by nominal rates says nothing of this machine and is not kept.
     """
-    cost = float(Costs(plan).of_cases.sum()) * plan.samples
-    # A run ends halfway to its horizon or so.
-    seconds = nominal_seconds(plan, cost) / 2 / threads
+    settings = plan.config.integrator
+    method = METHODS[settings.method]
+    if plan.config.model == "gh":
+        return None
+    # A run ends halfway to its horizon or so; an adaptive step is about a radian long.
+    steps = float(Costs(plan).of_cases.sum()) * plan.samples / 2
+    if not method.adaptive:
+        steps /= settings.dt or DT
+    seconds = steps * method.stages * STAGE / threads
     return forecast(plan, threads).as_data() if min(seconds, max_time or np.inf) > WORTH else None
-
-
-def _kernel(plan: Plan, pilot: Pilot, lanes: int) -> tuple[Floats, float, float]:
-    """Seconds of integration with all lanes in use; the time integrated, expected and at most.
-
-    Of the seconds, the first is the estimate; the others are those of samples of the pilot's runs
-    (bootstrap), with what is not known of it: of which bodies it has drawn, how long what it could
-    not wait for would have gone on, and how busy the machine will be.
-    """
-    random = np.random.default_rng(SEED)
-    scale = plan.samples / pilot.each
-    horizon = np.where(pilot.cost > 0, pilot.launches.t_end, 0.0)
-    most = float(horizon.sum()) * scale
-    if not len(pilot.drawn):
-        return np.zeros(1 + REPLICATES), 0.0, 0.0 if plan.config.model == "gh" else most
-    total = float(pilot.cost.sum()) * scale
-    rows, picks = pilot.drawn, np.arange(len(pilot.drawn))[None]
-    weights = np.ones(len(rows))
-    if pilot.all_known:
-        rows = np.flatnonzero(pilot.cost)
-        picks, weights = np.arange(len(rows))[None], pilot.cost[rows]
-    else:
-        picks = np.concatenate([picks, random.integers(0, len(rows), (REPLICATES, len(rows)))])
-    part = random.random((len(picks), 1))
-    part[0] = 0.5
-    low, high = pilot.low[rows][picks], pilot.high[rows][picks]
-    steps = (low + part * (high - low)) / pilot.cost[rows][picks]
-    means = np.average(steps, axis=1, weights=weights) * total
-    units = float(np.average(pilot.spent[rows] / pilot.cost[rows], weights=weights)) * total
-    sums = pilot.cost.reshape(-1, pilot.each).sum(axis=0)
-    drawn = 0.0 if pilot.whole else float(sums.std() / sums.mean() / np.sqrt(len(sums)))
-    error = np.hypot(_busyness(pilot), drawn)
-    noise = np.exp(np.append(0.0, error * random.standard_normal(REPLICATES)))
-    seconds: Floats = pilot.turn * means / lanes * noise
-    return seconds, units, most
-
-
-def _busyness(pilot: Pilot) -> float:
-    """Relative standard deviation of the time of a turn from one time to another.
-
-    A few batches say little of it, so it is drawn towards what is usual.
-    """
-    used = np.array([part for *_, part in pilot.rates])
-    each = np.array([seconds / count for count, seconds, _ in pilot.rates])
-    squares = float((used * np.log(each / pilot.turn) ** 2).sum())
-    return float(np.sqrt((2 * USUAL**2 + squares) / (1 + used.sum())))
-
-
-def _waiting(plan: Plan, pilot: Pilot, lanes: int) -> float:
-    """Turns of a block over those of one without idle lanes, from playing some blocks through."""
-    if not len(pilot.drawn):
-        return 1.0
-    random = np.random.default_rng(SEED)
-    pace = pilot.steps / np.where(pilot.cost > 0, pilot.cost, np.nan)
-    rows = min(plan.block_size, plan.runs)
-    count = max(1, min(plan.n_blocks, PLAYED_ROWS // rows))
-    played = busy = 0.0
-    for index in np.unique(np.linspace(0, plan.n_blocks - 1, count).astype(int)).tolist():
-        case, sample = plan.runs_of(plan.block(index))
-        place = sample if pilot.whole else random.integers(0, pilot.each, len(case))
-        at = case * pilot.each + place
-        at = at[pilot.cost[at] > 0]
-        guess = pace[random.choice(pilot.drawn, len(at))]
-        known = pilot.whole & ~np.isnan(pace[at])
-        steps = pilot.cost[at] * np.where(known, pace[at], guess)
-        played += turns(steps, pilot.cost[at], lanes) * lanes
-        busy += float(steps.sum())
-    return played / busy if busy > 0 else 1.0
-
-
-def _beside(plan: Plan, pilot: Pilot, paper: Footprint) -> tuple[float, float]:
-    """Seconds beside the kernel: while it runs, and while it stands still."""
-    rows = min(plan.block_size, plan.runs)
-    prepare = plan.runs * paper.prepare_seconds
-    write = plan.n_blocks * (paper.block_seconds + REST_SECONDS) + plan.runs * paper.row_seconds
-    ends = (prepare + write) * rows / plan.runs
-    # Bodies are drawn on all cores; and the summary reads a part of what was written.
-    alone = pilot.draw_seconds + ends + plan.runs * paper.row_seconds / 4
-    return prepare + write - ends, alone
-
-
-def _whole(plan: Plan, paper: Footprint, threads: int, once: float, kernel: Floats,
-           beside: tuple[float, float]) -> Floats:  # fmt: skip
-    """Put the parts together as the engine does: the kernel beside the preparing and writing."""
-    cores = max(available_threads(), threads)
-    random = np.random.default_rng(SEED)
-    noise = np.exp(np.append(0.0, REST * random.standard_normal(REPLICATES)))
-    meanwhile, alone = beside
-    typing = plan.runs * paper.type_seconds
-    busy = [kernel + typing, np.full_like(kernel, meanwhile),
-            (threads * kernel + typing + meanwhile) / cores]  # fmt: skip
-    longest = np.max(busy, axis=0)
-    seconds: Floats = kernel + (once + alone + longest - kernel) * noise
-    return seconds
 
 
 def describe(forecast: Forecast) -> str:

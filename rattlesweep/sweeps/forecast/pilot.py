@@ -1,19 +1,21 @@
 """A short timed pilot of a sweep: what its runs cost here and now. Nothing is written.
 
 Runs differ a thousandfold in length and most end before their horizon. So they are drawn in
-proportion to their expected cost: the mean of steps over expected cost is then the sweep's. Time is
-measured in *turns*: in one turn a thread moves all its lanes by one step, whether they are in use
-or not. A turn takes the same time in small and large batches (1.13 to 1.15 us on one thread,
-between 20 and 99.8 % of the lanes in use), and how many there are follows from the steps of the
-runs and the order in which lanes take them.
+proportion to their expected cost: the mean of steps over expected cost is then the sweep's (a ratio
+estimator). Time is measured in *turns*: in one turn a thread moves all its lanes by one step,
+whether they are in use or not. A turn takes the same time in small and large batches (1.13 to
+1.15 us on one thread, between 20 and 99.8 % of the lanes in use), and how many there are follows
+from the steps of the runs and the order in which lanes take them.
 """
 
 from __future__ import annotations
 
 import heapq
+import os
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
+from glob import glob
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -40,16 +42,14 @@ if TYPE_CHECKING:
 
 # Runs whose expected cost is worked out (2 us each), and bodies drawn for a target (160 us each).
 KNOWN, DRAWN = 20_000, 2_000
-# Runs of the first draw, and those integrated a little way to see what they leave in a file.
-FIRST, PIECES = 128, 256
-# Share of the time that those may take.
-SHARE = 0.03
-# Nanoseconds of a step of one run on one thread, a stage of the method; steps a unit of cost.
-STAGE, STEPS = 3e-9, 1.0
+# Runs of the first draw, and of a batch that only loads the kernel, cut to this time.
+FIRST, LOADING, SHORT = 128, 32, 1.0
 # Fixed steps are this long in the pilot: their number scales, and RK4 still sees every reversal.
 PILOT_DT = 0.04
 # Seconds that a kernel takes from disk, and from which on it was compiled.
 LOADED, COMPILED = 0.2, 2.0
+# Rows of blocks whose queue is played through to see how long their last runs keep lanes waiting.
+PLAYED_ROWS = 20_000
 
 
 def turns(steps: Floats, cost: Floats, lanes: int) -> float:
@@ -68,15 +68,6 @@ def turns(steps: Floats, cost: Floats, lanes: int) -> float:
     return max(ends)
 
 
-def nominal_seconds(plan: Plan, cost: float) -> float:
-    """Seconds of one thread for runs of so much expected cost, by nominal rates."""
-    settings = plan.config.integrator
-    method = METHODS[settings.method]
-    steps = cost * STEPS if method.adaptive else cost / (settings.dt or DT)
-    return 0.0 if plan.config.model == "gh" else steps * method.stages * STAGE
-
-
-@dataclass
 class Pilot:
     """Integrates runs of a plan, drawn by their cost, until the time is up.
 
@@ -88,32 +79,22 @@ class Pilot:
         Expected.
     whole : bool
         Whether these are all runs of the sweep.
-    steps, low, high, spent : ndarray, shape (rows of launches,)
-        Steps of a run and their bounds, which are apart where it was not waited for, and the time
-        it integrated; NaN where it was not tried.
+    low, high, spent : ndarray, shape (rows of launches,)
+        Bounds of the steps of a run, apart where it was not waited for, and the time it integrated;
+        NaN where it was not tried.
     drawn : ndarray of int64
         Rows, in proportion to their cost; one may come again.
-    rates : list of (float, float, float)
-        Turns and seconds of each batch, and which part of its lanes was in use.
     columns : mapping or None
-        Of some runs of every kind.
+        Of some runs.
+    cut : int
+        Runs that were under way when the time was up.
     draw_seconds : float
         To draw all bodies that are drawn for a target.
     """
 
-    plan: Plan
-    threads: int
-    drawn: Integers = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    rates: list[tuple[float, float, float]] = field(default_factory=list)
-    columns: Mapping[str, Any] | None = None
-    batch: Batch | None = None
-    cut: int = 0
-    load_seconds: float = 0.0
-    compile_seconds: float | None = None
-
-    def __post_init__(self) -> None:
-        """Prepare runs, and time it."""
-        plan, bodies = self.plan, self.plan.config.bodies
+    def __init__(self, plan: Plan, threads: int) -> None:
+        self.plan, self.threads = plan, threads
+        bodies = plan.config.bodies
         most = max(4, KNOWN // len(plan.cases))
         targets = 0
         if isinstance(bodies, SdSource) and bodies.target is not None:
@@ -129,59 +110,66 @@ class Pilot:
         first, again = np.diff(times)
         self.draw_seconds = max(0.0, first - again) * (plan.samples / self.each) * (targets > 0)
         self.cost = expected_cost(self.launches, plan.config.model)
-        self.steps, self.low, self.high, self.spent = np.full((4, len(self.cost)), np.nan)
+        self.low, self.high, self.spent = np.full((3, len(self.cost)), np.nan)
+        self.drawn: Integers = np.zeros(0, dtype=np.int64)
+        self.columns: Mapping[str, Any] | None = None
+        self.cut = 0
+        self.load_seconds = 0.0
+        self.compile_seconds: float | None = None
+        self._turns = self._seconds = 0.0
+        self._listed = False
+        self._cores = np.zeros(2)
         self._random = np.random.default_rng(SEED)
-        config, self._stretch = plan.config, 1.0
-        if not METHODS[config.integrator.method].adaptive:
-            dt = config.integrator.dt or DT
+        self.config, self._stretch = plan.config, 1.0
+        settings = plan.config.integrator
+        if not METHODS[settings.method].adaptive:
+            dt = settings.dt or DT
             self._stretch = max(dt, PILOT_DT) / dt
-            coarse = config.integrator.model_copy(update={"dt": dt * self._stretch})
-            config = config.model_copy(update={"integrator": coarse})
-        self.config = config
-
-    @property
-    def lanes(self) -> int:
-        """Lanes of all threads."""
-        return LANES * self.threads
+            coarse = settings.model_copy(update={"dt": dt * self._stretch})
+            self.config = plan.config.model_copy(update={"integrator": coarse})
 
     @property
     def turn(self) -> float:
-        """Seconds of a turn; batches count by the part of the lanes that was in use.
+        """Seconds of a turn; 0 if nothing was integrated."""
+        return self._seconds / self._turns if self._turns else 0.0
 
-        Where few are, the time is that of the thread with the longest run, which on a busy machine
-        may be the slower one.
-        """
-        count, seconds, used = np.transpose(self.rates)
-        return float((seconds * used).sum() / (count * used).sum())
+    @property
+    def share(self) -> float:
+        """Part of the time in which the kernel's threads had a core: less than 1 if others do."""
+        had, waited = self._cores
+        return float(had / (had + waited)) if had > 0 else 1.0
 
     @property
     def all_known(self) -> bool:
         """Whether every run of the sweep has been integrated to its end."""
-        return self.whole and not self.cut and not np.isnan(self.steps[self.cost > 0]).any()
+        return self.whole and not self.cut and not np.isnan(self.low[self.cost > 0]).any()
 
     def run(self, budget: float) -> None:
         """Load the kernel, and integrate for about so many seconds."""
-        if self.config.model == "gh" or not self.cost.any():
+        rows = np.flatnonzero(self.cost)
+        if self.config.model == "gh" or not len(rows):
             return
         begin = time.perf_counter()
         load_kernel(self.config)
-        rows = np.flatnonzero(self.cost)
-        _, one = prepare_runs(self.small, self.case[rows[:1]], self.sample[rows[:1]])
-        assert one is not None
-        self._integrate(replace(one, t_end=np.minimum(one.t_end, 1.0)), np.inf)
+        launches, batch = prepare_runs(self.small, self.case[rows[:LOADING]],
+                                       self.sample[rows[:LOADING]])  # fmt: skip
+        assert batch is not None
+        short = np.minimum(batch.t_end, SHORT) / batch.t_end
+        batch = replace(batch, t_end=short * batch.t_end, window=short * batch.window)
+        self.columns = columns_of(self.config, launches, batch, self._integrate(batch)[0])
         loaded = time.perf_counter() - begin
         self.load_seconds = loaded if loaded < COMPILED else LOADED
         self.compile_seconds = None if loaded < COMPILED else loaded
-        end = time.perf_counter() + budget
-        self._try_pieces(rows[np.unique(np.linspace(0, len(rows) - 1, PIECES).astype(int))], budget)
-        count = FIRST
+        self._cores[:] = 0.0
+        end, lanes, count = time.perf_counter() + budget, LANES * self.threads, FIRST
+        self._listed = self.whole and len(rows) <= FIRST
         while not self.cut and not self.all_known and count >= FIRST // 2:
-            self._draw(rows if self.whole and len(rows) <= FIRST else self._by_cost(count), end)
+            self._draw(rows if self._listed else self._by_cost(count), end)
             # As many more as there is time for, should they be like those before.
-            left = (0.9 * (end - time.perf_counter())) / self.turn * self._stretch
-            known = self.steps[self.drawn]
-            able = (left - float(known.max())) * self.lanes / float(known.mean())
-            count = int(min(able, 4 * len(self.drawn)))
+            left = 0.9 * (end - time.perf_counter()) / self.turn * self._stretch
+            known = self.high[self.drawn]
+            able = (left - float(known.max())) * lanes / float(known.mean())
+            count = int(min(able, 4 * len(self.drawn), KNOWN))
 
     def _by_cost(self, count: int) -> Integers:
         """Rows in steps of equal cost: likely in proportion to it, and spread over the cases."""
@@ -191,92 +179,121 @@ class Pilot:
         rows: Integers = np.minimum(np.searchsorted(edges, places, side="right"), last)
         return rows
 
-    def _integrate(self, batch: Batch, end: float) -> tuple[Outcome, float, Control]:
+    def _integrate(self, batch: Batch, end: float = np.inf) -> tuple[Outcome, float, Control]:
+        def call(control: Control) -> Outcome:
+            before = _core_seconds()
+            outcome = run_batch(self.config, batch, threads=self.threads, control=control)
+            self._cores += np.maximum(0.0, _core_seconds() - before)
+            return outcome
+
         def until_late(control: Control) -> None:
             if time.perf_counter() > end:
                 control.stop()
 
-        task: Task[Outcome] = Task(
-            lambda control: run_batch(self.config, batch, threads=self.threads, control=control)
-        )
+        task = Task(call)
         return task.wait(until_late), task.seconds, task.control
-
-    def _rate(self, batch: Batch, outcome: Outcome, seconds: float, done: float) -> float:
-        """Learn what a turn takes; steps to a unit of the kernel's cost, as far as runs have ended.
-
-        Where the time was up all lanes were in use.
-        """
-        ended = outcome.status != Status.STOPPED
-        steps = np.where(ended, outcome.n_steps + outcome.n_rejected, 0).astype(float)
-        cost = kernel_cost(batch)
-        gone = np.where(ended, cost * outcome.t_end / batch.t_end, 0.0).sum()
-        if not ended.any():
-            return 0.0
-        pace = float(steps.sum() / gone)
-        tried = float(steps.sum())
-        if ended.all():
-            count = turns(steps, cost, self.lanes)
-        else:
-            tried += pace * max(0.0, done - cost[ended].sum())
-            count = tried / min(self.lanes, len(cost))
-        if count > 0:
-            self.rates.append((count, seconds, tried / (count * self.lanes)))
-        return pace
-
-    def _try_pieces(self, rows: Integers, budget: float) -> None:
-        """Integrate runs of every kind, cut to what takes little of the time."""
-        launches, batch = prepare_runs(self.small, self.case[rows], self.sample[rows])
-        assert batch is not None
-        self.batch = batch
-        turn = nominal_seconds(self.plan, 1.0) * LANES / self._stretch
-        most = SHARE * budget / (turn * (1 + len(rows) / self.lanes))
-        part = np.minimum(1.0, most / self.cost[rows])
-        short = replace(batch, t_end=part * batch.t_end, window=part * batch.window)
-        outcome, seconds, control = self._integrate(short, time.perf_counter() + 0.4 * budget)
-        ended = outcome.status != Status.STOPPED
-        if ended.any():
-            parts = take(launches, ended), take(short, ended), take(outcome, ended)
-            self.columns = columns_of(self.config, *parts)
-        self._rate(short, outcome, seconds, control.done)
 
     def _draw(self, drawn: Integers, end: float) -> None:
         """Integrate the runs of a draw that are not known yet."""
-        rows = np.unique(drawn[np.isnan(self.steps[drawn])])
+        rows = np.unique(drawn[np.isnan(self.low[drawn])])
         if len(rows):
-            _, batch = prepare_runs(self.small, self.case[rows], self.sample[rows])
+            launches, batch = prepare_runs(self.small, self.case[rows], self.sample[rows])
             assert batch is not None
             outcome, seconds, control = self._integrate(batch, end)
-            ended, steps = outcome.status != Status.STOPPED, outcome.n_steps + outcome.n_rejected
-            known = rows[ended]
-            self.spent[known] = outcome.t_end[ended]
-            self.steps[known] = self.low[known] = self.high[known] = steps[ended] * self._stretch
-            pace = self._rate(batch, outcome, seconds, control.done)
-            if not ended.all():
-                self._judge(rows, ended, batch, pace, seconds, control.done)
-        self.drawn = np.concatenate([self.drawn, drawn[~np.isnan(self.steps[drawn])]])
+            ended = outcome.status != Status.STOPPED
+            if ended.any():
+                parts = take(launches, ended), take(batch, ended), take(outcome, ended)
+                self.columns = columns_of(self.config, *parts)
+            self._learn(rows, batch, outcome, seconds, control.done)
+        self.drawn = np.concatenate([self.drawn, drawn[~np.isnan(self.low[drawn])]])
 
-    def _judge(
-        self,
-        rows: Integers,
-        ended: NDArray[np.bool_],
-        batch: Batch,
-        pace: float,
-        seconds: float,
-        done: float,
+    def _learn(
+        self, rows: Integers, batch: Batch, outcome: Outcome, seconds: float, done: float
     ) -> None:
-        """Bound the steps of the runs under way when the time was up, the dearest of what is left.
+        """Learn the steps of the runs, or their bounds, and what a turn takes.
 
-        All that is known is how much of their horizons they have behind them together.
+        Of the runs under way when the time was up, which are the dearest that are left, all that is
+        known is how much of their horizons they have behind them together.
         """
-        cost = kernel_cost(batch)
-        waiting = np.flatnonzero(~ended)[np.argsort(-cost[~ended], kind="stable")]
-        at = waiting[: self.lanes]
-        past = min(0.999, max((done - cost[ended].sum()) / cost[at].sum(), 1e-6))
-        if not pace:
-            if not self.rates:  # its value cancels
-                self.rates.append((seconds / 1e-6, seconds, 1.0))
-            pace = seconds / self.turn * len(at) / (past * float(cost[at].sum()))
-        high, rows = pace * cost[at] * self._stretch, rows[at]
-        self.low[rows], self.steps[rows], self.high[rows] = past * high, (1 + past) / 2 * high, high
-        self.spent[rows] = (1 + past) / 2 * batch.t_end[at]
-        self.cut += len(at)
+        lanes = LANES * self.threads
+        cost, steps = kernel_cost(batch), (outcome.n_steps + outcome.n_rejected).astype(float)
+        ended, so_far, spent = outcome.status != Status.STOPPED, steps, outcome.t_end
+        if not ended.all():
+            gone = float((cost * spent / batch.t_end)[ended].sum())
+            # Where no run has ended the value cancels.
+            pace = float(steps[ended].sum()) / gone if gone > 0 else 1.0
+            at = np.flatnonzero(~ended)[np.argsort(-cost[~ended], kind="stable")][:lanes]
+            steps = np.where(ended, steps, np.nan)
+            steps[at] = pace * cost[at]
+            # Lanes move alike.
+            each = pace * max(done - cost[ended].sum(), 1e-6 * cost[at].sum()) / len(at)
+            so_far = np.where(ended, steps, np.minimum(each, 0.999 * steps))
+            spent = np.where(ended, spent, (so_far / steps + 1) / 2 * batch.t_end)
+            self.cut += len(at)
+        self.low[rows], self.high[rows] = so_far * self._stretch, steps * self._stretch
+        self.spent[rows] = spent
+        self._turns += turns(np.nan_to_num(so_far), cost, lanes)
+        self._seconds += seconds
+
+    def steps(self, replicates: int) -> tuple[Floats, float]:
+        """Steps of the whole sweep, and the time that it integrates.
+
+        Of the steps, the first is the estimate; the others are those of samples of the runs drawn
+        (bootstrap), in each of which what was cut goes on to another part of what is left of it.
+        """
+        if self.all_known:
+            return np.full(1 + replicates, np.nansum(self.low)), float(np.nansum(self.spent))
+        if not len(self.drawn):
+            return np.zeros(1 + replicates), 0.0
+        total, random = float(self.cost.sum()) * self.plan.samples / self.each, self._random
+        cost = self.cost[self.drawn]
+        weights = cost if self._listed else np.ones(len(cost))
+        weights = weights / weights.sum()
+        low, high, spent = (values[self.drawn] for values in (self.low, self.high, self.spent))
+        paces = np.array([low, high]) / cost * weights
+        means = [paces.sum() / 2]
+        # Samples beyond those whose cost is known have others.
+        sums = self.cost.reshape(-1, self.each).sum(axis=0) / self.cost.sum() * self.each
+        for _ in range(replicates):
+            part = random.random()
+            mean = np.array([1 - part, part]) @ paces[:, random.integers(0, len(cost), len(cost))]
+            others = 1.0 if self.whole else sums[random.integers(0, self.each, self.each)].mean()
+            means.append(mean.sum() * others)
+        return np.array(means) * total, float((spent / cost * weights).sum()) * total
+
+    def waiting(self, lanes: int) -> float:
+        """Turns of blocks over those without idle lanes, from playing their queues through.
+
+        Parameters
+        ----------
+        lanes : int
+            Of all threads of the sweep.
+        """
+        if not len(self.drawn):
+            return 1.0
+        plan, random = self.plan, np.random.default_rng(SEED)
+        paces = (self.low + self.high) / 2 / np.where(self.cost > 0, self.cost, np.nan)
+        count = max(1, min(plan.n_blocks, PLAYED_ROWS // min(plan.block_size, plan.runs)))
+        played = busy = 0.0
+        for index in np.linspace(0, plan.n_blocks - 1, count).astype(int).tolist():
+            case, sample = plan.runs_of(plan.block(index))
+            at = case * self.each + (sample if self.whole else sample % self.each)
+            at = at[self.cost[at] > 0]
+            guess = paces[random.choice(self.drawn, len(at))]
+            steps = self.cost[at] * np.where(np.isnan(paces[at]), guess, paces[at])
+            played += turns(steps, self.cost[at], lanes) * lanes
+            busy += float(steps.sum())
+        return played / busy if busy > 0 else 1.0
+
+
+def _core_seconds() -> Floats:
+    """Seconds for which threads beside the main one had a core, and waited for one (Linux)."""
+    sums = np.zeros(2)
+    main = f"/proc/self/task/{os.getpid()}/schedstat"
+    for path in set(glob("/proc/self/task/*/schedstat")) - {main}:
+        try:
+            with open(path) as file:
+                sums += np.array(file.read().split()[:2], dtype=float) / 1e9
+        except (OSError, ValueError):  # the thread has just ended
+            continue
+    return sums
