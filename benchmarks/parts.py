@@ -34,6 +34,7 @@ from rattlesweep.sweeps.cases.launches import full_batch, prepare, reduced_batch
 from rattlesweep.sweeps.cases.plan import make_plan
 from rattlesweep.sweeps.config.load import load_config
 from rattlesweep.sweeps.store.store import Store
+from rattlesweep.sweeps.tables.arrow import build_table
 from rattlesweep.sweeps.tables.columns import runs_schema
 
 if TYPE_CHECKING:
@@ -116,7 +117,7 @@ def around(plan: Any, launches: Any, columns: dict[str, Any], directory: Path) -
         Part("theory: modes", lambda: theory.modes(b.alpha, b.beta, b.theta, b.phi, b.xi), runs),
         Part("steady modes", lambda: steady_modes(constants, launches.n_i), runs),
         Part("initial states, steady modes", lambda: full_batch(launches), runs),
-        Part("Parquet block", lambda: store.write_block(0, columns, schema), runs),
+        Part("Parquet block", lambda: store.write_block(0, build_table(columns, schema)), runs),
     ]
 
 

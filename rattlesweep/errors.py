@@ -43,5 +43,5 @@ class OutputError(RuntimeError):
     """Results cannot be read or written where they should be (exit code 1)."""
 
 
-class DamagedManifest(OutputError):
-    """`manifest.json` is not what was written."""
+class DamagedError(OutputError):
+    """A file is not what was written: cut short, changed, or none of this program."""

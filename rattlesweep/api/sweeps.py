@@ -43,7 +43,8 @@ class Sweep:
 
         from rattlesweep.sweeps.tables.columns import runs_schema
 
-        tables = [table for _, table in self._stored.store.iter_blocks()]
+        store = self._stored.store
+        tables = [store.read_block(index).table() for index in store.block_indices()]
         if not tables:
             config = self._stored.config
             tables = [runs_schema(config.record, config.model).empty_table()]

@@ -20,7 +20,7 @@ import pandas as pd
 import pyarrow as pa
 from matplotlib.figure import Figure as Drawing
 
-from rattlesweep.errors import OutputError
+from rattlesweep.errors import DamagedError, OutputError
 from rattlesweep.paper.settings import Sizes, sweep_config
 from rattlesweep.study.style import encode as picture
 from rattlesweep.study.style import styled
@@ -30,7 +30,7 @@ from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.engines.run import run_sweep
 from rattlesweep.sweeps.store.atomic import probe_directory, reason, replace_file
 from rattlesweep.sweeps.store.store import Store
-from rattlesweep.sweeps.tables.arrow import DamagedError, encode, open_sealed
+from rattlesweep.sweeps.tables.arrow import encode, open_sealed
 
 Tables = Mapping[str, pa.Table]
 # Told the share that is done and a few words; may raise to stop the work.

@@ -129,8 +129,9 @@ def with_failures(directory: Path, config_hash: str) -> None:
     """Make of a finished sweep one in which every third run came to its limit of steps."""
     store, said = Store(directory), manifest(directory)
     receipts = {}
-    for index, table in list(store.iter_blocks()):
-        note = store.inspect_block(index).note
+    for index in store.block_indices():
+        file = store.read_block(index)
+        note, table = file.note, file.table()
         assert note is not None
         assert note.sweep == config_hash
         ends = [sample % 3 == 1 for sample in table.column("sample").to_pylist()]
@@ -140,7 +141,7 @@ def with_failures(directory: Path, config_hash: str) -> None:
             for name in ("type", "t_r"):
                 columns[name][row] = None
         rows = pa.table(columns, schema=runs_schema(model="gh"))
-        receipt = store.rewrite_block(index, rows, replace(note, max_steps=10))
+        receipt = store.write_block(index, rows, replace(note, max_steps=10))
         receipts[index] = receipt
     limited = said["config"]["integrator"] | {"max_steps": 10}
     said["config"]["integrator"] = limited

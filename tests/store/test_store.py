@@ -19,7 +19,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.errors import ConfigError, DamagedError, OutputError
 from rattlesweep.sweeps.cases.plan import make_plan
 from rattlesweep.sweeps.config.load import parse_config
 from rattlesweep.sweeps.inspect.content_hash import content_hash
@@ -29,7 +29,6 @@ from rattlesweep.sweeps.store.manifest import Manifest, Receipt
 from rattlesweep.sweeps.store.store import Store
 from rattlesweep.sweeps.store.stored import open_stored
 from rattlesweep.sweeps.tables.arrow import (
-    DamagedError,
     build_table,
     encode,
     open_sealed,
@@ -79,7 +78,7 @@ def random_columns(case: np.ndarray, sample: np.ndarray, seed: int = 1) -> dict[
 def whole(store: Store, index: int, schema: pa.Schema, rows: int) -> bool:
     """Whether a block is undamaged, and has these columns and rows."""
     try:
-        found = store.inspect_block(index)
+        found = store.read_block(index)
     except DamagedError:
         return False
     return found.receipt.rows == rows and same_schema(found.schema, schema)
@@ -101,7 +100,7 @@ def fill(directory: Path, size: int, rows: int = 1000, cases: int = 3, seed: int
     sample = np.arange(rows) - np.searchsorted(case, case)
     columns = random_columns(case, sample, seed)
     for index, start in enumerate(range(0, rows, size)):
-        store.write_block(index, cut(columns, start, start + size), SCHEMA)
+        store.write_block(index, build_table(cut(columns, start, start + size), SCHEMA))
     return store
 
 
@@ -206,15 +205,15 @@ def test_nan_where_a_value_must_be(tmp_path: Path) -> None:
     columns = random_columns(np.zeros(3, int), np.arange(3))
     columns["alpha"][1] = np.nan
     with pytest.raises(ValueError, match="internal error: column alpha has 1 rows without"):
-        fill(tmp_path, 1000).write_block(1, columns, SCHEMA)
+        fill(tmp_path, 1000).write_block(1, build_table(columns, SCHEMA))
     assert Store(tmp_path).block_indices() == [0]
 
 
 def test_equal_data_equal_bytes(tmp_path: Path) -> None:
     one, two = fill(tmp_path / "1", 400), fill(tmp_path / "2", 400)
     assert one.block_path(1).read_bytes() == two.block_path(1).read_bytes()
-    whole = one.read_block(1)
-    one.rewrite_block(1, pa.concat_tables([whole[:7], whole[7:]]))
+    whole = one.read_block(1).table()
+    one.write_block(1, pa.concat_tables([whole[:7], whole[7:]]))
     assert one.block_path(1).read_bytes() == two.block_path(1).read_bytes()
 
 
@@ -229,7 +228,7 @@ def test_pandas_duckdb_and_polars_agree(store: Store) -> None:
         .to_arrow_table()
         .cast(SCHEMA.remove_metadata()),
         "polars": pl.scan_parquet(pattern).collect().to_arrow(),
-        "arrow": pa.concat_tables(table for _, table in store.iter_blocks()),
+        "arrow": pa.concat_tables(store.read_block(k).table() for k in store.block_indices()),
     }
     for field in SCHEMA:
         lists = {name: t.column(field.name).to_pylist() for name, t in frames.items()}
@@ -256,9 +255,9 @@ KILLED = """
 import os, signal, sys
 from rattlesweep.sweeps.store.store import Store
 store = Store(sys.argv[1])
-table = store.read_block(0)
+table = store.read_block(0).table()
 os.replace = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
-store.rewrite_block(int(sys.argv[2]), table)
+store.write_block(int(sys.argv[2]), table)
 """
 
 
@@ -288,12 +287,12 @@ def test_writing_fails(
     store: Store, monkeypatch: pytest.MonkeyPatch, call: str, number: int
 ) -> None:
     before = {p: p.read_bytes() for p in store.directory.rglob("*") if p.is_file()}
-    table = store.read_block(0)
+    table = store.read_block(0).table()
     with monkeypatch.context() as patch:
         patch.setattr(files.os, call, failing(number))
         for write in (
-            lambda: store.rewrite_block(1, table[:5]),
-            lambda: store.rewrite_block(7, table),
+            lambda: store.write_block(1, table[:5]),
+            lambda: store.write_block(7, table),
             lambda: store.write_summary(table),
         ):
             with pytest.raises(OutputError, match=f"cannot write .*: {os.strerror(number)}$"):
@@ -334,11 +333,11 @@ def test_a_file_of_which_a_part_arrives(
     taken: slice, number: int | None, words: str, store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     real = os.fdopen
-    table = store.read_block(0)
+    table = store.read_block(0).table()
     with monkeypatch.context() as patch:
         patch.setattr(files.os, "fdopen", lambda *args: ShortFile(real(*args), taken, number))
         with pytest.raises(OutputError, match=words):
-            store.rewrite_block(1, table)
+            store.write_block(1, table)
     assert not temporaries(store.directory)
     assert whole(store, 1, SCHEMA, 400)
 
@@ -347,10 +346,10 @@ def test_ctrl_c_leaves_nothing(store: Store, monkeypatch: pytest.MonkeyPatch) ->
     def interrupt(*_: Any) -> None:
         raise KeyboardInterrupt
 
-    table = store.read_block(0)
+    table = store.read_block(0).table()
     monkeypatch.setattr(files.os, "replace", interrupt)
     with pytest.raises(KeyboardInterrupt):
-        store.rewrite_block(1, table)
+        store.write_block(1, table)
     assert not temporaries(store.directory)
 
 
@@ -417,7 +416,7 @@ def test_whole_but_not_what_was_asked(store: Store, tmp_path: Path) -> None:
     assert not whole(store, 8, SCHEMA, 400)
     described = SCHEMA.set(2, SCHEMA.field(2).with_metadata({"unit": "1", "description": "new"}))
     assert whole(store, 1, described, 400)
-    foreign = store.read_block(1)
+    foreign = store.read_block(1).table()
     pq.write_table(foreign, store.block_path(1))
     assert not whole(store, 1, SCHEMA, 400)
 
@@ -438,7 +437,7 @@ def test_seal_of_text_that_looks_like_one() -> None:
 
 def test_empty_block(tmp_path: Path) -> None:
     store = fill(tmp_path, 10)
-    store.write_block(100, cut(random_columns(np.zeros(2, int), np.arange(2)), 0, 0), SCHEMA)
+    store.write_block(100, store.read_block(0).table()[:0])
     assert whole(store, 100, SCHEMA, 0)
     assert content_hash(tmp_path)
 
@@ -449,11 +448,12 @@ def test_empty_block(tmp_path: Path) -> None:
 def test_blocks_come_in_order_and_foreign_files_do_not(store: Store) -> None:
     (store.runs / "notes.txt").write_text("mine")
     (store.runs / "block-0000.parquet").write_text("mine")
-    table = store.read_block(2)
-    store.rewrite_block(1_000_000, table)  # one digit more than the names were made for
-    pairs = list(store.iter_blocks(["sample", "case"]))
-    assert [index for index, _ in pairs] == [0, 1, 2, 1_000_000]
-    assert pairs[0][1].column_names == ["sample", "case"]
+    table = store.read_block(2).table()
+    store.write_block(1_000_000, table)  # one digit more than the names were made for
+    assert store.block_indices() == [0, 1, 2, 1_000_000]
+    batches = list(store.iter_batches(["sample", "case"]))
+    assert batches[0].schema.names == ["sample", "case"]
+    assert sum(batch.num_rows for batch in batches) == 1200
     with pytest.raises(OutputError, match="no column nonsense"):
         list(store.iter_batches(["nonsense"]))
     assert Store(store.directory / "absent").block_indices() == []
@@ -470,7 +470,7 @@ def test_content_hash_does_not_see_blocks(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", SCHEMA.names[2:])
 def test_content_hash_sees_every_bit(store: Store, name: str) -> None:
     before = content_hash(store.directory)
-    table = store.read_block(1)
+    table = store.read_block(1).table()
     rows = table.column(name).to_pylist()
     spot = next(i for i, value in enumerate(rows) if value)
     value = rows[spot]
@@ -482,33 +482,33 @@ def test_content_hash_sees_every_bit(store: Store, name: str) -> None:
         rows[spot] = value + 1 if isinstance(value, int) else float(np.nextafter(value, 1e300))
     field = table.schema.field(name)
     column = table.schema.get_field_index(name)
-    store.rewrite_block(1, table.set_column(column, field, pa.array(rows, field.type)))
+    store.write_block(1, table.set_column(column, field, pa.array(rows, field.type)))
     assert content_hash(store.directory) != before
     if field.nullable:
         rows[spot] = None
         changed = content_hash(store.directory)
-        store.rewrite_block(1, table.set_column(column, field, pa.array(rows, field.type)))
+        store.write_block(1, table.set_column(column, field, pa.array(rows, field.type)))
         assert content_hash(store.directory) not in (before, changed)
 
 
 def test_content_hash_tells_null_from_zero_and_zeros_apart(tmp_path: Path) -> None:
     store = fill(tmp_path, 1000)
-    table = store.read_block(0)
+    table = store.read_block(0).table()
     seen = set()
     for value in (0.0, -0.0, None):
         column = pa.array([value] * 1000, pa.float64())
         at = table.schema.get_field_index("t_r")
-        store.rewrite_block(0, table.set_column(at, table.schema.field(at), column))
+        store.write_block(0, table.set_column(at, table.schema.field(at), column))
         seen.add(content_hash(tmp_path))
     assert len(seen) == 3
 
 
 def test_content_hash_wants_order_and_one_schema(store: Store) -> None:
-    table = store.read_block(2)
-    store.rewrite_block(3, table[-1:])
+    table = store.read_block(2).table()
+    store.write_block(3, table[-1:])
     with pytest.raises(OutputError, match="not in the order"):
         content_hash(store.directory)
-    store.rewrite_block(3, table.drop_columns(["energy_0"]))
+    store.write_block(3, table.drop_columns(["energy_0"]))
     with pytest.raises(OutputError, match="differ in their columns"):
         content_hash(store.directory)
 

@@ -229,7 +229,7 @@ def test_quiet_is_quiet(plain, tmp_path, monkeypatch):
 def test_merge_that_was_interrupted_goes_on(plain, tmp_path, monkeypatch):
     monkeypatch.setattr(merging, "MERGED_SIZE", 100)
     done: list[int] = []
-    honest = merging.Store.rewrite_block
+    honest = merging.Store.write_block
 
     def rewrite(self: Any, index: int, *args: Any) -> Any:
         if len(done) == 2:
@@ -237,7 +237,7 @@ def test_merge_that_was_interrupted_goes_on(plain, tmp_path, monkeypatch):
         done.append(index)
         return honest(self, index, *args)
 
-    monkeypatch.setattr(merging.Store, "rewrite_block", rewrite)
+    monkeypatch.setattr(merging.Store, "write_block", rewrite)
     assert merge(plain, "--output", tmp_path / "out").exit_code == 130
     done.clear()
     assert merge(plain, "--output", tmp_path / "out").exit_code == 0
@@ -271,14 +271,14 @@ def test_directories_that_contradict_each_other_are_not_joined(plain, tmp_path):
     other = tmp_path / "other"
     shutil.copytree(plain, other)
     store = merging.Store(other)
-    found = store.inspect_block(3)
-    table = store.read_block(3)
+    found = store.read_block(3)
+    table = found.table()
     wrong = table.set_column(
         table.schema.get_field_index("n_end"),
         table.schema.field("n_end"),
         [np.nextafter(table.column("n_end").to_numpy(), 1.0)],
     )
-    store.rewrite_block(3, wrong, found.note)
+    store.write_block(3, wrong, found.note)
     result = merge(plain, other, "--output", tmp_path / "out")
     assert result.exit_code == 1
     assert "contradicts another directory's runs 96 to 127" in result.stderr

@@ -16,7 +16,7 @@ from test_store import SCHEMA, fill, random_columns
 from rattlesweep.errors import OutputError
 from rattlesweep.sweeps.inspect.summary import closing_table, same_summary, summarise
 from rattlesweep.sweeps.store.store import Store
-from rattlesweep.sweeps.tables.arrow import same_schema
+from rattlesweep.sweeps.tables.arrow import build_table, same_schema
 from rattlesweep.sweeps.tables.cells import Moments, wilson
 from rattlesweep.sweeps.tables.columns import summary_schema
 
@@ -94,7 +94,7 @@ def test_case_larger_than_a_batch(tmp_path: Path) -> None:
     store = Store(tmp_path)
     store.prepare()
     columns = random_columns(np.full(rows, 2), np.arange(rows))
-    store.write_block(0, columns, SCHEMA)
+    store.write_block(0, build_table(columns, SCHEMA))
     row = summarise(store, CASES).to_pylist()[2]
     runs = pd.read_parquet(store.runs)
     keep = runs[(runs["status"] == "ok") & (runs["type"] == "R")]["t_r"].dropna().to_numpy()
@@ -107,7 +107,7 @@ def one_case(directory: Path, **change: object) -> dict[str, object]:
     store.prepare()
     columns = random_columns(np.zeros(3, int), np.arange(3)) | {"K_p": np.full(3, 0.3)}
     ok = {"status": ["ok"] * 3, "type": ["R", "SS", "SS"], "t_r": np.array([7.0, np.nan, np.nan])}
-    store.write_block(0, {**columns, **ok, **change}, SCHEMA)
+    store.write_block(0, build_table({**columns, **ok, **change}, SCHEMA))
     row: dict[str, object] = summarise(store, CASES[:1]).to_pylist()[0]
     return row
 

@@ -110,7 +110,7 @@ class Replay:
         path = store.block_path(index)
         if not path.exists():
             raise OutputError(f"case {case}, sample {sample} is not stored yet: {path} is missing")
-        table = store.read_block(index, FIELDS)
+        table = store.read_block(index).table(FIELDS)
         found = _runs(table.filter((pc.field("case") == case) & (pc.field("sample") == sample)))
         if not found:
             raise OutputError(f"case {case}, sample {sample} is not stored yet: {path} lacks it")

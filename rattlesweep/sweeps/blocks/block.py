@@ -18,6 +18,7 @@ from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.sweeps.cases.launches import Launches, make_batch, prepare
 from rattlesweep.sweeps.tables.arrow import ragged
+from rattlesweep.sweeps.tables.columns import RUNS
 from rattlesweep.sweeps.tables.types import TYPES, classify
 
 if TYPE_CHECKING:
@@ -35,12 +36,8 @@ STATUS_WORDS = [status.label for status in Status]
 class Interrupted(Exception):
     """A stop was asked for while runs were under way.
 
-    Attributes
-    ----------
-    columns : mapping or None
-        Of the runs that had ended, as :func:`finish_block` has them; None if none had.
-    lost : int
-        Runs that had begun but not ended.
+    `columns` are those of the runs that had ended, as :func:`finish_block` has them, None if none
+    had; `lost` counts the runs that had begun but not ended.
     """
 
     def __init__(self, columns: Mapping[str, Any] | None = None, lost: int = 0) -> None:
@@ -59,13 +56,7 @@ def take(values: T, rows: NDArray[Any]) -> T:
 
 
 def load_kernel(config: Config) -> float:
-    """Load the kernel, compiled if need be; in the main thread, so that Ctrl-C is heard.
-
-    Returns
-    -------
-    float
-        Seconds.
-    """
+    """Load the kernel in the main thread, so that Ctrl-C is heard; how many seconds it took."""
     begin = time.perf_counter()
     if config.model != "gh":
         model = MODELS[config.model]
@@ -95,12 +86,7 @@ def finish_block(
     threads: int | None = None,
     control: Control | None = None,
 ) -> Mapping[str, Any]:
-    """Integrate and type a block.
-
-    Returns
-    -------
-    mapping
-        Columns of ``runs`` by name, ready for :func:`rattlesweep.sweeps.tables.arrow.build_table`.
+    """Integrate and type a block: columns of ``runs``, ready for :func:`build_table`.
 
     Raises
     ------
@@ -165,15 +151,11 @@ def run_batch(
     return outcome if good.all() else _spread(outcome, good)
 
 
-def _spread(outcome: Outcome, good: Any) -> Outcome:
+def _spread(outcome: Outcome, good: NDArray[np.bool_]) -> Outcome:
     """Put the outcomes of the runs ``good`` back into their places."""
-    wide: dict[str, Any] = {"stopped": outcome.stopped}
-    for name in outcome.__dataclass_fields__:
-        values = getattr(outcome, name)
-        if name == "stopped":
-            continue
-        if len(values) != good.sum():  # not recorded
-            wide[name] = values
+    wide = {part.name: getattr(outcome, part.name) for part in fields(outcome)}
+    for name, values in wide.items():
+        if name == "stopped" or len(values) != good.sum():  # not recorded
             continue
         fill = 0 if values.dtype.kind == "i" else np.nan
         wide[name] = np.full((len(good), *values.shape[1:]), fill, dtype=values.dtype)
@@ -184,19 +166,12 @@ def _spread(outcome: Outcome, good: Any) -> Outcome:
 
 
 def _inputs(launches: Launches) -> dict[str, Any]:
-    b, m = launches.bodies, launches.modes
+    own = ("case", "sample", "n_i", "omega_xy0", "psi", "n_c1")
     return {
-        "case": launches.case,
-        "sample": launches.sample,
-        **{name: getattr(b, name) for name in PARAMETERS},
-        "f_sd": b.f_sd,
-        "n_i": launches.n_i,
-        "omega_xy0": launches.omega_xy0,
-        "psi": launches.psi,
-        **{name: getattr(m, name) for name in ("omega_p", "omega_r", "K_p", "K_r")},
-        "n_c1": launches.n_c1,
-        "n_0": launches.gh.n_0,
-        "t_rgh": launches.gh.t_rgh,
+        **{name: getattr(launches, name) for name in own},
+        **{name: getattr(launches.bodies, name) for name in (*PARAMETERS, "f_sd")},
+        **{name: getattr(launches.modes, name) for name in ("omega_p", "omega_r", "K_p", "K_r")},
+        **{name: getattr(launches.gh, name) for name in ("n_0", "t_rgh")},
     }
 
 
@@ -223,27 +198,12 @@ def _closed_form(launches: Launches) -> dict[str, Any]:
 
 
 def _measured(outcome: Outcome, record: list[Any]) -> dict[str, Any]:
-    columns: dict[str, Any] = {
-        "t_end": outcome.t_end,
-        "t_r": outcome.t_r,
-        "n_end": outcome.n_end,
-        "n_steps": outcome.n_steps,
-        "energy_drift": outcome.energy_drift,
-        "amp_growth": outcome.amp_growth,
-        "n_departure": outcome.n_departure,
-        "near_tangencies": outcome.near_tangencies.astype(np.int32),
-        "status_codes": outcome.status,
-    }
-    if "energy" in record:
-        columns |= {
-            "energy_0": outcome.energy_0,
-            "energy_drift_max": outcome.energy_drift_max,
-        }
-    if "contact" in record:
-        columns |= {
-            "contact_ratio_max": outcome.contact_ratio_max,
-            "contact_normal_min": outcome.contact_normal_min,
-        }
+    names = ["t_end", "t_r", "n_end", "n_steps", "energy_drift", "amp_growth", "n_departure",
+             "near_tangencies"]  # fmt: skip
+    for part in ("energy", "contact"):
+        if part in record:
+            names += [column.name for column in RUNS[part]]
+    columns = {name: getattr(outcome, name) for name in names} | {"status_codes": outcome.status}
     if "lyapunov" in record:
         columns["lyapunov"], columns["lyapunov_late"] = exponents(outcome.growth)
     return columns

@@ -35,7 +35,6 @@ from rattlesweep.sweeps.store.manifest import Receipt
 from rattlesweep.sweeps.store.output import Output
 from rattlesweep.sweeps.store.provenance import identity, machine, versions
 from rattlesweep.sweeps.store.store import Store
-from rattlesweep.sweeps.tables.arrow import DamagedError
 
 if TYPE_CHECKING:
     from rattlesweep.integrate.task import Task
@@ -216,12 +215,7 @@ def _open(order: str) -> tuple[Output, int | None]:
 
 def in_place(output: Output, block: Block) -> Receipt | None:
     """Receipt of a block that a worker finished before it was lost."""
-    try:
-        found = output.store.inspect_block(block.index)
-    except DamagedError:
-        return None
-    whole = found.complete and found.note == output.note(block)
-    return found.receipt if whole else None
+    return output.store.finished_block(block.index, output.note(block))
 
 
 class _Watch:

@@ -103,7 +103,7 @@ class Remainder:
         note = self.output.note(self.block)
         if self.old is None:
             schema = runs_schema(plan.config.record, plan.config.model)
-            return store.write_block(index, columns, schema, note)
+            return store.write_block(index, build_table(columns, schema), note)
         new = build_table(columns, self.old.schema)
         others = ~np.isin(_numbers(self.old, plan.samples), _numbers(new, plan.samples))
         rows = pa.concat_tables([self.old.filter(pa.array(others)), new])
@@ -111,7 +111,7 @@ class Remainder:
         if self.output.retry_failed and len(new) < self.rows:
             # Some that failed under the old limit are still there.
             note = replace(note, max_steps=self.limit)
-        return store.rewrite_block(index, rows, note)
+        return store.write_block(index, rows, note)
 
 
 def gather(task: Task[Columns]) -> tuple[Columns | None, int]:

@@ -15,7 +15,7 @@ from rattlesweep.sweeps.engines import local
 from rattlesweep.sweeps.engines.job import Job, Result
 from rattlesweep.sweeps.engines.progress import Progress, Tracker
 from rattlesweep.sweeps.engines.session import Session, open_session
-from rattlesweep.sweeps.inspect.retype import retype_blocks
+from rattlesweep.sweeps.inspect.retype import retype_block
 from rattlesweep.sweeps.inspect.summary import summarise
 
 if TYPE_CHECKING:
@@ -83,7 +83,11 @@ def run_sweep(
         tracker = Tracker(session.costs, session.blocks, there, report)
         session.begin()
         try:
-            retype_blocks(session.store, session.retype, plan.config.classify, session)
+            session.forget(session.retype)
+            for index in session.retype:
+                file = session.store.read_block(index)
+                receipt, _ = retype_block(session.store, index, file, plan.config.classify)
+                session.wrote(index, receipt)
             job = Job(session, tracker, result, threads, deadline)
             job.tick()
             if session.pending:

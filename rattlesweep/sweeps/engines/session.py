@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rattlesweep.errors import ConfigError, DamagedManifest, OutputError
+from rattlesweep.errors import ConfigError, DamagedError, OutputError
 from rattlesweep.sweeps.cases.costs import Costs
 from rattlesweep.sweeps.cases.shards import Shard, deal
 from rattlesweep.sweeps.store.blockfile import Note
@@ -22,13 +22,11 @@ from rattlesweep.sweeps.store.manifest import (
     Receipt,
     SessionProgress,
     SessionRecord,
-    count_failed,
 )
-from rattlesweep.sweeps.store.output import Output, examine
+from rattlesweep.sweeps.store.output import Output, examine, put_in_order
 from rattlesweep.sweeps.store.provenance import now, table_files
-from rattlesweep.sweeps.store.recover import put_in_order
 from rattlesweep.sweeps.store.store import Store
-from rattlesweep.sweeps.tables.arrow import DamagedError, same_schema
+from rattlesweep.sweeps.tables.arrow import same_schema
 from rattlesweep.sweeps.tables.columns import runs_schema
 
 if TYPE_CHECKING:
@@ -120,7 +118,7 @@ class Session:
         known = self.output.manifest.receipts if self.output.manifest else {}
         for block in self.blocks:
             try:
-                found = self.store.inspect_block(block.index)
+                found = self.store.read_block(block.index)
             except DamagedError:
                 self.pending.append(block)
                 continue
@@ -191,9 +189,8 @@ class Session:
         def change(manifest: Manifest) -> None:
             manifest.state, manifest.config = "running", config
             # Of files that were not found as they were written.
-            for block in self.pending:
-                if block.index not in self.receipts:
-                    manifest.receipts.pop(block.index, None)
+            lost = (block.index for block in self.pending if block.index not in self.receipts)
+            manifest.forget(lost)
             manifest.clear("classified")
             manifest.sessions = [*self._others(manifest)[-REMEMBERED:], self._record]
 
@@ -212,7 +209,7 @@ class Session:
         # Another shard may have mended it since it was examined.
         try:
             self.store.read_manifest()
-        except DamagedManifest:
+        except DamagedError:
             self.store.write_manifest(self._blank())
 
     def _others(self, manifest: Manifest) -> list[SessionRecord]:
@@ -276,14 +273,9 @@ class Session:
 
     def forget(self, indices: list[int]) -> None:
         """Take receipts out of the manifest before their blocks are replaced."""
-
-        def change(manifest: Manifest) -> None:
-            for index in indices:
-                manifest.receipts.pop(index, None)
-
         if indices:
             self._forgotten.update(indices)
-            self.store.update_manifest(change, self._blank)
+            self.store.update_manifest(lambda manifest: manifest.forget(indices), self._blank)
 
     def note(self, progress: Progress) -> None:
         """Write receipts and progress down, if it is time to."""
@@ -308,10 +300,7 @@ class Session:
             else:
                 # A share may be complete where the sweep is not.
                 manifest.state = "partial" if state == "complete" else self._record.state
-            manifest.failed = count_failed(manifest.receipts.values())
-            manifest.seconds = round(sum(s.seconds for s in manifest.sessions), 3)
-            manifest.kernel_seconds = round(sum(s.kernel_seconds for s in manifest.sessions), 3)
-            manifest.bytes = sum(receipt.bytes for receipt in manifest.receipts.values())
+            manifest.add_up()
             manifest.peak_memory = self._record.peak_memory
 
         self.store.update_manifest(change, self._blank)
@@ -355,7 +344,7 @@ def open_session(
             remove_runs(store)
         store.remove_stale_temporaries(alone)
         output = replace(examine(plan, directory, base), retry_failed=retry_failed)
-        output.remarks.extend(put_in_order(store, output.plan, output.hash_))
+        output.remarks.extend(put_in_order(output))
         costs = Costs(output.plan)
         shares = deal(output.plan, 1 if shard is None else shard.count, costs)
         blocks = shares[0 if shard is None else shard.index]

@@ -14,13 +14,11 @@ from rattlesweep.sweeps.config.load import differences, physics_part, resolved
 from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.inspect.summary import summarise
 from rattlesweep.sweeps.store.atomic import probe_directory
-from rattlesweep.sweeps.store.blockfile import Note
 from rattlesweep.sweeps.store.locks import hold
-from rattlesweep.sweeps.store.manifest import Manifest, Receipt, SessionRecord, count_failed
+from rattlesweep.sweeps.store.manifest import Manifest, SessionRecord
 from rattlesweep.sweeps.store.provenance import command_line, now
 from rattlesweep.sweeps.store.store import Store
 from rattlesweep.sweeps.store.stored import Stored, open_stored
-from rattlesweep.sweeps.tables.arrow import DamagedError
 
 # Runs in a file: about 28 MB, and as much as a block may have, so that a merged
 # directory is an output directory like any other.
@@ -29,15 +27,12 @@ MERGED_SIZE = 200_000
 
 @dataclass
 class Merged:
-    """What a merge came to.
+    """What a merge came to: what is in the merged directory, which has so many runs and files.
 
     Attributes
     ----------
-    directory : Path
-    runs, files : int
-        Runs and files in the merged directory.
     missing : list of tuple
-        Spans ``(first, stop)`` of run numbers that the merged directory does not have.
+        Spans ``(first, stop)`` of run numbers that it does not have.
     failed : dict
         Runs by status, other than ``ok``.
     summary : pa.Table or None
@@ -84,10 +79,6 @@ def merge(
     report : callable
         Called with the fraction done.
 
-    Returns
-    -------
-    Merged
-
     Raises
     ------
     ConfigError
@@ -114,24 +105,25 @@ def merge(
         result = Merged(output)
         manifest = _manifest(shares, earlier, output, size)
         target.write_manifest(manifest)
+        merged = Stored(target, manifest)
         touched = {i for p in pieces for i in range(p.first // size, -(-p.stop // size))}
-        touched |= {i for i in target.block_indices() if i < manifest.blocks}
+        touched.update(merged.present())
         spans = []
         for place, index in enumerate(sorted(touched)):
             report(place / len(touched))
-            note = Note.of(manifest, index)
-            receipt = _kept(target, index, note)
+            note = merged.note(index)
+            # An earlier merge, perhaps an interrupted one, may have left it whole.
+            receipt = target.finished_block(index, note)
             if receipt is None:
                 if any(first < note.stop and note.first < stop for first, stop in absent):
                     continue
-                table = _gather(pieces, note.first, note.stop)
-                receipt = target.rewrite_block(index, table, note)
+                receipt = target.write_block(index, _gather(pieces, note.first, note.stop), note)
             manifest.receipts[index] = receipt
             spans.append((note.first, note.stop))
             result.runs += receipt.rows
         result.files, result.missing = len(spans), _gaps(spans, manifest.runs)
-        result.failed = manifest.failed = count_failed(manifest.receipts.values())
-        manifest.bytes = sum(receipt.bytes for receipt in manifest.receipts.values())
+        manifest.add_up()
+        result.failed = manifest.failed
         if result.missing:
             manifest.state = "stopped"
         else:
@@ -171,8 +163,8 @@ def _cover(shares: list[Stored]) -> tuple[list[_Piece], list[tuple[int, int]]]:
     pieces = [
         _Piece(share.store, index, *share.manifest.borders(index))
         for share in shares
-        for index in share.store.block_indices()
-        if index < share.manifest.blocks and share.store.glance(index)[1]
+        for index in share.present()
+        if share.store.glance(index)[1]
     ]
     pieces.sort(key=lambda piece: (piece.first, -piece.stop))
     return pieces, _gaps([(piece.first, piece.stop) for piece in pieces], shares[0].manifest.runs)
@@ -195,7 +187,7 @@ def _gather(pieces: list[_Piece], first: int, stop: int) -> pa.Table:
     for piece in pieces:
         if piece.stop <= first or piece.first >= stop:
             continue
-        table = piece.store.read_block(piece.index)
+        table = piece.store.read_block(piece.index).table()
         if len(table) != piece.stop - piece.first:
             raise OutputError(f"{piece.store.block_path(piece.index)} is not a block of its sweep")
         low, high = max(piece.first, first), min(piece.stop, stop)
@@ -210,16 +202,7 @@ def _gather(pieces: list[_Piece], first: int, stop: int) -> pa.Table:
         if high > reached:
             parts.append(table.slice(reached - piece.first, high - reached))
             reached = high
-    return pa.concat_tables(parts).combine_chunks()
-
-
-def _kept(target: Store, index: int, note: Note) -> Receipt | None:
-    """Receipt of a block that an earlier, interrupted merge has left whole."""
-    try:
-        found = target.inspect_block(index)
-    except DamagedError:
-        return None
-    return found.receipt if found.note == note and found.complete else None
+    return pa.concat_tables(parts)
 
 
 def _earlier(target: Store, share: Stored) -> Manifest | None:
@@ -266,10 +249,9 @@ def _manifest(shares: list[Stored], earlier: Manifest | None, output: Path, size
         "commands": [words for k, words in enumerate(commands) if words not in commands[:k]],
         "sessions": done,
         "receipts": {},
-        "seconds": round(sum(session.seconds for session in done), 3),
-        "kernel_seconds": round(sum(session.kernel_seconds for session in done), 3),
         "peak_memory": max(peaks, default=None),
     }
     merged = first.model_copy(update=fresh)
     merged.clear("finished")
+    merged.add_up()
     return merged

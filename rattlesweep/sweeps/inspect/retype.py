@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.config.load import override_config, resolved
 from rattlesweep.sweeps.inspect.summary import Summary
 from rattlesweep.sweeps.store.locks import hold
@@ -18,50 +18,11 @@ from rattlesweep.sweeps.store.manifest import Classified, Manifest, Receipt
 from rattlesweep.sweeps.store.provenance import now
 from rattlesweep.sweeps.store.store import Store
 from rattlesweep.sweeps.store.stored import Stored, open_stored
-from rattlesweep.sweeps.tables.arrow import DamagedError
 from rattlesweep.sweeps.tables.types import with_types
 
 if TYPE_CHECKING:
     from rattlesweep.sweeps.config.schema import Classify, Config
     from rattlesweep.sweeps.store.blockfile import BlockFile
-
-
-class _Noting(Protocol):
-    """What keeps the receipts of blocks that are replaced."""
-
-    def forget(self, indices: list[int]) -> None:
-        """Drop receipts, before."""
-
-    def wrote(self, index: int, receipt: Receipt) -> object:
-        """Keep a receipt, after."""
-
-
-def retype_blocks(
-    store: Store, indices: Sequence[int], thresholds: Classify, noting: _Noting
-) -> None:
-    """Give the runs of some blocks the types that these thresholds ask for.
-
-    Parameters
-    ----------
-    store : Store
-        Its blocks are replaced, one by one and each in one step.
-    indices : sequence of int
-    thresholds : Classify
-    noting
-        Hears which blocks are replaced.
-    """
-    noting.forget(list(indices))
-    for index in indices:
-        file = _inspect(store, index)
-        rows = with_types(file.table(), thresholds)
-        noting.wrote(index, _rewrite(store, index, file, rows, thresholds))
-
-
-def _rewrite(
-    store: Store, index: int, file: BlockFile, rows: pa.Table, thresholds: Classify
-) -> Receipt:
-    note = file.note and replace(file.note, classify=thresholds.model_dump())
-    return store.rewrite_block(index, rows, note)
 
 
 @dataclass(frozen=True)
@@ -88,6 +49,18 @@ class Retyped:
     summary: pa.Table
 
 
+def retype_block(
+    store: Store, index: int, file: BlockFile, thresholds: Classify
+) -> tuple[Receipt, pa.Table]:
+    """Give the runs of a block the types that these thresholds ask for; its file and rows now.
+
+    The manifest is to have no receipt of it before.
+    """
+    rows = with_types(file.table(), thresholds)
+    note = file.note and replace(file.note, classify=thresholds.model_dump())
+    return store.write_block(index, rows, note), rows
+
+
 def retype(directory: Path, overrides: Sequence[str] = ()) -> Retyped:
     """Type the runs of an output directory again and renew its summary.
 
@@ -96,10 +69,6 @@ def retype(directory: Path, overrides: Sequence[str] = ()) -> Retyped:
     directory : Path
     overrides : sequence of str
         ``classify.KEY=VALUE`` texts over the directory's own thresholds.
-
-    Returns
-    -------
-    Retyped
 
     Raises
     ------
@@ -116,30 +85,29 @@ def retype(directory: Path, overrides: Sequence[str] = ()) -> Retyped:
         thresholds, before = resolved(config)["classify"], resolved(stored.config)["classify"]
         own = manifest.classified.config if manifest.classified else before
         store.remove_stale_temporaries(alone)
-        indices = [index for index in store.block_indices() if index < manifest.blocks]
-        notes = {index: store.glance(index)[0] for index in indices}
+        notes = {index: store.glance(index)[0] for index in stored.present()}
         old = {i for i, note in notes.items() if note is None or note.classify != thresholds}
         if old:
-            store.update_manifest(lambda manifest: _forget(manifest, old))
+            store.update_manifest(lambda manifest: manifest.forget(old))
         changed = 0
         receipts: dict[int, Receipt] = {}
         summary = Summary(manifest.cases, store.runs)
-        for index in indices:
-            file = _inspect(store, index)
-            receipt, rows = manifest.receipts.get(index), file.table()
+        for index in notes:
+            file, receipt = store.read_block(index), manifest.receipts.get(index)
+            rows = file.table()
             if index in old:
                 seconds = None if receipt is None else receipt.seconds
-                types, rows = rows.column("type"), with_types(rows, config.classify)
-                changed += _differing(types, rows.column("type"))
-                receipt = _rewrite(store, index, file, rows, config.classify).took(seconds)
+                receipt, typed = retype_block(store, index, file, config.classify)
+                receipt = receipt.took(seconds)
+                changed += _differing(rows.column("type"), typed.column("type"))
+                rows = typed
             elif receipt is None and file.note and file.note.sweep == manifest.config_hash:
                 receipt = file.receipt  # a killed process has typed it, and it has lost its own
             # What a stopped session has left of a block has no receipt, and does not count.
             if file.complete:
                 if receipt is not None:
                     receipts[index] = receipt
-                for batch in rows.to_batches():
-                    summary.add(batch)
+                summary.add_table(rows)
         store.write_summary(summary.table())
 
         def change(manifest: Manifest) -> None:
@@ -153,11 +121,6 @@ def retype(directory: Path, overrides: Sequence[str] = ()) -> Retyped:
     return Retyped(changed, len(old), before, own, thresholds, summary.table())
 
 
-def _forget(manifest: Manifest, indices: set[int]) -> None:
-    for index in indices:
-        manifest.receipts.pop(index, None)
-
-
 def _changed_config(stored: Stored, overrides: Sequence[str]) -> Config:
     """The config of a directory with other thresholds."""
     for text in overrides:
@@ -167,13 +130,6 @@ def _changed_config(stored: Stored, overrides: Sequence[str]) -> Config:
                 "classify.sw_departure=0.1"
             )
     return override_config(resolved(stored.config), overrides)
-
-
-def _inspect(store: Store, index: int) -> BlockFile:
-    try:
-        return store.inspect_block(index)
-    except DamagedError as error:
-        raise OutputError(f"{store.block_path(index)} is damaged: {error}") from error
 
 
 def _differing(before: pa.ChunkedArray, after: pa.ChunkedArray) -> int:

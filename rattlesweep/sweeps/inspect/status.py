@@ -8,13 +8,10 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from rattlesweep.durations import clock
-from rattlesweep.errors import MAX_LINE, one_line
-from rattlesweep.sweeps.store.blockfile import Note
+from rattlesweep.errors import MAX_LINE, DamagedError, one_line
 from rattlesweep.sweeps.store.locks import holder
 from rattlesweep.sweeps.store.manifest import Manifest
-from rattlesweep.sweeps.store.store import Store
 from rattlesweep.sweeps.store.stored import open_stored
-from rattlesweep.sweeps.tables.arrow import DamagedError
 
 # Seconds that are still a date.
 LONGEST = 1e11
@@ -74,19 +71,17 @@ def status_of(directory: Path) -> Status:
     failed: Counter[str] = Counter()
     damaged: list[int] = []
     blocks = done = begun = 0
-    for index in store.block_indices():
-        if index >= manifest.blocks:
-            continue
+    for index in stored.present():
         receipt = manifest.receipts.get(index)
         if receipt is None:
             # Not noted yet, so the file is asked.
             try:
-                file = store.inspect_block(index)
+                file = store.read_block(index)
             except DamagedError:
                 damaged.append(index)
                 continue
             receipt = file.receipt
-            if not Note.of(manifest, index).same_runs(file.note):
+            if not stored.note(index).same_runs(file.note):
                 damaged.append(index)
                 continue
             if not file.complete:
@@ -110,18 +105,11 @@ def status_of(directory: Path) -> Status:
         runs_begun=begun,
         failed=dict(sorted(failed.items())),
         damaged=damaged,
-        strays=_strays(store, manifest.blocks),
+        strays=[path.name for path in store.strays(manifest.blocks)],
         seconds=manifest.seconds,
         left=left,
         ends=ends,
     )
-
-
-def _strays(store: Store, blocks: int) -> list[str]:
-    try:
-        return [path.name for path in store.strays(blocks)]
-    except OSError:
-        return []
 
 
 def _time_left(manifest: Manifest, done: int, at_work: bool) -> tuple[float | None, str | None]:
@@ -148,23 +136,28 @@ def _time_left(manifest: Manifest, done: int, at_work: bool) -> tuple[float | No
 def describe(status: Status) -> str:
     """A few lines for people."""
     share = 100 * status.runs_done / max(status.runs, 1)
-    lines = [
-        ("sweep", f"{status.name}, in {status.directory}"),
-        ("state", status.state + (f", by {status.holder}" if status.holder else "")),
-        ("runs", f"{status.runs_done} of {status.runs} done ({share:.1f} %)"),
-        ("blocks", f"{status.blocks_done} of {status.blocks}"),
-    ]
-    if status.runs_begun:
-        lines.append(("begun", f"{status.runs_begun} runs of blocks that are not complete"))
-    if status.damaged:
-        lines.append(("damaged", f"blocks {', '.join(map(str, status.damaged[:10]))}"))
-    if status.strays:
-        more = " and others" if len(status.strays) > 3 else ""
-        lines.append(("strays", f"{', '.join(status.strays[:3])}{more}: no block of this sweep"))
-    words = ", ".join(f"{count} {word}" for word, count in status.failed.items())
-    lines.append(("failed", words or "none"))
-    lines.append(("time", f"{clock(status.seconds)} spent"))
-    if status.runs_done < status.runs:
-        left = "unknown" if status.left is None else f"about {clock(status.left)}"
-        lines.append(("left", left + (f", until {status.ends}" if status.ends else "")))
-    return "\n".join(f"{name:<8} {one_line(text, MAX_LINE)}" for name, text in lines)
+    left = "unknown" if status.left is None else f"about {clock(status.left)}"
+    lines = {
+        "sweep": f"{status.name}, in {status.directory}",
+        "state": status.state + (f", by {status.holder}" if status.holder else ""),
+        "runs": f"{status.runs_done} of {status.runs} done ({share:.1f} %)",
+        "blocks": f"{status.blocks_done} of {status.blocks}",
+        "begun": f"{status.runs_begun} runs of blocks that are not complete",
+        "damaged": f"blocks {', '.join(map(str, status.damaged[:10]))}",
+        "strays": f"{', '.join(status.strays[:3])}{' and others' if len(status.strays) > 3 else ''}"
+        ": no block of this sweep",
+        "failed": ", ".join(f"{n} {word}" for word, n in status.failed.items()) or "none",
+        "time": f"{clock(status.seconds)} spent",
+        "left": left + (f", until {status.ends}" if status.ends else ""),
+    }
+    absent = {
+        "begun": not status.runs_begun,
+        "damaged": not status.damaged,
+        "strays": not status.strays,
+        "left": status.runs_done >= status.runs,
+    }
+    return "\n".join(
+        f"{name:<8} {one_line(text, MAX_LINE)}"
+        for name, text in lines.items()
+        if not absent.get(name)
+    )

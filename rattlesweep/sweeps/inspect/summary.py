@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
@@ -16,61 +16,35 @@ from rattlesweep.sweeps.tables.cells import COLUMNS, Cells
 from rattlesweep.sweeps.tables.columns import summary_schema
 from rattlesweep.text import align
 
-
-class CaseLike(Protocol):
-    """A case as a summary names it; the cases of a sweep are numbered from 0."""
-
-    @property
-    def target_name(self) -> str | None:
-        """``"K_p"``, ``"K_r"`` or none."""
-
-    @property
-    def target(self) -> float | None:
-        """Target value of that."""
-
-    @property
-    def n_i(self) -> float | None:
-        """Initial spin in ``sqrt(g/a)``; none where rows differ."""
-
-    @property
-    def omega_xy0(self) -> float | None:
-        """Initial rate of the oscillation in ``sqrt(g/a)``; none where rows differ."""
+if TYPE_CHECKING:
+    from rattlesweep.sweeps.cases.plan import Case
+    from rattlesweep.sweeps.store.manifest import StoredCase
 
 
 class Summary:
     """The runs of a sweep by case, to be fed with all of its rows.
 
-    Parameters
-    ----------
-    cases
-        Their targets and launches, in the order of their numbers.
-    where
-        The directory of the runs, for complaints.
-
-    Attributes
-    ----------
-    cells : Cells
-        One a case.
+    `cases` are in the order of their numbers, and each has a cell in `cells`; `where` is the
+    directory of the runs, for complaints.
     """
 
     columns = ("case", *COLUMNS)
 
-    def __init__(self, cases: Sequence[CaseLike], where: object) -> None:
+    def __init__(self, cases: Sequence[Case | StoredCase], where: object) -> None:
         self._cases, self._where = cases, where
         self.cells = Cells(len(cases))
 
     def add(self, rows: pa.RecordBatch) -> None:
-        """Count more runs.
-
-        Raises
-        ------
-        OutputError
-            One is of a case that the sweep has not.
-        """
+        """Count more runs."""
         case = rows.column("case").to_numpy().astype(np.int64)
         if len(case) and (most := int(case.max())) >= len(self._cases):
             raise OutputError(f"{self._where} holds runs of case {most}, which the sweep has not")
         self.cells.add(rows, case)
+
+    def add_table(self, rows: pa.Table) -> None:
+        """Count the runs of a table."""
+        for batch in rows.to_batches():
+            self.add(batch)
 
     def table(self) -> pa.Table:
         """One row a case, of `summary_schema`; a case of which nothing is stored has 0 runs."""
@@ -88,16 +62,11 @@ class Summary:
         return build_table(columns, summary_schema())
 
 
-def summarise(store: Store, cases: Sequence[CaseLike]) -> pa.Table:
+def summarise(store: Store, cases: Sequence[Case | StoredCase]) -> pa.Table:
     """Summarise the stored runs, one row a case in the order of `cases`.
 
     The runs of complete blocks count: what a stopped session has left of another block are the runs
     that were first to end, which are not like the rest. Memory does not grow with the runs.
-
-    Raises
-    ------
-    OutputError
-        A block is unreadable or damaged, or holds a case that is not in `cases`.
     """
     summary = Summary(cases, store.runs)
     for rows in store.iter_batches(Summary.columns, complete=True):

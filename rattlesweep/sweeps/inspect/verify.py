@@ -12,22 +12,37 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from rattlesweep.errors import ConfigError, DamagedManifest, OutputError
+from rattlesweep.errors import ConfigError, DamagedError, OutputError
 from rattlesweep.sweeps.blocks.block import STATUS_WORDS
 from rattlesweep.sweeps.blocks.recompute import differing_rows
 from rattlesweep.sweeps.inspect.summary import Summary, same_summary
-from rattlesweep.sweeps.store.atomic import is_temporary, reason
-from rattlesweep.sweeps.store.blockfile import BlockFile, Note
+from rattlesweep.sweeps.store.atomic import temporaries
+from rattlesweep.sweeps.store.blockfile import BlockFile
 from rattlesweep.sweeps.store.locks import holder
-from rattlesweep.sweeps.store.manifest import Manifest, count_failed
-from rattlesweep.sweeps.store.store import Store
+from rattlesweep.sweeps.store.manifest import count_failed
 from rattlesweep.sweeps.store.stored import Stored, open_stored
-from rattlesweep.sweeps.tables.arrow import DamagedError, same_schema
+from rattlesweep.sweeps.tables.arrow import same_schema
 from rattlesweep.sweeps.tables.columns import runs_schema
 from rattlesweep.sweeps.tables.types import TYPES, typed
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+_OK, _TYPE = pc.field("status") == "ok", pc.field("type")
+# What a block must not have, and the rows that have it.
+_BROKEN = {
+    "words in status that mean nothing": ~pc.field("status").isin(STATUS_WORDS),
+    "words in type that mean nothing": _TYPE.is_valid() & ~_TYPE.isin(TYPES),
+    "types that are null though the status is ok, or the other way about": (
+        _TYPE.is_valid() != _OK
+    ),
+    "reversal times that do not go with their types": (
+        (_TYPE.is_valid() & (_TYPE == "R")) != (_OK & pc.field("t_r").is_valid())
+    ),
+    "runs that are ok but have no n_end or energy_drift": (
+        _OK & (pc.field("n_end").is_null() | pc.field("energy_drift").is_null())
+    ),
+}
 
 
 @dataclass
@@ -81,7 +96,6 @@ def verify(
 
     Parameters
     ----------
-    directory : Path
     recompute : int
         Number of random runs to integrate again and compare bit for bit.
     seed : int, optional
@@ -90,15 +104,11 @@ def verify(
         Of the kernel.
     report : callable
         Called with the fraction of the blocks that are done.
-
-    Returns
-    -------
-    Verdict
     """
     verdict = Verdict()
     try:
         stored = open_stored(directory)
-    except DamagedManifest as error:
+    except DamagedError as error:
         verdict.problems.append(f"{error}; `rattlesweep run` recreates it")
         return verdict
     store, manifest = stored.store, stored.manifest
@@ -106,8 +116,15 @@ def verify(
     if at_work is not None:
         verdict.remarks.append(f"{directory} is in use by {at_work}; blocks may come and go")
     summary = Summary(manifest.cases, store.runs)
-    whole = _check_blocks(store, manifest, verdict, summary, report)
-    verdict.problems += _foreign_files(store, manifest.blocks, at_work is not None)
+    whole = _check_blocks(stored, verdict, summary, report)
+    verdict.problems += [
+        f"{path} is no block of this sweep, but readers will take it for one"
+        for path in store.strays(manifest.blocks)
+    ]
+    left = [] if at_work else _left_behind(stored)
+    verdict.problems += [
+        f"{path} was left by a process that died; `rattlesweep run` removes it" for path in left[:1]
+    ]
     complete = manifest.state == "complete"
     if verdict.missing and complete:
         verdict.problems.append(
@@ -115,42 +132,37 @@ def verify(
             "is missing"
         )
     if complete and not verdict.problems:
-        verdict.problems += _check_summary(store, manifest, summary.table())
+        verdict.problems += _check_summary(stored, summary.table())
     if recompute:
         verdict.problems += _check_numbers(stored, whole, recompute, seed, threads, verdict)
     return verdict
 
 
 def _check_blocks(
-    store: Store,
-    manifest: Manifest,
-    verdict: Verdict,
-    summary: Summary,
-    report: Callable[[float], None],
+    stored: Stored, verdict: Verdict, summary: Summary, report: Callable[[float], None]
 ) -> list[int]:
     """Check every block; the numbers of those without a fault, which are summed up."""
+    manifest, present = stored.manifest, stored.present()
     schema = runs_schema(manifest.config.record, manifest.config.model)
-    present = [index for index in store.block_indices() if index < manifest.blocks]
     ends = [-1, *present, manifest.blocks]
     verdict.missing = [(a + 1, b) for a, b in pairwise(ends) if b > a + 1]
     whole = []
     for place, index in enumerate(present):
         report(place / len(present))
         try:
-            file = store.inspect_block(index)
+            file = stored.store.read_block(index)
             rows = file.table()
-            faults = [*_faults(index, file, rows, manifest, schema)]
         except DamagedError as error:
-            faults = [f"is damaged: {error}"]
-        if faults:
-            verdict.problems += [f"{store.block_path(index)} {fault}" for fault in faults]
+            verdict.problems.append(str(error))
+            continue
+        if faults := [*_faults(index, file, rows, stored, schema)]:
+            verdict.problems += [f"{file.path} {fault}" for fault in faults]
         elif not file.complete:
             verdict.missing.append((index, index + 1))
             verdict.begun += file.receipt.rows
         else:
             whole.append(index)
-            for batch in rows.to_batches():
-                summary.add(batch)
+            summary.add_table(rows)
             verdict.blocks += 1
             verdict.runs += file.receipt.rows
     verdict.missing.sort()
@@ -158,10 +170,10 @@ def _check_blocks(
 
 
 def _faults(
-    index: int, file: BlockFile, rows: pa.Table, manifest: Manifest, schema: pa.Schema
+    index: int, file: BlockFile, rows: pa.Table, stored: Stored, schema: pa.Schema
 ) -> Iterator[str]:
     """What is wrong with a block, worst first."""
-    wanted = Note.of(manifest, index)
+    manifest, wanted = stored.manifest, stored.note(index)
     if not wanted.same_runs(file.note):
         yield "is a block of another sweep, or of another place in this one"
         return
@@ -198,61 +210,29 @@ def _bad_values(table: pa.Table) -> Iterator[str]:
             values = column.drop_null()
             if len(values) and not pc.all(pc.is_finite(values)).as_py():
                 yield f"has NaN or infinity in {column_field.name}"
-    status, kind = table.column("status"), table.column("type")
-    ok = pc.equal(status, "ok")
-    reversed_ = pc.fill_null(pc.equal(kind, "R"), False)
-    rules = {
-        "words in status that mean nothing": pc.invert(
-            pc.is_in(status, value_set=pa.array(STATUS_WORDS))
-        ),
-        "words in type that mean nothing": pc.and_(
-            pc.is_valid(kind), pc.invert(pc.is_in(kind, value_set=pa.array(TYPES)))
-        ),
-        "types that are null though the status is ok, or the other way about": pc.xor(
-            ok, pc.is_valid(kind)
-        ),
-        "reversal times that do not go with their types": pc.xor(
-            reversed_, pc.and_(ok, pc.is_valid(table.column("t_r")))
-        ),
-        "runs that are ok but have no n_end or energy_drift": pc.and_(
-            ok,
-            pc.or_(pc.is_null(table.column("n_end")), pc.is_null(table.column("energy_drift"))),
-        ),
-    }
-    for words, broken in rules.items():
-        if pc.any(broken).as_py():
+    for words, broken in _BROKEN.items():
+        if table.filter(broken).num_rows:
             yield f"has {words}"
 
 
-def _foreign_files(store: Store, blocks: int, at_work: bool) -> Iterator[str]:
-    """Files that readers of ``runs/*.parquet`` would take for runs, and what the dead left."""
-    try:
-        for path in store.strays(blocks):
-            yield f"{path} is no block of this sweep, but readers will take it for one"
-    except FileNotFoundError:
-        pass  # no runs yet
-    except OSError as error:
-        raise OutputError(f"cannot read {store.runs}: {reason(error)}") from error
-    if not at_work:
-        left = [p for d in (store.directory, store.runs) for p in d.glob(".*") if is_temporary(p)]
-        if left:
-            yield f"{left[0]} was left by a process that died; `rattlesweep run` removes it"
+def _left_behind(stored: Stored) -> list[Path]:
+    """Files that processes which died have left half-written."""
+    folders = (stored.directory, stored.store.runs)
+    return [path for folder in folders if folder.is_dir() for path in temporaries(folder)]
 
 
-def _check_summary(store: Store, manifest: Manifest, made: pa.Table) -> Iterator[str]:
+def _check_summary(stored: Stored, made: pa.Table) -> Iterator[str]:
+    store, manifest = stored.store, stored.manifest
     try:
-        stored = store.read_summary()
+        found = store.read_summary()
     except OutputError as error:
         yield f"{error}; `rattlesweep run` recreates it"
         return
-    made = made.replace_schema_metadata(None)
-    if stored.schema.names != made.schema.names:
+    if found.schema.names != made.schema.names:
         # Of an earlier version, which gave Bondi's share in the unsteady direction too.
-        common = [
-            n for n in made.schema.names if n in stored.schema.names and n != "fraction_bondi"
-        ]
-        stored, made = stored.select(common), made.select(common)
-    if not same_summary(stored, made):
+        common = [n for n in made.schema.names if n in found.schema.names and n != "fraction_bondi"]
+        found, made = found.select(common), made.select(common)
+    if not same_summary(found, made):
         yield f"{store.summary_path} does not follow from the runs; `rattlesweep run` recreates it"
     if count_failed(manifest.receipts.values()) != manifest.failed:
         yield f"{store.manifest_path} counts failed runs other than those there are"

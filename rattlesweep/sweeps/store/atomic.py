@@ -1,4 +1,4 @@
-"""Files that appear in one step, complete, or not at all."""
+"""Files that appear in one step, complete, or not at all; and what the system refuses, in words."""
 
 from __future__ import annotations
 
@@ -22,6 +22,27 @@ _TEMPORARY = re.compile(
 )
 
 
+def reason(error: BaseException) -> str:
+    """Say in one line what went wrong."""
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror
+    return str(error).strip().split("\n")[0] or type(error).__name__
+
+
+@contextlib.contextmanager
+def explained(failure: str, *, folder: bool = False) -> Iterator[None]:
+    """Turn an error of the system into a sentence: `failure`, such as "cannot read X", and why.
+
+    With `folder`, it is a folder that is to be made or used, and a file may be in its place.
+    """
+    try:
+        yield
+    except OSError as error:
+        in_the_way = folder and isinstance(error, FileExistsError | NotADirectoryError)
+        why = "a file is in the way" if in_the_way else reason(error)
+        raise OutputError(f"{failure}: {why}") from error
+
+
 def replace_file(path: Path, data: bytes, check: Callable[[Path], None] | None = None) -> None:
     """Put `data` at `path` in one step; see `streamed_file`."""
     with streamed_file(path, check) as file:
@@ -33,26 +54,20 @@ def streamed_file(path: Path, check: Callable[[Path], None] | None = None) -> It
     """A file to write to that takes its place at `path` in one step, when the body has ended.
 
     Whatever is there stays there, whole, until the new file is on the disk. If the body raises,
-    nothing is left of it.
-
-    Parameters
-    ----------
-    path
-    check
-        Called with the finished temporary file; whatever it raises keeps that from its place.
+    nothing is left of it. `check` is called with the finished temporary file; whatever it raises
+    keeps that from its place.
     """
     temporary = _temporary(path)
-    try:
-        with _created(temporary) as file:
-            yield file
-        if check is not None:
-            check(temporary)
-        rename_file(temporary, path)
-    except OSError as error:
-        raise OutputError(f"cannot write {path}: {reason(error)}") from error
-    finally:
-        # After the rename there is nothing left; after anything else, Ctrl-C too, there may be.
-        _discard(temporary)
+    with explained(f"cannot write {path}"):
+        try:
+            with _created(temporary) as file:
+                yield file
+            if check is not None:
+                check(temporary)
+            rename_file(temporary, path)
+        finally:
+            # After the rename there is nothing left; after anything else, Ctrl-C too, there may be.
+            _discard(temporary)
 
 
 def rename_file(path: Path, target: Path) -> None:
@@ -66,21 +81,7 @@ class NotAFile(OSError):
 
 
 def read_file(path: Path, most: int) -> bytes:
-    """All of a regular file; what is none is not waited for.
-
-    Parameters
-    ----------
-    path
-    most
-        Size in bytes above which it is not read.
-
-    Raises
-    ------
-    NotAFile
-        It is no regular file, or is larger.
-    OSError
-        It cannot be read.
-    """
+    """All of a regular file of `most` bytes at most; what is none is not waited for."""
     # Without O_NONBLOCK, to open a FIFO is to wait for somebody who writes into it.
     handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
     try:
@@ -98,44 +99,30 @@ def read_file(path: Path, most: int) -> bytes:
 def probe_directory(path: Path) -> None:
     """Create `path` where need be, and try out that files can be written in it."""
     probe = _temporary(path / "probe")
-    try:
+    with explained(f"cannot write in {path}", folder=True):
         path.mkdir(parents=True, exist_ok=True)
         try:
             with _created(probe) as file:
                 file.write(b"probe")
         finally:
             _discard(probe)
-    except (FileExistsError, NotADirectoryError) as error:
-        raise OutputError(f"cannot write in {path}: a file is in the way") from error
-    except OSError as error:
-        raise OutputError(f"cannot write in {path}: {reason(error)}") from error
 
 
-def remove_temporaries(folder: Path, older_than: float = 0.0) -> int:
+def temporaries(folder: Path) -> list[Path]:
+    """Files that a process of ours was still writing, or has left half-written."""
+    with explained(f"cannot read {folder}"):
+        return [folder / name for name in os.listdir(folder) if _TEMPORARY.fullmatch(name)]
+
+
+def remove_temporaries(folder: Path, older_than: float) -> int:
     """Remove temporary files at least `older_than` seconds old; returns how many."""
     now, removed = time.time(), 0
-    try:
-        found = [folder / name for name in os.listdir(folder) if is_temporary(folder / name)]
-    except OSError as error:
-        raise OutputError(f"cannot read {folder}: {reason(error)}") from error
-    for path in found:
+    for path in temporaries(folder):
         with contextlib.suppress(OSError):  # its owner, or another process, was quicker
             if now - path.stat().st_mtime >= older_than:
                 path.unlink()
                 removed += 1
     return removed
-
-
-def is_temporary(path: Path) -> bool:
-    """Whether a file is one that a process of ours was still writing."""
-    return _TEMPORARY.fullmatch(path.name) is not None
-
-
-def reason(error: BaseException) -> str:
-    """Say in one line what went wrong."""
-    if isinstance(error, OSError) and error.strerror:
-        return error.strerror
-    return str(error).strip().split("\n")[0] or type(error).__name__
 
 
 def _temporary(path: Path) -> Path:

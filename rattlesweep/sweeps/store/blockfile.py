@@ -6,9 +6,10 @@ the same note, but fewer rows than that speaks of. `Note.is_whole` is what tells
 
 from __future__ import annotations
 
+import contextlib
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -16,16 +17,15 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from rattlesweep.errors import OutputError
+from rattlesweep.errors import DamagedError, OutputError
 from rattlesweep.sweeps.config.load import resolved
+from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.store.atomic import read_file, reason
-from rattlesweep.sweeps.store.manifest import Manifest, Receipt
-from rattlesweep.sweeps.tables.arrow import NOTE, DamagedError, open_hashed
+from rattlesweep.sweeps.store.manifest import Receipt
+from rattlesweep.sweeps.tables.arrow import NOTE, open_hashed
 
-MOST_ROWS = 200_000
-"""Rows that a block can have."""
-# Bytes that its file can have, for each row and for the rest.
-_ROW, _REST = 1 << 14, 1 << 20
+MOST_BYTES = 1 << 32
+"""Bytes that a file in an output directory can have: 200,000 rows of 20 kB each."""
 _BLOCK = re.compile(r"block-(\d{6,18})\.parquet")
 
 
@@ -39,6 +39,24 @@ def block_number(name: str) -> int | None:
     match = _BLOCK.fullmatch(name)
     number = None if match is None else int(match[1])
     return number if number is not None and block_name(number) == name else None
+
+
+@contextlib.contextmanager
+def reading(path: Path, lost: type[OSError] | tuple[()] = ()) -> Iterator[None]:
+    """Name a file that cannot be read (OutputError), or is not what was written (DamagedError).
+
+    An error of the system of the type `lost` is damage too: what the file held is to be made anew.
+    That it may not be read says nothing about what it holds.
+    """
+    try:
+        yield
+    except (DamagedError, pa.ArrowException, OSError) as error:
+        # Without a number are our NotAFile, and what Arrow finds wrong.
+        if not isinstance(error, OSError) or not error.errno:
+            raise DamagedError(f"{path} is damaged: {reason(error)}") from error
+        is_lost = isinstance(error, lost) and not isinstance(error, PermissionError)
+        kind = DamagedError if is_lost else OutputError
+        raise kind(f"cannot read {path}: {reason(error)}") from error
 
 
 @dataclass(frozen=True)
@@ -64,11 +82,10 @@ class Note:
     max_steps: int
 
     @classmethod
-    def of(cls, manifest: Manifest, index: int) -> Note:
-        """What block `index` of a directory with this manifest has to say."""
-        config = manifest.config
-        thresholds, limit = resolved(config)["classify"], config.integrator.max_steps
-        return cls(manifest.config_hash, *manifest.borders(index), thresholds, limit)
+    def of(cls, config: Config, sweep: str, borders: tuple[int, int]) -> Note:
+        """What the block of these runs has to say."""
+        thresholds = resolved(config)["classify"]
+        return cls(sweep, *borders, thresholds, config.integrator.max_steps)
 
     @classmethod
     def load(cls, file: pq.ParquetFile) -> Note | None:
@@ -107,6 +124,7 @@ class BlockFile:
         What the manifest keeps of it, but for the time it took.
     """
 
+    path: Path
     note: Note | None
     receipt: Receipt
     _file: pq.ParquetFile
@@ -123,15 +141,12 @@ class BlockFile:
 
     def table(self, columns: Sequence[str] | None = None) -> pa.Table:
         """Its rows."""
-        names = None if columns is None else list(columns)
-        try:
-            return self._file.read(columns=names).replace_schema_metadata(None)
-        except (pa.ArrowException, OSError) as error:
-            raise DamagedError(reason(error)) from error
+        with reading(self.path):
+            return read_rows(self._file, columns)
 
 
-def read_block_file(path: Path, rows: int = MOST_ROWS) -> BlockFile:
-    """Read the file of a block of so many rows at most, by whatever name.
+def read_block_file(path: Path) -> BlockFile:
+    """Read the file of a block, by whatever name.
 
     Raises
     ------
@@ -140,17 +155,23 @@ def read_block_file(path: Path, rows: int = MOST_ROWS) -> BlockFile:
     OutputError
         It may not be read, which says nothing about what it holds.
     """
-    try:
-        data = read_file(path, _REST + rows * _ROW)
+    with reading(path, lost=OSError):
+        data = read_file(path, MOST_BYTES)
         file, sha256 = open_hashed(data)
-        status = file.read(columns=["status"]).column("status")
-    except PermissionError as error:
-        raise OutputError(f"cannot read {path}: {reason(error)}") from error
-    except OSError as error:
-        raise DamagedError(reason(error)) from error
-    except (pa.ArrowException, KeyError) as error:
-        raise DamagedError(f"it has no status: {reason(error)}") from error
-    return BlockFile(Note.load(file), receipt_of(data, sha256, status), file)
+        if "status" not in file.schema_arrow.names:
+            raise DamagedError("it has no status")
+        status = read_rows(file, ["status"]).column("status")
+    return BlockFile(path, Note.load(file), receipt_of(data, sha256, status), file)
+
+
+def read_rows(file: pq.ParquetFile, columns: Sequence[str] | None = None) -> pa.Table:
+    """The rows of a file of which the bytes are Python's.
+
+    One of Arrow's threads that lets go of these bytes last, as the interpreter ends, would end the
+    program with them ("terminate called without an active exception"): so none of them reads.
+    """
+    names = None if columns is None else list(columns)
+    return file.read(names, use_threads=False).replace_schema_metadata(None)
 
 
 def receipt_of(data: bytes, sha256: str, status: pa.ChunkedArray) -> Receipt:

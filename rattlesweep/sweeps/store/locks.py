@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from rattlesweep.errors import OutputError
-from rattlesweep.sweeps.store.atomic import read_file, reason
+from rattlesweep.sweeps.store.atomic import explained, read_file
 from rattlesweep.sweeps.store.provenance import now
 
 fcntl: Any
@@ -61,43 +61,23 @@ def holder(directory: Path) -> str | None:
 
 @contextmanager
 def hold(directory: Path, share: str | None = None) -> Iterator[bool]:
-    """Hold a directory, or a share of it, while a block of code runs.
+    """Hold a directory, which must exist, while a block of code runs; `Busy` if another does.
 
-    Parameters
-    ----------
-    directory : Path
-        Must exist.
-    share : str, optional
-        Name of the share, such as ``shard-0-of-7``; other shares can be held meanwhile.
-
-    Yields
-    ------
-    bool
-        Whether no other process can be at work there: the whole is held, by a lock that exists.
-
-    Raises
-    ------
-    Busy
-        Another process holds it.
-    OutputError
-        The directory cannot be written.
+    A share, such as ``shard-0-of-7``, leaves other shares to be held meanwhile. Yields whether no
+    other process can be at work there: the whole is held, by a lock that exists.
     """
     if fcntl is None:
         yield False
         return
     folder = directory / FOLDER
     with contextlib.ExitStack() as stack:
-        try:
+        with explained(f"cannot write in {folder}", folder=True):
             folder.mkdir(exist_ok=True)
             mine = stack.enter_context(_locked(folder / _WHOLE, shared=share is not None))
             if mine is False:
                 raise Busy(f"{directory} is in use by {holder(directory) or 'another process'}")
             if share and stack.enter_context(_locked(folder / share, shared=False)) is False:
                 raise Busy(f"{directory}: {share} is in use by {_words(folder / share)}")
-        except (FileExistsError, NotADirectoryError) as error:
-            raise OutputError(f"cannot write in {folder}: a file is in the way") from error
-        except OSError as error:
-            raise OutputError(f"cannot write in {directory}: {reason(error)}") from error
         yield share is None and mine is True
 
 
@@ -106,13 +86,11 @@ def manifest_lock(directory: Path) -> Iterator[None]:
     """Wait until no other shard changes the manifest, and keep others waiting: a moment."""
     path = directory / FOLDER / _MANIFEST
     with contextlib.ExitStack() as stack:
-        try:
+        with explained(f"cannot write {path}"):
             if fcntl is not None and path.parent.is_dir():
                 handle = stack.enter_context(open(path, "ab"))
                 with contextlib.suppress(OSError):
                     fcntl.flock(handle, fcntl.LOCK_EX)
-        except OSError as error:
-            raise OutputError(f"cannot write {path}: {reason(error)}") from error
         yield
 
 

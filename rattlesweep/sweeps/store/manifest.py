@@ -28,7 +28,7 @@ from pydantic import (
     model_validator,
 )
 
-from rattlesweep.errors import ConfigError, one_line
+from rattlesweep.errors import ConfigError, DamagedError, one_line
 from rattlesweep.sweeps.config.bodies import SdSource, TableSource
 from rattlesweep.sweeps.config.load import override_config, resolved
 from rattlesweep.sweeps.config.schema import Config
@@ -75,10 +75,7 @@ class _Part(BaseModel):
 class Receipt(_Part):
     """What is kept of a block: its file's checksum, its rows and its failed runs by status.
 
-    Attributes
-    ----------
-    seconds : float or None
-        Time of its integration; None where that is not known.
+    `seconds` is the time of its integration, None where that is not known.
     """
 
     sha256: Sha256
@@ -188,16 +185,9 @@ class Expected(_Part):
 class Manifest(_Part):
     """What ``manifest.json`` says.
 
-    Attributes
-    ----------
-    config : Config
-        In the blocks that the directory was begun with.
-    config_hash : str
-        Of what determines the numbers (:func:`rattlesweep.sweeps.store.provenance.identity`).
-    base : str or None
-        Where the relative path of a table of bodies starts.
-    receipts : dict
-        Of complete blocks, by their numbers.
+    `config` has the block size that the directory was begun with, `config_hash` is that of what
+    determines the numbers (:func:`rattlesweep.sweeps.store.provenance.identity`), `base` is where
+    the relative path of a table of bodies starts. There are receipts of complete blocks only.
     """
 
     format: Literal[2]
@@ -274,7 +264,7 @@ class Manifest(_Part):
         ------
         ConfigError
             It is of another format.
-        ValueError
+        DamagedError
             Something in it cannot be; says what, in a few words fit for a terminal.
         """
         found = data.get("format")
@@ -289,11 +279,11 @@ class Manifest(_Part):
             first = error.errors(include_url=False, include_input=False, include_context=False)[0]
             where = ".".join(map(str, first["loc"]))
             what = first["msg"].removeprefix("Value error, ")
-            raise ValueError(one_line(f"{where}: {what}" if where else what, 300)) from None
+            raise DamagedError(one_line(f"{where}: {what}" if where else what, 300)) from None
 
     @classmethod
     def begin(cls, plan: Plan, hash_: str, base: Path | None) -> Manifest:
-        """The manifest of a sweep that begins; `base` is where its table's path starts."""
+        """The manifest of a sweep that begins."""
         return cls(
             format=FORMAT,
             name=plan.config.name,
@@ -332,6 +322,18 @@ class Manifest(_Part):
         """Numbers of the runs of a block, from and up to."""
         size = self.config.block_size
         return index * size, min((index + 1) * size, self.runs)
+
+    def forget(self, indices: Iterable[int]) -> None:
+        """Drop the receipts of blocks that are about to be replaced."""
+        for index in indices:
+            self.receipts.pop(index, None)
+
+    def add_up(self) -> None:
+        """Count what its receipts and sessions come to."""
+        self.failed = count_failed(self.receipts.values())
+        self.bytes = sum(receipt.bytes for receipt in self.receipts.values())
+        self.seconds = round(sum(session.seconds for session in self.sessions), 3)
+        self.kernel_seconds = round(sum(session.kernel_seconds for session in self.sessions), 3)
 
 
 def count_failed(receipts: Iterable[Receipt]) -> dict[str, int]:

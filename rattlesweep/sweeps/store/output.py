@@ -1,4 +1,4 @@
-"""What an output directory is to a plan, before anything is written there."""
+"""What an output directory is to a plan: whose runs it holds, and which files are in the way."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rattlesweep.errors import ConfigError, DamagedManifest
+from rattlesweep.errors import ConfigError, DamagedError, OutputError
 from rattlesweep.sweeps.config.load import differences, physics_part, resolved
-from rattlesweep.sweeps.store.blockfile import Note
+from rattlesweep.sweeps.store.atomic import explained
+from rattlesweep.sweeps.store.blockfile import Note, block_number, read_block_file
 from rattlesweep.sweeps.store.manifest import Manifest
 from rattlesweep.sweeps.store.provenance import identity, machine, versions
-from rattlesweep.sweeps.store.recover import block_size_of
 from rattlesweep.sweeps.store.store import Store
 
 if TYPE_CHECKING:
@@ -45,9 +45,7 @@ class Output:
 
     def note(self, block: Block) -> Note:
         """What a block of this plan says of itself."""
-        config = self.plan.config
-        thresholds = resolved(config)["classify"]
-        return Note(self.hash_, block.first, block.stop, thresholds, config.integrator.max_steps)
+        return Note.of(self.plan.config, self.hash_, (block.first, block.stop))
 
 
 def examine(plan: Plan, directory: Path, base: Path | None) -> Output:
@@ -57,8 +55,6 @@ def examine(plan: Plan, directory: Path, base: Path | None) -> Output:
     ------
     ConfigError
         If the directory holds the runs of another config; says what differs.
-    OutputError
-        If it cannot be read.
     """
     store, hash_ = Store(directory), identity(plan, base)
     store.check_ours()
@@ -68,11 +64,11 @@ def examine(plan: Plan, directory: Path, base: Path | None) -> Output:
     try:
         if store.has_manifest():
             manifest = store.read_manifest()
-    except DamagedManifest as error:
+    except DamagedError as error:
         remarks.append(f"{error}; it is rebuilt from the blocks")
     if manifest is None:
         if blocks:
-            plan = replace(plan, block_size=block_size_of(store, blocks, hash_, plan))
+            plan = replace(plan, block_size=_block_size(store, blocks, hash_, plan))
         return Output(store, plan, hash_, None, remarks)
     theirs, ours = resolved(manifest.config), resolved(plan.config)
     if manifest.config_hash != hash_:
@@ -102,6 +98,80 @@ def examine(plan: Plan, directory: Path, base: Path | None) -> Output:
                 "may differ"
             )
     return Output(store, plan, hash_, manifest, remarks)
+
+
+def put_in_order(output: Output) -> list[str]:
+    """Take blocks of a sweep away from where none of them belongs, such as copied files.
+
+    One whose own place is empty or damaged is put there.
+
+    Returns
+    -------
+    list of str
+        What was done, and which other files readers will take for runs, a sentence each.
+    """
+    store, plan, remarks = output.store, output.plan, []
+    for path in store.strays(plan.n_blocks):
+        note = _note(path)
+        if note is None or note.sweep != output.hash_:
+            if block_number(path.name) is not None:
+                raise OutputError(f"{path} is no block of this sweep; move it elsewhere")
+            remarks.append(f"{path} is no block of this sweep, but readers take it for one")
+            continue
+        block = plan.block(note.first // plan.block_size)
+        place = store.block_path(block.index)
+        with explained(f"cannot use {store.runs}"):
+            if (note.first, note.stop) != (block.first, block.stop):
+                path.unlink(missing_ok=True)
+                remarks.append(f"removed {path}: a block of another size than this sweep's")
+            elif note.same_runs(_note(place)):
+                path.unlink(missing_ok=True)
+                remarks.append(f"removed {path}: a copy of {place.name}")
+            else:
+                store.put_in_place(path, block.index)
+                remarks.append(f"renamed {path} to {place.name}, whose runs it holds")
+    return remarks
+
+
+def _block_size(store: Store, blocks: list[int], sweep: str, plan: Plan) -> int:
+    """Runs a block in a directory whose manifest is lost, told from the blocks.
+
+    Raises
+    ------
+    ConfigError
+        They are not known to be of this sweep.
+    """
+    ours = False
+    for index in blocks:
+        note = _note(store.block_path(index))
+        if note is None:
+            continue
+        if note.sweep != sweep:
+            ours = False
+            break
+        ours = True
+        size = note.first // index if index else note.stop
+        # A block in the place of another says nothing of the size.
+        borders = (index * size, min((index + 1) * size, plan.runs))
+        if size > 0 and (note.first, note.stop) == borders:
+            return max(size, plan.block_size) if size >= plan.runs else size
+    if ours:
+        return plan.block_size
+    raise ConfigError(
+        f"{store.directory}: it holds runs but no intact manifest.json, and the runs are not known "
+        "to be of this config; choose another output, or start over with --fresh"
+    )
+
+
+def _note(path: Path) -> Note | None:
+    """What a file that holds a whole block says of itself."""
+    try:
+        file = read_block_file(path)
+    except DamagedError:
+        return None
+    # With more or fewer rows than it speaks of, it is no block that is finished.
+    note = file.note
+    return note if note is not None and file.receipt.rows == note.stop - note.first else None
 
 
 def _of_bits(part: dict[str, Any]) -> dict[str, Any]:

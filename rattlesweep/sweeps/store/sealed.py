@@ -10,45 +10,35 @@ from typing import Any
 
 import numpy as np
 
+from rattlesweep.errors import DamagedError
+
 _KEY = "checksum"
 
 
 def dump(data: Mapping[str, Any]) -> bytes:
-    """Turn plain data into bytes, keys in the order given.
+    """Turn plain data into bytes, keys in the order given; floats come back bit for bit.
 
-    Floats come back bit for bit. NumPy scalars and paths are written as what they mean.
-
-    Raises
-    ------
-    ValueError, TypeError
-        It holds NaN, infinity, or something JSON has no word for.
+    NumPy scalars and paths are written as what they mean. NaN, infinity and what JSON has no word
+    for are mistakes of the calling code: a ValueError or TypeError.
     """
     digest = hashlib.sha256(_text(data)).hexdigest()
     return _text({**data, _KEY: digest})
 
 
 def load(text: bytes) -> dict[str, Any]:
-    """Read back what `dump` made, to the byte.
-
-    Raises
-    ------
-    ValueError
-        It is something else; says what in a few words.
-    """
+    """Read back what `dump` made, to the byte; anything else is a DamagedError."""
     try:
         data = json.loads(text)
-    except RecursionError as error:
-        raise ValueError("it is nested too deeply") from error
-    if not isinstance(data, dict):
-        raise ValueError("it holds no object")
-    data.pop(_KEY, None)
-    try:
-        same = dump(data) == text
-    except (ValueError, UnicodeEncodeError):
-        same = False
-    if not same:
-        raise ValueError("its checksum does not match")
-    return data
+        if not isinstance(data, dict):
+            raise DamagedError("it holds no object")
+        data.pop(_KEY, None)
+        if dump(data) == text:
+            return data
+    except RecursionError:
+        raise DamagedError("it is nested too deeply") from None
+    except ValueError as error:
+        raise DamagedError(str(error)) from None
+    raise DamagedError("its checksum does not match")
 
 
 def _text(data: Mapping[str, Any]) -> bytes:

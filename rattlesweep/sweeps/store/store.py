@@ -11,17 +11,17 @@ import contextlib
 import errno
 import os
 import stat
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from rattlesweep.errors import ConfigError, DamagedManifest, OutputError
+from rattlesweep.errors import ConfigError, DamagedError, OutputError
 from rattlesweep.sweeps.store import sealed
 from rattlesweep.sweeps.store.atomic import (
     NotAFile,
+    explained,
     probe_directory,
     read_file,
     reason,
@@ -30,64 +30,38 @@ from rattlesweep.sweeps.store.atomic import (
     replace_file,
 )
 from rattlesweep.sweeps.store.blockfile import (
-    MOST_ROWS,
+    MOST_BYTES,
     BlockFile,
     Note,
     block_name,
     block_number,
     read_block_file,
+    read_rows,
+    reading,
     receipt_of,
 )
 from rattlesweep.sweeps.store.locks import manifest_lock
 from rattlesweep.sweeps.store.manifest import Manifest, Receipt
-from rattlesweep.sweeps.tables.arrow import (
-    DamagedError,
-    build_table,
-    encode,
-    encode_hashed,
-    open_sealed,
-)
+from rattlesweep.sweeps.tables.arrow import encode_hashed, open_sealed
 
-MOST_BYTES = 1 << 31
-"""Bytes that a file which is no block can have."""
+# Seconds for which another process may have a half-written file in its hands.
 YOUNG = 3600.0
-"""Seconds for which another process may have a half-written file in its hands."""
 # In every manifest, and in the footer of every table.
 _MARKS = (b'"config_hash"', b"rattlesweep.sha256")
 
 
 class Store:
-    """The files of one output directory.
-
-    Parameters
-    ----------
-    directory
-        Need not exist until `prepare`.
-
-    Attributes
-    ----------
-    rows : int
-        Rows that a block can have; set by those who know the sweep, it bounds what is read.
-    """
+    """The files of one output directory, which need not exist until `prepare`."""
 
     def __init__(self, directory: Path | str) -> None:
         self.directory = Path(directory)
         self.runs = self.directory / "runs"
         self.manifest_path = self.directory / "manifest.json"
         self.summary_path = self.directory / "summary.parquet"
-        self.rows = MOST_ROWS
         self._opened = self._folders()
 
     def prepare(self) -> None:
-        """Create the directories and try out that files can be written there.
-
-        Raises
-        ------
-        ConfigError
-            The directory is somebody else's.
-        OutputError
-            They cannot: read-only, a file in the way, no space.
-        """
+        """Create the directories and try out that files can be written there."""
         self.check_ours()
         probe_directory(self.directory)
         probe_directory(self.runs)
@@ -100,29 +74,26 @@ class Store:
         ------
         ConfigError
             It does; its files might be overwritten.
-        OutputError
-            It cannot be listed.
         """
         try:
-            names = sorted(os.listdir(self.directory))
-        except (FileNotFoundError, NotADirectoryError):
-            return
-        except OSError as error:
-            raise OutputError(f"cannot read {self.directory}: {reason(error)}") from error
+            with explained(f"cannot read {self.directory}"):
+                names = sorted(os.listdir(self.directory))
+        except OutputError as error:
+            if isinstance(error.__cause__, FileNotFoundError | NotADirectoryError):
+                return
+            raise
         # Hidden files are not in the way, and among them is what a killed process leaves.
         shown = [name for name in names if not name.startswith(".") and name != "runs"]
         if not shown or self.block_indices():
             return
         for name in shown:
             if name == self.manifest_path.name or name.endswith(".parquet"):
-                try:
-                    data = read_file(self.directory / name, MOST_BYTES)
-                except (NotAFile, FileNotFoundError):
-                    continue
-                except OSError as error:
-                    raise OutputError(
-                        f"cannot read {self.directory / name}: {reason(error)}"
-                    ) from error
+                path = self.directory / name
+                with explained(f"cannot read {path}"):
+                    try:
+                        data = read_file(path, MOST_BYTES)
+                    except (NotAFile, FileNotFoundError):
+                        continue
                 if any(mark in data for mark in _MARKS):
                     return
         raise ConfigError(
@@ -141,12 +112,11 @@ class Store:
     def _check_in_place(self) -> None:
         """Refuse to write where another directory has taken the place of the one opened."""
         for folder, opened in self._opened.items():
-            try:
-                same = os.path.samestat(os.stat(folder), opened)
-            except (FileNotFoundError, NotADirectoryError):
-                same = False
-            except OSError as error:
-                raise OutputError(f"cannot read {folder}: {reason(error)}") from error
+            with explained(f"cannot read {folder}"):
+                try:
+                    same = os.path.samestat(os.stat(folder), opened)
+                except (FileNotFoundError, NotADirectoryError):
+                    same = False
             if not same:
                 raise OutputError(
                     f"{folder} has been moved, removed or replaced while it was in use; nothing "
@@ -154,17 +124,9 @@ class Store:
                 )
 
     def remove_stale_temporaries(self, alone: bool) -> int:
-        """Remove what killed processes left half-written.
+        """Remove what killed processes left half-written; returns how many files.
 
-        Parameters
-        ----------
-        alone
-            Whether no other process can be at work there; else young files may be in its hands.
-
-        Returns
-        -------
-        int
-            Number of files removed.
+        Unless `alone`, no other process being at work there, young ones may be in its hands.
         """
         age = 0.0 if alone else YOUNG
         return sum(remove_temporaries(folder, age) for folder in (self.directory, self.runs))
@@ -175,65 +137,49 @@ class Store:
         """Where block `index` has its place."""
         return self.runs / block_name(index)
 
-    def is_block(self, path: Path) -> bool:
-        """Whether a file has the name of a block."""
-        return block_number(path.name) is not None
-
     def block_indices(self) -> list[int]:
         """Numbers of the blocks in place, ascending; other files in `runs` are ignored."""
-        try:
-            names = os.listdir(self.runs)
-        except FileNotFoundError:
-            return []
-        except NotADirectoryError as error:
-            raise OutputError(f"cannot use {self.directory}: a file is in the way") from error
-        except OSError as error:
-            raise OutputError(f"cannot read {self.runs}: {reason(error)}") from error
-        return sorted(number for name in names if (number := block_number(name)) is not None)
+        numbers = map(block_number, self._names_in_runs())
+        return sorted(number for number in numbers if number is not None)
 
-    def strays(self, blocks: int) -> Iterator[Path]:
+    def strays(self, blocks: int) -> list[Path]:
         """Files that readers of ``runs/*.parquet`` take for runs, but none of so many blocks."""
-        for name in sorted(os.listdir(self.runs)):
-            if name.startswith(".") or not name.endswith(".parquet"):
-                continue
-            number = block_number(name)
-            if number is None or number >= blocks:
-                yield self.runs / name
+        return [
+            self.runs / name
+            for name in sorted(self._names_in_runs())
+            if name.endswith(".parquet") and not name.startswith(".")
+            if (number := block_number(name)) is None or number >= blocks
+        ]
 
-    def rename(self, path: Path, target: Path) -> None:
-        """Move a block to its place."""
+    def _names_in_runs(self) -> list[str]:
+        with explained(f"cannot read {self.runs}", folder=True):
+            try:
+                return os.listdir(self.runs)
+            except FileNotFoundError:
+                return []
+
+    def put_in_place(self, path: Path, index: int) -> None:
+        """Give a file the place of block `index`."""
         self._check_in_place()
-        rename_file(path, target)
+        rename_file(path, self.block_path(index))
 
-    def write_block(
-        self,
-        index: int,
-        columns: Mapping[str, Any],
-        schema: pa.Schema,
-        note: Note | None = None,
-    ) -> Receipt:
-        """Write one block from plain arrays; see `tables.build_table` for what they may be.
-
-        Raises
-        ------
-        OutputError
-            The file cannot be written; what was there before still is.
-        ValueError
-            The columns do not make a table of `schema`: a mistake of the calling code.
-        """
-        table = build_table(columns, schema)
+    def write_block(self, index: int, table: pa.Table, note: Note | None = None) -> Receipt:
+        """Put `table` in the place of block `index`; if it fails, what was there still is."""
         data, sha256 = encode_hashed(table, None if note is None else note.dump())
-        self._put_table(self.block_path(index), data, table.num_rows)
+        self._put(self.block_path(index), data, table.num_rows)
         return receipt_of(data, sha256, table.column("status"))
 
-    def rewrite_block(self, index: int, table: pa.Table, note: Note | None = None) -> Receipt:
-        """Put `table` in the place of block `index`, as `write_block`."""
-        columns = {name: table.column(name) for name in table.schema.names}
-        return self.write_block(index, columns, table.schema, note)
-
-    def inspect_block(self, index: int) -> BlockFile:
+    def read_block(self, index: int) -> BlockFile:
         """Block `index`, proved undamaged to the bit; errors as for `read_block_file`."""
-        return read_block_file(self.block_path(index), self.rows)
+        return read_block_file(self.block_path(index))
+
+    def finished_block(self, index: int, note: Note) -> Receipt | None:
+        """The receipt of block `index`, if it is whole and just what `note` speaks of."""
+        try:
+            found = self.read_block(index)
+        except DamagedError:
+            return None
+        return found.receipt if found.note == note and found.complete else None
 
     def glance(self, index: int) -> tuple[Note | None, bool]:
         """The note of block `index`, and whether it is complete; unproved, but soon known."""
@@ -247,21 +193,6 @@ class Store:
             return self.glance(index)[1]
         except OutputError:
             return False
-
-    def read_block(self, index: int, columns: Sequence[str] | None = None) -> pa.Table:
-        """Read a block, having proved that it is whole."""
-        path = self.block_path(index)
-        try:
-            return self.inspect_block(index).table(columns)
-        except DamagedError as error:
-            if isinstance(error.__cause__, OSError):
-                raise OutputError(f"cannot read {path}: {error}") from error
-            raise OutputError(f"{path} is damaged: {error}") from error
-
-    def iter_blocks(self, columns: Sequence[str] | None = None) -> Iterator[tuple[int, pa.Table]]:
-        """Yield (number, table) of the blocks in place, in order; errors as for `read_block`."""
-        for index in self.block_indices():
-            yield index, self.read_block(index, columns)
 
     def iter_batches(
         self, columns: Sequence[str] | None = None, *, complete: bool = False
@@ -288,39 +219,27 @@ class Store:
     def _streamed(self, index: int) -> Iterator[pq.ParquetFile]:
         """A block's file to read parts of, of which the pages alone are proved."""
         path = self.block_path(index)
-        try:
+        with reading(path):
             if not stat.S_ISREG(os.stat(path).st_mode):
                 raise NotAFile("it is no regular file")
             with pq.ParquetFile(path, page_checksum_verification=True) as file:
                 yield file
-        except (pa.ArrowException, OSError) as error:
-            # Arrow's own are without a number.
-            if isinstance(error, OSError) and (error.errno or isinstance(error, NotAFile)):
-                raise OutputError(f"cannot read {path}: {reason(error)}") from error
-            raise OutputError(f"{path} is damaged: {reason(error)}") from error
 
     # -------------------------------------------------- summary and manifest
 
     def write_summary(self, table: pa.Table) -> None:
         """Write `summary.parquet`, as safely as a block."""
-        self._put_table(self.summary_path, encode(table), table.num_rows)
+        self._put(self.summary_path, encode_hashed(table)[0], table.num_rows)
 
     def read_summary(self) -> pa.Table:
         """Read `summary.parquet`."""
-        try:
-            table = open_sealed(read_file(self.summary_path, MOST_BYTES)).read()
-        except OSError as error:
-            raise OutputError(f"cannot read {self.summary_path}: {reason(error)}") from error
-        except (DamagedError, pa.ArrowException) as error:
-            raise OutputError(f"{self.summary_path} is damaged: {error}") from error
-        return table.replace_schema_metadata(None)
+        with reading(self.summary_path):
+            return read_rows(open_sealed(read_file(self.summary_path, MOST_BYTES)))
 
     def has_manifest(self) -> bool:
         """Whether there is a `manifest.json`, damaged or not."""
-        try:
+        with explained(f"cannot read {self.manifest_path}"):
             return self.manifest_path.exists()
-        except OSError as error:
-            raise OutputError(f"cannot read {self.manifest_path}: {reason(error)}") from error
 
     def read_manifest(self) -> Manifest:
         """Read `manifest.json`, proved whole and checked part by part.
@@ -329,25 +248,20 @@ class Store:
         ------
         ConfigError
             There is none, so this is no output directory, or it is of another format.
-        DamagedManifest
+        DamagedError
             It is not what `write_manifest` writes, or says what cannot be.
-        OutputError
-            It cannot be read.
         """
         try:
-            manifest = Manifest.parse(sealed.load(read_file(self.manifest_path, MOST_BYTES)))
-        except (FileNotFoundError, NotADirectoryError):
+            with reading(self.manifest_path):
+                return Manifest.parse(sealed.load(read_file(self.manifest_path, MOST_BYTES)))
+        except ConfigError as error:
+            raise ConfigError(f"{self.directory}: {error}") from None
+        except OutputError as error:
+            if not isinstance(error.__cause__, FileNotFoundError | NotADirectoryError):
+                raise
             raise ConfigError(
                 f"{self.directory} is not an output directory: it has no manifest.json"
             ) from None
-        except ConfigError as error:
-            raise ConfigError(f"{self.directory}: {error}") from None
-        except (NotAFile, ValueError) as error:
-            raise DamagedManifest(f"{self.manifest_path} is damaged: {error}") from error
-        except OSError as error:
-            raise OutputError(f"cannot read {self.manifest_path}: {reason(error)}") from error
-        self.rows = manifest.config.block_size
-        return manifest
 
     def write_manifest(self, manifest: Manifest) -> None:
         """Write `manifest.json`, as safely as a block."""
@@ -358,12 +272,8 @@ class Store:
     ) -> None:
         """Change `manifest.json` in one step that no other process can come between.
 
-        Parameters
-        ----------
-        change
-            Called with the manifest as it is now.
-        blank
-            Makes the one to begin with where there is none.
+        `change` is called with the manifest as it is now; `blank` makes the one to begin with where
+        there is none.
         """
         self._check_in_place()
         with manifest_lock(self.directory):
@@ -372,30 +282,30 @@ class Store:
             change(manifest)
             self.write_manifest(manifest)
 
-    def _put_table(self, path: Path, data: bytes, rows: int) -> None:
-        def reads_back(temporary: Path) -> None:
-            try:
-                with pq.ParquetFile(temporary) as file:
-                    found = file.metadata.num_rows
-            except pa.ArrowException as error:
-                raise OSError(errno.EIO, f"does not read back: {reason(error)}") from error
-            if found != rows:
-                raise OSError(errno.EIO, f"reads back {found} of {rows} rows")
+    def _put(self, path: Path, data: bytes, rows: int | None = None) -> None:
+        """Write a file; one of a table, of so many `rows`, is read back."""
 
-        self._put(path, data, reads_back)
-
-    def _put(
-        self, path: Path, data: bytes, check: Callable[[Path], None] = lambda temporary: None
-    ) -> None:
-        def checked(temporary: Path) -> None:
-            check(temporary)
+        def check(temporary: Path) -> None:
+            if rows is not None:
+                _check_rows(temporary, rows)
             # Now that the temporary file is there: after a move from here on, the rename finds
             # nothing to rename.
             self._check_in_place()
 
         self._check_in_place()
         try:
-            replace_file(path, data, checked)
+            replace_file(path, data, check)
         except OutputError:
             self._check_in_place()  # which says why a file was not found
             raise
+
+
+def _check_rows(path: Path, rows: int) -> None:
+    """Refuse a file that has not come onto the disk as it was written."""
+    try:
+        with pq.ParquetFile(path) as file:
+            found = file.metadata.num_rows
+    except pa.ArrowException as error:
+        raise OSError(errno.EIO, f"does not read back: {reason(error)}") from error
+    if found != rows:
+        raise OSError(errno.EIO, f"reads back {found} of {rows} rows")

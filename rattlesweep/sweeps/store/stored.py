@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rattlesweep.errors import ConfigError
-from rattlesweep.sweeps.store.manifest import Manifest, StoredCase
+from rattlesweep.sweeps.store.blockfile import Note
+from rattlesweep.sweeps.store.manifest import Manifest
 from rattlesweep.sweeps.store.provenance import identity
 from rattlesweep.sweeps.store.store import Store
 
@@ -34,10 +35,14 @@ class Stored:
         """The config of its runs."""
         return self.manifest.config
 
-    @property
-    def cases(self) -> list[StoredCase]:
-        """Its cases."""
-        return self.manifest.cases
+    def present(self) -> list[int]:
+        """Numbers of its blocks of which there is a file, whole or not."""
+        return [index for index in self.store.block_indices() if index < self.manifest.blocks]
+
+    def note(self, index: int) -> Note:
+        """What the file of a block has to say of itself."""
+        manifest = self.manifest
+        return Note.of(manifest.config, manifest.config_hash, manifest.borders(index))
 
     @cached_property
     def plan(self) -> Plan:
@@ -62,14 +67,6 @@ class Stored:
 
 
 def open_stored(directory: Path | str) -> Stored:
-    """Open an output directory.
-
-    Raises
-    ------
-    ConfigError
-        It is none.
-    OutputError
-        It cannot be read, or its manifest is damaged.
-    """
+    """Open an output directory; errors as for `Store.read_manifest`."""
     store = Store(directory)
     return Stored(store, store.read_manifest())

@@ -20,6 +20,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from rattlesweep.errors import DamagedError
 from rattlesweep.sweeps.tables.columns import REPEATING
 
 ROW_GROUP = 1 << 17
@@ -33,20 +34,13 @@ _BLANK = b"0" * 64
 _SEALED = re.compile(re.escape(_SEAL) + rb"\x18\x40([0-9a-f]{64})")
 
 
-class DamagedError(ValueError):
-    """Bytes that are not a whole file of this program."""
-
-
 def build_table(columns: Mapping[str, Any], schema: pa.Schema) -> pa.Table:
     """Make a table of `schema` from plain arrays.
 
-    Parameters
-    ----------
-    columns
-        One entry for each field of `schema`, in any order. Floats: an array in which NaN and
-        infinity mean null. Integers: an array. Text: a list of `str` or `None`, or a tuple of
-        (integer codes, categories) in which a negative code means null. Series: see `ragged`.
-        Arrow arrays are taken for any of them.
+    There is one entry for each field of `schema`, in any order. Floats: an array in which NaN and
+    infinity mean null. Integers: an array. Text: a list of `str` or `None`, or a tuple of (integer
+    codes, categories) in which a negative code means null. Series: see `ragged`. Arrow arrays are
+    taken for any of them.
 
     Raises
     ------
@@ -81,12 +75,7 @@ def build_table(columns: Mapping[str, Any], schema: pa.Schema) -> pa.Table:
 def ragged(values: npt.NDArray[np.float64], counts: npt.NDArray[np.integer[Any]]) -> pa.Array:
     """Make a series column: from row i, the first ``counts[i]`` entries of ``values[i]``.
 
-    Parameters
-    ----------
-    values
-        Two-dimensional, one row a run; what lies past the count is ignored.
-    counts
-        Entries of each row; a negative count makes the row null.
+    `values` has shape (runs, most entries); a negative count makes the row null.
     """
     counts = np.asarray(counts, dtype=np.int64)
     offsets = np.zeros(len(counts) + 1, dtype=np.int32)
@@ -102,8 +91,6 @@ def _to_arrow(values: Any, kind: pa.DataType) -> pa.Array:
         values = values.combine_chunks()
     if pa.types.is_floating(kind):
         return _floats(values, kind)
-    if pa.types.is_list(kind):
-        return _series(values, kind)
     if isinstance(values, tuple):
         codes, categories = values
         codes = np.asarray(codes)
@@ -124,30 +111,13 @@ def _floats(values: Any, kind: pa.DataType) -> pa.Array:
     return pa.array(array, type=kind, mask=None if finite.all() else ~finite)
 
 
-def _series(values: Any, kind: pa.DataType) -> pa.Array:
-    lists = values.cast(kind) if isinstance(values, pa.Array) else pa.array(values, type=kind)
-    counts = pc.fill_null(pc.list_value_length(lists), 0).to_numpy()
-    offsets = np.zeros(len(lists) + 1, dtype=np.int32)
-    np.cumsum(counts, out=offsets[1:])
-    # flatten() leaves out what a slice or a null hides, so the offsets are counted anew.
-    return pa.ListArray.from_arrays(
-        pa.array(offsets), _floats(lists.flatten(), kind.value_type), mask=lists.is_null()
-    )
-
-
 def encode(table: pa.Table) -> bytes:
     """Turn a table into the bytes of a sealed Parquet file; equal tables give equal bytes."""
     return encode_hashed(table)[0]
 
 
 def encode_hashed(table: pa.Table, note: bytes | None = None) -> tuple[bytes, str]:
-    """As `encode`, with the SHA-256 of the whole file in hexadecimal.
-
-    Parameters
-    ----------
-    note
-        Kept in the file's metadata under `NOTE`.
-    """
+    """As `encode`, with the file's SHA-256 in hexadecimal; `note` is kept in its metadata."""
     # Chunk borders would move page borders. The seal goes into the schema's metadata, since
     # ParquetWriter.add_key_value_metadata (merged May 2024) is younger than pyarrow 16.
     noted = {} if note is None else {NOTE: note}
@@ -171,13 +141,7 @@ def encode_hashed(table: pa.Table, note: bytes | None = None) -> tuple[bytes, st
 
 
 def open_sealed(data: bytes) -> pq.ParquetFile:
-    """Open the bytes of a file that `encode` made, having proved that no bit has changed.
-
-    Raises
-    ------
-    DamagedError
-        They are cut short, changed, or not of this program.
-    """
+    """Open the bytes of a file that `encode` made, having proved that no bit has changed."""
     return open_hashed(data)[0]
 
 

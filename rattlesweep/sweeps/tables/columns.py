@@ -10,6 +10,7 @@ M = a = g = 1, so times are in sqrt(a/g), spins and rates in sqrt(g/a), energies
 from __future__ import annotations
 
 from collections.abc import Collection
+from functools import partial
 
 import pyarrow as pa
 
@@ -30,47 +31,31 @@ def field(
 ) -> pa.Field:
     """One column of a table: every table that is written is made of these.
 
-    Parameters
-    ----------
-    kind
-        Its Arrow type, such as `F64`.
-    unit
-        As text: ``"1"`` for a pure number or a word.
-    words
-        A few for whoever opens the table.
-    nullable
-        Whether a row may have no value here.
+    `kind` is its Arrow type, `unit` is ``"1"`` for a pure number or a word, and `words` are a few
+    for whoever opens the table. Where it is not `nullable`, every row has a value.
     """
     return pa.field(name, kind, nullable, metadata={"unit": unit, "description": words})
 
 
+required = partial(field, nullable=False)
+
 RUNS: dict[str, tuple[pa.Field, ...]] = {
     "keys": (
-        field("case", I32, "1", "number of the case, from 0", nullable=False),
-        field("sample", I64, "1", "number of the run within its case, from 0", nullable=False),
+        required("case", I32, "1", "number of the case, from 0"),
+        required("sample", I64, "1", "number of the run within its case, from 0"),
     ),
     "body": (
-        field("alpha", F64, "1", "I_xx / (M a^2) + 1", nullable=False),
-        field("beta", F64, "1", "I_yy / (M a^2) + 1", nullable=False),
-        field("gamma", F64, "1", "I_zz / (M a^2)", nullable=False),
-        field(
-            "theta", F64, "1", "larger principal curvature at the bottom, times a", nullable=False
-        ),
-        field(
-            "phi", F64, "1", "smaller principal curvature at the bottom, times a", nullable=False
-        ),
-        field(
-            "xi",
-            F64,
-            "rad",
-            "skew angle from the axes of inertia to those of curvature",
-            nullable=False,
-        ),
+        required("alpha", F64, "1", "I_xx / (M a^2) + 1"),
+        required("beta", F64, "1", "I_yy / (M a^2) + 1"),
+        required("gamma", F64, "1", "I_zz / (M a^2)"),
+        required("theta", F64, "1", "larger principal curvature at the bottom, times a"),
+        required("phi", F64, "1", "smaller principal curvature at the bottom, times a"),
+        required("xi", F64, "rad", "skew angle from the axes of inertia to those of curvature"),
         field("f_sd", F64, "1", "I_yy / I_zz; null unless the source draws it"),
     ),
     "launch": (
-        field("n_i", F64, RATE, "initial spin, positive = unsteady direction", nullable=False),
-        field("omega_xy0", F64, RATE, "initial rate of the oscillation", nullable=False),
+        required("n_i", F64, RATE, "initial spin, positive = unsteady direction"),
+        required("omega_xy0", F64, RATE, "initial rate of the oscillation"),
         field("psi", F64, "rad", "direction of that rate from the x axis"),
     ),
     "theory": (
@@ -90,12 +75,12 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
         ),
     ),
     "result": (
-        field("t_end", F64, TIME, "time reached", nullable=False),
+        required("t_end", F64, TIME, "time reached"),
         field("t_r", F64, TIME, "first zero of the spin; null: none by t_end"),
         field("type", TEXT, "1", "R, SS, SW or unclassified; null where status is not ok"),
-        field("status", TEXT, "1", "ok, or a word for what went wrong", nullable=False),
+        required("status", TEXT, "1", "ok, or a word for what went wrong"),
         field("n_end", F64, RATE, "spin at t_end"),
-        field("n_steps", I64, "1", "accepted steps of the integrator", nullable=False),
+        required("n_steps", I64, "1", "accepted steps of the integrator"),
         field("energy_drift", F64, "1", "relative change of energy at t_end"),
     ),
     "observation": (
@@ -112,12 +97,11 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
             "1",
             "largest fractional loss of spin, the maximum over time of 1 - n/n_i",
         ),
-        field(
+        required(
             "near_tangencies",
             I32,
             "1",
             "extrema of the spin so near zero that the tolerance cannot tell whether it reversed",
-            nullable=False,
         ),
     ),
     # What `record` asks for, by its words; a run that failed at launch has nothing to record.
@@ -165,12 +149,12 @@ The reduced dynamics has no contact force, and the closed form no path to look a
 """
 
 SUMMARY: tuple[pa.Field, ...] = (
-    field("case", I32, "1", "number of the case, from 0", nullable=False),
+    required("case", I32, "1", "number of the case, from 0"),
     field("K_p", F64, "1", "target of K_p, where the case has one"),
     field("K_r", F64, "1", "target of K_r, where the case has one"),
     field("n_i", F64, RATE, "initial spin; null where rows differ"),
     field("omega_xy0", F64, RATE, "initial rate; null where rows differ"),
-    field("runs", I64, "1", "runs stored", nullable=False),
+    required("runs", I64, "1", "runs stored"),
     *(
         field(f"fraction_{kind}", F64, "1", f"share of {words} among runs with status ok")
         for kind, words in (
@@ -199,8 +183,8 @@ SUMMARY: tuple[pa.Field, ...] = (
     field(
         "t_r_over_t_rgh_sem", F64, "1", "standard error of that mean; null for fewer than 2 runs"
     ),
-    field("failed", I64, "1", "runs with status other than ok", nullable=False),
-    field("near_tangencies", I64, "1", "sum of near_tangencies over the runs", nullable=False),
+    required("failed", I64, "1", "runs with status other than ok"),
+    required("near_tangencies", I64, "1", "sum of near_tangencies over the runs"),
 )
 """Columns of `summary` in their order."""
 
