@@ -189,15 +189,20 @@ def blocks_of(directory: Path) -> dict[str, bytes]:
     return {p.name: p.read_bytes() for p in sorted(directory.glob("runs/*.parquet"))}
 
 
+# States of `runs` that readers have been shown: most kills leave one that another has left.
+_READ: set[int] = set()
+
+
 def check_whole(directory: Path, *references: Reference) -> int:
     """Every file that readers see is a whole block of one of the sweeps; returns how many."""
     blocks = blocks_of(directory)
     for name, data in blocks.items():
         assert any(r.runs.get(name) == data for r in references), f"{name} is nobody's"
-    if blocks:
+    if blocks and (state := hash(tuple(blocks.items()))) not in _READ:
         keys = [*pd.read_parquet(directory / "runs")[["case", "sample"]].itertuples(index=False)]
         every = duckdb.sql(f"select * from '{directory}/runs/*.parquet'").fetchall()
         assert len(every) == len(keys) == len(set(keys)) == len({row[:2] for row in every})
+        _READ.add(state)
     if (directory / "manifest.json").exists():
         manifest(directory)
     return len(blocks)

@@ -29,9 +29,9 @@ from hardship import (
     nursery,
     one_sentence,
     tiny,
-    trace,
     wait_until,
 )
+from scenes import at_every_call, make_scene
 from syscalls import MAY_FAIL
 
 NAMES = {number: errno.errorcode[number] for number in MAY_FAIL}
@@ -45,47 +45,6 @@ def explained(done: Ended, output: Path, *reasons: str) -> bool:
     )
 
 
-def every_call_fails(
-    prepared: Path | None,
-    folder: Path,
-    command: list[Any],
-    number: int,
-    after: Reference,
-    *others: Reference,
-    for_good: bool,
-    stride: int = 1,
-) -> Counter[int]:
-    """Let the calls of a command fail, one after the other; exit codes and how often they came."""
-    output = folder / "out"
-
-    def begin() -> list[str]:
-        shutil.rmtree(output, ignore_errors=True)
-        if prepared is not None:
-            shutil.copytree(prepared, output)
-        return [str(part).replace("{out}", str(output)) for part in command]
-
-    kinds = MAY_FAIL[number]
-    calls = trace(output, folder / "log", *begin(), kinds=kinds)
-    codes: Counter[int] = Counter()
-    for at in range(0, len(calls), stride):
-        args = begin()
-        harm = {"root": output, "kinds": kinds, "at": at, "number": number, "for_good": for_good}
-        done = nursery().run(*args, calls=harm)
-        where = f"{NAMES[number]} at call {at}, {calls[at]}: {done}"
-        codes[done.code] += 1
-        assert done.code in (0, 1), where
-        if output.exists():
-            check_whole(output, after, *others)
-        if done.code == 1:
-            assert explained(done, output, os.strerror(number)), where
-        again = nursery().run(*args)
-        assert again.code == 0, (where, again)
-        if done.code == 0:
-            assert blocks_of(output) == after.runs, where
-        check_finished(output, after)
-    return codes
-
-
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """A config of two blocks, and its sweep to which nothing happens."""
@@ -95,66 +54,35 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return config, folder / "out"
 
 
-ONCE, FOR_GOOD = False, True
+RUN = [("run", number, when) for number in MAY_FAIL for when in ("once", "for good")]
+CLASSIFY = [("classify", number, when) for number in (errno.ENOSPC, errno.EIO)
+            for when in ("once", "for good")]  # fmt: skip
+FRESH = [("fresh", number, "once") for number in (errno.ENOSPC, errno.EACCES)]
+QUICK = [*(case for case in RUN if case[1] != errno.EDQUOT), CLASSIFY[-1], FRESH[-1]]
 
 
 @pytest.mark.parametrize(
-    ("number", "for_good", "stride"),
+    ("name", "number", "when", "stride"),
     [
-        (errno.ENOSPC, ONCE, 2),
-        (errno.ENOSPC, FOR_GOOD, 3),
-        (errno.EIO, ONCE, 6),
-        (errno.EIO, FOR_GOOD, 8),
-        (errno.EACCES, ONCE, 6),
-        (errno.EACCES, FOR_GOOD, 8),
-        *(
-            pytest.param(number, for_good, 1, marks=pytest.mark.slow)
-            for number in MAY_FAIL
-            for for_good in (ONCE, FOR_GOOD)
-        ),
+        *((*case, 9) for case in QUICK),
+        *(pytest.param(*case, 1, marks=pytest.mark.slow) for case in (*RUN, *CLASSIFY, *FRESH)),
     ],
-    ids=lambda value: (
-        ("once", "for good")[value]
-        if isinstance(value, bool)
-        else NAMES.get(value, f"every {value}")
-    ),
+    ids=lambda value: NAMES.get(value, str(value)),
 )
-def test_every_call_of_a_run_fails(number, for_good, stride, whole, tmp_path, record_property):
-    config, output = whole
-    command = ["run", config, "--output", "{out}", "-q"]
-    codes = every_call_fails(None, tmp_path, command, number, Reference.of(output),
-                             for_good=for_good, stride=stride)  # fmt: skip
+def test_every_call_fails(name, number, when, stride, tmp_path, record_property):
+    scene = make_scene(name, tmp_path)
+    codes: Counter[int] = Counter()
+
+    def judge(done: Ended, output: Path) -> bool:
+        codes[done.code] += 1
+        if done.code == 0:
+            return blocks_of(output) == scene.after.runs
+        return done.code == 1 and explained(done, output, os.strerror(number))
+
+    faults = at_every_call(scene, tmp_path, MAY_FAIL[number], judge, stride, number=number,
+                           for_good=when == "for good")  # fmt: skip
     assert codes[1] > 2
-    record_property("faults", codes.total())
-
-
-@pytest.mark.parametrize("for_good", [False, True], ids=["once", "for good"])
-@pytest.mark.parametrize("stride", [9, pytest.param(1, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EIO], ids=lambda n: NAMES[n])
-def test_every_call_of_classify_fails(number, stride, for_good, whole, tmp_path, record_property):
-    _, before = whole
-    after = Path(shutil.copytree(before, tmp_path / "after"))
-    assert nursery().run("classify", after, "--set", OTHER_TYPES).code == 0
-    references = Reference.of(after), Reference.of(before)
-    command = ["classify", "{out}", "--set", OTHER_TYPES]
-    codes = every_call_fails(before, tmp_path, command, number, *references,
-                             for_good=for_good, stride=stride)  # fmt: skip
-    assert codes[1] > 2
-    record_property("faults", codes.total())
-
-
-@pytest.mark.parametrize("stride", [9, pytest.param(1, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EACCES], ids=lambda n: NAMES[n])
-def test_every_call_of_a_fresh_start_fails(number, stride, whole, tmp_path, record_property):
-    config, output = whole
-    other = tmp_path / "other"
-    assert nursery().run("run", config, "--output", other, "--set", "seed=1", "-q").code == 0
-    references = Reference.of(output), Reference.of(other)
-    command = ["run", config, "--output", "{out}", "--fresh", "-q"]
-    codes = every_call_fails(other, tmp_path, command, number, *references,
-                             for_good=False, stride=stride)  # fmt: skip
-    assert codes[1] > 2
-    record_property("faults", codes.total())
+    record_property("faults", faults)
 
 
 # -- faults that are real ----------------------------------------------------------------------

@@ -55,9 +55,9 @@ def oracle(runs: pd.DataFrame) -> dict[str, float]:
     }
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_against_pandas(tmp_path: Path, seed: int) -> None:
-    store = fill(tmp_path, 300, rows=2000, seed=seed)
+@pytest.mark.parametrize(("seed", "size", "rows"), [(1, 300, 2000), (2, 1 << 18, (1 << 17) + 5)])
+def test_against_pandas(tmp_path: Path, seed: int, size: int, rows: int) -> None:
+    store = fill(tmp_path, size, rows, seed=seed)  # the second case has more than a row group
     summary = summarise(store, CASES)
     assert same_schema(summary.schema, summary_schema())
     runs = pd.read_parquet(store.runs)
@@ -89,19 +89,6 @@ def test_last_digits_are_no_difference(tmp_path: Path) -> None:
     assert not same_summary(one, one.set_column(1, "K_p", nulls))
 
 
-def test_case_larger_than_a_batch(tmp_path: Path) -> None:
-    rows = (1 << 17) + 5
-    store = Store(tmp_path)
-    store.prepare()
-    columns = random_columns(np.full(rows, 2), np.arange(rows))
-    store.write_block(0, build_table(columns, SCHEMA))
-    row = summarise(store, CASES).to_pylist()[2]
-    runs = pd.read_parquet(store.runs)
-    keep = runs[(runs["status"] == "ok") & (runs["type"] == "R")]["t_r"].dropna().to_numpy()
-    assert row["t_r_mean"] == pytest.approx(np.mean(keep), rel=1e-12)
-    assert row["t_r_std"] == pytest.approx(np.std(keep, ddof=1), rel=1e-12)
-
-
 def one_case(directory: Path, **change: object) -> dict[str, object]:
     store = Store(directory)
     store.prepare()
@@ -120,28 +107,27 @@ def test_nothing_to_take_a_mean_of(tmp_path: Path) -> None:
     assert (row["failed"], row["t_r_mean"]) == (3, None)
 
 
-def test_bondi_share(tmp_path: Path) -> None:
-    nan = np.nan
-    n_c1 = np.array([-0.2, -0.4, nan])
-    n_i = np.array([-0.3, -0.3, -0.3])
-    row = one_case(tmp_path / "a", n_c1=n_c1, n_i=n_i, omega_p=np.ones(3))
-    assert row["fraction_bondi"] == 1 / 3
-    row = one_case(tmp_path / "b", n_c1=n_c1, n_i=n_i, omega_p=np.array([1, 1, nan]))
-    assert row["fraction_bondi"] == 1 / 2
-    row = one_case(tmp_path / "d", n_c1=n_c1, n_i=n_i, omega_p=np.array([nan, 1, 1]))
-    assert row["fraction_bondi"] == 0
-    row = one_case(tmp_path / "c", n_c1=np.full(3, nan), n_i=n_i, omega_p=np.full(3, nan))
-    assert row["fraction_bondi"] is None
+NAN = np.nan
 
 
-def test_bondi_share_is_of_the_steady_direction(tmp_path: Path) -> None:
-    n_c1, omega_p = np.full(3, -0.2), np.ones(3)
-    row = one_case(tmp_path / "unsteady", n_c1=n_c1, n_i=np.full(3, 0.6), omega_p=omega_p)
-    assert row["fraction_bondi"] is None
+@pytest.mark.parametrize(
+    ("n_c1", "n_i", "omega_p", "expected"),
+    [
+        ([-0.2, -0.4, NAN], [-0.3, -0.3, -0.3], [1, 1, 1], 1 / 3),
+        ([-0.2, -0.4, NAN], [-0.3, -0.3, -0.3], [1, 1, NAN], 1 / 2),
+        ([-0.2, -0.4, NAN], [-0.3, -0.3, -0.3], [NAN, 1, 1], 0),
+        ([NAN, NAN, NAN], [-0.3, -0.3, -0.3], [NAN, NAN, NAN], None),
+        # It is a share of the runs in the steady direction.
+        ([-0.2, -0.2, -0.2], [0.6, 0.6, 0.6], [1, 1, 1], None),
+    ],
+)
+def test_bondi_share(n_c1, n_i, omega_p, expected, tmp_path):
+    columns = {"n_c1": np.array(n_c1), "n_i": np.array(n_i), "omega_p": np.array(omega_p, float)}
+    assert one_case(tmp_path, **columns)["fraction_bondi"] == expected
     # Mirror images are steady where n is positive.
-    mirrored = {"n_c1": -n_c1, "K_p": np.full(3, -0.3), "omega_p": omega_p}
-    row = one_case(tmp_path / "mirrored", **mirrored, n_i=np.array([0.6, 0.1, -0.6]))
-    assert row["fraction_bondi"] == 1 / 2
+    mirrored = {name: -values for name, values in columns.items() if name != "omega_p"}
+    mirrored |= {"K_p": np.full(3, -0.3), "omega_p": columns["omega_p"]}
+    assert one_case(tmp_path, **mirrored)["fraction_bondi"] == expected
 
 
 def test_ratio_is_the_mean_over_the_runs_that_reverse(tmp_path: Path) -> None:

@@ -49,12 +49,19 @@ class Merged:
 
 @dataclass(frozen=True)
 class _Piece:
-    """A block of one of the sources."""
+    """A block of one of the sources, and its runs."""
 
     store: Store
     index: int
     first: int
     stop: int
+
+    def table(self) -> pa.Table:
+        """Its rows."""
+        table = self.store.read_block(self.index).table()
+        if len(table) != self.stop - self.first:
+            raise OutputError(f"{self.store.block_path(self.index)} is not a block of its sweep")
+        return table
 
 
 def merge(
@@ -69,15 +76,8 @@ def merge(
     what there is is joined in the sources' own blocks; another merge into the same output, or
     `rattlesweep run`, does the rest there.
 
-    Parameters
-    ----------
-    sources : sequence of Path
-        Output directories, of shards or of anything else of one config.
-    output : Path
-        New, or of this sweep already, as after an earlier merge: what it has is kept, in the
-        blocks that it has.
-    report : callable
-        Called with the fraction done.
+    The output is new, or of this sweep already, as after an earlier merge: what it has is kept, in
+    the blocks that it has. `report` is called with the fraction done.
 
     Raises
     ------
@@ -85,7 +85,7 @@ def merge(
         A source is no output directory or of another config, or the output is in use for
         something else; says what differs.
     OutputError
-        A block is damaged, sources contradict each other, or a file cannot be written.
+        A block is damaged, or sources contradict each other.
     """
     shares = [open_stored(path) for path in sources]
     _check_config(shares)
@@ -187,9 +187,7 @@ def _gather(pieces: list[_Piece], first: int, stop: int) -> pa.Table:
     for piece in pieces:
         if piece.stop <= first or piece.first >= stop:
             continue
-        table = piece.store.read_block(piece.index).table()
-        if len(table) != piece.stop - piece.first:
-            raise OutputError(f"{piece.store.block_path(piece.index)} is not a block of its sweep")
+        table = piece.table()
         low, high = max(piece.first, first), min(piece.stop, stop)
         both = min(high, reached)
         if low < both:

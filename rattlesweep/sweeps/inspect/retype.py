@@ -27,18 +27,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Retyped:
-    """What a directory was typed by again.
+    """What a directory was typed by again: runs that have changed, blocks that were written.
 
-    Attributes
-    ----------
-    changed : int
-        Runs whose type has changed.
-    blocks : int
-        Blocks that were written.
-    before, own, now : dict
-        Thresholds behind the types before, those of the config of its sweep, and those of now.
-    summary : pa.Table
-        One row a case.
+    The thresholds are those behind the types before, those of its sweep's config, and those of now.
     """
 
     changed: int
@@ -64,18 +55,7 @@ def retype_block(
 def retype(directory: Path, overrides: Sequence[str] = ()) -> Retyped:
     """Type the runs of an output directory again and renew its summary.
 
-    Parameters
-    ----------
-    directory : Path
-    overrides : sequence of str
-        ``classify.KEY=VALUE`` texts over the directory's own thresholds.
-
-    Raises
-    ------
-    ConfigError
-        If this is no output directory, or an override is not of ``classify``.
-    OutputError
-        If a file is damaged or cannot be written, or another process works there.
+    `overrides` are ``classify.KEY=VALUE`` texts over the directory's own thresholds.
     """
     _changed_config(open_stored(directory), overrides)  # before anything is made there
     with hold(directory) as alone:

@@ -93,38 +93,34 @@ def _values(values: Iterable[float | None]) -> NDArray[np.float64]:
 # -------------------------------------------------------------------- for the terminal
 
 
+# Columns of the summary, with their headings and formats.
+_SHOWN = {
+    "n_i": ("n_i", ".4g"),
+    "omega_xy0": ("omega_xy0", ".4g"),
+    "runs": ("runs", "d"),
+    "fraction_R": ("R", ".3f"),
+    "fraction_SS": ("SS", ".3f"),
+    "fraction_SW": ("SW", ".3f"),
+    "fraction_unclassified": ("uncl.", ".3f"),
+    "fraction_bondi": ("Bondi", ".3f"),
+    "t_r_mean": ("t_r", ".5g"),
+    "t_r_over_t_rgh_mean": ("t_r/t_rGH", ".4f"),
+    "failed": ("fail", "d"),
+}
+
+
 def closing_table(summary: pa.Table) -> str:
     """Lay a summary out as an aligned text table about 100 characters wide.
 
-    ``t_r`` and ``t_r/t_rGH`` are means over type R, the latter of the ratio of each run. It is
-    "-", as Bondi's share is, where there is none.
+    ``t_r`` and ``t_r/t_rGH`` are means over type R, the latter of the ratio of each run; what there
+    is nothing of is "-".
     """
-    shares = {
-        "R": "fraction_R",
-        "SS": "fraction_SS",
-        "SW": "fraction_SW",
-        "uncl.": "fraction_unclassified",
-        "Bondi": "fraction_bondi",
-    }
-    head = ["case", "target", "n_i", "omega_xy0", "runs", *shares, "t_r", "t_r/t_rGH"]
-    lines = [[*head, "fail"]]
+    lines = [["case", "target", *(heading for heading, _ in _SHOWN.values())]]
     for row in summary.to_pylist():
         targets = [f"{k}={row[k]:.4g}" for k in ("K_p", "K_r") if row[k] is not None]
-        lines.append(
-            [
-                str(row["case"]),
-                targets[0] if targets else "-",
-                _text(row["n_i"], ".4g"),
-                _text(row["omega_xy0"], ".4g"),
-                str(row["runs"]),
-                *(_text(row[name], ".3f") for name in shares.values()),
-                _text(row["t_r_mean"], ".5g"),
-                _text(row["t_r_over_t_rgh_mean"], ".4f"),
-                str(row["failed"]),
-            ]
-        )
+        shown = [
+            "-" if row[name] is None else format(row[name], form)
+            for name, (_, form) in _SHOWN.items()
+        ]
+        lines.append([str(row["case"]), *(targets or ["-"]), *shown])
     return align(lines)
-
-
-def _text(value: float | None, form: str) -> str:
-    return "-" if value is None else format(value, form)

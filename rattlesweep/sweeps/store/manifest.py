@@ -112,11 +112,6 @@ class StoredCase(_Part):
     omega_xy0: float | None = None
 
     @property
-    def index(self) -> int:
-        """Its number."""
-        return self.case
-
-    @property
     def target_name(self) -> str | None:
         """``"K_p"``, ``"K_r"`` or none."""
         return next((name for name in ("K_p", "K_r") if name in self.model_fields_set), None)

@@ -75,15 +75,13 @@ class Cells:
 
     Attributes
     ----------
-    runs, ok : array of int
-        Runs, and those with status ``ok``.
-    types : dict of array of int
-        Of these, runs of each of `TYPES`.
-    steady, bondi : array of int
+    runs, ok, types
+        Runs, those with status ``ok``, and of these the runs of each of `TYPES`.
+    steady, bondi
         Runs in the steady direction that have a theory (``omega_p`` is not null), and of these
         the ones past Bondi's threshold, ``abs(n_c1) < abs(n_i)``. In the other direction the pitch
         always grows.
-    near_tangencies : array of int
+    near_tangencies
         Sum over the runs.
     t_r, ratio : Moments
         Of ``t_r`` and of ``t_r/t_rGH`` of the runs of type R. Ratios are taken run by run: bodies
@@ -100,15 +98,7 @@ class Cells:
         self.t_r, self.ratio, self.t_rgh = (Moments(cells) for _ in range(3))
 
     def add(self, rows: pa.RecordBatch, cell: Integers) -> None:
-        """Count more runs.
-
-        Parameters
-        ----------
-        rows
-            With `COLUMNS`, and any others.
-        cell
-            Cell of each row; a row in a negative one is left out.
-        """
+        """Count more runs, each in its cell; a row in a negative one is left out."""
         kept = cell >= 0
         cell = cell[kept]
         n_i, K_p, omega_p, n_c1, t_rgh, t_r = (
@@ -180,20 +170,7 @@ def share(part: ArrayLike, whole: ArrayLike) -> Floats:
 def wilson(part: ArrayLike, whole: ArrayLike, z: float = Z95) -> tuple[Floats, Floats]:
     """Interval of a share by Wilson (J. Am. Stat. Assoc. 22, 209, 1927), by default of 95 %.
 
-    Parameters
-    ----------
-    part, whole : array_like
-        Of equal shape, ``0 <= part <= whole``; numbers give arrays without axes.
-
-    Returns
-    -------
-    low, high : array
-        NaN where there is nothing.
-
-    Raises
-    ------
-    ValueError
-        A part is larger than its whole, or negative.
+    Lower and upper ends, of the shape of `part` and `whole`; NaN where there is nothing.
     """
     part, whole = np.asarray(part, float), np.asarray(whole, float)
     if np.any((part < 0) | (part > whole)):

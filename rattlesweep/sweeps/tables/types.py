@@ -34,15 +34,8 @@ def classify(
 ) -> NDArray[np.int8]:
     """Codes of the types, places in :data:`TYPES`; -1 where a run is not ok.
 
-    Parameters
-    ----------
-    ok : ndarray of bool
-        Whether the status of the run is ok.
-    t_r, amp_growth, n_departure : ndarray
-        The columns of the same names; NaN for null.  A run too short for two windows has no
-        ``amp_growth`` and cannot be SS.
-    thresholds : Classify
-        The config's ``classify``.
+    `ok` tells whether the status of the run is, the others are the columns of these names, NaN for
+    null.  A run too short for two windows has no ``amp_growth`` and cannot be SS.
     """
     codes = np.select(
         [
