@@ -30,7 +30,7 @@ from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.engines.run import run_sweep
 from rattlesweep.sweeps.store.atomic import probe_directory, reason, replace_file
 from rattlesweep.sweeps.store.store import Store
-from rattlesweep.sweeps.tables.arrow import encode, open_sealed
+from rattlesweep.sweeps.tables.arrow import encode, open_sealed, read_rows
 
 Tables = Mapping[str, pa.Table]
 # Told the share that is done and a few words; may raise to stop the work.
@@ -142,7 +142,7 @@ class Workspace:
 
     def _read_table(self, figure: str, name: str) -> pa.Table:
         data = (self.directory / f"{figure}_{name}.parquet").read_bytes()
-        return open_sealed(data).read().replace_schema_metadata(None)
+        return read_rows(open_sealed(data))
 
     def load_or_make(self, name: str, figure: Figure, progress: Progress) -> Tables:
         """Tables of a figure, which are kept with its pictures; what there is already stays."""

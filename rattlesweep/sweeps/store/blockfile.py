@@ -22,7 +22,7 @@ from rattlesweep.sweeps.config.load import resolved
 from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.store.atomic import read_file, reason
 from rattlesweep.sweeps.store.manifest import Receipt
-from rattlesweep.sweeps.tables.arrow import NOTE, open_hashed
+from rattlesweep.sweeps.tables.arrow import NOTE, open_hashed, read_rows
 
 MOST_BYTES = 1 << 32
 """Bytes that a file in an output directory can have: 200,000 rows of 20 kB each."""
@@ -162,16 +162,6 @@ def read_block_file(path: Path) -> BlockFile:
             raise DamagedError("it has no status")
         status = read_rows(file, ["status"]).column("status")
     return BlockFile(path, Note.load(file), receipt_of(data, sha256, status), file)
-
-
-def read_rows(file: pq.ParquetFile, columns: Sequence[str] | None = None) -> pa.Table:
-    """The rows of a file of which the bytes are Python's.
-
-    One of Arrow's threads that lets go of these bytes last, as the interpreter ends, would end the
-    program with them ("terminate called without an active exception"): so none of them reads.
-    """
-    names = None if columns is None else list(columns)
-    return file.read(names, use_threads=False).replace_schema_metadata(None)
 
 
 def receipt_of(data: bytes, sha256: str, status: pa.ChunkedArray) -> Receipt:

@@ -36,13 +36,12 @@ from rattlesweep.sweeps.store.blockfile import (
     block_name,
     block_number,
     read_block_file,
-    read_rows,
     reading,
     receipt_of,
 )
 from rattlesweep.sweeps.store.locks import manifest_lock
 from rattlesweep.sweeps.store.manifest import Manifest, Receipt
-from rattlesweep.sweeps.tables.arrow import encode_hashed, open_sealed
+from rattlesweep.sweeps.tables.arrow import encode_hashed, open_sealed, read_rows
 
 # Seconds for which another process may have a half-written file in its hands.
 YOUNG = 3600.0

@@ -158,6 +158,14 @@ def open_hashed(data: bytes) -> tuple[pq.ParquetFile, str]:
     return file, finish(seal)
 
 
+def read_rows(file: pq.ParquetFile, columns: Sequence[str] | None = None) -> pa.Table:
+    """The rows of a file that `open_sealed` has opened, without metadata of the whole."""
+    # The bytes are Python's. A thread of Arrow's that lets go of them last, as the interpreter
+    # ends, aborts the program ("terminate called without an active exception"): so none reads.
+    names = None if columns is None else list(columns)
+    return file.read(names, use_threads=False).replace_schema_metadata(None)
+
+
 def _digests(data: bytes | bytearray, start: int) -> tuple[bytes, Callable[[bytes], str]]:
     """The seal that belongs at `start`, and what tells the file's own digest once it is there.
 
