@@ -28,6 +28,13 @@ from rattlesweep.sweeps.tables.columns import runs_schema
 SCENES = ("run", "classify", "retry", "fresh", "merge")
 
 
+def finished_sweep(folder: Path, *lines: str, **changes: Any) -> tuple[Path, Path, Reference]:
+    """A config (see `tiny`), its sweep, and that remembered."""
+    config, output = tiny(folder, *lines, **changes), folder / "whole"
+    assert nursery().run("run", config, "--output", output, "-q").code == 0
+    return config, output, Reference.of(output)
+
+
 @dataclass(frozen=True)
 class Scene:
     """A command, ``{out}`` in it for the directory, which is a copy of `before` each time."""
@@ -47,7 +54,7 @@ class Scene:
 
 def make_scene(name: str, folder: Path, **changes: Any) -> Scene:
     """One of `SCENES`, on a sweep of two blocks: more pass through the same calls."""
-    config = tiny(folder, **({"block_size": 12} | changes))
+    config, whole, reference = finished_sweep(folder, **({"block_size": 12} | changes))
     run = ("run", config, "--output", "{out}", "-q")
 
     def did(command: tuple[Any, ...], output: Path) -> Path:
@@ -55,9 +62,8 @@ def make_scene(name: str, folder: Path, **changes: Any) -> Scene:
         assert done.code == 0, done
         return output
 
-    whole = did(run, folder / "whole")
     if name == "run":
-        return Scene(None, run, Reference.of(whole))
+        return Scene(None, run, reference)
     if name == "merge":
         shards = [did((*run, "--shard", f"{k}/2"), folder / str(k)) for k in range(2)]
         command: tuple[Any, ...] = ("merge", *shards, "--output", "{out}")
@@ -72,7 +78,7 @@ def make_scene(name: str, folder: Path, **changes: Any) -> Scene:
     after = did(command, Path(shutil.copytree(before, folder / "after")))
     references = Reference.of(after), Reference.of(before)
     assert references[0].hash != references[1].hash
-    assert (references[0].hash == Reference.of(whole).hash) == (name != "classify")
+    assert (references[0].hash == reference.hash) == (name != "classify")
     return Scene(before, command, references[0], references[1:])
 
 

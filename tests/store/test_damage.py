@@ -26,6 +26,7 @@ from hardship import (
     one_sentence,
     tiny,
 )
+from scenes import finished_sweep
 
 import rattlesweep as rs
 from rattlesweep.errors import ConfigError, OutputError, printable
@@ -41,10 +42,7 @@ FILES = [FIRST, LAST, "manifest.json", "summary.parquet"]
 @pytest.fixture(scope="module")
 def sweep(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Reference]:
     """A config of four blocks, its sweep, and that remembered."""
-    folder = tmp_path_factory.mktemp("sweep")
-    config = tiny(folder, block_size=6)
-    assert nursery().run("run", config, "--output", folder / "out", "-q").code == 0
-    return config, folder / "out", Reference.of(folder / "out")
+    return finished_sweep(tmp_path_factory.mktemp("sweep"), block_size=6)
 
 
 @pytest.fixture

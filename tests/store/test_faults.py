@@ -28,10 +28,9 @@ from hardship import (
     everything_in,
     nursery,
     one_sentence,
-    tiny,
     wait_until,
 )
-from scenes import at_every_call, make_scene
+from scenes import at_every_call, finished_sweep, make_scene
 from syscalls import MAY_FAIL
 
 NAMES = {number: errno.errorcode[number] for number in MAY_FAIL}
@@ -46,12 +45,9 @@ def explained(done: Ended, output: Path, *reasons: str) -> bool:
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Reference]:
     """A config of two blocks, and its sweep to which nothing happens."""
-    folder = tmp_path_factory.mktemp("whole")
-    config = tiny(folder, block_size=12)
-    assert nursery().run("run", config, "--output", folder / "out", "-q").code == 0
-    return config, folder / "out"
+    return finished_sweep(tmp_path_factory.mktemp("whole"), block_size=12)
 
 
 RUN = [("run", number, when) for number in MAY_FAIL for when in ("once", "for good")]
@@ -117,9 +113,8 @@ def one_megabyte(tmp_path: Path) -> Iterator[Path]:
 
 def test_a_disk_that_fills_up(one_megabyte, tmp_path):
     # Blocks of 11 kB and more; what fills the rest goes away by the third try.
-    config = tiny(tmp_path, "record: []", bodies="{source: sd, samples: 600}", block_size=40)
-    assert nursery().run("run", config, "--output", tmp_path / "whole", "-q").code == 0
-    reference = Reference.of(tmp_path / "whole")
+    bodies = "{source: sd, samples: 600}"
+    config, _, reference = finished_sweep(tmp_path, "record: []", bodies=bodies, block_size=40)
     size = sum(map(len, reference.runs.values()))
     assert 300_000 < size < 900_000
     output, ballast = one_megabyte / "out", one_megabyte / "ballast"
@@ -142,7 +137,7 @@ def test_a_disk_that_fills_up(one_megabyte, tmp_path):
 @pytest.mark.parametrize("fsize", [400, 1000, 4000, 8000])
 def test_files_that_may_not_grow(fsize, whole, tmp_path):
     """RLIMIT_FSIZE: a real fault, half-way through a write, that needs no rights."""
-    config, reference = whole[0], Reference.of(whole[1])
+    config, _, reference = whole
     output = tmp_path / "out"
     assert min(map(len, reference.runs.values())) > 8000
     done = nursery().run("run", config, "--output", output, "-q", fsize=fsize)
@@ -164,9 +159,8 @@ def begin_slowly(config: Path, output: Path, blocks: int, **how: Any) -> Any:
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can become another user")
 @pytest.mark.parametrize("what", ["runs", "."])
 def test_a_directory_that_becomes_read_only(what, open_folder):
-    config, output = tiny(open_folder), open_folder / "out"
-    assert nursery().run("run", config, "--output", open_folder / "whole", "-q").code == 0
-    reference = Reference.of(open_folder / "whole")
+    config, _, reference = finished_sweep(open_folder)
+    output = open_folder / "out"
     child = begin_slowly(config, output, 2, uid=NOBODY)
     os.chmod(output / what, 0o555)
     done = child.wait()
@@ -185,9 +179,7 @@ def test_a_directory_that_becomes_read_only(what, open_folder):
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can become another user")
 def test_a_directory_of_somebody_else(open_folder):
-    config, output = tiny(open_folder), open_folder / "out"
-    assert nursery().run("run", config, "--output", output, "-q").code == 0
-    reference = Reference.of(output)
+    config, output, reference = finished_sweep(open_folder)
     for command in (
         ["run", config, "--output", output],
         ["run", config, "--output", output, "--fresh"],
@@ -207,9 +199,8 @@ def test_a_directory_of_somebody_else(open_folder):
 
 @pytest.mark.parametrize("what", ["runs", "."])
 def test_the_directory_is_removed_under_the_sweep(what, tmp_path):
-    config, output = tiny(tmp_path), tmp_path / "out"
-    assert nursery().run("run", config, "--output", tmp_path / "whole", "-q").code == 0
-    reference = Reference.of(tmp_path / "whole")
+    config, _, reference = finished_sweep(tmp_path)
+    output = tmp_path / "out"
     child = begin_slowly(config, output, 2)
     # A file may come between what is listed and what is removed.
     wait_until(
@@ -235,7 +226,7 @@ def test_the_directory_is_removed_under_the_sweep(what, tmp_path):
 )
 def test_something_is_in_the_way(where, whole, tmp_path):
     """A file where a folder is to be, and the other way about."""
-    config, reference = whole[0], Reference.of(whole[1])
+    config, _, reference = whole
     output, place = tmp_path / "out", tmp_path / where
     if place.suffix:
         shutil.copytree(whole[1], output)
@@ -258,17 +249,17 @@ def test_something_is_in_the_way(where, whole, tmp_path):
 
 
 def test_a_manifest_that_is_removed_under_the_sweep_is_made_anew(tmp_path):
-    config, output = tiny(tmp_path), tmp_path / "out"
-    assert nursery().run("run", config, "--output", tmp_path / "whole", "-q").code == 0
+    config, _, reference = finished_sweep(tmp_path)
+    output = tmp_path / "out"
     child = begin_slowly(config, output, 2)
     (output / "manifest.json").unlink()
     assert child.wait().code == 0
-    check_finished(output, Reference.of(tmp_path / "whole"))
+    check_finished(output, reference)
 
 
 def test_standard_output_that_is_full(whole, tmp_path):
     """The table cannot be printed; the sweep is there all the same."""
-    config, reference = whole[0], Reference.of(whole[1])
+    config, _, reference = whole
     with open("/dev/full", "w") as full:
         done = subprocess.run([PROGRAM, "run", config, "--output", tmp_path / "out"], stdout=full,
                               stderr=subprocess.PIPE, text=True, check=False)  # fmt: skip

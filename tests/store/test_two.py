@@ -27,9 +27,9 @@ from hardship import (
     manifest,
     nursery,
     one_sentence,
-    tiny,
     wait_until,
 )
+from scenes import finished_sweep
 
 from rattlesweep.sweeps.cases.shards import Shard
 from rattlesweep.sweeps.inspect.verify import verify
@@ -44,10 +44,7 @@ def no_lock(*_: object) -> None:
 @pytest.fixture(scope="module")
 def sweep(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Reference]:
     """A config, its sweep, and that remembered."""
-    folder = tmp_path_factory.mktemp("sweep")
-    config = tiny(folder)
-    assert nursery().run("run", config, "--output", folder / "out", "-q").code == 0
-    return config, folder / "out", Reference.of(folder / "out")
+    return finished_sweep(tmp_path_factory.mktemp("sweep"))
 
 
 def at_work(config: Path, output: Path, *options: str, pace: float = 0.1) -> Child:
@@ -127,7 +124,7 @@ def test_two_that_begin_at_once_never_mix(second, sweep, tmp_path):
     assert nursery().run("classify", other, "--set", OTHER_TYPES).code == 0
     references = reference, Reference.of(other)
     ends = []
-    for place in range(5):
+    for place in range(3):
         output = tmp_path / str(place)
         commands = [run, run if second == "run" else ("classify", "{}", "--set", OTHER_TYPES)]
         if second == "classify":
@@ -251,7 +248,7 @@ def test_two_shards_at_once_share_a_directory(sweep, tmp_path):
 @pytest.mark.parametrize("count", [2, 5])
 def test_shards_that_begin_at_once(count, sweep, tmp_path):
     config, _, reference = sweep
-    for place in range(3):
+    for place in range(2):
         output = tmp_path / str(place)
         shards = [
             nursery().start("run", config, "--output", output, "--shard", Shard(k, count), "-q")
