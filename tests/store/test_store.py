@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -305,30 +305,6 @@ def test_prepare(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 # --------------------------------------------------------------------------- whole or not
-
-
-def damage(path: Path) -> Iterator[bytes]:
-    """Yield copies of a file: cut short, or with one bit of it flipped."""
-    whole = path.read_bytes()
-    rng = np.random.default_rng(3)
-    for length in [0, 3, 11, 12, *rng.integers(0, len(whole), 20), len(whole) - 1]:
-        yield whole[:length]
-    footer = len(whole) - 8 - int.from_bytes(whole[-8:-4], "little")
-    spots = [0, footer, len(whole) - 1, *rng.integers(0, footer, 100)]
-    for spot in [*spots, *rng.integers(footer, len(whole), 300)]:
-        yield whole[:spot] + bytes([whole[spot] ^ 1 << rng.integers(8)]) + whole[spot + 1 :]
-
-
-def test_damage_anywhere_is_noticed(store: Store) -> None:
-    path = store.block_path(1)
-    original = path.read_bytes()
-    for damaged in damage(path):
-        path.write_bytes(damaged)
-        assert not whole(store, 1, SCHEMA, 400)
-        with pytest.raises(OutputError, match=r"block-000001.parquet is damaged"):
-            store.read_block(1)
-    path.write_bytes(original)
-    assert whole(store, 1, SCHEMA, 400)
 
 
 def test_streaming_notices_damaged_pages(store: Store) -> None:
