@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 import pytest
 from hardship import (
     OTHER_TYPES,
@@ -274,6 +275,34 @@ def test_a_damaged_sweep_is_not_typed_merged_or_loaded_as_if_whole(sweep, output
         assert str(output / LAST) in done.err
     assert json.loads((output / "manifest.json").read_text())["state"] == "complete"
     check_mended(sweep, output)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"status": "fine"}, "words in status that mean nothing"),
+        ({"type": "Q"}, "words in type that mean nothing"),
+        ({"type": None}, "types that are null though the status is ok"),
+        ({"status": "step_limit", "t_r": None}, "types that are null though the status is ok"),
+        ({"type": "SS", "t_r": 1.0}, "reversal times that do not go with their types"),
+        ({"type": "R", "t_r": None}, "reversal times that do not go with their types"),
+        ({"n_end": None}, "runs that are ok but have no n_end or energy_drift"),
+        ({"energy_drift": np.inf}, "NaN or infinity in energy_drift"),
+        ({"type": "SS", "t_r": None}, "types that do not follow from its numbers"),
+        ({"sample": 99}, "runs missing, double or out of order"),
+    ],
+)
+def test_values_that_cannot_be_are_found(change, words, output):
+    """Not damage: the file is whole, and says what no run comes to."""
+    store = Store(output)
+    file = store.read_block(0)
+    table = file.table()
+    rows = table.to_pylist()
+    for name, value in change.items():
+        rows[0][name] = value
+    store.write_block(0, pa.Table.from_pylist(rows, table.schema), file.note)
+    problems = verify(output).problems
+    assert any(problem.startswith(f"{output / FIRST} has {words}") for problem in problems)
 
 
 # -- what is no file, or no file of ours -----------------------------------------------------------
