@@ -149,7 +149,8 @@ def test_a_stored_number_that_is_not_what_comes_out_is_told(sweep: Path, tmp_pat
     shutil.copytree(sweep, output)
     store, one = Store(output), Replay(output).where("type = 'R'", 1)[0]
     index, row = divmod(one.case * 8 + one.sample, 5)
-    table, note = store.read_block(index).table(), store.read_block(index).note
+    file = store.read_block(index)
+    table, note = file.table(), file.note
     t_r = table["t_r"].to_pylist()
     t_r[row] = float(np.nextafter(t_r[row], np.inf))
     place = table.schema.get_field_index("t_r")
