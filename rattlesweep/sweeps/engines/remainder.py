@@ -69,7 +69,7 @@ class Remainder:
         case, sample = plan.runs_of(block)
         old, limit = None, plan.config.integrator.max_steps
         if begun:
-            file = output.store.inspect_block(block.index)
+            file = output.store.read_block(block.index)
             limit = limit if file.note is None else file.note.max_steps
             old = with_types(file.table(), plan.config.classify)
             kept = old.filter(pc.equal(old.column("status"), "ok")) if output.retry_failed else old
