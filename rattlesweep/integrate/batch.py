@@ -14,6 +14,7 @@ from numba import config, get_num_threads, set_num_threads, threading_layer
 from rattlesweep.integrate.defaults import DT, MAX_STEPS, TOL
 from rattlesweep.integrate.lanes import columns as C
 from rattlesweep.integrate.lanes.build import kernel, parallel, workspace
+from rattlesweep.integrate.lanes.controller import FIRST_STEP
 from rattlesweep.integrate.lanes.step import SUBSTEPS
 from rattlesweep.integrate.model import WITH_TANGENT
 from rattlesweep.integrate.status import Status
@@ -260,18 +261,6 @@ def integrate(
     order = np.argsort(-cost, kind="stable")
     control.total, control._runs = float(cost.sum()), runs
     control._progress = np.zeros((threads, 8))
-    # A fixed-step method is looked at every few steps.
-    stride = 1 if tableau.adaptive else SUBSTEPS
-    first = 0.1 / batch.swing if tableau.adaptive else np.full(runs, stride * dt)
-    # How far the method leaves an extremum of the spin undecided, as a share of its swing.
-    fuzz = (
-        np.full(runs, 1e3 * tol)
-        if tableau.adaptive
-        else np.maximum(1e-9, (dt * batch.swing) ** tableau.order)
-    )
-    columns = [batch.t_end, batch.swing, batch.window, batch.rate, first, cost, fuzz,
-               batch.first_mark]  # fmt: skip
-    plan = np.stack(columns, axis=1)
     carried = WITH_TANGENT[model.name] if "lyapunov" in record else model
     result = np.full((runs, C.FIRST_STATE + model.n_state), np.nan)
     counts = np.zeros((runs, C.N_COUNTS), dtype=np.int64)
@@ -280,19 +269,18 @@ def integrate(
     seen = 3 if "windows" in record else 0
     width = seen + (2 if carried is not model else 0)
     windows = np.full((runs if width else 0, N_WINDOWS, width), np.nan)
-    options = np.array([1.0 / tol**2, stride * dt, max_steps / stride])
     flags = np.array([name in record for name in WATCHED])
 
     arguments = (
         threads,
-        *workspace(tableau, carried, threads),
+        workspace(tableau, carried, threads),
         control._shared,
         order,
         np.ascontiguousarray(batch.y0),
         np.ascontiguousarray(batch.constants),
         np.ascontiguousarray(batch.probe),
-        plan,
-        options,
+        run_plans(batch, tableau, tol, dt),
+        kernel_options(tableau, tol, dt, max_steps),
         flags,
         result,
         counts,
@@ -318,7 +306,7 @@ def integrate(
         contact_ratio_max=result[:, C.RATIO_MAX],
         contact_normal_min=result[:, C.NORMAL_MIN],
         status=counts[:, C.STATUS],
-        n_steps=counts[:, C.STEPS] * stride,
+        n_steps=counts[:, C.STEPS] * stride(tableau),
         near_tangencies=counts[:, C.NEAR],
         n_rejected=counts[:, C.REJECTED],
         y_end=result[:, C.FIRST_STATE :],
@@ -326,6 +314,33 @@ def integrate(
         growth=windows[:, :, seen:] if width > seen else np.zeros((0, N_WINDOWS, 2)),
         stopped=bool((counts[:, C.STATUS] == Status.STOPPED).any()),
     )
+
+
+def stride(tableau: Tableau) -> int:
+    """Steps between two looks at a run: several of a method without error control."""
+    return 1 if tableau.adaptive else SUBSTEPS
+
+
+def run_plans(batch: Batch, tableau: Tableau, tol: float, dt: float) -> Floats:
+    """What a kernel must know of each run beside its body and launch, see ``columns.N_PLAN``."""
+    plan = np.empty((len(batch), C.N_PLAN))
+    plan[:, C.HORIZON] = batch.t_end
+    plan[:, C.SWING] = batch.swing
+    plan[:, C.WINDOW] = batch.window
+    plan[:, C.RATE] = batch.rate
+    plan[:, C.FIRST_STEP] = FIRST_STEP / batch.swing if tableau.adaptive else SUBSTEPS * dt
+    plan[:, C.COST] = expected_cost(batch)
+    # How far the method leaves an extremum of the spin undecided, as a share of its swing.
+    plan[:, C.FUZZ] = (
+        1e3 * tol if tableau.adaptive else np.maximum(1e-9, (dt * batch.swing) ** tableau.order)
+    )
+    plan[:, C.FIRST_MARK] = batch.first_mark
+    return plan
+
+
+def kernel_options(tableau: Tableau, tol: float, dt: float, max_steps: int) -> Floats:
+    """Settings that all runs of a kernel share, see ``columns.N_OPTIONS``."""
+    return np.array([1.0 / tol**2, stride(tableau) * dt, max_steps / stride(tableau)])
 
 
 def _mark_coarse(

@@ -4,6 +4,7 @@ from functools import cache
 from unittest import mock
 
 import numpy as np
+import pytest
 
 from rattlesweep.integrate import batch
 from rattlesweep.integrate.lanes import build as built
@@ -14,6 +15,16 @@ from rattlesweep.physics import full, launch, reduced, steady, theory
 from rattlesweep.physics.body import PARAMETERS
 
 N_WINDOWS = 64
+
+
+def methods(*quick):
+    """Parametrise ``method`` by all methods; but for those named it compiles kernels: slow."""
+    return pytest.mark.parametrize(
+        "method",
+        [pytest.param(m, marks=[] if m.name in quick else [pytest.mark.slow])
+         for m in METHODS.values()],
+        ids=METHODS,
+    )  # fmt: skip
 
 
 def _columns(body, *others):

@@ -125,12 +125,6 @@ def test_numba_cache_dir_is_respected(home, tmp_path):
     assert Path(ours).parent == tmp_path / "numba" == Path(theirs)
 
 
-def test_the_hash_depends_on_the_file_itself():
-    assert source_hash(__file__) != source_hash(kernels.__file__)
-    assert source_hash(__file__) == source_hash.__wrapped__(__file__)
-    assert directory(__file__).name == source_hash(__file__)
-
-
 def _template(x):
     return _inner(x) + OFFSET
 
@@ -259,6 +253,10 @@ def test_what_others_can_change_is_not_loaded(whose, what, place, monkeypatch):
     used()
     path = only(place)
     mark = plant(path)
+    # Ours would be executed.
+    with pytest.raises(TypeError):
+        used()
+    mark.unlink()
     target = path if what == "file" else path.parent
     if whose == "another user's":
         give_away(target)
@@ -273,15 +271,6 @@ def test_what_others_can_change_is_not_loaded(whose, what, place, monkeypatch):
     assert not mark.exists()
     # It works somewhere else, or in place of the foreign file.
     assert used() == (13, True)
-
-
-def test_a_planted_file_would_be_executed(place):
-    # The test above is worth something: ours are.
-    used()
-    mark = plant(only(place))
-    with pytest.raises(TypeError):
-        used()
-    assert mark.exists()
 
 
 def test_a_sticky_directory_for_all_is_shared_safely(place, monkeypatch, tmp_path):

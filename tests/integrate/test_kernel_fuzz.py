@@ -2,14 +2,12 @@
 
 import kernels
 import numpy as np
-import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from rattlesweep.integrate.batch import integrate
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.status import Status
-from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics.body import PARAMETERS, violations
 
 
@@ -36,15 +34,13 @@ launches = st.tuples(
 )
 
 
-@pytest.mark.parametrize(
-    "method", ["dop853", pytest.param("dopri5", marks=pytest.mark.slow), "rk4"]
-)
+@kernels.methods("dop853", "rk4")
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.filter_too_much])
 @given(body=bodies().filter(lambda body: body is not None), launch=launches)
 def test_a_sane_row_or_a_status(method, body, launch):
     spin, sign, omega, psi, t_end = launch
     batch = kernels.full_batch(body, sign * spin, omega, psi, t_end)
-    one = integrate(batch, METHODS[method], FULL, max_steps=200_000)
+    one = integrate(batch, method, FULL, max_steps=200_000)
     status = Status(int(one.status[0]))
     assert status != Status.STOPPED
     assert 0 <= one.t_end[0] <= t_end
@@ -65,8 +61,6 @@ def test_a_sane_row_or_a_status(method, body, launch):
     else:
         assert np.isnan(one.t_r[0])
     # Alone or three times over, on one thread or two: the same bits.
-    again = integrate(
-        kernels.join(batch, batch, batch), METHODS[method], FULL, max_steps=200_000, threads=2
-    )
+    again = integrate(kernels.join(batch, batch, batch), method, FULL, max_steps=200_000, threads=2)
     for name in ("t_end", "t_r", "n_end", "n_steps", "status", "amp_growth"):
         np.testing.assert_array_equal(getattr(again, name), np.repeat(getattr(one, name), 3))

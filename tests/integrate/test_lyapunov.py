@@ -13,7 +13,7 @@ import rattlesweep as rs
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import integrate
 from rattlesweep.integrate.follow import lyapunov
-from rattlesweep.integrate.model import FULL, REDUCED, Model, Tangent
+from rattlesweep.integrate.model import FULL, REDUCED
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import DOP853, METHODS, RK4
 from rattlesweep.physics import full, reduced, steady, tangent, theory
@@ -157,58 +157,6 @@ def test_exponent_of_a_stable_spin_is_the_slower_decay():
     assert growth == pytest.approx(-300, rel=0.02)
 
 
-@pytest.mark.slow  # it compiles a kernel of its own, 20 s
-def test_exponent_of_lorenz():
-    """The textbook system, 0.9056, through the same steps and the same scaling."""
-
-    @full.scalar
-    def rhs(x, y, z, sigma, rho, beta):
-        return sigma * (y - x), x * (rho - z) - y, x * y - beta * z
-
-    @full.scalar
-    def rate(x, y, z, dx, dy, dz, a, b, c, sigma, rho, beta):
-        return sigma * (b - a), a * (rho - z) - x * c - b, a * y + x * b - beta * c
-
-    @full.scalar
-    def seed(x, y, z, sigma, rho, beta):
-        return 1.0, 0.0, 0.0
-
-    @full.scalar
-    def transverse(x, y, z, dx, dy, dz, a, b, c, sigma, rho, beta):
-        late = (dx * a + dy * b + dz * c) / (dx * dx + dy * dy + dz * dz)
-        return a - late * dx, b - late * dy, c - late * dz
-
-    @full.scalar
-    def square(a, b, c, sigma, rho, beta):
-        return a * a + b * b + c * c
-
-    @full.scalar
-    def error(ex, ey, ez, x, y, z, sigma, rho, beta):
-        return (ex * ex + ey * ey + ez * ez) / (x * x + y * y + z * z)
-
-    @full.scalar
-    def first(x, y, z):
-        return x
-
-    @full.scalar
-    def first_rate(x, y, z, dx, dy, dz):
-        return dx
-
-    @full.scalar
-    def energy(x, y, z, sigma, rho, beta):
-        return 0.0
-
-    lorenz = Model("lorenz", 3, 3, 0, rhs, first, first_rate, first, error, energy, energy,
-                   Tangent(rate, seed, transverse, square))  # fmt: skip
-    driver = lyapunov.build(DOP853, lorenz)
-    times = np.array([100.0, 20_100.0])
-    growth, _ = lyapunov.follow(
-        driver, DOP853, lorenz, [10.0, 28.0, 8 / 3], [1.0, 1.0, 20.0], times, tol=1e-9
-    )
-    # Over 20,000 units runs from different starts scatter by 0.001.
-    assert np.diff(growth)[0] / 20_000 == pytest.approx(0.9056, abs=0.005)
-
-
 def test_growth_is_that_of_two_runs_nearby():
     """Benettin's two trajectories, by SciPy and the paper's six variables, of a chaotic run."""
     constants, y0 = launch(0.5, 0.3)
@@ -336,19 +284,6 @@ def test_all_else_is_the_same_bit_for_bit(method, model):
         whole, _ = lyapunov.exponents(carried.growth)
         assert np.isfinite(whole).all()
         assert (np.nanmax(carried.growth[:, :, 0], axis=1) == carried.t_end).all()
-
-
-@pytest.mark.slow
-def test_methods_agree():
-    runs = kernels.full_batch(GH, [-0.1, 0.1, -0.5], [0.01, 0.01, 0.3], t_end=[700.0, 90, 100])
-    found = [
-        lyapunov.exponents(integrate(runs, method, FULL, record=LYAPUNOV).growth)
-        for method in METHODS.values()
-    ]
-    for whole, late in found:
-        assert whole == pytest.approx(found[0][0], abs=2e-5)
-        # Half time falls between two windows that end with different steps.
-        assert late == pytest.approx(found[0][1], abs=0.01)
 
 
 # --- exponents of windows, the criterion, the config ----------------------------------------------

@@ -8,14 +8,11 @@ import kernels
 import numpy as np
 import oracle
 import pytest
-import scipy.integrate
 
 from rattlesweep.integrate.batch import integrate
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import METHODS, Tableau
 from rattlesweep.physics import full
-
-SCIPY = {"dop853": scipy.integrate.DOP853, "dopri5": scipy.integrate.RK45}
 
 # --- order conditions: Hairer, Norsett and Wanner, Solving ODEs I, II.2 --------------------------
 # A rooted tree is the sorted tuple of the trees that hang from its root; () is a lone root.
@@ -82,16 +79,6 @@ def order_of(a, b):
     return order
 
 
-def test_numbers_of_rooted_trees():
-    # https://oeis.org/A000081
-    assert [len(set(trees(n))) for n in range(1, 10)] == [1, 1, 2, 4, 9, 20, 48, 115, 286]
-    assert [len(trees(n)) for n in range(1, 10)] == [1, 1, 2, 4, 9, 20, 48, 115, 286]
-    assert {size(tree) for tree in trees(7)} == {7}
-    # tall trees have density n!, bushy ones n
-    assert max(density(tree) for tree in trees(6)) == math.factorial(6)
-    assert min(density(tree) for tree in trees(6)) == 6
-
-
 @pytest.mark.parametrize("tableau", METHODS.values(), ids=METHODS)
 def test_every_order_condition_holds_up_to_the_order_and_no_further(tableau):
     a, b = matrix(tableau)
@@ -111,31 +98,6 @@ def test_a_wrong_digit_is_noticed():
     a, b = matrix(METHODS["dop853"])
     a[7, 4] += 1e-9
     assert order_of(a, b) < 8
-
-
-@pytest.mark.parametrize("name", SCIPY)
-def test_coefficients_are_those_of_scipy(name):
-    tableau, theirs = METHODS[name], SCIPY[name]
-    a, b = matrix(tableau)
-    n = tableau.stages
-    # SciPy leaves the last column of RK45's out: it is zero.
-    width = theirs.A.shape[1]
-    assert np.array_equal(a[:n, :width], theirs.A)
-    assert not a[:n, width:n].any()
-    assert np.array_equal(b[:n], theirs.B)
-    assert np.allclose(tableau.c, theirs.C, rtol=0, atol=1e-14)
-    estimates = (theirs.E,) if name == "dopri5" else (theirs.E5, theirs.E3)
-    for row, estimate in zip(tableau.errors, estimates, strict=True):
-        ours = weights(row, tableau)
-        estimate = np.asarray(estimate) * np.sign(estimate[0]) * np.sign(ours[0])
-        assert np.allclose(ours, estimate, rtol=0, atol=5e-16)
-
-
-def test_every_method_is_found_under_its_name_and_says_where_it_is_from():
-    for name, tableau in METHODS.items():
-        assert tableau.name == name
-        assert tableau.reference
-        assert tableau.adaptive == (name != "rk4")
 
 
 def made(**changes):

@@ -1,6 +1,5 @@
 """One run as a time series: the sweep's own steps and reversals, states at any times."""
 
-import dataclasses
 import math
 import tracemalloc
 
@@ -25,15 +24,7 @@ from rattlesweep.sweeps.blocks.single import Launch
 
 GH = rs.Rattleback.gh()
 DOP853, RK4 = METHODS["dop853"], METHODS["rk4"]
-# The others compile kernels that nothing else here needs.
-every_method = pytest.mark.parametrize(
-    "method",
-    [
-        pytest.param(m, marks=[] if m.name in ("dop853", "rk4") else [pytest.mark.slow])
-        for m in METHODS.values()
-    ],
-    ids=METHODS,
-)
+every_method = kernels.methods("dop853")
 
 
 def follow(batch, method=DOP853, model=FULL, **options):
@@ -76,11 +67,8 @@ def test_the_last_step_is_that_of_the_sweep_bit_for_bit(method, t_end):
     assert follower.zeros == []
 
 
-@pytest.mark.parametrize(
-    "method",
-    [DOP853, *(pytest.param(m, marks=pytest.mark.slow) for m in METHODS.values() if m != DOP853)],
-    ids=lambda m: m.name,
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("method", METHODS.values(), ids=METHODS)
 def test_reduced_runs_are_the_sweeps_too(method):
     batch = kernels.reduced_batch(oracle.GH, [0.1], 6e-4, 3e-5, 3000.0)
     out = integrate(batch, method, REDUCED, dt=0.5)
@@ -88,13 +76,6 @@ def test_reduced_runs_are_the_sweeps_too(method):
     assert out.t_r[0] == follower.zeros[0]
     assert len(follower.zeros) == 3
     assert follower.energy_0 == pytest.approx(REDUCED.energy(*y[-1], *batch.constants[0]))
-
-
-def test_simulate_and_trajectory_agree_bit_for_bit():
-    run = rs.simulate(GH, n_i=-0.2, omega_xy0=0.01)
-    path = rs.trajectory(GH, n_i=-0.2, omega_xy0=0.01, points=5)
-    assert path.zeros[0] == run.t_r
-    assert path.t_end > run.t_r
 
 
 def test_rows_do_not_change_the_steps():
@@ -163,6 +144,7 @@ def test_no_reversal_is_missed_on_a_fine_grid():
     assert np.abs(spin.table["n"]).max() < 1e-13
 
 
+@pytest.mark.slow  # rk4 compiles kernels of its own
 def test_pairs_of_zeros_inside_one_step_are_found():
     """Steps of eight dt, each time in other places, against zeros 0.2 and 0.8 apart."""
     batch = kernels.full_batch(oracle.GH, [0.2], 0.3, t_end=25.0)
@@ -178,24 +160,7 @@ def test_pairs_of_zeros_inside_one_step_are_found():
     assert pairs > 10
 
 
-def test_backwards_in_time():
-    batch = kernels.full_batch(oracle.GH, [0.1], t_end=200.0)
-    _, _, there = follow(batch, tol=1e-12)
-    turned = there[-1] * [1, 1, -1, -1, -1]
-    back = dataclasses.replace(batch, y0=turned[None])
-    _, _, home = follow(back, tol=1e-12)
-    assert home[-1] * [1, 1, -1, -1, -1] == pytest.approx(batch.y0[0], abs=1e-9)
-
-
-def test_energy_stays():
-    run = rs.trajectory(GH, n_i=0.1, omega_xy0=0.01, t_end=1000.0, tol=1e-11,
-                        channels=["energy", "energy_drift"])  # fmt: skip
-    assert run.table["energy_drift"].abs().max() < 1e-9
-    assert run.table["energy"].iloc[0] == pytest.approx(0.5 * 12.28 * 0.1**2, rel=0.02)
-    drift = run.table["energy"] / run.table["energy"].iloc[0] - 1
-    assert drift.to_numpy() == pytest.approx(run.table["energy_drift"].to_numpy(), abs=1e-14)
-
-
+@pytest.mark.slow  # likewise
 def test_rows_between_steps_converge_at_the_methods_order():
     times = np.linspace(0, 19.97, 400)
     batch = kernels.full_batch(oracle.GH, [0.2], 0.1, t_end=20.0)
@@ -299,6 +264,7 @@ def test_mode_energies_are_those_of_the_launch_and_nearly_those_of_the_reduced_m
     assert table["n_gh"].to_numpy() == pytest.approx(table["n_reduced"].to_numpy(), abs=1e-10)
 
 
+@pytest.mark.slow  # the reduced model compiles kernels of its own
 def test_reduced_model_conserves_what_it_should_and_agrees_with_scipy():
     run = rs.trajectory(
         GH, n_i=0.1, omega_xy0=0.01, model="reduced", t_end=3000.0, e_r0=3e-5, points=301,
@@ -377,6 +343,10 @@ def test_a_run_that_fails_says_so_and_keeps_what_was_good():
     assert np.isfinite(y).all()
     found = Follower(batch, DOP853, FULL, max_steps=50).at(np.linspace(0, 100, 201))
     assert 0 < len(found.t) < 201
+
+
+@pytest.mark.slow  # likewise
+def test_a_step_that_is_too_long_says_so():
     coarse = rs.trajectory(GH, n_i=-0.1, omega_xy0=0.01, method="rk4", dt_step=1.0, t_end=600.0)
     sweep = integrate(kernels.full_batch(oracle.GH, [-0.1], t_end=600.0), RK4, FULL, dt=1.0)
     assert coarse.status == Status(sweep.status[0]).label != "ok"

@@ -31,21 +31,19 @@ ARITHMETIC = re.compile(
 )
 SLOW = {"div", "sqrt"}
 TANGENTS = [model.name for model in WITH_TANGENT.values()]
-# A step with a tangent takes seconds to compile: each once, the others when asked.
-QUICK = {("dop853", "full_tangent"), ("rk4", "reduced_tangent")}
+# A step takes seconds to compile: a few at every time, the others when asked.
+QUICK = {("dop853", "full"), ("dop853", "full_tangent"), ("rk4", "reduced")}
 kinds = pytest.mark.parametrize(
     ("method", "model"),
     [
-        pytest.param(
-            method,
-            model,
-            marks=[pytest.mark.slow] if model in TANGENTS and (method, model) not in QUICK else [],
-        )
-        for method in METHODS
+        pytest.param(m, model, marks=[] if (m, model) in QUICK else [pytest.mark.slow])
+        for m in METHODS
         for model in MODELS
     ],
 )
-
+models = pytest.mark.parametrize(
+    "model", [pytest.param(m, marks=[] if m == "full" else [pytest.mark.slow]) for m in MODELS]
+)
 
 SIGNATURES = {
     "attempt": "void(float64[::1], float64)",
@@ -145,20 +143,13 @@ def test_decisions_are_vectorised(method, model):
     assert (counts(text)["p", True] >= 5) == METHODS[method].adaptive
 
 
-@pytest.mark.parametrize("model", MODELS)
-def test_commit_is_vectorised(model):
+@models
+def test_lanes_move_on_vectorised(model):
     avx512 = binding.get_host_cpu_features().get("avx512vl", False)
     assert_vectorised(piece("commit", "dop853", model), share=share_of_commit(avx512))
-
-
-@pytest.mark.parametrize("model", MODELS)
-def test_advance_is_vectorised(model):
     assert_vectorised(piece("advance", "dop853", model), share=0)
-
-
-@pytest.mark.parametrize("model", TANGENTS)
-def test_tangents_move_on_vectorised(model):
-    assert_vectorised(piece("tangent_advance", "dop853", model), share=0)
+    if model in TANGENTS:
+        assert_vectorised(piece("tangent_advance", "dop853", model), share=0)
 
 
 @crossed

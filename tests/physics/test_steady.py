@@ -183,46 +183,6 @@ def test_probes_see_one_mode_alone(n):
                 assert abs(abs(probe @ flow @ start) - wanted) < noise
 
 
-@pytest.mark.parametrize("n", [-0.3, 0.3])
-def test_probes_see_the_full_dynamics_grow(n):
-    """A small launch, integrated by the full equations."""
-    constants = full.constants(*GH)
-    found = steady.steady_modes(constants, n)
-    state = np.array([0.0, 0.0, 1e-7, -0.6e-7, -n])
-
-    def rates(y):
-        return np.array(full.rhs(*y, *constants))
-
-    h, steps = 0.01, 2000
-    for _ in range(steps):
-        k1 = rates(state)
-        k2 = rates(state + h / 2 * k1)
-        k3 = rates(state + h / 2 * k2)
-        state = state + h / 6 * (k1 + 2 * k2 + 2 * k3 + rates(state + h * k3))
-    for value, probe in ((found.pitch, found.pitch_probe), (found.roll, found.roll_probe)):
-        first = abs(probe @ [0.0, 0.0, 1e-7, -0.6e-7])
-        assert abs(probe @ state[:4]) == pytest.approx(
-            first * np.exp(value.real * h * steps), rel=1e-6
-        )
-
-
-def test_probe_of_a_mode_ignores_the_other():
-    for body in BODIES:
-        constants = full.constants(*body)
-        found = steady.steady_modes(constants, 0.2)
-        values, vectors = np.linalg.eig(steady.matrix(constants, 0.2))
-        pitch = vectors[:, np.argmin(abs(values - found.pitch))]
-        roll = vectors[:, np.argmin(abs(values - found.roll))]
-        for probe, own, other in (
-            (found.pitch_probe, pitch, roll),
-            (found.roll_probe, roll, pitch),
-        ):
-            assert abs(probe @ other) < 1e-11
-            assert abs(probe @ other.conj()) < 1e-11
-            assert abs(probe @ own.conj()) < 1e-11
-            assert abs(probe @ own) > 1e-4
-
-
 def test_growth_where_the_roll_no_longer_oscillates():
     body = (7.9, 2.96, 6.45, 0.978, 0.8636, -0.5516)
     found = steady.growth(full.constants(*body), -3.92)

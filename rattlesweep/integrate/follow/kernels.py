@@ -22,6 +22,8 @@ from rattlesweep.physics import attitude, full
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from numpy.typing import NDArray
+
     from rattlesweep.integrate.tableau import Tableau
 
 # In the order in which they call each other.
@@ -30,6 +32,7 @@ TEMPLATES = (
     runs.start,
     runs.idle,
     lanes.give_up,
+    lanes.settle,
     lanes.decide,
     lanes.commit,
 )
@@ -112,29 +115,23 @@ def build_aside(tableau: Tableau, name: str) -> Callable[..., None]:
     return compiled
 
 
-def march_workspace(tableau: Tableau, model: Model) -> tuple[Any, ...]:
-    """``w`` and ``lane_run``, the first arguments of march."""
-    w, lane_run = workspace(tableau, model, 1)
-    return w[0], lane_run[0]
-
-
-def aside_workspace(tableau: Tableau, name: str) -> Any:
+def aside_workspace(tableau: Tableau, name: str) -> NDArray[np.float64]:
     """``w``, the first argument of aside."""
-    return workspace(tableau, _model(name)[0], 1)[0][0]
+    w: NDArray[np.float64] = workspace(tableau, _model(name)[0], 1)[0]
+    return w
 
 
 def march_example(tableau_name: str, model_name: str) -> tuple[Any, tuple[Any, ...]]:
     """March, not yet compiled, and arguments to call it with."""
     tableau, model = METHODS[tableau_name], MODELS[model_name]
     return build_march(tableau, model), (
-        *march_workspace(tableau, model),
+        workspace(tableau, model, 1)[0],
         np.zeros((1, model.n_state)),
         np.zeros((1, model.n_constants)),
         np.zeros((1, model.n_probe)),
         np.zeros((1, C.N_PLAN)),
         np.zeros(C.N_OPTIONS),
         np.zeros(3, dtype=np.bool_),
-        np.zeros(3),
         np.zeros((0, follow.STATE + 2 * model.n_state)),
         np.zeros(0),
         np.zeros(follow.N_COUNTS, dtype=np.int64),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from math import sqrt
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,6 +10,7 @@ from rattlesweep.integrate.cache import cached, specialise
 from rattlesweep.integrate.defaults import TOL
 from rattlesweep.integrate.lanes import rows as R
 from rattlesweep.integrate.lanes.build import loaded
+from rattlesweep.integrate.lanes.controller import step_factor
 from rattlesweep.integrate.lanes.step import Layout, compile_attempt, compile_lane_functions
 from rattlesweep.integrate.lanes.tangents import compile_tangent_functions
 from rattlesweep.integrate.model import FULL, MODELS, WITH_TANGENT
@@ -84,48 +84,47 @@ tangent_advance: Any = None
 def drive(w, constants, y0, seed, times, scale, growth, states):  # type: ignore[no-untyped-def]
     """Template: move one run, in one lane, from each time to the next; returns how many it reached.
 
-    The step control is that of :func:`rattlesweep.integrate.lanes.kernel.decide`.
+    A step ends at each of the times, and the next is then as long as it would have been without.
     """
     for i in range(N_STATE):
         w[Y + i] = y0[i]
     for i in range(N_CONSTANTS):
         w[Q + i] = constants[i]
-    lane_rhs(w, 0)
+    lane_rhs(w)
     for i in range(N_STATE):
         w[V + i] = seed[i]
-    tangent_begin(w, 0)
+    tangent_begin(w)
     w[R.ACCEPT] = 1.0
     t = 0.0
     h = FIRST_STEP
-    largest = 4.0
+    held = False
     for k in range(times.size):
         behind = False
         while not behind:
             left = times[k] - t
-            last = h >= left
-            w[H] = left if last else h
+            behind = h >= left
+            w[H] = left if behind else h
             attempt(w, scale)
-            error = w[ERROR]
-            factor = max(0.85 / sqrt(sqrt(sqrt(sqrt(error + 1e-30)))), 0.2)
-            if error <= 1.0:
-                if last:
-                    growth[k] = tangent_log(w, 0)
-                    for i in range(N_STATE):
-                        states[k, i] = w[Y1 + i]
-                    t = times[k]
-                    behind = True
-                else:
-                    t += h
-                h = max(w[H] * min(factor, largest), h if last else 0.0)
-                largest = 4.0
-                advance(w)
-                tangent_advance(w)
-            else:
-                # Not a number compares as false: a fifth then.
-                h = w[H] * (min(factor, 1.0) if factor >= 0.2 else 0.2)
-                largest = 1.0
+            accept = w[ERROR] <= 1.0
+            h_next = w[H] * step_factor(w[ERROR], accept, held)
+            held = not accept
+            if not accept:
+                h = h_next
+                behind = False
                 if not h > LEAST_STEP * times[k]:
                     return k
+                continue
+            if behind:
+                growth[k] = tangent_log(w)
+                for i in range(N_STATE):
+                    states[k, i] = w[Y1 + i]
+                t = times[k]
+                h = max(h_next, h)
+            else:
+                t += h
+                h = h_next
+            advance(w)
+            tangent_advance(w)
     return times.size
 
 

@@ -11,25 +11,9 @@ each lane; no accepted step depends on them.
 # mypy: ignore-errors
 from __future__ import annotations
 
-from math import isfinite
-
-from numba import njit
-
 from rattlesweep.integrate.lanes import rows as R
-from rattlesweep.integrate.lanes.cells import INNER
-from rattlesweep.integrate.lanes.events import (
-    _KNOWN,
-    HOLD,
-    REVERSED,
-    ROOT,
-    SCAN,
-    STEP,
-    _next_piece,
-    _scan,
-    _set,
-    search,
-)
-from rattlesweep.integrate.lanes.kernel import OK, STEP_LIMIT, attempt, commit, decide, give_up
+from rattlesweep.integrate.lanes.events import HOLD, REVERSED, search_on
+from rattlesweep.integrate.lanes.kernel import OK, attempt, commit, decide, settle
 from rattlesweep.integrate.lanes.runs import idle, start
 from rattlesweep.integrate.lanes.step import LANES as L
 
@@ -42,41 +26,24 @@ T, T_LOW, STATE = 0, 1, 2
 
 # Bound by trajectory_kernels.
 N_STATE = N_CONSTANTS = N_GIVEN = 0
-Y = F = Y1 = Q = H = ERROR = N1 = RATE1 = 0
+Y = F = Y1 = Q = H = 0
 
 
-def lane_rhs(w, l):
+def lane_rhs(lane):
     """Derivative at the state Y into F; returns the spin and its rate."""
     raise NotImplementedError
 
 
-@njit(**INNER)
-def resume(l, h, w, beyond):
-    """Search on in the same step behind the zero at ``h``.
-
-    ``beyond`` is the point behind the zero, with the new sign, that the search had begun with.
-    """
-    w[R.SIGN * L + l] = -w[R.SIGN * L + l]
-    w[R.MODE * L + l] = SCAN
-    if beyond[0] == w[R.END_H * L + l]:
-        move = _next_piece(l, w, h)
-        return _scan(l, w, h) if move == _KNOWN else move
-    _set(w, l, R.LO_H, beyond[0], beyond[1], beyond[2])
-    return _scan(l, w, h)
-
-
-def march(w, lane_run, y0, constants, probe, plan, options, record, beyond, steps, zeros, counts):
+def march(w, y0, constants, probe, plan, options, record, steps, zeros, counts):
     """Go on with the run until the tables are full or it ends.
 
     Parameters
     ----------
-    w, lane_run : ndarray
+    w : ndarray
         Workspace of a thread; it keeps the run between calls.
     y0, constants, probe, plan : ndarray, shape (1, ...)
     options, record : ndarray
         As for :func:`rattlesweep.integrate.lanes.kernel.work`.
-    beyond : ndarray, shape (3,)
-        Kept between calls, for :func:`resume`.
     steps : ndarray, shape (rows, 2 + 2 n_state)
         Written to: the accepted steps' ends.
     zeros : ndarray
@@ -84,12 +51,13 @@ def march(w, lane_run, y0, constants, probe, plan, options, record, beyond, step
     counts : int64 ndarray, shape (N_COUNTS,)
     """
     scale, dt, max_steps = options[0], options[1], options[2]
+    lane = w[::L]
     if counts[BEGUN] == 0:
         counts[BEGUN] = 1
-        start(0, 0, w, lane_run, y0, constants, probe, plan, record)
-        w[R.NEXT * L] = 1e290
+        start(lane, 0, y0, constants, probe, plan, record)
+        lane[R.NEXT] = 1e290
         for l in range(1, L):
-            idle(l, w, lane_run)
+            idle(w[l::L])
         for l in range(L):
             w[H * L + l] = w[R.H_NEXT * L + l]
     row = 0
@@ -99,52 +67,29 @@ def march(w, lane_run, y0, constants, probe, plan, options, record, beyond, step
     while not ended and row < steps.shape[0] and found < zeros.size:
         attempt(w, scale)
         if decide(w, dt, max_steps) > 0:
-            h = w[H * L]
-            mode = w[R.MODE * L]
-            if mode == STEP and w[R.ACCEPT * L] == 0.0:
-                w[R.REJECTED * L] += 1.0
-                w[R.HELD * L] = 1.0
-                if not isfinite(w[ERROR * L]):
-                    w[R.H_NEXT * L] = 0.2 * h
-                status = give_up(0, h, w, max_steps)
-                ended = status != OK
-            else:
-                n0 = w[R.N0 * L]
-                n1 = w[N1 * L]
-                rate = w[RATE1 * L]
-                recent = max(abs(rate), 0.9 * w[R.RATE_MAX * L])
-                take = True
-                if mode != STEP or abs(n0) + abs(n1) < 2.0 * h * recent or n0 * n1 <= 0.0:
-                    verdict = search(0, h, n1, rate, w)
-                    if verdict == REVERSED:
-                        zeros[found] = w[R.T * L] + (h - w[R.T_LOW * L])
-                        found += 1
-                        verdict = resume(0, h, w, beyond)
-                        mode = STEP
-                    if w[R.MODE * L] == ROOT and mode != ROOT:
-                        for i in range(3):
-                            beyond[i] = w[(R.HI_H + i) * L]
-                    take = verdict != HOLD
-                w[R.ACCEPT * L] = 1.0 if take else 0.0
-                if take:
-                    if w[R.STEPS * L] >= max_steps:
-                        status = STEP_LIMIT
-                    ended = w[R.LAST * L] > 0.0 or status != OK
-        accepted = w[R.ACCEPT * L] > 0.0
-        last = w[R.LAST * L] > 0.0
+            status, move = settle(lane, max_steps)
+            if move == REVERSED:
+                zeros[found] = lane[R.T] + (lane[H] - lane[R.T_LOW])
+                found += 1
+                move = search_on(lane, lane[H])
+                lane[R.ACCEPT] = 0.0 if move == HOLD else 1.0
+                status = OK if move == HOLD else status
+            ended = status != OK or (move != HOLD and lane[R.LAST] > 0.0)
+        accepted = lane[R.ACCEPT] > 0.0
+        last = lane[R.LAST] > 0.0
         commit(w)
         if accepted:
-            steps[row, T] = w[R.T_END * L] if last else w[R.T * L]
-            steps[row, T_LOW] = 0.0 if last else w[R.T_LOW * L]
+            steps[row, T] = lane[R.T_END] if last else lane[R.T]
+            steps[row, T_LOW] = 0.0 if last else lane[R.T_LOW]
             for c in range(N_STATE):
-                steps[row, STATE + c] = w[(Y + c) * L]
-                steps[row, STATE + N_STATE + c] = w[(F + c) * L]
+                steps[row, STATE + c] = lane[Y + c]
+                steps[row, STATE + N_STATE + c] = lane[F + c]
             row += 1
     counts[ENDED] = 1 if ended else 0
     counts[STATUS] = status
     counts[N_STEPS] = row
     counts[N_ZEROS] = found
-    counts[REJECTED] = int(w[R.REJECTED * L])
+    counts[REJECTED] = int(lane[R.REJECTED])
 
 
 def aside(w, steps, which, offset, constants, out):
@@ -176,7 +121,7 @@ def aside(w, steps, which, offset, constants, out):
             for c in range(N_GIVEN, N_STATE):
                 w[(Y + c) * L + l] = 0.0
             if N_GIVEN < N_STATE:
-                lane_rhs(w, l)
+                lane_rhs(w[l::L])
             w[H * L + l] = offset[i]
         attempt(w, 1.0)
         for l in range(min(L, points - first)):

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rattlesweep.integrate.batch import MAX_DAMPING
+from rattlesweep.integrate.batch import MAX_DAMPING, kernel_options, run_plans, stride
 from rattlesweep.integrate.defaults import DT, MAX_STEPS, TOL
 from rattlesweep.integrate.follow import march as follow
 from rattlesweep.integrate.follow.kernels import (
@@ -15,11 +15,9 @@ from rattlesweep.integrate.follow.kernels import (
     aside_kernel,
     aside_workspace,
     march_kernel,
-    march_workspace,
 )
-from rattlesweep.integrate.lanes import columns as C
+from rattlesweep.integrate.lanes.build import workspace
 from rattlesweep.integrate.lanes.runs import MAX_ENERGY_DRIFT
-from rattlesweep.integrate.lanes.step import SUBSTEPS
 from rattlesweep.integrate.status import Status
 
 if TYPE_CHECKING:
@@ -105,32 +103,26 @@ class Follower:
     ) -> None:
         if len(batch) != 1:
             raise ValueError(f"{len(batch)} runs; a trajectory is of one")
-        stride = 1 if tableau.adaptive else SUBSTEPS
         self.t, self.t_end = 0.0, float(batch.t_end[0])
         self.zeros: list[float] = []
         self.status = Status.OK
         self.ended = not self.t_end > 0
         self.n_steps = 0
-        self._tableau, self._model, self._stride, self._dt = tableau, model, stride, dt
+        self._tableau, self._model, self._dt = tableau, model, dt
         self._batch, self._look, self._watch = batch, look, watch
-        plan = np.zeros((1, C.N_PLAN))
-        plan[0, C.HORIZON] = self.t_end
-        plan[0, C.SWING] = batch.swing[0]
-        plan[0, C.RATE] = batch.rate[0]
         # No windows: nothing is due at their ends.
-        plan[0, C.WINDOW] = plan[0, C.FIRST_MARK] = 1e290
-        plan[0, C.FIRST_STEP] = 0.1 / batch.swing[0] if tableau.adaptive else stride * dt
+        never = np.full(1, 1e290)
+        plan = run_plans(replace(batch, window=never, first_mark=never), tableau, tol, dt)
         self._constants = np.ascontiguousarray(batch.constants)
         y0 = np.ascontiguousarray(batch.y0)
         self._state = (
-            *march_workspace(tableau, model),
+            workspace(tableau, model, 1)[0],
             y0,
             self._constants,
             np.ascontiguousarray(batch.probe),
             plan,
-            np.array([1.0 / tol**2, stride * dt, max_steps / stride]),
+            kernel_options(tableau, tol, dt, max_steps),
             np.zeros(3, dtype=np.bool_),
-            np.zeros(3),
         )
         self._counts = np.zeros(follow.N_COUNTS, dtype=np.int64)
         self._zeros = np.zeros(256)
@@ -208,7 +200,7 @@ class Follower:
         table[0] = table[self._rows - 1]
         self._march(*self._state, table[1:], self._zeros, counts)
         self._rows = 1 + int(counts[follow.N_STEPS])
-        self.n_steps += int(counts[follow.N_STEPS]) * self._stride
+        self.n_steps += int(counts[follow.N_STEPS]) * stride(self._tableau)
         self.zeros += self._zeros[: counts[follow.N_ZEROS]].tolist()
         self.t = float(table[self._rows - 1, follow.T])
         self.ended = bool(counts[follow.ENDED])

@@ -57,12 +57,7 @@ TEMPLATES = (
     runs.idle,
     runs.finish,
 )
-LANE_TEMPLATES = (
-    lanes.give_up,
-    lanes.decide,
-    lanes.commit,
-    lanes.watch,
-)
+LANE_TEMPLATES = (lanes.give_up, lanes.settle, lanes.decide, lanes.commit, lanes.watch)
 
 
 def names(tableau: Tableau, model: Model) -> dict[str, Any]:
@@ -122,13 +117,9 @@ def aligned(threads: int, size: int) -> NDArray[np.float64]:
     return flat[shift : shift + threads * size].reshape(threads, size)
 
 
-def workspace(tableau: Tableau, model: Model, threads: int) -> tuple[Any, ...]:
-    """Workspace and run numbers of each thread: the arguments after ``threads``."""
-    rows = Layout.of(model).rows(tableau, model)
-    return (
-        aligned(threads, rows * LANES),
-        np.full((threads, LANES), -1, dtype=np.int64),
-    )
+def workspace(tableau: Tableau, model: Model, threads: int) -> NDArray[np.float64]:
+    """Workspace of each thread, shape (threads, rows * lanes)."""
+    return aligned(threads, Layout.of(model).rows(tableau, model) * LANES)
 
 
 def _arguments(tableau: Tableau, model: Model) -> tuple[Any, ...]:
@@ -156,14 +147,14 @@ def _arguments(tableau: Tableau, model: Model) -> tuple[Any, ...]:
 def example(tableau_name: str, model_name: str) -> tuple[Any, tuple[Any, ...]]:
     """Kernel of these names, not yet compiled, and arguments to call it with an empty queue."""
     tableau, model = METHODS[tableau_name], MODELS[model_name]
-    w, lane_run = workspace(tableau, model, 1)
-    return build(tableau, model), (0, w[0], lane_run[0], *_arguments(tableau, model))
+    w = workspace(tableau, model, 1)[0]
+    return build(tableau, model), (0, w, *_arguments(tableau, model))
 
 
 def driver() -> tuple[Any, tuple[Any, ...]]:
     """What starts the threads of all kernels, as :func:`example`."""
     compiled = cached(lanes.drive, parallel=True, nogil=True)
-    return compiled, (0, 1, *workspace(RK4, REDUCED, 1), *_arguments(RK4, REDUCED))
+    return compiled, (0, 1, workspace(RK4, REDUCED, 1), *_arguments(RK4, REDUCED))
 
 
 def _signature(arguments: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -272,7 +263,7 @@ def parallel() -> bool:
 
 
 def kernel(tableau_name: str, model_name: str) -> Callable[..., None]:
-    """Kernel by names: called with the number of threads, workspaces and what they share.
+    """Kernel by names: called with the number of threads, their workspaces and what they share.
 
     Where :func:`parallel` says so, its threads work one after another.
     """
@@ -280,8 +271,8 @@ def kernel(tableau_name: str, model_name: str) -> Callable[..., None]:
     if parallel():
         return partial(loaded(driver), address_of(work))
 
-    def alone(threads: int, w: Any, lane_run: Any, *shared: Any) -> None:
+    def alone(threads: int, w: Any, *shared: Any) -> None:
         for thread in range(threads):
-            work(thread, w[thread], lane_run[thread], *shared)
+            work(thread, w[thread], *shared)
 
     return alone

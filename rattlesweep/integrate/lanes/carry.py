@@ -10,20 +10,19 @@ from __future__ import annotations
 
 from rattlesweep.integrate.lanes import rows as R
 from rattlesweep.integrate.lanes.atomics import barrier
-from rattlesweep.integrate.lanes.step import LANES as L
 
 
-def tangent_seed(w, l):
-    """Give lane ``l`` the first tangent."""
+def tangent_seed(lane):
+    """Give a lane the first tangent."""
     raise NotImplementedError
 
 
-def tangent_begin(w, l):
+def tangent_begin(lane):
     """Make it transverse and of norm 1."""
     raise NotImplementedError
 
 
-def tangent_log(w, l):
+def tangent_log(lane):
     """Logarithm of the tangent's growth from the start of the run to the end of the step."""
     raise NotImplementedError
 
@@ -37,35 +36,35 @@ def tangent_advance(w):
 plain_start = plain_finish = plain_pass_marks = plain_advance = None
 
 
-def start(l, run, w, lane_run, y0, constants, probe, plan, record):
+def start(lane, run, y0, constants, probe, plan, record):
     """Put a run and its tangent into a lane."""
-    plain_start(l, run, w, lane_run, y0, constants, probe, plan, record)
+    plain_start(lane, run, y0, constants, probe, plan, record)
     barrier()
-    tangent_seed(w, l)
-    tangent_begin(w, l)
+    tangent_seed(lane)
+    tangent_begin(lane)
     barrier()
 
 
-def see_tangent(l, t, w, run, windows):
+def see_tangent(lane, t, run, windows):
     """Write the time and the tangent's growth into the last two columns of the window's row."""
-    k = min(int(w[R.WINDOW_NO * L + l]), windows.shape[1] - 1)
+    k = min(int(lane[R.WINDOW_NO]), windows.shape[1] - 1)
     barrier()
     windows[run, k, windows.shape[2] - 2] = t
-    windows[run, k, windows.shape[2] - 1] = tangent_log(w, l)
+    windows[run, k, windows.shape[2] - 1] = tangent_log(lane)
     barrier()
 
 
-def pass_marks(l, t, w, run, windows, record):
+def pass_marks(lane, t, run, windows, record):
     """Note the tangent at the end of a window."""
-    if t >= w[R.WINDOW_END * L + l]:
-        see_tangent(l, t, w, run, windows)
-    plain_pass_marks(l, t, w, run, windows, record)
+    if t >= lane[R.WINDOW_END]:
+        see_tangent(lane, t, run, windows)
+    plain_pass_marks(lane, t, run, windows, record)
 
 
-def finish(l, status, reversal, t, w, run, result, counts, windows, record):
+def finish(lane, status, reversal, t, run, result, counts, windows, record):
     """Write down a run that has ended, and its tangent."""
-    see_tangent(l, t, w, run, windows)
-    plain_finish(l, status, reversal, t, w, run, result, counts, windows, record)
+    see_tangent(lane, t, run, windows)
+    plain_finish(lane, status, reversal, t, run, result, counts, windows, record)
 
 
 def advance(w):

@@ -14,21 +14,16 @@ globals and the model's functions for each method.
 # mypy: ignore-errors
 from __future__ import annotations
 
-from math import isfinite, sqrt
+from math import isfinite
 
 from numba import prange
 
 from rattlesweep.integrate.lanes import columns as C
 from rattlesweep.integrate.lanes import rows as R
 from rattlesweep.integrate.lanes.atomics import call, fetch_add, load
-from rattlesweep.integrate.lanes.events import HOLD, REVERSED, STEP, search
-from rattlesweep.integrate.lanes.runs import (
-    finish,
-    idle,
-    pass_marks,
-    see_contact,
-    start,
-)
+from rattlesweep.integrate.lanes.controller import LEAST_STEP, step_factor
+from rattlesweep.integrate.lanes.events import HOLD, REVERSED, STEP, TAKE, may_reverse, search
+from rattlesweep.integrate.lanes.runs import finish, idle, pass_marks, see_contact, start
 from rattlesweep.integrate.lanes.step import LANES as L
 from rattlesweep.integrate.status import Status
 
@@ -37,16 +32,13 @@ NONFINITE = int(Status.NONFINITE)
 STEP_LIMIT = int(Status.STEP_LIMIT)
 STEP_TOO_SMALL = int(Status.STEP_TOO_SMALL)
 
-# Of the shortest period; below it a step that fails the tolerance is given up.
-LEAST_STEP = 1e-9
-
 # Bound by kernels.build.
 Y1 = H = ERROR = N1 = RATE1 = AMPLITUDE = 0
 ADAPTIVE = False
 
 
-def lane_energy(w, row, l):
-    """Energy of lane ``l`` at the state in row ``row``."""
+def lane_energy(lane, row):
+    """Energy of a lane at the state from row ``row`` on."""
     raise NotImplementedError
 
 
@@ -60,15 +52,38 @@ def attempt(w, scale):
     raise NotImplementedError
 
 
-def give_up(l, failed_step, w, max_steps):
+def give_up(lane, max_steps):
     """Status of a lane whose step failed, OK to go on with a shorter one."""
     if not ADAPTIVE:
         return NONFINITE
-    if w[R.STEPS * L + l] + w[R.REJECTED * L + l] >= max_steps:
+    if lane[R.STEPS] + lane[R.REJECTED] >= max_steps:
         return STEP_LIMIT
-    if failed_step * w[R.SWING * L + l] < LEAST_STEP:
-        return NONFINITE if not isfinite(w[ERROR * L + l]) else STEP_TOO_SMALL
+    if lane[H] * lane[R.SWING] < LEAST_STEP:
+        return STEP_TOO_SMALL if isfinite(lane[ERROR]) else NONFINITE
     return OK
+
+
+def settle(lane, max_steps):
+    """Decide again on the step tried on a lane where something is due.
+
+    Returns
+    -------
+    status : int
+        OK to go on.
+    move : int
+        HOLD (the step is not taken), TAKE, or REVERSED (it is, and ends at a zero of the spin).
+    """
+    if lane[R.MODE] == STEP and lane[R.ACCEPT] == 0.0:
+        lane[R.REJECTED] += 1.0
+        lane[R.HELD] = 1.0
+        return give_up(lane, max_steps), HOLD
+    move = TAKE
+    n1, rate1 = lane[N1], lane[RATE1]
+    if lane[R.MODE] != STEP or may_reverse(lane[H], lane[R.N0], n1, rate1, lane[R.RATE_MAX]):
+        move = search(lane, lane[H], n1, rate1)
+    lane[R.ACCEPT] = 0.0 if move == HOLD else 1.0
+    full = move != HOLD and lane[R.STEPS] >= max_steps
+    return STEP_LIMIT if full else OK, move
 
 
 def decide(w, dt, max_steps):
@@ -76,27 +91,12 @@ def decide(w, dt, max_steps):
     special = 0
     for l in range(L):
         h = w[H * L + l]
-        n0 = w[R.N0 * L + l]
-        n1 = w[N1 * L + l]
         error = w[ERROR * L + l]
         accept = error <= 1.0
-        if ADAPTIVE:
-            # err^(1/8) from its square: four square roots vectorise, a power does not.
-            factor = 0.85 / sqrt(sqrt(sqrt(sqrt(error + 1e-30))))
-            largest = 1.0 if w[R.HELD * L + l] > 0.0 or not accept else 4.0
-            factor = factor if factor > 0.2 else 0.2
-            factor = factor if factor < largest else largest
-            h_next = h * factor
-        else:
-            h_next = dt
-        # The spin changes by at most h * max|rate| in all; twice the recent largest is safe.
-        recent = 0.9 * w[R.RATE_MAX * L + l]
-        now = abs(w[RATE1 * L + l])
-        recent = now if now > recent else recent
-        zero = abs(n0) + abs(n1) < 2.0 * h * recent or n0 * n1 <= 0.0
+        h_next = h * step_factor(error, accept, w[R.HELD * L + l] > 0.0) if ADAPTIVE else dt
         t = w[R.T * L + l] + h
         due = (
-            zero
+            may_reverse(h, w[R.N0 * L + l], w[N1 * L + l], w[RATE1 * L + l], w[R.RATE_MAX * L + l])
             or w[R.LAST * L + l] > 0.0
             or w[R.MODE * L + l] > 0.0
             or t >= w[R.NEXT * L + l]
@@ -168,19 +168,19 @@ def watch(w, record):
     """Observations that are made at every accepted step only when they are asked for."""
     for l in range(L):
         if w[R.ACCEPT * L + l] > 0.0:
+            lane = w[l::L]
             if record[C.REC_ENERGY]:
-                energy0 = w[R.ENERGY0 * L + l]
-                drift = abs(lane_energy(w, Y1, l) - energy0) / energy0 if energy0 > 0.0 else 0.0
-                w[R.DRIFT_MAX * L + l] = max(w[R.DRIFT_MAX * L + l], drift)
+                energy0 = lane[R.ENERGY0]
+                drift = abs(lane_energy(lane, Y1) - energy0) / energy0 if energy0 > 0.0 else 0.0
+                lane[R.DRIFT_MAX] = max(lane[R.DRIFT_MAX], drift)
             if record[C.REC_CONTACT]:
-                see_contact(l, w, Y1)
+                see_contact(lane, Y1)
             if record[C.REC_WINDOWS]:
-                n = w[N1 * L + l]
-                w[R.W_N_MIN * L + l] = min(w[R.W_N_MIN * L + l], n)
-                w[R.W_N_MAX * L + l] = max(w[R.W_N_MAX * L + l], n)
+                lane[R.W_N_MIN] = min(lane[R.W_N_MIN], lane[N1])
+                lane[R.W_N_MAX] = max(lane[R.W_N_MAX], lane[N1])
 
 
-def work(thread, w, lane_run, shared, order, y0, constants, probe, plan, options,
+def work(thread, w, shared, order, y0, constants, probe, plan, options,
          record, result, counts, windows, progress):  # fmt: skip
     """What one thread does until the queue is empty or Python says stop.
 
@@ -188,8 +188,8 @@ def work(thread, w, lane_run, shared, order, y0, constants, probe, plan, options
     ----------
     thread : int
         Row of ``progress`` to write to.
-    w, lane_run : ndarray
-        The thread's own workspace and run numbers.
+    w : ndarray
+        The thread's own workspace.
     shared : int64 ndarray
         ``[next place in the queue, stop flag]``.
     order : int64 ndarray, shape (runs,)
@@ -211,13 +211,14 @@ def work(thread, w, lane_run, shared, order, y0, constants, probe, plan, options
     total = order.size
     busy = 0
     for l in range(L):
+        lane = w[l::L]
         place = fetch_add(shared, 0, 1)
         if place < total:
-            start(l, order[place], w, lane_run, y0, constants, probe, plan, record)
+            start(lane, order[place], y0, constants, probe, plan, record)
             busy += 1
         else:
-            idle(l, w, lane_run)
-        w[H * L + l] = w[R.H_NEXT * L + l]
+            idle(lane)
+        lane[H] = lane[R.H_NEXT]
     turns = 0
     while busy > 0:
         attempt(w, scale)
@@ -226,58 +227,33 @@ def work(thread, w, lane_run, shared, order, y0, constants, probe, plan, options
             for l in range(L):
                 if w[R.DUE * L + l] == 0.0:
                     continue
-                run = lane_run[l]
+                lane = w[l::L]
+                run = int(lane[R.RUN])
                 if run < 0:
-                    w[R.ACCEPT * L + l] = 0.0
-                    w[R.H_NEXT * L + l] = 0.0
+                    lane[R.ACCEPT] = 0.0
+                    lane[R.H_NEXT] = 0.0
                     continue
-                h = w[H * L + l]
-                t = w[R.T * L + l] + (h - w[R.T_LOW * L + l])
-                status = OK
-                ended = False
-                reversal = False
-                if w[R.MODE * L + l] == STEP and w[R.ACCEPT * L + l] == 0.0:
-                    w[R.REJECTED * L + l] += 1.0
-                    w[R.HELD * L + l] = 1.0
-                    if not isfinite(w[ERROR * L + l]):
-                        w[R.H_NEXT * L + l] = 0.2 * h
-                    status = give_up(l, h, w, max_steps)
-                    ended = status != OK
-                else:
-                    n0 = w[R.N0 * L + l]
-                    n1 = w[N1 * L + l]
-                    rate = w[RATE1 * L + l]
-                    recent = max(abs(rate), 0.9 * w[R.RATE_MAX * L + l])
-                    take = True
-                    if (
-                        w[R.MODE * L + l] != STEP
-                        or abs(n0) + abs(n1) < 2.0 * h * recent
-                        or n0 * n1 <= 0.0
-                    ):
-                        verdict = search(l, h, n1, rate, w)
-                        take = verdict != HOLD
-                        reversal = verdict == REVERSED
-                    w[R.ACCEPT * L + l] = 1.0 if take else 0.0
-                    if take:
-                        if w[R.STEPS * L + l] >= max_steps:
-                            status = STEP_LIMIT
-                        if w[R.LAST * L + l] > 0.0 and not reversal:
-                            t = w[R.T_END * L + l]
-                        ended = reversal or w[R.LAST * L + l] > 0.0 or status != OK
-                        if not ended and t >= w[R.NEXT * L + l]:
-                            pass_marks(l, t, w, run, windows, record)
+                status, move = settle(lane, max_steps)
+                reversal = move == REVERSED
+                t = lane[R.T] + (lane[H] - lane[R.T_LOW])
+                ended = status != OK or reversal
+                if move == TAKE and lane[R.LAST] > 0.0:
+                    t = lane[R.T_END]
+                    ended = True
+                if move == TAKE and not ended and t >= lane[R.NEXT]:
+                    pass_marks(lane, t, run, windows, record)
                 if ended:
-                    w[R.STEPS * L + l] += 1.0
-                    finish(l, status, reversal, t, w, run, result, counts, windows, record)
+                    lane[R.STEPS] += 1.0
+                    finish(lane, status, reversal, t, run, result, counts, windows, record)
                     progress[thread, 0] += plan[run, C.COST]
                     progress[thread, 2] += 1.0
                     place = fetch_add(shared, 0, 1)
                     if place < total:
-                        start(l, order[place], w, lane_run, y0, constants, probe, plan, record)
+                        start(lane, order[place], y0, constants, probe, plan, record)
                     else:
-                        idle(l, w, lane_run)
+                        idle(lane)
                         busy -= 1
-                    w[R.ACCEPT * L + l] = 0.0
+                    lane[R.ACCEPT] = 0.0
         if watching:
             watch(w, record)
         commit(w)
@@ -287,14 +263,14 @@ def work(thread, w, lane_run, shared, order, y0, constants, probe, plan, options
                 return
             under_way = 0.0
             for l in range(L):
-                if lane_run[l] >= 0:
-                    run = lane_run[l]
+                run = int(w[R.RUN * L + l])
+                if run >= 0:
                     under_way += min(1.0, w[R.T * L + l] / plan[run, C.HORIZON]) * plan[run, C.COST]
             progress[thread, 1] = under_way
     progress[thread, 1] = 0.0
 
 
-def drive(address, threads, w, lane_run, shared, order, y0, constants, probe, plan, options,
+def drive(address, threads, w, shared, order, y0, constants, probe, plan, options,
           record, result, counts, windows, progress):  # fmt: skip
     """One :func:`work` on each thread; the one of a method and a model is known by its address.
 
@@ -304,7 +280,7 @@ def drive(address, threads, w, lane_run, shared, order, y0, constants, probe, pl
         call(
             address,
             (
-                thread, w[thread], lane_run[thread], shared, order, y0, constants,
-                probe, plan, options, record, result, counts, windows, progress,
+                thread, w[thread], shared, order, y0, constants, probe, plan, options,
+                record, result, counts, windows, progress,
             ),
         )  # fmt: skip

@@ -38,4 +38,8 @@ DUE = 47
 # Next time at which amplitudes are compared; marks that double until the first window ends; how
 # often they were compared; the least amplitude that counts; the largest in the window.
 NEXT, MARK, COMPARED, A_FLOOR, W_A_MAX = 48, 49, 50, 51, 52
-STATE_ROWS = 53
+# Number of the lane's run, -1 for none.
+RUN = 53
+# What was behind a zero, when its search began.
+BEYOND_H, BEYOND_N, BEYOND_R = 54, 55, 56
+STATE_ROWS = 57

@@ -317,16 +317,16 @@ def advance(w):
     for l in range({lanes}):
         move(w, l, w[{ACCEPT} * {lanes} + l] > 0.0)
 
-def lane_energy(w, row, l):
-    return energy(*(state(w, row * {lanes} + l) + constants(w, l)))
+def lane_energy(lane, row):
+    return energy(*(state(lane, row * {lanes}) + constants(lane, 0)))
 
-def lane_contact(w, row, l):
-    return contact(*(state(w, row * {lanes} + l) + constants(w, l)))
+def lane_contact(lane, row):
+    return contact(*(state(lane, row * {lanes}) + constants(lane, 0)))
 
-def lane_rhs(w, l):
-    q = given(w, l)
+def lane_rhs(lane):
+    q = given(lane, 0)
     f = rhs(*q)
-    put(w, l, f)
+    put(lane, 0, f)
     y = q[:{n}]
     return spin(*y), spin_rate(*(y + f))
 """
@@ -335,8 +335,8 @@ def lane_rhs(w, l):
 def compile_lane_functions(model: Model, lanes: int = LANES) -> dict[str, Callable[..., Any]]:
     """Compiled small functions that depend on the model's number of components, by name.
 
-    ``lane_energy``, ``lane_contact`` and ``lane_rhs`` look at one lane; ``advance`` moves the
-    accepted lanes to the end of their step.
+    ``lane_energy``, ``lane_contact`` and ``lane_rhs`` look at one lane, ``w[l::lanes]``;
+    ``advance`` moves the accepted lanes to the end of their step.
     """
     at, n = Layout.of(model), model.n_state
     constants = cells(at.constants, model.n_constants)

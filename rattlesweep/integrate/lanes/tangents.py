@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from numba import njit
 
-from rattlesweep.integrate.lanes.cells import INNER, move
+from rattlesweep.integrate.lanes.cells import INNER, cells, gather, move
 from rattlesweep.integrate.lanes.rows import ACCEPT
 from rattlesweep.integrate.lanes.step import LANES, Layout
 from rattlesweep.physics.full import FASTMATH
@@ -27,52 +27,52 @@ SHIFT = 200
 NAMES = ("tangent_seed", "tangent_begin", "tangent_log", "tangent_advance")
 
 
+def _lane(first: int, count: int) -> str:
+    """Rows of a lane, as a tuple of Python's."""
+    return ", ".join(f"lane[{first + c}]" for c in range(count))
+
+
 def tangent_source(model: Model, lanes: int = LANES) -> str:
     """Source of what is done with the tangents of a model.
 
-    ``tangent_seed(w, l)`` gives lane ``l`` the model's first tangent, ``tangent_begin(w, l)`` makes
-    it transverse and of norm 1.  ``tangent_log(w, l)`` is the logarithm of its norm at the end of
+    ``tangent_seed(lane)`` gives a lane the model's first tangent, ``tangent_begin(lane)`` makes
+    it transverse and of norm 1.  ``tangent_log(lane)`` is the logarithm of its norm at the end of
     the step just tried.  ``tangent_advance(w)`` moves the tangents of the accepted lanes to the end
     of their step.
     """
-    at = Layout.of(model)
-    states = range(model.n_state)
-
-    def cells(first: int, count: int = model.n_state) -> list[str]:
-        return [f"w[{(first + c) * lanes} + l]" for c in range(count)]
-
-    def names(first: int, count: int = model.n_state) -> str:
-        return ", ".join(cells(first, count))
-
-    constants = names(at.constants, model.n_constants)
-    v = ", ".join(f"v{c}" for c in states)
-    scale = [f"{a} = {a} * factor" for a in (*cells(at.v), *cells(at.g))]
-    step = "\n        "
+    at, n = Layout.of(model), model.n_state
+    y, f, v, g, v1 = (_lane(row, n) for row in (at.y, at.f, at.v, at.g, at.v1))
+    constants = _lane(at.constants, model.n_constants)
+    found = ", ".join(f"v{c}" for c in range(n))
+    unit = ", ".join(f"v{c} / norm" for c in range(n))
+    # One line a row: a loop over rows inside that over lanes would stay scalar.
+    rows = (*range(at.v, at.v + n), *range(at.g, at.g + n))
+    scaled = "\n        ".join(f"w[{row * lanes} + l] *= factor" for row in rows)
     return f"""\
-def tangent_seed(w, l):
-    {names(at.v)} = seed({names(at.y)}, {constants})
+def tangent_seed(lane):
+    {v} = seed({y}, {constants})
 
-def tangent_begin(w, l):
-    {v} = transverse({names(at.y)}, {names(at.f)}, {names(at.v)}, {constants})
-    norm = sqrt(square({v}, {constants}))
-    {step.join(f"{a} = v{c} / norm" for c, a in enumerate(cells(at.v))).replace(step, "; ")}
-    {names(at.g)} = rate({names(at.y)}, {names(at.f)}, {names(at.v)}, {constants})
-    w[{at.shift * lanes} + l] = 0.0
+def tangent_begin(lane):
+    {found} = transverse({y}, {f}, {v}, {constants})
+    norm = sqrt(square({found}, {constants}))
+    {v} = {unit}
+    {g} = rate({y}, {f}, {v}, {constants})
+    lane[{at.shift}] = 0.0
 
-def tangent_log(w, l):
-    return 0.5 * log(square({names(at.v1)}, {constants})) + {log(2.0)!r} * w[{at.shift * lanes} + l]
+def tangent_log(lane):
+    return 0.5 * log(square({v1}, {constants})) + {log(2.0)!r} * lane[{at.shift}]
 
 def tangent_advance(w):
     for l in range({lanes}):
         move(w, l, w[{ACCEPT * lanes} + l] > 0.0)
     for l in range({lanes}):
-        square_ = square({names(at.v)}, {constants})
+        square_ = square(*measured(w, l))
         factor = {2.0**-SHIFT!r} if square_ > {4.0**SHIFT!r} else 1.0
         factor = {2.0**SHIFT!r} if square_ < {4.0**-SHIFT!r} else factor
         out = {float(SHIFT)} if square_ > {4.0**SHIFT!r} else 0.0
         out = {-float(SHIFT)} if square_ < {4.0**-SHIFT!r} else out
-        {step.join(scale)}
-        w[{at.shift * lanes} + l] = w[{at.shift * lanes} + l] + out
+        {scaled}
+        w[{at.shift * lanes} + l] += out
 """
 
 
@@ -84,7 +84,8 @@ def compile_tangent_functions(model: Model, lanes: int = LANES) -> dict[str, Cal
     both = [*range(at.v, at.v + n), *range(at.g, at.g + n)]
     ends = [*range(at.v1, at.v1 + n), *range(at.g1, at.g1 + n)]
     namespace: dict[str, Any] = {
-        **vars(model.tangent), "sqrt": sqrt, "log": log, "move": move(both, ends, lanes)
+        **vars(model.tangent), "sqrt": sqrt, "log": log, "move": move(both, ends, lanes),
+        "measured": gather(cells(at.v, n) + cells(at.constants, model.n_constants), lanes),
     }  # fmt: skip
     exec(tangent_source(model, lanes), namespace)
     compiled = {}
