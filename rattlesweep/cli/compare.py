@@ -20,7 +20,7 @@ from rattlesweep.cli.common.output import DONE, FAILED, MOST_ROWS
 @argument("a", type=click.Path(path_type=Path))
 @argument("b", type=click.Path(path_type=Path))
 @option("--allow", metavar="SHARE", type=click.FloatRange(0, 1), default=0.005,
-        help="Share of the runs that reverse in both which may lie beyond errors.")  # fmt: skip
+        help="Share of the runs that reverse in both which may be beyond.")  # fmt: skip
 @options.file("--figure", ".svg", ".png", ".pdf", help="Plot to an .svg, .png or .pdf file.")
 @options.file("--data", ".csv", ".parquet",
               help="Also write the differences of each run, as .csv or .parquet.")  # fmt: skip
@@ -28,16 +28,16 @@ from rattlesweep.cli.common.output import DONE, FAILED, MOST_ROWS
 def compare(
     a: Path, b: Path, allow: float, figure: Path | None, data: Path | None, as_json: bool
 ) -> int:
-    """Compare two output directories of the same runs, A and B: reversal times and types.
+    """Compare two output directories of the same runs.
 
-    They may be of another tolerance, method, machine or version; other bodies, launches, horizons
-    or models are refused with exit code 2. Of directories that are not complete, the runs that
-    both have are compared. Differences of t_r are relative to the mean of both.
+    A and B may be of another tolerance, method, machine or version; other bodies, launches,
+    horizons or models are refused with exit code 2. Where runs are missing, those that both have
+    are compared. Differences of t_r are relative to the mean of both.
 
-    Beyond are runs whose t_r differ by more than sqrt(e_A^2 + e_B^2), where e is t_r_error, and
-    sure are types that both directories are sure of (type_sure); both need record: [error].
-    Exits with 1 if a larger share than --allow is beyond, or types differ that are sure, else with
-    0; without stored errors always with 0.
+    In the table, "beyond" counts runs whose t_r differ by more than sqrt(e_A^2 + e_B^2), where e
+    is t_r_error, and "sure" counts differing types of which both directories are sure (type_sure).
+    Both need record: [error]. Exits with 1 if a larger share than --allow is beyond, or if types
+    that are sure differ, and with 0 else; without stored errors always with 0.
     """
     from rattlesweep.study.compare import as_text, save
     from rattlesweep.sweeps.inspect.compare import compare as compared

@@ -74,6 +74,8 @@ def _cell(value: Any, name: str) -> str:
         return "-"
     if isinstance(value, bool):
         return "yes" if value else "no"
+    if value == 0:
+        return "0"
     return format(value, _FORMS.get(name, ".1e")) if isinstance(value, float) else str(value)
 
 

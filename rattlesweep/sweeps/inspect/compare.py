@@ -202,7 +202,8 @@ def _table(rows: pd.DataFrame) -> pa.Table:
 
 
 def _plain(rows: pd.DataFrame) -> list[dict[str, Any]]:
-    return _table(rows).to_pylist()  # type: ignore[no-any-return]
+    plain: list[dict[str, Any]] = _table(rows).to_pylist() if len(rows) else []
+    return plain
 
 
 class _Side:
