@@ -103,7 +103,7 @@ def test_data_has_the_difference_of_each_run(sweeps: Path, tmp_path: Path, endin
         pd.testing.assert_series_equal(found[name], rows[name], check_dtype=False)
     exact = (rows.t_r_b - rows.t_r_a).where(rows.status_b == "ok")
     np.testing.assert_allclose(found.dt_r, exact, rtol=1e-12)
-    assert found.t_r_error_a.isna().all()
+    assert found[["t_r_error_a", "over_errors", "type_sure_b"]].isna().all(axis=None)
 
 
 def with_errors(source: Path, target: Path, error: float, sure: bool = True) -> Path:
@@ -136,6 +136,14 @@ def test_runs_beyond_both_errors_are_counted_and_listed_first(sweeps: Path, tmp_
     assert found["differing_times"][0]["over_errors"] == pytest.approx(over.max())
     assert invoke("compare", a, b, "--allow", share * 1.01).exit_code == 0
     assert invoke("compare", a, b, "--allow", share * 0.99).exit_code == 1
+
+
+def test_beyond_errors_of_nothing_is_any_difference(sweeps: Path, tmp_path: Path) -> None:
+    a, b = (with_errors(sweeps / name, tmp_path / name, 0.0) for name in "ab")
+    assert told(a, a)["total"]["beyond"] == 0
+    found = told(a, b, code=1)
+    assert found["total"]["beyond"] == found["total"]["reversing"] - found["total"]["equal"]
+    assert len(found["differing_times"]) == 10
 
 
 @pytest.mark.parametrize(("sure", "code"), [(True, 1), (False, 0)])

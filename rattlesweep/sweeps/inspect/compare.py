@@ -188,7 +188,10 @@ class Comparison:
         np.add.at(self.plane, (place(relative / over, COARSE), place(relative, COARSE)), 1)
         by = "over_errors" if all(self.errors) else "relative"
         most = rows[rows[by] > 0].nlargest(MOST_LISTED, by)
-        self.times = sorted([*self.times, *_plain(most)], key=lambda row: -row[by])[:MOST_LISTED]
+        times = [*self.times, *_plain(most)]
+        # Infinity, beyond errors of 0, is null.
+        times.sort(key=lambda row: np.inf if row[by] is None else row[by], reverse=True)
+        self.times = times[:MOST_LISTED]
         other = rows[rows.differs].sort_values("sure", ascending=False, kind="stable")
         types = [*self.types, *_plain(other.head(MOST_LISTED))]
         # True before False and before None; among equals the order stays.
@@ -353,8 +356,8 @@ def _differing(a: pd.DataFrame, b: pd.DataFrame, one: Stored, other: Stored) -> 
     return rows.assign(
         dt_r=dt_r,
         relative=dt_r.abs() / ((rows.t_r_a + rows.t_r_b) / 2),
-        # Without an error, a difference is beyond it, and none is not.
-        over_errors=(dt_r.abs() / error).where((error > 0) | (dt_r != 0), 0.0),
+        # Beyond errors of 0 is any difference, but not none.
+        over_errors=(dt_r.abs() / error).mask((error == 0) & (dt_r == 0), 0.0),
         differs=ok & (rows.type_a != rows.type_b),
         sure=rows.type_sure_a.eq(True) & rows.type_sure_b.eq(True),
         not_ok=~ok,
