@@ -86,8 +86,8 @@ def save(result: Comparison, path: Path) -> None:
 
 
 def draw(result: Comparison) -> Figure:
-    """Runs by relative difference, and where errors are stored by these too."""
-    errors = all(result.errors)
+    """Runs by relative difference, and where both have errors against these too."""
+    errors = bool(result.plane.any())
     figure = style.new_figure(8.4 if errors else 5.2, 3.9)
     panels: Any = figure.subplots(1, 2 if errors else 1, squeeze=False)[0]
     edges = 10.0 ** np.linspace(LOWEST, HIGHEST, (HIGHEST - LOWEST) * COARSE + 1)
@@ -122,15 +122,14 @@ def _histogram(axes: Any, edges: Any, counts: Any, total: dict[str, int]) -> Non
 
 def _against_errors(axes: Any, edges: Any, result: Comparison) -> None:
     plane, total = result.plane, result.total.counts
-    if plane.any():
-        shown = axes.pcolormesh(edges, edges, np.where(plane, plane, np.nan).T, norm=LogNorm(),
-                                rasterized=True)  # fmt: skip
-        axes.figure.colorbar(shown, ax=axes, label="runs")
-        ends = [edges[[at.min(), at.max() + 1]] for at in np.nonzero(plane)]
-        low, high = min(e[0] for e in ends), max(e[1] for e in ends)
-        axes.plot([low, high], [low, high], **style.THEORY)
-        axes.set_xlim(*ends[0])
-        axes.set_ylim(*ends[1])
+    shown = axes.pcolormesh(edges, edges, np.where(plane, plane, np.nan).T, norm=LogNorm(),
+                            rasterized=True)  # fmt: skip
+    axes.figure.colorbar(shown, ax=axes, label="runs")
+    ends = [edges[[at.min(), at.max() + 1]] for at in np.nonzero(plane)]
+    low, high = min(e[0] for e in ends), max(e[1] for e in ends)
+    axes.plot([low, high], [low, high], **style.THEORY)
+    axes.set_xlim(*ends[0])
+    axes.set_ylim(*ends[1])
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set_xlabel("both errors / $t_r$ (dashed: as large as the difference)")
