@@ -175,7 +175,7 @@ def test_a_file_that_breaks_off_leaves_the_old_one(tmp_path: Path):
 def test_zeros_of_one_swing_are_one_reversal():
     """The spin crosses zero three times about 812 on its way from -0.1 to 0.1."""
     launch = ("--preset", "GH", "--n-i", -0.1, "--t-end", 1500, "--points", 2)
-    words = r"1 reversal at 809\.857417\d+ \(3 zero crossings at 809\.8574\d+, 812\.147\d+, 814\.036\d+\);"
+    words = r"1 reversal at 809\.8574\d+ \(3 zero crossings at 809\.8574\d+, 812\.147\d+, 814\.036"
     assert re.search(words, invoke("trajectory", *launch).stderr)
     run = rs.trajectory(GH, n_i=-0.1, omega_xy0=0.01, t_end=6000, channels=["t", "n"])
     # Later ones depend on the last bits, and so on the processor.
