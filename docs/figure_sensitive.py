@@ -79,7 +79,7 @@ def main(target: str) -> None:
         apart = envelope(pitch(one, y[:upto] - exact[:upto], exact[:upto]))
         left.semilogy(times[:upto], apart, color=colour, lw=0.9,
                       label=f"pitch error, tol {tol:.0e}".replace("e-0", "e-"))  # fmt: skip
-    left.set(xlabel="$t$", ylabel="amplitude", ylim=(1e-16, 10), title="(a) error of the pitch")
+    left.set(xlabel="$t$", ylabel="amplitude", ylim=(1e-16, 1e5), title="(a) error of the pitch")
     left.legend(fontsize=7, loc="upper left")
 
     begin = np.arange(0.0, 2440.0, 20.0)
