@@ -74,7 +74,7 @@ class Fit(NamedTuple):
 
     floor: float = 1.5
     slope: float = 8.0
-    share: float = 0.00125
+    share: float = 0.002
 
 
 FIT = {"dop853": Fit(), "verner98": Fit(floor=0.4), "rk4": Fit(floor=0.0)}
@@ -326,7 +326,7 @@ def refit(pairs: list[Pair], wanted: float = 0.9955) -> None:
     """Print the constants of least overestimate that cover the wanted share everywhere."""
     found = []
     for values in itertools.product((0.5, 1, 1.5, 2, 3), (2, 3, 5, 8, 12),
-                                    (0.0005, 0.00125, 0.0025, 0.005)):  # fmt: skip
+                                    (0.0005, 0.001, 0.002, 0.004)):  # fmt: skip
         judged = [pair.judge(Fit(*values)) for pair in pairs]
         found.append((min(c for c, _ in judged), max(o for _, o in judged), Fit(*values)))
     good = sorted((f for f in found if f[0] >= wanted), key=lambda f: f[1])
