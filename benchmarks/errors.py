@@ -74,7 +74,7 @@ class Fit(NamedTuple):
 
     floor: float = 1.5
     slope: float = 8.0
-    share: float = 0.002
+    share: float = 0.0015
 
 
 FIT = {"dop853": Fit(), "verner98": Fit(floor=0.4), "rk4": Fit(floor=0.0)}
