@@ -5,17 +5,8 @@
     python benchmarks/errors.py --promise      # accuracy: {t_r: 1e-6} on the mix of steady.yaml
     python benchmarks/errors.py --worst 40     # the worst runs of quickstart in 32 digits
 
-A *companion* is the same batch at a tolerance LOOSER times as large.  With d = |t_r'/t_r - 1| and s
-the distance of the two states at their reversals, relative to the oscillation,
-
-    t_r_error / t_r = floor tol + slope T (d + share s / sqrt(N)) + G,
-    T = max(tol / tol', min(1, (s / PARTED)^2)),   N = n_steps / 1000,
-
-and 1 where the companion does not reverse.  The first term is the common size of the error; the
-second carries the difference over to the tighter tolerance, in proportion as long as both runs
-stay together (s small), and in full once they have parted.  docs/sensitive.md says when they do.
-d alone is small by chance too often; s, which has four components, is not.  G is one swing of the
-spin where an extremum touches zero within the tolerance (near_tangencies), else nothing.
+The estimate and its constants are those of the package (rattlesweep/sweeps/blocks/error.py);
+docs/sensitive.md says what the runs are that it has to tell.
 
 The truth is verner98 at 1e-14; where dop853 at 1e-13 is off it by more than 1e-9, this is added
 to the error.  ``--exact 20`` takes the 20 runs of each mix with the largest difference in 32 digits
@@ -39,15 +30,25 @@ from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.sweeps.blocks.block import prepare_runs, take
+from rattlesweep.sweeps.blocks.error import (
+    FITS,
+    TIGHTEST,
+    Fit,
+    companion_setting,
+    relative_error,
+    scales,
+    with_errors,
+)
 from rattlesweep.sweeps.cases.plan import make_plan
 from rattlesweep.sweeps.config.load import load_config
-from rattlesweep.sweeps.tables.types import classify
+from rattlesweep.sweeps.config.schema import Integrator
+from rattlesweep.sweeps.tables.types import classify, sure_types
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rattlesweep.integrate.batch import Batch, Outcome
-    from rattlesweep.sweeps.config.schema import Classify
+    from rattlesweep.sweeps.config.schema import Config
 
     Floats = NDArray[np.float64]
     Flags = NDArray[np.bool_]
@@ -59,100 +60,14 @@ MIXES = {"sd": ("tradeoff", 60), "quickstart": ("quickstart", 400), "steady": ("
 SETTINGS = (("dop853", 1e-6), ("dop853", 1e-9), ("dop853", 1e-12), ("verner98", 1e-9),
             ("verner98", 1e-12), ("rk4", 0.02))  # fmt: skip
 
-LOOSER, LOOSEST = 2e3, 1e-5
-"""Ratio of the tolerances, and the loosest that a companion gets: beyond, most runs part."""
-TIGHTEST = 1e-14
-"""Below it the error of a step is rounding."""
-PARTED = 0.2
-"""Distance at which two runs have nothing to do with each other any more."""
-DIFFER = 10.0
-"""A type is sure if no observable is nearer to a threshold than so many differences."""
-
-
-class Fit(NamedTuple):
-    """Constants of the estimate."""
-
-    floor: float = 1.5
-    slope: float = 8.0
-    share: float = 0.0015
-
-
-FIT = {"dop853": Fit(), "verner98": Fit(floor=0.4), "rk4": Fit(floor=0.0)}
-"""By method: how far the error of a step stays below what the control allows differs."""
 PROMISED = Fit(1.0, 3.0, 0.001)
 """Less cautious: a limit is kept if the estimate is a few times the error, not thirty."""
-
-
-def looser(method: str, value: float) -> float:
-    """Setting of the companion: a tolerance, or twice the step of a method of fixed step."""
-    if not METHODS[method].adaptive:
-        return 2.0 * value
-    return max(10.0 * value, min(LOOSER * value, LOOSEST))
 
 
 def run(batch: Batch, method: str, value: float) -> Outcome:
     """Integrate with a tolerance or a step."""
     name = "tol" if METHODS[method].adaptive else "dt"
     return integrate(batch, METHODS[method], FULL, threads=1, **{name: value})
-
-
-# ----------------------------------------------------------------- what goes into the package
-
-
-def distance(y: Floats, other: Floats, constants: Floats) -> Floats:
-    """Distance of states relative to the oscillation in ``y``, in the norm of the step control."""
-    ix, iy, _, cxx, cxy, cyy = constants.T
-
-    def square(v: Floats) -> Floats:
-        p, q, a, b = v.T[:4]
-        total = (ix + 1) * a * a + (iy + 1) * b * b + cxx * p * p + 2 * cxy * p * q + cyy * q * q
-        return np.asarray(total)
-
-    return np.asarray(np.sqrt(square(y - other) / square(y)))
-
-
-def relative_error(
-    batch: Batch, tight: Outcome, loose: Outcome, ratio: float, scale: float, fit: Fit
-) -> Floats:
-    """Estimate of ``|t_r / true - 1|``, NaN where there is no ``t_r``.
-
-    Parameters
-    ----------
-    tight, loose : Outcome
-        Of the runs and of their companions.
-    ratio : float
-        Of the errors to be expected: that of the tolerances, or ``2**-order`` for steps.
-    scale : float
-        The tolerance; 0 for a fixed step, whose errors do not add up at random.
-    """
-    known = np.isfinite(tight.t_r)
-    lost = ~np.isfinite(loose.t_r)
-    d = np.where(lost, 1.0, np.abs(loose.t_r / tight.t_r - 1.0))
-    s = np.where(lost, 1.0, distance(tight.y_end, loose.y_end, batch.constants))
-    carried = np.maximum(ratio, np.minimum(1.0, (s / PARTED) ** 2))
-    thousands = tight.n_steps / 1000.0
-    grazing = tight.near_tangencies + loose.near_tangencies > 0
-    estimate = (
-        fit.floor * max(scale, TIGHTEST)
-        + fit.slope * carried * (d + fit.share * s / np.sqrt(thousands))
-        + np.where(grazing, 2 * np.pi / batch.swing / tight.t_r, 0.0)
-    )
-    return np.where(known, np.minimum(estimate, 1.0), np.nan)
-
-
-def type_sure(tight: Outcome, loose: Outcome, codes: tuple[Floats, Floats], error: Floats,
-              horizon: Floats, limits: Classify) -> Flags:  # fmt: skip
-    """Whether the type survives errors of the size of the differences."""
-    reverses = np.isfinite(tight.t_r)
-    growth, departure = (np.abs(getattr(tight, name) - getattr(loose, name)) * DIFFER
-                         for name in ("amp_growth", "n_departure"))  # fmt: skip
-    in_time = tight.t_r * (1.0 + error) < horizon
-    # A spin that comes near zero may cross it.
-    stays = 1.0 - tight.n_departure > departure
-    far = np.abs(tight.amp_growth - limits.ss_growth) > np.minimum(growth, DIFFER)
-    far &= (codes[0] == 1) | (np.abs(tight.n_departure - limits.sw_departure) > departure)
-    return np.asarray((codes[0] == codes[1]) & (codes[0] >= 0)
-                      & np.where(reverses, in_time, stays & far))  # fmt: skip
 
 
 def promise(
@@ -172,7 +87,7 @@ def promise(
     before = run(batch, "dop853", levels[0])
     now = run(batch, "dop853", levels[1])
     tries = sum(float((o.n_steps + o.n_rejected).sum()) for o in (before, now))
-    t_r, error = now.t_r.copy(), relative_error(batch, now, before, 1e-2, levels[1], fit)
+    t_r, error = now.t_r.copy(), relative_error(batch, FULL, now, before, 1e-2, levels[1], fit)
     redone: list[int] = []
     # Runs of which only one of the two reverses are not known either.
     failed = np.flatnonzero(~(error <= wanted) & (np.isfinite(now.t_r) | np.isfinite(before.t_r)))
@@ -185,7 +100,7 @@ def promise(
         now = run(part, "dop853", level)
         tries += float((now.n_steps + now.n_rejected).sum())
         t_r[failed] = now.t_r
-        error[failed] = relative_error(part, now, before, 1e-2, level, fit)
+        error[failed] = relative_error(part, FULL, now, before, 1e-2, level, fit)
         again = ~(error[failed] <= wanted) & np.isfinite(now.t_r)
         failed, before = failed[again], take(now, again)
     return t_r, error, redone, tries
@@ -200,20 +115,21 @@ class Mix:
 
     name: str
     batch: Batch
-    limits: Classify
+    config: Config
     labels: NDArray[np.int64]
     true: Floats
     doubt: Floats
-    true_codes: Floats
+    true_codes: NDArray[np.int8]
 
 
-def codes(outcome: Outcome, limits: Classify) -> Floats:
+def codes(outcome: Outcome, config: Config) -> NDArray[np.int8]:
     """Types as numbers."""
     ok = outcome.status == Status.OK
-    return classify(ok, outcome.t_r, outcome.amp_growth, outcome.n_departure, limits).astype(float)
+    observed = outcome.t_r, outcome.amp_growth, outcome.n_departure
+    return classify(ok, *observed, config.classify)
 
 
-def draw(name: str, share: float) -> tuple[Batch, Classify, NDArray[np.int64]]:
+def draw(name: str, share: float) -> tuple[Batch, Config, NDArray[np.int64]]:
     """Runs of a mix that have a horizon, with their cases and samples."""
     config, samples = MIXES[name]
     settings = load_config(CONFIGS / f"{config}.yaml", [f"bodies.samples={int(samples * share)}"])
@@ -222,7 +138,7 @@ def draw(name: str, share: float) -> tuple[Batch, Classify, NDArray[np.int64]]:
     assert batch is not None
     good = np.isfinite(batch.t_end) & (batch.t_end > 0)
     labels = np.stack([launches.case, launches.sample], axis=1)[good]
-    return take(batch, good), settings.classify, labels
+    return take(batch, good), settings, labels
 
 
 def references(batch: Batch) -> tuple[Outcome, Floats]:
@@ -243,7 +159,7 @@ def exact(batch: Batch, rows: NDArray[np.int64], best: Outcome) -> Floats:
 
 def prepare(name: str, share: float, most: int) -> Mix:
     """A mix with its truth: in 32 digits for the ``most`` runs that are most in doubt."""
-    batch, limits, labels = draw(name, share)
+    batch, config, labels = draw(name, share)
     best, apart = references(batch)
     true = best.t_r.copy()
     worst = np.argsort(-apart)[:most]
@@ -251,7 +167,7 @@ def prepare(name: str, share: float, most: int) -> Mix:
     if len(worst):
         true[worst] = exact(batch, worst, best)
         apart[worst] = 0.0
-    return Mix(name, batch, limits, labels, true, apart, codes(best, limits))
+    return Mix(name, batch, config, labels, true, apart, codes(best, config))
 
 
 class Pair(NamedTuple):
@@ -273,12 +189,24 @@ class Pair(NamedTuple):
 
     def estimate(self, fit: Fit | None = None) -> Floats:
         """The estimate that the rows would hold."""
-        fit = fit or FIT[self.method]
-        tableau = METHODS[self.method]
-        companion = looser(self.method, self.value)
-        ratio = self.value / companion if tableau.adaptive else 2.0**-tableau.order
-        scale = self.value if tableau.adaptive else 0.0
-        return relative_error(self.mix.batch, self.tight, self.loose, ratio, scale, fit)
+        fit = fit or FITS[self.method]
+        ratio, tol = scales(self.method, self.value)
+        return relative_error(self.mix.batch, FULL, self.tight, self.loose, ratio, tol, fit)
+
+    @property
+    def sure(self) -> Flags:
+        """Whether the types are sure, as the rows would say."""
+        name = "tol" if METHODS[self.method].adaptive else "dt"
+        integrator = Integrator.model_validate({"method": self.method, name: self.value})
+        config = self.mix.config.model_copy(update={"integrator": integrator})
+        told = with_errors(config, self.mix.batch, self.tight, self.loose)
+        return sure_types(
+            codes(told, config),
+            told.reversal_sure,
+            (told.amp_growth, told.n_departure),
+            (told.amp_growth_error, told.n_departure_error),
+            config.classify,
+        )
 
     def judge(self, fit: Fit | None = None) -> tuple[float, float]:
         """Share of reversing runs that are covered, and the median overestimate."""
@@ -294,7 +222,7 @@ def measure(mix: Mix, method: str, value: float) -> Pair:
     begin = time.process_time()
     tight = run(mix.batch, method, value)
     middle = time.process_time()
-    loose = run(mix.batch, method, looser(method, value))
+    loose = run(mix.batch, method, companion_setting(method, value))
     price = (time.process_time() - middle) / (middle - begin)
     return Pair(mix, method, value, tight, loose, price)
 
@@ -310,10 +238,8 @@ def row(pair: Pair) -> str:
     some = np.isfinite(pair.tight.t_r)
     error, estimate = pair.error[some], pair.estimate()[some]
     off, marked = error > 1e-6, estimate > 1e-6
-    kinds = codes(pair.tight, pair.mix.limits), codes(pair.loose, pair.mix.limits)
-    sure = type_sure(pair.tight, pair.loose, kinds, pair.estimate(), pair.mix.batch.t_end,
-                     pair.mix.limits)  # fmt: skip
-    wrong = kinds[0] != pair.mix.true_codes
+    sure = pair.sure
+    wrong = codes(pair.tight, pair.mix.config) != pair.mix.true_codes
     middle, most = np.quantile(error, [0.5, 0.99], method="inverted_cdf")
     setting = f"{pair.method} {pair.value:.0e}"
     return (f"{pair.mix.name:12}{setting:16}{len(error):6}{100 * covered:8.2f}%"
