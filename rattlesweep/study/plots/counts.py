@@ -83,6 +83,9 @@ class Counted(Picture):
                 f"{name}_sem": moments.errors(),
             }
         columns["t_rgh_mean"] = cells.t_rgh.means()
+        if cells.has_errors:
+            columns["t_r_mean_error"] = cells.t_r_error.means()
+            columns |= {"sensitive": cells.sensitive, "unsure": cells.unsure}
         kept = cells.runs > 0
         return pa.table(
             {name: pa.array(values[kept], from_pandas=True) for name, values in columns.items()}
