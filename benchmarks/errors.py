@@ -251,8 +251,8 @@ def row(pair: Pair) -> str:
 def refit(pairs: list[Pair], wanted: float = 0.9955) -> None:
     """Print the constants of least overestimate that cover the wanted share everywhere."""
     found = []
-    for values in itertools.product((0.5, 1, 1.5, 2, 3), (2, 3, 5, 8, 12),
-                                    (0.0005, 0.001, 0.002, 0.004)):  # fmt: skip
+    for values in itertools.product((0.2, 0.3, 0.5, 0.7, 1, 1.5), (3, 5, 8, 12),
+                                    (0.0003, 0.0005, 0.0007, 0.001, 0.0015, 0.002)):  # fmt: skip
         judged = [pair.judge(Fit(*values)) for pair in pairs]
         found.append((min(c for c, _ in judged), max(o for _, o in judged), Fit(*values)))
     good = sorted((f for f in found if f[0] >= wanted), key=lambda f: f[1])

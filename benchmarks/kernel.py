@@ -24,6 +24,7 @@ from numba import njit, prange, set_num_threads
 from rattlesweep.integrate.batch import Batch, integrate
 from rattlesweep.integrate.lanes.step import LANES, Layout, compile_attempt
 from rattlesweep.integrate.model import FULL
+from rattlesweep.integrate.processor import compiled_for
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics import full, launch, steady, theory
 from rattlesweep.physics.body import PARAMETERS, Rattleback
@@ -152,18 +153,11 @@ def processor():
 
 def heading():
     """Machine and versions."""
-    click.echo(f"{processor()}, {os.cpu_count()} processors, LLVM for {numba_cpu()}")
+    click.echo(f"{processor()}, {os.cpu_count()} processors, kernels for {compiled_for()}")
     click.echo(
         f"Python {platform.python_version()}, NumPy {np.__version__}, Numba {numba.__version__}, "
         f"llvmlite {llvmlite.__version__}, {platform.system()} {platform.release()}"
     )
-
-
-def numba_cpu():
-    """Processor and widest vectors that Numba compiles for."""
-    features = llvmlite.binding.get_host_cpu_features()
-    wide = next((f for f in ("avx512f", "avx2", "avx", "neon") if features.get(f)), "no AVX")
-    return f"{llvmlite.binding.get_host_cpu_name()} ({wide})"
 
 
 def show_kernels(quick):

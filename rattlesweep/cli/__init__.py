@@ -66,15 +66,13 @@ def _print_version(context: click.Context, option: click.Parameter, asked: bool)
 
     click.echo(f"rattlesweep, version {version('rattlesweep')}")
     if context.params["verbose"]:
-        from llvmlite.binding import get_host_cpu_features
-
         from rattlesweep.integrate.batch import available_threads
+        from rattlesweep.integrate.processor import vector_bits
         from rattlesweep.sweeps.store.provenance import machine, versions
 
         told = {name: str(text) for name, text in {**versions(), **machine()}.items()}
         del told["rattlesweep"]
-        features = get_host_cpu_features()
-        told["vectors"] = next((n for n in ("avx512f", "avx2", "neon") if features.get(n)), "none")
+        told["vectors"] = f"{vector_bits()} bits"
         told["threads"] = str(available_threads())
         click.echo(align(list(told.items()), "<"))
     context.exit()

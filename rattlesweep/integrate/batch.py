@@ -332,7 +332,8 @@ def run_plans(batch: Batch, tableau: Tableau, tol: float, dt: float) -> Floats:
     plan[:, C.SWING] = batch.swing
     plan[:, C.WINDOW] = batch.window
     plan[:, C.RATE] = batch.rate
-    plan[:, C.FIRST_STEP] = FIRST_STEP / batch.swing if tableau.adaptive else SUBSTEPS * dt
+    angle = min(1.0, FIRST_STEP * tol ** (1 / tableau.order))
+    plan[:, C.FIRST_STEP] = angle / batch.swing if tableau.adaptive else SUBSTEPS * dt
     plan[:, C.COST] = expected_cost(batch)
     # How far the method leaves an extremum of the spin undecided, as a share of its swing.
     plan[:, C.FUZZ] = (

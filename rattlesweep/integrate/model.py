@@ -50,7 +50,8 @@ class Model:
     amplitude : callable
         ``amplitude(*y, *probe)``: squared amplitude of the relevant oscillation.
     error : callable
-        ``error(*e, *y, *q)``: square of the step error ``e`` relative to the oscillation.
+        ``error(*e, *y, *q)``: square of the step error ``e``, and of the oscillation that it is
+        compared with.
     energy, contact : callable
         ``energy(*y, *q)``; ``contact(*y, *q)``, normal and tangential force.
     tangent : Tangent, optional
@@ -86,7 +87,7 @@ def _full_amplitude(p, q, a, b, c, p0, q0, a0, b0, p1, q1, a1, b1):  # type: ign
 @full.scalar
 def _full_error(ep, eq, ea, eb, ec, p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
     step = full.oscillation(ep, eq, ea, eb, ix, iy, cxx, cxy, cyy) + iz * ec * ec
-    return step / (full.oscillation(p, q, a, b, ix, iy, cxx, cxy, cyy) + 1e-290)
+    return step, full.oscillation(p, q, a, b, ix, iy, cxx, cxy, cyy) + 1e-290
 
 
 FULL = Model(
@@ -125,7 +126,7 @@ def _reduced_error(dn, de_p, de_r, n, e_p, e_r, k_p, k_r, inertia):  # type: ign
     spin = inertia * dn * dn / (inertia * n * n + 2.0 * (e_p + e_r) + 1e-290)
     pitch = de_p * de_p / (e_p * e_p + 1e-290)
     roll = de_r * de_r / (e_r * e_r + 1e-290)
-    return spin + pitch + roll
+    return spin + pitch + roll, 1.0
 
 
 @full.scalar

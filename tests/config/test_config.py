@@ -359,6 +359,8 @@ BAD = {
      'c.yaml:14:14: integrator.accuracy: "drft" is not one of draft, standard, reference; did'),
     "accuracy and a method": (changed("method: dop853, tol: 1e-9", "method: rk4, accuracy: draft"),
      "c.yaml:14:27: integrator.accuracy: draft stands for a method and its tol, and"),
+    "horizon without end": (changed("t_rgh: 5", "t_rgh: 1e300"),
+     "c.yaml:13:11: horizon.t_rgh: 1e+300 is out of range; it must be at most 1e+30"),
     "no horizon": (changed("t_rgh: 5", ""),
      "c.yaml:13:1: horizon: neither t_rgh nor t is given; give one of them, or both"),
     "name with a slash": (changed("name: steady-kr-quick", "name: a/b"),

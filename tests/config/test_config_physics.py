@@ -64,7 +64,8 @@ CASES = {
      "in all of 4096 runs drawn from the ranges"),
     "a horizon below one oscillation": (PRESET + "horizon: {t: 3}\n", False,
      "c.yaml:3:11: horizon.t: the horizon of 3 is shorter than one pitch oscillation, 4.37, in"),
-    "an endless horizon": (PRESET + "horizon: {t_rgh: 1e308}\n", True,
+    "an endless horizon": (PRESET.replace("theta: 0.82", "xi: -1e-290")
+     + "horizon: {t_rgh: 1e30}\n", True,
      "c.yaml:3:11: horizon.t_rgh: t_rgh times t_rGH is not a finite time in the only run"),
     "a target out of reach": (changed("K_r: [0.01, 0.03, 0.1]", "K_r: [0.01, 7]"), True,
      "c.yaml:7:12: bodies.target.K_r: 7 is out of reach: in 65536 bodies drawn from the ranges "
@@ -149,6 +150,10 @@ def test_rows_of_a_table_are_judged_by_their_own_horizons(tmp_path: Path) -> Non
     fatal, [line] = judged(tmp_path / "c.yaml")
     assert fatal
     assert "c.yaml:1:25: bodies.path: t.csv: row 2: n_i is 1e+160; at most 1e+06 is allowed" in line
+    (tmp_path / "t.csv").write_text(f"alpha,beta,gamma,theta,phi,xi,t_end\n{body},1e300\n")
+    fatal, [line] = judged(tmp_path / "c.yaml")
+    assert fatal
+    assert "row 1: t_end is 1e+300; at most 1e+30 is allowed" in line
     (tmp_path / "t.csv").write_text(f"alpha,beta,gamma,theta,phi,xi\n{body}\n")
     fatal, [line] = judged(tmp_path / "c.yaml")
     assert fatal

@@ -9,9 +9,13 @@ import kernels
 import numpy as np
 import oracle
 import pytest
+from numba import njit
 from scipy.integrate import solve_ivp
 
 from rattlesweep.integrate.batch import RECORDS, Control, integrate
+from rattlesweep.integrate.lanes import controller
+from rattlesweep.integrate.lanes import rows as R
+from rattlesweep.integrate.lanes.events import HOLD, REVERSED, search
 from rattlesweep.integrate.lanes.runs import MAX_ENERGY_DRIFT
 from rattlesweep.integrate.lanes.step import LANES, SUBSTEPS
 from rattlesweep.integrate.model import FULL, REDUCED
@@ -109,6 +113,14 @@ def test_random_bodies_reverse_when_the_oracle_says():
     assert 5 < np.isfinite(expected).sum() < 35
     assert out.t_r == pytest.approx(expected, rel=1e-6, nan_ok=True)
     assert np.array_equal(out.t_end[np.isnan(expected)], t_end[np.isnan(expected)])
+
+
+def test_few_steps_are_rejected():
+    runs = mixed(100, t_end=400.0)
+    out = integrate(runs, DOP853, FULL)
+    assert out.n_rejected.sum() < 0.05 * out.n_steps.sum()
+    assert controller.retry_ratio(np.nan) == controller.retry_ratio(1e20) == controller.SHRINK
+    assert controller.retry_ratio(1.5) < 0.9
 
 
 # --- identical bits -------------------------------------------------------------------------------
@@ -210,6 +222,26 @@ def test_a_pair_of_zeros_much_shorter_than_a_step(dt):
     # The zeros of the last early run lie about the touch, closer than a step; one look at the
     # lanes spans eight.
     assert 2 * (T_TOUCH - out.t_r[~late][-1]) < max(dt, 0.02)
+
+
+@njit
+def search_cosine(lane, h, depth):
+    """First zero of ``1 - depth + cos(t)`` that the search finds in a step, with its own moves."""
+    tried = h
+    for _ in range(100_000):
+        move = search(lane, tried, 1 - depth + np.cos(tried), -np.sin(tried))
+        if move != HOLD:
+            return tried if move == REVERSED else np.nan
+        tried = lane[R.H_NEXT]
+    return np.nan
+
+
+@pytest.mark.parametrize("radians", [0.3, 5.0, 8.6, 13.0, 60.0, 1000.0])
+def test_a_pair_of_zeros_in_a_step_of_many_swings(radians):
+    lane = np.zeros(R.STATE_ROWS)
+    lane[[R.SIGN, R.SWING, R.N0, R.RATE_MAX]] = 1, 1, 2, 1
+    first = np.arccos(1e-9 - 1) if radians > np.pi else np.nan
+    assert search_cosine(lane, radians, 1e-9) == pytest.approx(first, rel=1e-12, nan_ok=True)
 
 
 # --- horizons and statuses ------------------------------------------------------------------------

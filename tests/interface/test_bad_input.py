@@ -342,7 +342,7 @@ def run_table(place: Path, model: str, bodies: list[Any], spin: str, t_end: floa
     (place / "t.csv").write_text("\n".join([HEAD, *lines]) + "\n")
     (place / "c.yaml").write_text(
         f"bodies: {{source: table, path: t.csv}}\nspin: {{{spin}}}\n"
-        f"horizon: {{t: {t_end!r}}}\nmodel: {model}\nintegrator: {{max_steps: 2000}}\n"
+        f"horizon: {{t: {t_end!r}}}\nmodel: {model}\nintegrator: {{max_steps: 200000}}\n"
     )
     with tempfile.TemporaryDirectory() as directory:
         result = invoke("run", place / "c.yaml", "--output", Path(directory) / "out", "-q")

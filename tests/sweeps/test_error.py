@@ -123,7 +123,8 @@ def test_distances_are_those_of_the_step_control(name: str) -> None:
     found = error.distance(model, y, other, q)
     formula: Any = model.error
     for k in range(3):
-        assert found[k] ** 2 == pytest.approx(formula(*(y - other)[k], *y[k], *q[k]), rel=1e-12)
+        moved, size = formula(*(y - other)[k], *y[k], *q[k])
+        assert found[k] ** 2 == pytest.approx(moved / size, rel=1e-12)
 
 
 @pytest.mark.parametrize(

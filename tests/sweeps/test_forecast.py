@@ -75,6 +75,7 @@ def test_a_table_for_people(small):
     assert "240 in 6 cases" in text
     assert "3 of them cut short" in text
     assert len({line.index("  ") for line in text.splitlines() if line.startswith("blocks")}) == 1
+    assert "done at" not in describe(replace(f, seconds=1e15, low=1e14, high=1e16))
     long = describe(replace(f, seconds=9.6e5))
     assert "11 d 2 h" in long
 
@@ -327,7 +328,7 @@ def test_what_is_wrong_is_said_in_a_sentence(arguments, words):
 def test_it_warns_of_what_the_machine_has_not(small, monkeypatch, tmp_path):
     _, f = small
     monkeypatch.setattr(shortage, "free_memory", lambda: 10**9)
-    assert shortage.shortages(f.memory, f.bytes, tmp_path / "not" / "there") == []
+    assert shortage.shortages(10**8, f.bytes, tmp_path / "not" / "there") == []
     lines = shortage.shortages(2 * 10**9, 10**18, tmp_path / "not" / "there")
     assert len(lines) == 2
     assert "2.0 GB of memory, and 1.0 GB" in lines[0]

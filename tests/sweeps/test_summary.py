@@ -178,6 +178,13 @@ def test_moments_do_not_lose_digits_over_many_pieces() -> None:
     assert np.isnan([moments.means()[5], moments.deviations()[5], moments.errors()[5]]).all()
 
 
+def test_moments_beyond_the_range_of_numbers_are_none() -> None:
+    moments = Moments(3)
+    moments.add(np.array([0, 0, 1, 1, 2]), np.array([1e170, 3e170, 1e308, -1e308, 2.0]))
+    assert moments.means() == pytest.approx([2e170, np.nan, 2.0], nan_ok=True)
+    assert np.isnan(moments.deviations()).all()
+
+
 def test_wilson_against_scipy() -> None:
     part, whole = np.array([0, 7, 1, 245, 1, 0]), np.array([7, 7, 7, 1000, 1, 0])
     low, high = wilson(part, whole)

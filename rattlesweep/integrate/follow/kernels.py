@@ -31,6 +31,7 @@ TEMPLATES = (
     runs.see_contact,
     runs.start,
     runs.idle,
+    runs.stay,
     lanes.give_up,
     lanes.settle,
     lanes.decide,
@@ -55,7 +56,7 @@ def _nothing(p, q, a, b, c, heading, x, y):  # type: ignore[no-untyped-def]
 
 @full.scalar
 def _no_error(ep, eq, ea, eb, ec, eh, ex, ey, p, q, a, b, c, h, x, y, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
-    return 0.0
+    return 0.0, 1.0
 
 
 ATTITUDE = Model(

@@ -8,9 +8,8 @@ import numpy as np
 
 from rattlesweep.integrate.cache import cached, specialise
 from rattlesweep.integrate.defaults import TOL
-from rattlesweep.integrate.lanes import rows as R
 from rattlesweep.integrate.lanes.build import loaded
-from rattlesweep.integrate.lanes.controller import step_factor
+from rattlesweep.integrate.lanes.controller import error_root, retry_ratio, step_ratio
 from rattlesweep.integrate.lanes.step import Layout, compile_attempt, compile_lane_functions
 from rattlesweep.integrate.lanes.tangents import compile_tangent_functions
 from rattlesweep.integrate.model import FULL, MODELS, WITH_TANGENT
@@ -94,9 +93,9 @@ def drive(w, constants, y0, seed, times, scale, growth, states):  # type: ignore
     for i in range(N_STATE):
         w[V + i] = seed[i]
     tangent_begin(w)
-    w[R.ACCEPT] = 1.0
     t = 0.0
     h = FIRST_STEP
+    last = 1.0
     held = False
     for k in range(times.size):
         behind = False
@@ -105,15 +104,17 @@ def drive(w, constants, y0, seed, times, scale, growth, states):  # type: ignore
             behind = h >= left
             w[H] = left if behind else h
             attempt(w, scale)
-            accept = w[ERROR] <= 1.0
-            h_next = w[H] * step_factor(w[ERROR], accept, held)
-            held = not accept
-            if not accept:
-                h = h_next
+            if not w[ERROR] <= 1.0:
+                h = w[H] * retry_ratio(w[ERROR])
+                held = True
                 behind = False
                 if not h > LEAST_STEP * times[k]:
                     return k
                 continue
+            root = error_root(w[ERROR])
+            h_next = w[H] * step_ratio(root, last, held)
+            last = root
+            held = False
             if behind:
                 growth[k] = tangent_log(w)
                 for i in range(N_STATE):

@@ -12,9 +12,10 @@ each lane; no accepted step depends on them.
 from __future__ import annotations
 
 from rattlesweep.integrate.lanes import rows as R
+from rattlesweep.integrate.lanes.atomics import widest_vectors
 from rattlesweep.integrate.lanes.events import HOLD, REVERSED, search_on
 from rattlesweep.integrate.lanes.kernel import OK, attempt, commit, decide, settle
-from rattlesweep.integrate.lanes.runs import idle, start
+from rattlesweep.integrate.lanes.runs import idle, start, stay
 from rattlesweep.integrate.lanes.step import LANES as L
 
 # ``counts`` of march: whether the run has begun and ended, its status, and how many steps and
@@ -50,6 +51,7 @@ def march(w, y0, constants, probe, plan, options, record, steps, zeros, counts):
         Written to: the times of the zeros found.
     counts : int64 ndarray, shape (N_COUNTS,)
     """
+    widest_vectors()
     scale, dt, max_steps = options[0], options[1], options[2]
     lane = w[::L]
     if counts[BEGUN] == 0:
@@ -76,6 +78,8 @@ def march(w, y0, constants, probe, plan, options, record, steps, zeros, counts):
                 status = OK if move == HOLD else status
             ended = status != OK or (move != HOLD and lane[R.LAST] > 0.0)
         accepted = lane[R.ACCEPT] > 0.0
+        if not accepted:
+            stay(lane)
         last = lane[R.LAST] > 0.0
         commit(w)
         if accepted:
@@ -108,6 +112,7 @@ def aside(w, steps, which, offset, constants, out):
     out : ndarray, shape (points, n_state)
         Written to.  Components that ``steps`` does not have begin at zero.
     """
+    widest_vectors()
     for l in range(L):
         for i in range(N_CONSTANTS):
             w[(Q + i) * L + l] = constants[i]

@@ -55,6 +55,7 @@ TEMPLATES = (
     runs.pass_marks,
     runs.start,
     runs.idle,
+    runs.stay,
     runs.finish,
 )
 LANE_TEMPLATES = (lanes.give_up, lanes.settle, lanes.decide, lanes.commit, lanes.watch)
@@ -99,6 +100,7 @@ def build(tableau: Tableau, model: Model) -> Callable[..., None]:
     if model.tangent:
         for template in carry.STAND_INS:
             name = template.__name__
+            # ``see_tangent`` stands in for nothing.
             bindings["plain_" + name] = bindings.get(name)
         bind(carry.STAND_INS, "_carry")
     bind(LANE_TEMPLATES)

@@ -27,13 +27,18 @@ def tangent_log(lane):
     raise NotImplementedError
 
 
+def tangent_stay(lane):
+    """Make the tangent at the end of the step that at its start."""
+    raise NotImplementedError
+
+
 def tangent_advance(w):
-    """Move the tangents of the accepted lanes to the end of their step."""
+    """Move the tangents of all lanes to the end of their step."""
     raise NotImplementedError
 
 
 # What stood there before; bound by kernels.build, like the functions above.
-plain_start = plain_finish = plain_pass_marks = plain_advance = None
+plain_start = plain_finish = plain_pass_marks = plain_stay = plain_advance = None
 
 
 def start(lane, run, y0, constants, probe, plan, record):
@@ -67,10 +72,16 @@ def finish(lane, status, reversal, t, run, result, counts, windows, record):
     plain_finish(lane, status, reversal, t, run, result, counts, windows, record)
 
 
+def stay(lane):
+    """Make the end of the step tried its start, for the tangent too."""
+    plain_stay(lane)
+    tangent_stay(lane)
+
+
 def advance(w):
-    """Move the accepted lanes and their tangents to the end of their step."""
+    """Move all lanes and their tangents to the end of their step."""
     plain_advance(w)
     tangent_advance(w)
 
 
-STAND_INS = (see_tangent, start, pass_marks, finish, advance)
+STAND_INS = (see_tangent, start, pass_marks, finish, stay, advance)

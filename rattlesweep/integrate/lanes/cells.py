@@ -34,18 +34,24 @@ INNER: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class Sum:
-    """A cell plus a sum of products: ``w[row] + (a * w[i] + b * w[j] * w[k] + ...)``.
+    """A cell and a multiple of a sum: ``w[row] + share * w[factor] * (a * w[i] + b * w[j] + ...)``.
 
     Attributes
     ----------
     row : int, optional
         Row of the cell; without one the value is the sum alone.
     terms : tuple
-        Of each product the number and the rows.
+        Of each product the number and the row.
+    factor : int, optional
+        Row of the factor; without one it is 1.
+    share : float
+        What the factor is multiplied by.
     """
 
     row: int | None
-    terms: tuple[tuple[float, tuple[int, ...]], ...] = ()
+    terms: tuple[tuple[float, int], ...] = ()
+    factor: int | None = None
+    share: float = 1.0
 
 
 def cells(first: int, count: int) -> list[Sum]:
@@ -70,15 +76,20 @@ class _Lane:
     def write(self, row: int, value: Any) -> None:
         self.builder.store(value, self.place(row))
 
-    def product(self, number: float, rows: tuple[int, ...]) -> Any:
-        return reduce(self.builder.fmul, map(self.read, rows), DOUBLE(number))
+    def product(self, number: float, row: int) -> Any:
+        value = self.read(row)
+        return value if number == 1.0 else self.builder.fmul(DOUBLE(number), value)
 
     def value(self, wanted: Sum) -> Any:
         if not wanted.terms:
             return self.read(wanted.row)  # type: ignore[arg-type]
-        start = None if wanted.row is None else self.read(wanted.row)
-        total = reduce(self.builder.fadd, (self.product(*term) for term in wanted.terms))
-        return total if start is None else self.builder.fadd(start, total)
+        products = [self.product(*term) for term in wanted.terms]
+        # Two chains: half as long to wait for.
+        chains = [products[i::2] for i in range(min(2, len(products)))]
+        total = reduce(self.builder.fadd, (reduce(self.builder.fadd, chain) for chain in chains))
+        if wanted.factor is not None:
+            total = self.builder.fmul(self.product(wanted.share, wanted.factor), total)
+        return total if wanted.row is None else self.builder.fadd(self.read(wanted.row), total)
 
 
 def gather(values: Sequence[Sum], lanes: int, behind: Sequence[Sum] = ()) -> Callable[..., Any]:
@@ -103,24 +114,14 @@ def gather(values: Sequence[Sum], lanes: int, behind: Sequence[Sum] = ()) -> Cal
     return compiled
 
 
-def scatter(
-    rows: Sequence[int], lanes: int, factor: int | None = None, share: float = 1.0
-) -> Callable[..., Any]:
-    """``scatter(w, l, values)``: write a tuple to the rows in lane ``l``.
-
-    With a row ``factor``, times its cell times ``share``.
-    """
+def scatter(rows: Sequence[int], lanes: int) -> Callable[..., Any]:
+    """``scatter(w, l, values)``: write a tuple to the rows in lane ``l``."""
 
     def write(typingctx, w, l, values):  # type: ignore[no-untyped-def]
         def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
             lane = _Lane(context, builder, signature.args[0], args, lanes)
-            found = [builder.extract_value(args[2], i) for i in range(len(rows))]
-            if factor is not None:
-                h = lane.read(factor)
-                h = h if share == 1.0 else builder.fmul(h, DOUBLE(share))
-                found = [builder.fmul(h, value) for value in found]
-            for row, value in zip(rows, found, strict=True):
-                lane.write(row, value)
+            for i, row in enumerate(rows):
+                lane.write(row, builder.extract_value(args[2], i))
             return context.get_dummy_value()
 
         return types.void(w, types.intp, types.UniTuple(types.float64, len(rows))), codegen
@@ -130,20 +131,16 @@ def scatter(
 
 
 def move(to: Sequence[int], start: Sequence[int], lanes: int) -> Callable[..., Any]:
-    """``move(w, l, accept)``: copy rows in lane ``l`` to others where ``accept`` holds.
+    """``move(w, l)``: copy rows in lane ``l`` to others."""
 
-    Both values are read before the choice: a read in one arm alone would stay a branch.
-    """
-
-    def write(typingctx, w, l, accept):  # type: ignore[no-untyped-def]
+    def write(typingctx, w, l):  # type: ignore[no-untyped-def]
         def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
             lane = _Lane(context, builder, signature.args[0], args, lanes)
             for a, b in zip(to, start, strict=True):
-                old, new = lane.read(a), lane.read(b)
-                lane.write(a, builder.select(args[2], new, old))
+                lane.write(a, lane.read(b))
             return context.get_dummy_value()
 
-        return types.void(w, types.intp, types.boolean), codegen
+        return types.void(w, types.intp), codegen
 
     compiled: Callable[..., Any] = intrinsic(write)
     return compiled

@@ -27,7 +27,8 @@ STEP, SCAN, MINIMUM, ROOT, REDO = 0, 1, 2, 3, 4
 HOLD, TAKE, REVERSED = 0, 1, 2
 # Longest piece, in radians of the fastest swing.
 PIECE_ANGLE = 0.5
-MAX_PIECES = 16
+# Steps are a dozen radians at most, or so much longer than a swing that nothing is to be found.
+MAX_PIECES = 4096.0
 MAX_TRIES = 60
 
 _CLEAR, _DIP, _ZERO = 0, 1, 2
@@ -98,7 +99,7 @@ def search(lane, h, n, r):  # type: ignore[no-untyped-def]
     if mode == STEP:
         _set(lane, R.FULL_H, h, n, r)
         lane[R.FULL_NEXT] = lane[R.H_NEXT]
-        pieces = min(MAX_PIECES, max(1, ceil(h * lane[R.SWING] / PIECE_ANGLE)))
+        pieces = min(MAX_PIECES, max(1.0, ceil(h * lane[R.SWING] / PIECE_ANGLE)))
         lane[R.PIECES] = pieces
         lane[R.PIECE] = 1.0
         _set(lane, R.LO_H, 0.0, lane[R.N0], lane[R.RATE0])

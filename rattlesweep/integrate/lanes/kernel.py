@@ -20,10 +20,10 @@ from numba import prange
 
 from rattlesweep.integrate.lanes import columns as C
 from rattlesweep.integrate.lanes import rows as R
-from rattlesweep.integrate.lanes.atomics import call, fetch_add, load
-from rattlesweep.integrate.lanes.controller import LEAST_STEP, step_factor
+from rattlesweep.integrate.lanes.atomics import call, fetch_add, load, widest_vectors
+from rattlesweep.integrate.lanes.controller import LEAST_STEP, error_root, retry_ratio, step_ratio
 from rattlesweep.integrate.lanes.events import HOLD, REVERSED, STEP, TAKE, may_reverse, search
-from rattlesweep.integrate.lanes.runs import finish, idle, pass_marks, see_contact, start
+from rattlesweep.integrate.lanes.runs import finish, idle, pass_marks, see_contact, start, stay
 from rattlesweep.integrate.lanes.step import LANES as L
 from rattlesweep.integrate.status import Status
 
@@ -43,7 +43,7 @@ def lane_energy(lane, row):
 
 
 def advance(w):
-    """Move the accepted lanes to the end of their step."""
+    """Move all lanes to the end of their step."""
     raise NotImplementedError
 
 
@@ -76,6 +76,7 @@ def settle(lane, max_steps):
     if lane[R.MODE] == STEP and lane[R.ACCEPT] == 0.0:
         lane[R.REJECTED] += 1.0
         lane[R.HELD] = 1.0
+        lane[R.H_NEXT] = lane[H] * retry_ratio(lane[ERROR])
         return give_up(lane, max_steps), HOLD
     move = TAKE
     n1, rate1 = lane[N1], lane[RATE1]
@@ -88,78 +89,73 @@ def settle(lane, max_steps):
 
 def decide(w, dt, max_steps):
     """Decide on the step tried on every lane; returns how many lanes need a closer look."""
+    widest_vectors()
     special = 0
     for l in range(L):
         h = w[H * L + l]
         error = w[ERROR * L + l]
         accept = error <= 1.0
-        h_next = h * step_factor(error, accept, w[R.HELD * L + l] > 0.0) if ADAPTIVE else dt
-        t = w[R.T * L + l] + h
+        if ADAPTIVE:
+            root = error_root(error)
+            w[R.ROOT * L + l] = root
+            held = w[R.HELD * L + l] > 0.0
+            w[R.H_NEXT * L + l] = h * step_ratio(root, w[R.ROOT0 * L + l], held)
+        else:
+            w[R.H_NEXT * L + l] = dt
+        # No 'or': what is behind it would be read under a mask.
         due = (
             may_reverse(h, w[R.N0 * L + l], w[N1 * L + l], w[RATE1 * L + l], w[R.RATE_MAX * L + l])
-            or w[R.LAST * L + l] > 0.0
-            or w[R.MODE * L + l] > 0.0
-            or t >= w[R.NEXT * L + l]
-            or w[R.STEPS * L + l] >= max_steps
-            or not accept
+            | (w[R.LAST * L + l] > 0.0)
+            | (w[R.MODE * L + l] > 0.0)
+            | (w[R.T * L + l] + h >= w[R.NEXT * L + l])
+            | (w[R.STEPS * L + l] >= max_steps)
+            | (not accept)
         )
         w[R.ACCEPT * L + l] = 1.0 if accept else 0.0
-        w[R.H_NEXT * L + l] = h_next
         w[R.DUE * L + l] = 1.0 if due else 0.0
         special += 1 if due else 0
     return special
 
 
 def commit(w):
-    """Carry out the decisions: move the accepted lanes on and set every lane's next step."""
+    """Move all lanes to the end of the step tried, and set their next step.
+
+    Lanes that do not take it were told to :func:`stay`.  Nothing is read or written under a mask,
+    which AVX2 does slowly: so nothing is written back as it was, and nothing read for one choice.
+    """
+    widest_vectors()
     advance(w)
     for l in range(L):
-        accept = w[R.ACCEPT * L + l] > 0.0
-        n0 = w[R.N0 * L + l]
         n1 = w[N1 * L + l]
-        n1 = n1 if accept else n0
         w[R.N0 * L + l] = n1
         signed = w[R.SIGN * L + l] * n1
         least = w[R.N_LEAST * L + l]
-        w[R.N_LEAST * L + l] = signed if signed < least else least
-        a_max = w[R.A_MAX * L + l]
-        a1 = w[AMPLITUDE * L + l]
-        a1 = a1 if accept else a_max
-        w[R.A_MAX * L + l] = a1 if a1 > a_max else a_max
+        w[R.N_LEAST * L + l] = (signed if signed < least else least) + 0.0
+        largest = w[R.A_MAX * L + l]
+        now = w[AMPLITUDE * L + l]
+        w[R.A_MAX * L + l] = (now if now > largest else largest) + 0.0
+        w[R.ROOT0 * L + l] = w[R.ROOT * L + l]
     for l in range(L):
-        accept = w[R.ACCEPT * L + l] > 0.0
-        rate0 = w[R.RATE0 * L + l]
+        accept = w[R.ACCEPT * L + l]
+        w[R.STEPS * L + l] += accept
+        w[R.HELD * L + l] *= 1.0 - accept
         rate1 = w[RATE1 * L + l]
-        rate1 = rate1 if accept else rate0
         w[R.RATE0 * L + l] = rate1
-        most = w[R.RATE_MAX * L + l]
-        recent = 0.9 * most
+        recent = (1.0 - 0.1 * accept) * w[R.RATE_MAX * L + l]
         now = abs(rate1)
-        recent = now if now > recent else recent
-        w[R.RATE_MAX * L + l] = recent if accept else most
-    for l in range(L):
-        accept = w[R.ACCEPT * L + l] > 0.0
+        w[R.RATE_MAX * L + l] = now if now > recent else recent
         # Compensated sum: a million steps lose nothing.
         t0 = w[R.T * L + l]
-        low0 = w[R.T_LOW * L + l]
-        part = w[H * L + l] - low0
+        part = w[H * L + l] * accept - w[R.T_LOW * L + l]
         t1 = t0 + part
-        low1 = (t1 - t0) - part
-        w[R.T * L + l] = t1 if accept else t0
-        w[R.T_LOW * L + l] = low1 if accept else low0
-        steps = w[R.STEPS * L + l]
-        one_more = steps + 1.0
-        w[R.STEPS * L + l] = one_more if accept else steps
-        held = w[R.HELD * L + l]
-        w[R.HELD * L + l] = 0.0 if accept else held
+        w[R.T * L + l] = t1
+        w[R.T_LOW * L + l] = (t1 - t0) - part
     for l in range(L):
         # A search holds the step it began with; the others must not pass the horizon.
         h_next = w[R.H_NEXT * L + l]
-        mode = w[R.MODE * L + l]
-        left = w[R.T_END * L + l] - w[R.T * L + l]
-        left = 1e290 if mode > 0.0 else left
-        before = w[R.LAST * L + l]
-        kept = before if mode > 0.0 else 0.0
+        searching = 1.0 if w[R.MODE * L + l] > 0.0 else 0.0
+        left = (w[R.T_END * L + l] - w[R.T * L + l]) + 1e290 * searching
+        kept = w[R.LAST * L + l] * searching
         w[R.LAST * L + l] = 1.0 if h_next >= left else kept
         w[H * L + l] = left if h_next >= left else h_next
 
@@ -206,6 +202,7 @@ def work(thread, w, shared, order, y0, constants, probe, plan, options,
     progress : ndarray, shape (threads, ...)
         Expected cost of the runs that have ended, and of the lanes' runs so far.
     """
+    widest_vectors()
     scale, dt, max_steps = options[0], options[1], options[2]
     watching = record[C.REC_ENERGY] or record[C.REC_CONTACT] or record[C.REC_WINDOWS]
     total = order.size
@@ -232,6 +229,7 @@ def work(thread, w, shared, order, y0, constants, probe, plan, options,
                 if run < 0:
                     lane[R.ACCEPT] = 0.0
                     lane[R.H_NEXT] = 0.0
+                    stay(lane)
                     continue
                 status, move = settle(lane, max_steps)
                 reversal = move == REVERSED
@@ -254,6 +252,8 @@ def work(thread, w, shared, order, y0, constants, probe, plan, options,
                         idle(lane)
                         busy -= 1
                     lane[R.ACCEPT] = 0.0
+                if lane[R.ACCEPT] == 0.0:
+                    stay(lane)
         if watching:
             watch(w, record)
         commit(w)

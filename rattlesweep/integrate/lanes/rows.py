@@ -42,4 +42,6 @@ NEXT, MARK, COMPARED, A_FLOOR, W_A_MAX = 48, 49, 50, 51, 52
 RUN = 53
 # What was behind a zero, when its search began.
 BEYOND_H, BEYOND_N, BEYOND_R = 54, 55, 56
-STATE_ROWS = 57
+# Root of the error of the step tried, and of the one before it (controller.py).
+ROOT, ROOT0 = 57, 58
+STATE_ROWS = 59

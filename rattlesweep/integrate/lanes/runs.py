@@ -25,7 +25,7 @@ FLOOR = 1e-18
 
 # Bound by kernels.build.
 N_STATE = N_CONSTANTS = N_PROBE = 0
-Y = Y1 = Q = PROBE = N1 = AMPLITUDE = 0
+Y = Y1 = Q = PROBE = N1 = RATE1 = AMPLITUDE = 0
 
 
 def lane_energy(lane, row):
@@ -111,6 +111,7 @@ def start(lane, run, y0, constants, probe, plan, record):
     for i in range(R.STATE_ROWS):
         lane[i] = 0.0
     lane[R.RUN] = run
+    lane[R.ROOT0] = 1.0
     n, rate = lane_rhs(lane)
     swing = plan[run, C.SWING]
     lane[R.T_END] = plan[run, C.HORIZON]
@@ -156,6 +157,16 @@ def idle(lane):
     lane[R.T_END] = 1e290
     lane[R.WINDOW_END] = 1e290
     lane[R.NEXT] = 1e290
+
+
+def stay(lane):
+    """Make the end of the step tried its start, in a lane that does not take it."""
+    for i in range(2 * N_STATE):
+        lane[Y1 + i] = lane[Y + i]
+    lane[N1] = lane[R.N0]
+    lane[RATE1] = lane[R.RATE0]
+    lane[AMPLITUDE] = lane[R.A_MAX]
+    lane[R.ROOT] = lane[R.ROOT0]
 
 
 def finish(lane, status, reversal, t, run, result, counts, windows, record):

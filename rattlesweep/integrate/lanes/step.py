@@ -3,7 +3,7 @@
 One call of the generated function tries one step on every lane (:data:`SUBSTEPS` equal ones for
 a method without error control).  All arrays are rows of one
 flat workspace, each row as long as there are lanes, and every stage is one loop over lanes that
-loads its combination of earlier stages, calls the scalar right-hand side and stores ``h f``.  With
+loads its combination of earlier stages, calls the scalar right-hand side and stores ``f``.  With
 the coefficients and the offsets as constants in the source, LLVM drops the zeros, keeps the
 stage in registers and vectorises each loop; one workspace instead of many arrays
 lets it prove that rows do not overlap.
@@ -20,9 +20,9 @@ from typing import TYPE_CHECKING, Any
 
 from numba import njit
 
-from rattlesweep.integrate.lanes.atomics import barrier
+from rattlesweep.integrate.lanes.atomics import barrier, widest_vectors
 from rattlesweep.integrate.lanes.cells import INNER, Sum, cells, gather, move, scatter
-from rattlesweep.integrate.lanes.rows import ACCEPT, STATE_ROWS
+from rattlesweep.integrate.lanes.rows import STATE_ROWS
 from rattlesweep.physics.full import FASTMATH
 
 if TYPE_CHECKING:
@@ -58,7 +58,8 @@ class Layout:
     shift : int
         Row of the exponent of the power of two taken out of the tangent.
     stages : int
-        First row of the stages; they come last, those of the tangent behind the state's.
+        First row of the stages but the first, which is ``f``; they come last, those of the tangent
+        behind the state's.
     """
 
     y: int
@@ -93,7 +94,7 @@ class Layout:
 
     def rows(self, tableau: Tableau, model: Model) -> int:
         """Number of rows of the workspace for a method."""
-        return self.stages + tableau.stages * model.n_state * (2 if model.tangent else 1)
+        return self.stages + (tableau.stages - 1) * model.n_state * (2 if model.tangent else 1)
 
 
 class Attempt:
@@ -130,9 +131,11 @@ class Attempt:
             "tangent_rate": model.tangent and model.tangent.rate,
             "transverse": model.tangent and model.tangent.transverse,
             "barrier": barrier,
+            "widest_vectors": widest_vectors,
         }
         self._lines = ["def attempt(w, scale):"]
         self._indent = 4
+        self._line("widest_vectors()")
         at = self.at
         if tableau.adaptive:
             self.step(at.y, at.f, at.v, at.g, 1.0)
@@ -150,36 +153,34 @@ class Attempt:
 
     def step(self, y: int, f: int, v: int, g: int, share: float) -> None:
         """A step of ``share * h`` from rows ``y, f``, and of the tangent from ``v, g``."""
-        stages = self.tableau.stages
-        self.scaled(f, 0, share)
-        if self.model.tangent:
-            self.scaled(g, stages, share, barriers=True)
+        n, stages = self.n, self.tableau.stages
+        rows = [self.at.stages + i * n for i in range(2 * stages - 2)]
+        self._stages = [f, *rows[: stages - 1]]
+        self._tangents = [g, *rows[stages - 1 :]]
         for i in range(1, stages):
             self.stage(i, y, share)
             if self.model.tangent:
                 self.tangent_stage(i, v, share)
-        self.end(y)
+        self.end(y, share)
         if self.model.tangent:
-            self.tangent_end(v)
-
-    def scaled(self, f: int, i: int, share: float, barriers: bool = False) -> None:
-        """Stage ``i``, the first of the state or of the tangent: ``h`` times a row."""
-        rates = self._gather("rates", cells(f, self.n))
-        self._loop(f"{self._stage(i, share)}(w, l, {rates}(w, l))", barriers=barriers)
+            self.tangent_end(v, share)
 
     def stage(self, i: int, y: int, share: float) -> None:
         """Stage ``i`` of a step from rows ``y``."""
-        given = self._gather("given", self._sums(self.tableau.a[i], y), behind=self._constants())
-        body = [f"q = {given}(w, l)", "f = rhs(*q)", f"{self._stage(i, share)}(w, l, f)"]
+        sums = self._sums(self.tableau.a[i], self._stages, y, share)
+        given = self._gather("given", sums, behind=self._constants())
+        put = self._scatter("stage", self._rows(self._stages[i]))
+        body = [f"q = {given}(w, l)", "f = rhs(*q)", f"{put}(w, l, f)"]
         if self.model.tangent:
             # For the tangent's stage, in a loop of its own.
             keep = self._scatter("keep", self._rows(self.at.ys) + self._rows(self.at.fs))
             body.append(f"{keep}(w, l, q[:{self.n}] + f)")
         self._loop(*body)
 
-    def end(self, y: int) -> None:
+    def end(self, y: int, share: float) -> None:
         """State and derivative at the end of the step and, if it ends here, what is seen there."""
-        given = self._gather("given", self._sums(self.tableau.b, y), behind=self._constants())
+        sums = self._sums(self.tableau.b, self._stages, y, share)
+        given = self._gather("given", sums, behind=self._constants())
         ends = self._scatter("ends", self._rows(self.at.y1) + self._rows(self.at.f1))
         body = [f"q = {given}(w, l)", "f = rhs(*q)", f"y = q[:{self.n}]", f"{ends}(w, l, y + f)"]
         self._loop(*body, *(self._seen() if self.tableau.adaptive else []))
@@ -196,18 +197,16 @@ class Attempt:
 
     def errors(self) -> None:
         """The squared error, in units of the tolerance."""
-        at, stages = self.at, self.tableau.stages
-        body = []
+        at = self.at
+        rows = [*self._stages, at.f1]
+        body = [f"h = {self._cell(at.h)}"]
         for k, row in enumerate(self.tableau.errors):
-            inner = {j: value for j, value in row.items() if j < stages}
-            sums = self._sums(inner, None)
-            if end := row.get(stages):
-                sums = [Sum(None, (*s.terms, (end, (at.h, at.f1 + c)))) for c, s in enumerate(sums)]
+            sums = self._sums(row, rows)
             given = self._gather("error", sums + cells(at.y, self.n), behind=self._constants())
-            body.append(f"s{k} = scale * error(*{given}(w, l))")
+            body.append(f"e{k}, size = error(*{given}(w, l))")
         # Hairer's blend of the fifth and third order estimates; both are squared here.
-        blend = "s0 * s0 / (s0 + 0.01 * s1 + 1e-300)" if len(self.tableau.errors) == 2 else "s0"
-        self._loop(*body, f"{self._cell(at.error)} = {blend}")
+        blend = "e0 * (e0 / (e0 + 0.01 * e1 + 1e-300))" if len(self.tableau.errors) == 2 else "e0"
+        self._loop(*body, f"{self._cell(at.error)} = (scale * h * h) * ({blend} / size)")
 
     def copy(self, first: int, to: int) -> None:
         """Rows of a state and its derivative to others."""
@@ -217,14 +216,14 @@ class Attempt:
 
     def tangent_stage(self, i: int, v: int, share: float) -> None:
         """Stage ``i`` of the tangent of a step from rows ``v``."""
-        given = self._tangent_at(self.tableau.a[i], v, self.at.ys, self.at.fs)
-        put = self._stage(self.tableau.stages + i, share)
+        given = self._tangent_at(self.tableau.a[i], v, share, self.at.ys, self.at.fs)
+        put = self._scatter("stage", self._rows(self._tangents[i]))
         self._loop(f"{put}(w, l, tangent_rate(*{given}(w, l)))", barriers=True)
 
-    def tangent_end(self, v: int) -> None:
+    def tangent_end(self, v: int, share: float) -> None:
         """The tangent and its rate at the end of the step."""
         at, n = self.at, self.n
-        given = self._tangent_at(self.tableau.b, v, at.y1, at.f1)
+        given = self._tangent_at(self.tableau.b, v, share, at.y1, at.f1)
         ends = self._scatter("ends", self._rows(at.v1) + self._rows(at.g1))
         # Only the transverse part goes on.  If it decays, what rounding leaves of the others
         # would soon hide it.
@@ -235,9 +234,9 @@ class Attempt:
             barriers=True,
         )
 
-    def _tangent_at(self, row: Row, v: int, y: int, f: int) -> str:
+    def _tangent_at(self, row: Row, v: int, share: float, y: int, f: int) -> str:
         """State, derivative, the tangent at ``row``, constants."""
-        sums = self._sums(row, v, self.tableau.stages)
+        sums = self._sums(row, self._tangents, v, share)
         both = cells(y, self.n) + cells(f, self.n)
         return self._gather("tangent", both + sums, behind=self._constants())
 
@@ -250,15 +249,19 @@ class Attempt:
             f"{self._cell(self.at.amplitude)} = amplitude(*(y + {probe}(w, l)))",
         ]
 
-    def _sums(self, row: Row, start: int | None, first: int = 0) -> list[Sum]:
-        """A row of the tableau: ``start`` and the stages from ``first`` on, times its numbers."""
-        at, n = self.at.stages, self.n
+    def _sums(
+        self, row: Row, stages: Sequence[int], start: int | None = None, share: float = 1.0
+    ) -> list[Sum]:
+        """A row of the tableau times the stages; with ``start``, that plus ``share * h`` times."""
+        factor = None if start is None else self.at.h
         return [
             Sum(
                 None if start is None else start + c,
-                tuple((value, (at + (first + j) * n + c,)) for j, value in row.items()),
+                tuple((value, stages[j] + c) for j, value in row.items()),
+                factor,
+                share,
             )
-            for c in range(n)
+            for c in range(self.n)
         ]
 
     def _constants(self) -> list[Sum]:
@@ -280,11 +283,6 @@ class Attempt:
 
     def _scatter(self, word: str, rows: Sequence[int]) -> str:
         return self._name(word, scatter(rows, self.lanes))
-
-    def _stage(self, i: int, share: float) -> str:
-        """Function that writes ``share * h`` times a derivative as stage ``i``."""
-        rows = self._rows(self.at.stages + i * self.n)
-        return self._name("stage", scatter(rows, self.lanes, self.at.h, share))
 
     def _line(self, text: str) -> None:
         self._lines.append(" " * self._indent + text)
@@ -314,8 +312,9 @@ def compile_attempt(tableau: Tableau, model: Model, lanes: int = LANES) -> Calla
 
 LANE_SOURCE = """\
 def advance(w):
+    widest_vectors()
     for l in range({lanes}):
-        move(w, l, w[{ACCEPT} * {lanes} + l] > 0.0)
+        move(w, l)
 
 def lane_energy(lane, row):
     return energy(*(state(lane, row * {lanes}) + constants(lane, 0)))
@@ -336,11 +335,12 @@ def compile_lane_functions(model: Model, lanes: int = LANES) -> dict[str, Callab
     """Compiled small functions that depend on the model's number of components, by name.
 
     ``lane_energy``, ``lane_contact`` and ``lane_rhs`` look at one lane, ``w[l::lanes]``;
-    ``advance`` moves the accepted lanes to the end of their step.
+    ``advance`` moves all lanes to the end of their step.
     """
     at, n = Layout.of(model), model.n_state
     constants = cells(at.constants, model.n_constants)
     namespace: dict[str, Any] = {
+        "widest_vectors": widest_vectors,
         "rhs": model.rhs,
         "spin": model.spin,
         "spin_rate": model.spin_rate,
@@ -353,7 +353,7 @@ def compile_lane_functions(model: Model, lanes: int = LANES) -> dict[str, Callab
         # The derivatives stand behind the states.
         "move": move(range(at.y, at.y + 2 * n), range(at.y1, at.y1 + 2 * n), lanes),
     }
-    exec(LANE_SOURCE.format(lanes=lanes, n=n, ACCEPT=ACCEPT), namespace)
+    exec(LANE_SOURCE.format(lanes=lanes, n=n), namespace)
     compiled = {}
     for name in ("advance", "lane_energy", "lane_contact", "lane_rhs"):
         function = namespace[name]

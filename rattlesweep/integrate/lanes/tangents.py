@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 from numba import njit
 
+from rattlesweep.integrate.lanes.atomics import widest_vectors
 from rattlesweep.integrate.lanes.cells import INNER, cells, gather, move
-from rattlesweep.integrate.lanes.rows import ACCEPT
 from rattlesweep.integrate.lanes.step import LANES, Layout
 from rattlesweep.physics.full import FASTMATH
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 # A tangent is scaled by 2^SHIFT when its norm leaves 2^-SHIFT .. 2^SHIFT.
 SHIFT = 200
-NAMES = ("tangent_seed", "tangent_begin", "tangent_log", "tangent_advance")
+NAMES = ("tangent_seed", "tangent_begin", "tangent_log", "tangent_stay", "tangent_advance")
 
 
 def _lane(first: int, count: int) -> str:
@@ -37,11 +37,11 @@ def tangent_source(model: Model, lanes: int = LANES) -> str:
 
     ``tangent_seed(lane)`` gives a lane the model's first tangent, ``tangent_begin(lane)`` makes
     it transverse and of norm 1.  ``tangent_log(lane)`` is the logarithm of its norm at the end of
-    the step just tried.  ``tangent_advance(w)`` moves the tangents of the accepted lanes to the end
-    of their step.
+    the step just tried.  ``tangent_advance(w)`` moves the tangents of all lanes to the end of their
+    step, ``tangent_stay(lane)`` makes that the start of the step.
     """
     at, n = Layout.of(model), model.n_state
-    y, f, v, g, v1 = (_lane(row, n) for row in (at.y, at.f, at.v, at.g, at.v1))
+    y, f, v, g, v1, g1 = (_lane(row, n) for row in (at.y, at.f, at.v, at.g, at.v1, at.g1))
     constants = _lane(at.constants, model.n_constants)
     found = ", ".join(f"v{c}" for c in range(n))
     unit = ", ".join(f"v{c} / norm" for c in range(n))
@@ -62,9 +62,14 @@ def tangent_begin(lane):
 def tangent_log(lane):
     return 0.5 * log(square({v1}, {constants})) + {log(2.0)!r} * lane[{at.shift}]
 
+def tangent_stay(lane):
+    {v1} = {v}
+    {g1} = {g}
+
 def tangent_advance(w):
+    widest_vectors()
     for l in range({lanes}):
-        move(w, l, w[{ACCEPT * lanes} + l] > 0.0)
+        move(w, l)
     for l in range({lanes}):
         square_ = square(*measured(w, l))
         factor = {2.0**-SHIFT!r} if square_ > {4.0**SHIFT!r} else 1.0
@@ -84,7 +89,8 @@ def compile_tangent_functions(model: Model, lanes: int = LANES) -> dict[str, Cal
     both = [*range(at.v, at.v + n), *range(at.g, at.g + n)]
     ends = [*range(at.v1, at.v1 + n), *range(at.g1, at.g1 + n)]
     namespace: dict[str, Any] = {
-        **vars(model.tangent), "sqrt": sqrt, "log": log, "move": move(both, ends, lanes),
+        **vars(model.tangent), "sqrt": sqrt, "log": log,
+        "widest_vectors": widest_vectors, "move": move(both, ends, lanes),
         "measured": gather(cells(at.v, n) + cells(at.constants, model.n_constants), lanes),
     }  # fmt: skip
     exec(tangent_source(model, lanes), namespace)

@@ -205,9 +205,10 @@ def distance(model: Model, y: Floats, other: Floats, constants: Floats) -> Float
     change, here, q = (y - other).T, y.T, constants.T
     if model.name == REDUCED.name:
         norm: Any = model.error
-        return np.asarray(np.sqrt(norm.py_func(*change, *here, *q)))
-    # At a reversal the spin itself is zero in both.
-    ix, iy, _, cxx, cxy, cyy = q
-    square = full.oscillation.py_func
-    moved, size = (square(*v[:4], ix, iy, cxx, cxy, cyy) for v in (change, here))
+        moved, size = norm.py_func(*change, *here, *q)
+    else:
+        # At a reversal the spin itself is zero in both.
+        ix, iy, _, cxx, cxy, cyy = q
+        square = full.oscillation.py_func
+        moved, size = (square(*v[:4], ix, iy, cxx, cxy, cyy) for v in (change, here))
     return np.asarray(np.sqrt(moved / size))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.physics.body import PARAMETERS, violations
-from rattlesweep.sweeps.config.fields import MAX_SPEED
+from rattlesweep.sweeps.config.fields import MAX_SPEED, MAX_TIME
 
 Floats = NDArray[np.float64]
 
@@ -29,6 +29,7 @@ RULES: tuple[tuple[str, Callable[[Floats], NDArray[np.bool_]], str], ...] = (
     ("omega_xy0", lambda omega: omega <= 0, "it must be positive"),
     ("omega_xy0", lambda omega: omega > MAX_SPEED, f"at most {MAX_SPEED:g} is allowed"),
     ("t_end", lambda t_end: t_end <= 0, "it must be positive"),
+    ("t_end", lambda t_end: t_end > MAX_TIME, f"at most {MAX_TIME:g} is allowed"),
 )
 
 # Types of a Parquet file that are taken.

@@ -80,6 +80,9 @@ FSd = Annotated[float, limited("f_sd")]
 MAX_SPEED = 1e6
 """Of spins and oscillations, in sqrt(g/a): 5e6 turns a second of a body of 1 cm."""
 
+MAX_TIME = 1e30
+"""Of horizons, in sqrt(a/g) or t_rGH: far beyond any run, and sums of so many still are numbers."""
+
 MAX_AXIS = 10**6
 
 _ENDS: Any = Field(

@@ -19,7 +19,13 @@ from pydantic import (
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.defaults import DT, MAX_STEPS, TOL
 from rattlesweep.sweeps.config.bodies import GridSource, PresetSource, SdSource, TableSource
-from rattlesweep.sweeps.config.fields import Base, OscillationNumbers, SpinNumbers, no_repeats
+from rattlesweep.sweeps.config.fields import (
+    MAX_TIME,
+    Base,
+    OscillationNumbers,
+    SpinNumbers,
+    no_repeats,
+)
 from rattlesweep.sweeps.config.messages import not_one_of
 from rattlesweep.sweeps.config.places import Places, Problem, dotted
 from rattlesweep.sweeps.config.yamlfile import is_number
@@ -96,9 +102,9 @@ class Spin(Base):
 class Horizon(Base):
     """When a run ends that has not reversed. Where both are given, the smaller counts."""
 
-    t_rgh: float | None = Field(default=None, gt=0)
+    t_rgh: float | None = Field(default=None, gt=0, le=MAX_TIME)
     """In units of t_rGH, the reversal time of Garcia and Hubbard in the spin's direction."""
-    t: float | None = Field(default=None, gt=0)
+    t: float | None = Field(default=None, gt=0, le=MAX_TIME)
     """A time in sqrt(a/g)."""
 
     @model_validator(mode="after")

@@ -34,6 +34,8 @@ SPEED = 0.15
 # Nanoseconds of a step of one run on one thread, a stage of the method; and the seconds from which
 # on a sweep is worth a pilot.
 STAGE, WORTH = 3e-9, 120.0
+# Seconds up to which the end of a sweep is told as a date: calendars end with the year 9999.
+CALENDAR = 1e11
 REPLICATES = 500
 
 
@@ -179,7 +181,6 @@ def expectation(plan: Plan, threads: int, max_time: float | None = None) -> dict
 def describe(forecast: Forecast) -> str:
     """A short table for people."""
     f = forecast
-    finish = datetime.now() + timedelta(seconds=f.seconds)
     form = "%H:%M:%S" if f.seconds < 600 else "%H:%M" if f.seconds < 43200 else "%a %d %b %H:%M"
     threads = f"{f.threads} thread{'s' if f.threads > 1 else ''}"
     if f.threads > f.pilot_threads:
@@ -188,8 +189,10 @@ def describe(forecast: Forecast) -> str:
         ("runs", f"{f.runs:,} in {f.cases:,} cases"),
         ("blocks", f"{f.blocks:,} of {f.block_rows:,} runs"),
         ("time", f"{_length(f.seconds)} ({_length(f.low)} to {_length(f.high)}) on {threads}"),
-        ("done at", f"{finish.strftime(form)} if begun now"),
     ]
+    if f.seconds < CALENDAR:
+        finish = datetime.now() + timedelta(seconds=f.seconds)
+        rows.append(("done at", f"{finish.strftime(form)} if begun now"))
     if f.shards is not None and f.shard_seconds is not None:
         rows.append((f"{f.shards} shards", f"{_length(f.shard_seconds)} for the longest, on "
                                            "machines like this one"))  # fmt: skip

@@ -45,7 +45,7 @@ class Moments:
     """Count, mean and deviation of values by cell.
 
     Sums are of differences from the first value of each cell, so that a mean far larger than the
-    deviation costs no digits.
+    deviation costs no digits. What is beyond the range of numbers is NaN.
 
     Attributes
     ----------
@@ -61,20 +61,22 @@ class Moments:
         new = np.flatnonzero(self.count[cell] == 0)
         cells, place = np.unique(cell[new], return_index=True)
         self._first[cells] = values[new[place]]
-        step = values - self._first[cell]
         # One by one and in order: np.bincount would sum each piece apart.
         np.add.at(self.count, cell, 1)
-        np.add.at(self._sum, cell, step)
-        np.add.at(self._squares, cell, step**2)
+        with np.errstate(over="ignore", invalid="ignore"):
+            step = values - self._first[cell]
+            np.add.at(self._sum, cell, step)
+            np.add.at(self._squares, cell, step**2)
 
     def means(self) -> Floats:
         """Means, NaN of nothing."""
-        return self._first + share(self._sum, self.count)
+        return _finite(self._first + share(self._sum, self.count))
 
     def deviations(self) -> Floats:
         """Sample standard deviations (divisor n - 1), NaN for fewer than two."""
-        squares = self._squares - np.nan_to_num(share(self._sum**2, self.count))
-        return np.sqrt(share(np.maximum(squares, 0), self.count - 1))
+        with np.errstate(over="ignore", invalid="ignore"):
+            squares = self._squares - share(self._sum**2, np.maximum(self.count, 1))
+        return _finite(np.sqrt(share(np.maximum(squares, 0), self.count - 1)))
 
     def errors(self) -> Floats:
         """Standard errors of the means, NaN for fewer than two."""
@@ -142,7 +144,8 @@ class Cells:
         timed = reversed_ & (t_rgh > 0)
         known = np.isfinite(t_rgh)
         self.t_r.add(cell[reversed_], t_r[reversed_])
-        self.ratio.add(cell[timed], t_r[timed] / t_rgh[timed])
+        with np.errstate(over="ignore"):
+            self.ratio.add(cell[timed], t_r[timed] / t_rgh[timed])
         self.t_rgh.add(cell[known], t_rgh[known])
         if "t_r_error" in rows.schema.names:
             self.has_errors = True
@@ -196,6 +199,10 @@ def share(part: ArrayLike, whole: ArrayLike) -> Floats:
     part, whole = np.asarray(part, float), np.asarray(whole, float)
     result: Floats = np.divide(part, whole, out=np.full(part.shape, np.nan), where=whole > 0)
     return result
+
+
+def _finite(values: Floats) -> Floats:
+    return np.where(np.isfinite(values), values, np.nan)
 
 
 def wilson(part: ArrayLike, whole: ArrayLike, z: float = Z95) -> tuple[Floats, Floats]:

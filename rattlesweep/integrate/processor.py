@@ -1,0 +1,32 @@
+"""What the kernels are compiled for on this machine."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from llvmlite import binding
+from numba import config
+
+from rattlesweep.integrate.lanes.step import compile_lane_functions
+from rattlesweep.integrate.model import FULL
+
+# Registers in assembly, the widest first.
+REGISTERS = {"%zmm": 512, "%ymm": 256, "%xmm": 128, r"\bv\d+\.2d": 128}
+
+
+def vector_bits() -> int:
+    """Width of the vectors that the kernels really use, read from the machine code of a part.
+
+    Compiles that part, which takes a moment.
+    """
+    function: Any = compile_lane_functions(FULL)["advance"]
+    function.compile("void(float64[::1])")
+    (code,) = function.inspect_asm().values()
+    return next((bits for name, bits in REGISTERS.items() if re.search(name, code)), 64)
+
+
+def compiled_for() -> str:
+    """Processor that LLVM compiles for, and the width of the vectors."""
+    name = config.CPU_NAME or binding.get_host_cpu_name()
+    return f"{name}, vectors of {vector_bits()} bits"
