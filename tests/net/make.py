@@ -108,6 +108,9 @@ verify shard-0
 verify nowhere
 classify out/failing --set classify.sw_departure=0.001
 classify out/sd --set classify.sw=1
+compare out/sd out/sd
+compare out/sd shard-0
+compare out/sd out/free
 slurm sd.yaml --shards 2 --mem 2G --time 1:00:00
 slurm sd.yaml --shards 99
 plot out/sd --data plot.csv --output plot.svg
