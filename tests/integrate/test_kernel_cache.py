@@ -81,6 +81,7 @@ def first(home):
     return run(home, NAMES)
 
 
+@pytest.mark.slow
 def test_every_process_runs_the_kernel_that_a_child_compiled(home, first):
     files = sorted(home.rglob("*.kernel"))
     assert [len([p for p in files if f"work_{n}_{MODEL}" in p.name]) for n in NAMES] == [1, 1]
@@ -104,6 +105,7 @@ def test_a_kernel_compiled_again_gives_the_same_bits(first, tmp_path):
         assert again[name]["y_end"] == first[name]["y_end"]
 
 
+@pytest.mark.slow
 def test_methods_are_not_mixed_up(first):
     difference = np.abs(numbers(first["rk4"]) - numbers(first["dop853"])).max()
     assert 1e-9 < difference < 1e-3

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -174,8 +175,8 @@ def test_a_file_that_breaks_off_leaves_the_old_one(tmp_path: Path):
 def test_zeros_of_one_swing_are_one_reversal():
     """The spin crosses zero three times about 812 on its way from -0.1 to 0.1."""
     launch = ("--preset", "GH", "--n-i", -0.1, "--t-end", 1500, "--points", 2)
-    words = "1 reversal at 809.8574179 (3 zero crossings at 809.8574179, 812.1474381, 814.036451);"
-    assert words in invoke("trajectory", *launch).stderr
+    words = r"1 reversal at 809\.8574\d+ \(3 zero crossings at 809\.8574\d+, 812\.147\d+, 814\.036"
+    assert re.search(words, invoke("trajectory", *launch).stderr)
     run = rs.trajectory(GH, n_i=-0.1, omega_xy0=0.01, t_end=6000, channels=["t", "n"])
     # Later ones depend on the last bits, and so on the processor.
     assert run.zeros[:3].tolist() == pytest.approx([809.857418, 812.147438, 814.036451], abs=1e-5)

@@ -294,7 +294,7 @@ def test_progress_rises_to_one(made):
 
 
 @pytest.fixture
-def figures(monkeypatch):
+def figures():
     """Two figures that cost nothing in the place of all: a name is set to fail, calls are noted."""
     calls, failing = [], set()
 
@@ -313,11 +313,13 @@ def figures(monkeypatch):
         figure.add_subplot().plot(tables["values"]["x"])
         return figure
 
-    for name in FIGURES.copy():
-        monkeypatch.delitem(FIGURES, name)
+    kept = FIGURES.copy()
+    FIGURES.clear()
     for name in ("first", "second"):
-        monkeypatch.setitem(FIGURES, name, Figure(name, name, data(name), draw, (1.0, 1.0)))
-    return SimpleNamespace(calls=calls, failing=failing)
+        FIGURES[name] = Figure(name, name, data(name), draw, (1.0, 1.0))
+    yield SimpleNamespace(calls=calls, failing=failing)
+    FIGURES.clear()
+    FIGURES.update(kept)  # in their order
 
 
 def again(directory, calls, sizes=SMALL):

@@ -49,6 +49,7 @@ def test_equations_keep_energy_and_norm_and_balance_the_torque(body):
         assert oracle.spin_rate(y, body) == pytest.approx((spins[0] - spins[1]) / (2 * h), abs=1e-8)
 
 
+@pytest.mark.slow
 def test_energy_drift_over_the_reversal_is_at_rounding():
     y0 = oracle.launch(oracle.GH, 0.1, 0.01, oracle.relevant_psi(oracle.GH, 0.1))
     sol = solve_ivp(oracle.rhs, (0, 112.1), y0, "DOP853", args=(oracle.GH,), rtol=1e-12, atol=1e-15)
