@@ -44,7 +44,8 @@ CONFIG = Path(__file__).resolve().parent.parent / "configs" / "tradeoff.yaml"
 HORIZON = 1000.0
 STEP = "step with what the types need"
 RECORDS = (
-    [], ["energy"], ["contact"], ["windows"], ["lyapunov"], ["energy", "contact", "windows"]
+    [], ["energy"], ["contact"], ["windows"], ["error"], ["lyapunov"],
+    ["energy", "contact", "windows"],
 )  # fmt: skip
 
 

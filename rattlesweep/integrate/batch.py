@@ -139,6 +139,10 @@ class Control:
         """Ask the kernel to end; it does so within a few hundred steps."""
         self._shared[1] = 1
 
+    def of_companion(self) -> Control:
+        """One for a kernel that runs before this one's: with the same stop, but its own counts."""
+        return Control(_shared=self._shared)
+
     @property
     def flag(self) -> NDArray[np.int64]:
         """One element, not 0 once a stop was asked for: for compiled loops."""

@@ -2,8 +2,8 @@
 
 ``type = 'SW' and K_r < 0.005``, ``not (case in (1, 2) or t_r is null)``,
 ``lyapunov_late * t_end / 2 > 10``: columns, numbers, 'words', ``= != < <= > >=``, ``in``,
-``is null``, ``and or not``, ``+ - * / **``, ``abs()``, brackets.  As in SQL a comparison with null
-is neither true nor false, and a run is chosen only where the whole is true.
+``is null``, ``true false``, ``and or not``, ``+ - * / **``, ``abs()``, brackets.  As in SQL a
+comparison with null is neither true nor false, and a run is chosen only where the whole is true.
 
 Python's own parser reads it, once SQL's few words are Python's.
 """
@@ -28,7 +28,7 @@ _TOKEN = re.compile(
     | (?P<break>[\r\n]) | (?P<other>[^\w\s.<>(),+*/-])""",
     re.VERBOSE,
 )
-_PYTHON = {"=": "==", "<>": "!=", "null": "None"}
+_PYTHON = {"=": "==", "<>": "!=", "null": "None", "true": "True", "false": "False"}
 _KEYWORDS = ("and", "or", "not", "in", "is")
 _ALIKE: dict[type, Callable[[Any, Any], Any]] = {ast.Eq: operator.eq, ast.NotEq: operator.ne}
 _ORDER: dict[type, Callable[[Any, Any], Any]] = {
@@ -152,26 +152,28 @@ class _Translator(ast.NodeVisitor):
                 return found if isinstance(sign, ast.In) else ~found
         (a, kind), (b, other) = self._value(left), self._value(right)
         if kind != other:
-            number, word = (left, right) if kind == "number" else (right, left)
+            (kind, one), (other, two) = sorted([(kind, left), (other, right)], key=lambda p: p[0])
             raise _Unreadable(
-                f"{_shown(number)} is a number and {_shown(word)} a word; they cannot be compared"
+                f"{_shown(one)} is a {kind} and {_shown(two)} a {other}; they cannot be compared"
             )
         if type(sign) in _ALIKE:
             return _ALIKE[type(sign)](a, b)
-        if kind == "word":
+        if kind != "number":
             raise _Unreadable(
-                f"words are = or !=, not < or >, as {_shown(left)} and {_shown(right)} are here"
+                f"{kind}s are = or !=, not < or >, as {_shown(left)} and {_shown(right)} are here"
             )
         return _ORDER[type(sign)](a, b)
 
     def _value(self, node: ast.expr) -> tuple[Any, str]:
-        """An expression, and whether it is a ``number`` or a ``word``."""
+        """An expression, and whether it is a ``number``, a ``word`` or a ``flag``."""
         match node:
             case ast.Name(name):
                 return self._column(name)
             case ast.Constant(str(word)):
                 return pc.scalar(word), "word"
-            case ast.Constant(int(number)) if not isinstance(number, bool):
+            case ast.Constant(bool(flag)):
+                return pc.scalar(flag), "flag"
+            case ast.Constant(int(number)):
                 # Whole numbers keep all their digits, if Arrow has as many.
                 return pc.scalar(number if abs(number) < 2**63 else float(number)), "number"
             case ast.Constant(float(number)):
@@ -191,7 +193,7 @@ class _Translator(ast.NodeVisitor):
     def _number(self, node: ast.expr) -> Any:
         value, kind = self._value(node)
         if kind != "number":
-            raise _Unreadable(f"{_shown(node)} is a word; there is no arithmetic with words")
+            raise _Unreadable(f"{_shown(node)} is a {kind}; there is no arithmetic with {kind}s")
         # Whole numbers would overflow, and their quotients be cut.
         return value.cast(pa.float64(), safe=False)
 
@@ -204,7 +206,8 @@ class _Translator(ast.NodeVisitor):
         if not (pa.types.is_string(type_) or pa.types.is_primitive(type_)):
             raise _Unreadable(f"{name} holds several numbers a run; they cannot be compared")
         self.columns.append(name)
-        return pc.field(name), "word" if pa.types.is_string(type_) else "number"
+        kinds = {pa.string(): "word", pa.bool_(): "flag"}
+        return pc.field(name), kinds.get(type_, "number")
 
 
 def _joined(join: Callable[[Any, Any], Any], parts: list[Any]) -> Any:

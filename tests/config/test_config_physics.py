@@ -92,6 +92,9 @@ CASES = {
      "c.yaml:1:25: bodies.path: nowhere.csv: no such file"),
     "a recording of another model": (SHELL + "model: reduced\n", True,
      "c.yaml:5:1: record: the model 'reduced' has no"),
+    "errors of the closed form": (
+     SHELL.replace("[contact, energy]", "[error]") + "model: gh\n", True,
+     "c.yaml:5:1: record: the model 'gh' has no 'error' to record"),
 }  # fmt: skip
 
 

@@ -56,6 +56,8 @@ SMALL = {
     "table": "bodies: {source: table, path: bodies.csv}",
     "failing": f"{SD}\n{SPIN}\nintegrator: {{tol: 1e-7, max_steps: 1500}}",
     "formula": f"{SD}\n{SPIN}\nmodel: gh",
+    "errors": f"{SD}\n{SPIN}\n{CAPPED}\nintegrator: {{tol: 1e-5}}\n"
+    "record: [energy, contact, windows, error]",
 }  # fmt: skip
 SLOW = {
     **{name: f"{SD}\n{SPIN}\n{CAPPED}\n{rest}" for name, rest in {
@@ -99,6 +101,7 @@ run failing.yaml --retry-failed
 status out/sd
 status out/sd --json
 status out/failing
+status out/errors
 status nowhere
 verify out/sd --recompute 3 --seed 1
 verify shard-0
@@ -118,11 +121,13 @@ plot out/free --kind distribution --data plot.csv --output plot.svg
 plot out/grid --data plot.csv --output plot.svg
 plot out/grid --kind fractions --x n_i --data plot.csv --output plot.svg
 plot out/failing --data plot.csv --output plot.svg
+plot out/errors --kind times --data plot.csv --output plot.svg
 plot out/sd --kind map
 plot out/sd --select n_i=0.77
 report out/sd
 report out/grid --output report.html --title A&B
 report out/failing --output report.html
+report out/errors --output report.html
 trajectory --preset GH --t-end 150 --points 4 --channels t,n,E_p,E_r,energy,F_normal
 trajectory --preset GH --n-i -0.1 --t-end 50 --dt 25 --figure run.svg
 trajectory --preset GH --channels list
@@ -131,6 +136,7 @@ trajectory --preset GH --model gh --t-end 150 --points 4
 trajectory --preset GH --tol -1
 replay out/preset --case 1 --sample 0 --points 3 --channels t,n
 replay out/sd --where "type = 'R' and n_i > 0" --first 2 --points 5 --output run-{case}-{sample}.csv
+replay out/errors --where "t_r_error > 1e-6 * t_r and type_sure = true" --points 3 --channels t,n
 replay out/sd --where "tpye = 'R'"
 show --preset GH --t-end 20 --output page.html
 show --from out/preset --case 0 --sample 0 --n-i 0.1 --output page.html
@@ -287,11 +293,11 @@ def quick(net: Net) -> Iterator[tuple[str, str]]:
     text = net.call(f"run {golden} --output out/golden")[1]
     net.keep("golden")
     text += net.sweeps(SMALL)
-    parts = ("runs/" + next(Path("out/free/runs").glob("*.parquet")).name, "summary.parquet")
+    parts = ("runs/" + next(Path("out/errors/runs").glob("*.parquet")).name, "summary.parquet")
     yield (
         "columns.json",
         json.dumps(
-            {part.split("/")[0]: fields_of(Path("out/free", part)) for part in parts}, indent=1
+            {part.split("/")[0]: fields_of(Path("out/errors", part)) for part in parts}, indent=1
         ),
     )
     yield "commands.txt", text + "".join(net.call(line)[1] for line in COMMANDS.split("\n")[1:-1])

@@ -118,7 +118,8 @@ def test_schema_is_the_contract() -> None:
     assert " ".join(summary_schema().names) == (
         "case K_p K_r n_i omega_xy0 runs fraction_R fraction_SS fraction_SW "
         "fraction_unclassified fraction_bondi t_r_mean t_r_std t_rgh_mean "
-        "t_r_over_t_rgh_mean t_r_over_t_rgh_sem failed near_tangencies"
+        "t_r_over_t_rgh_mean t_r_over_t_rgh_sem failed near_tangencies sensitive unsure "
+        "t_r_mean_error"
     )
     kinds = {f.name: str(f.type) for f in runs_schema()}
     assert {kinds.pop(n) for n in ("case", "near_tangencies")} == {"int32"}

@@ -102,7 +102,7 @@ def test_the_columns_that_are_read_are_those_asked_for() -> None:
         ("t_r is 3", "null is needed after is, not 3"),
         ("t_r not null", "cannot read"),
         ("and", "cannot read 'and'"),
-        ("K_r < True", "is needed, not True"),
+        ("K_r < True", "True is a flag and K_r a number"),
         ("K_r < null", "is needed, not null"),
         ("K_r < 1j", "is needed, not 1j"),
         ("len(type) > 1", "is needed, not len(type)"),

@@ -193,8 +193,10 @@ def test_the_closed_form_needs_no_kernel():
         ("gh.yaml", "model=gh", "record=[]"),
         ("quickstart.yaml", "bodies={source: sd, samples: 100}", "horizon={t: 500}",
          "record=[windows]", "block_size=300"),
+        ("gh.yaml", "horizon={t: 500}", "record=[error]",
+         f"spin.omega_xy0={np.linspace(0.001, 0.1, 200).tolist()}"),
     ],
-    ids=["shared bodies", "one body", "closed form", "windows"],
+    ids=["shared bodies", "one body", "closed form", "windows", "errors"],
 )  # fmt: skip
 def test_bytes_are_those_of_the_files(overrides, tmp_path):
     plan = plan_of(*overrides)

@@ -16,6 +16,7 @@ from rattlesweep.study.where import parse_condition
 from rattlesweep.sweeps.blocks.recompute import differing_rows
 from rattlesweep.sweeps.cases.launches import make_batch, prepare
 from rattlesweep.sweeps.store.stored import open_stored
+from rattlesweep.sweeps.tables.cells import SENSITIVE
 from rattlesweep.sweeps.tables.columns import runs_schema
 
 if TYPE_CHECKING:
@@ -37,6 +38,8 @@ class StoredRun:
     status: str
     n_end: float | None
     n_steps: int
+    t_r_error: float | None = None
+    type_sure: bool | None = None
 
     @property
     def name(self) -> str:
@@ -48,8 +51,17 @@ class StoredRun:
         """What :meth:`Replay.prove` and :meth:`check` have shown, in one line."""
         if self.status != "ok":
             return f"{self.name}: status {self.status} as stored, bit for bit"
-        t_r = "no reversal" if self.t_r is None else f"t_r {self.t_r!r}"
-        return f"{self.name}: {t_r} and type {self.type} as stored, bit for bit"
+        t_r = "no reversal" if self.t_r is None else f"t_r {self.t_r!r}{self._error}"
+        doubt = " (not sure)" if self.type_sure is False else ""
+        return f"{self.name}: {t_r} and type {self.type}{doubt} as stored, bit for bit"
+
+    @property
+    def _error(self) -> str:
+        """What is known of the error of ``t_r``."""
+        if self.t_r is None or self.t_r_error is None:
+            return ""
+        sensitive = self.t_r_error > SENSITIVE * self.t_r
+        return f" +- {self.t_r_error:.2g}{' (sensitive)' if sensitive else ''}"
 
     def check(self, course: Course) -> None:
         """Compare a followed trajectory with the stored row, bit for bit.
@@ -77,9 +89,6 @@ class StoredRun:
             )
 
 
-FIELDS = [part.name for part in fields(StoredRun)]
-
-
 class Replay:
     """An output directory, whole or still running, whose runs can be had again.
 
@@ -96,6 +105,8 @@ class Replay:
         self._stored = open_stored(directory)
         self._store, self._plan = self._stored.store, self._stored.plan
         self.config: Config = self._stored.config
+        there = runs_schema(self.config.record, self.config.model).names
+        self._fields = [part.name for part in fields(StoredRun) if part.name in there]
 
     def find(self, case: int, sample: int) -> StoredRun:
         """The run of a case and a sample."""
@@ -110,7 +121,7 @@ class Replay:
         path = store.block_path(index)
         if not path.exists():
             raise OutputError(f"case {case}, sample {sample} is not stored yet: {path} is missing")
-        table = store.read_block(index).table(FIELDS)
+        table = store.read_block(index).table(self._fields)
         found = _runs(table.filter((pc.field("case") == case) & (pc.field("sample") == sample)))
         if not found:
             raise OutputError(f"case {case}, sample {sample} is not stored yet: {path} lacks it")
@@ -119,11 +130,11 @@ class Replay:
     def where(self, text: str, first: int) -> list[StoredRun]:
         """The first runs, in their order, for which a condition is true; at least one."""
         condition = parse_condition(text, runs_schema(self.config.record, self.config.model))
-        columns = list(dict.fromkeys((*FIELDS, *condition.columns)))
+        columns = list(dict.fromkeys((*self._fields, *condition.columns)))
         found: list[StoredRun] = []
         for batch in self._store.iter_batches(columns):
             table = pa.Table.from_batches([batch]).filter(condition.expression)
-            found += _runs(table.slice(0, first - len(found)).select(FIELDS))
+            found += _runs(table.slice(0, first - len(found)).select(self._fields))
             if len(found) == first:
                 break
         if not found:

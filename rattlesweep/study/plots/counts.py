@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 from rattlesweep.errors import ConfigError
 from rattlesweep.study.plots.layout import Floats, Layout
 from rattlesweep.study.plots.picture import Picture
-from rattlesweep.sweeps.tables.cells import COLUMNS, Cells, share, wilson
+from rattlesweep.sweeps.tables.cells import Cells, columns_for, share, wilson
 
 MOST_CELLS = 4_000_000
 
@@ -27,10 +26,9 @@ class Counted(Picture):
         Flat; `grid` gives any of its arrays the shape of the axes.
     """
 
-    columns: Sequence[str] = ("case", "sample", *COLUMNS)
-
     def __init__(self, layout: Layout, x: str | None) -> None:
         super().__init__(layout, x)
+        self.columns = ("case", "sample", *columns_for(layout.config))
         if (cells := math.prod(self.shape)) > MOST_CELLS:
             raise ConfigError(
                 f"{cells} cells are too many for a picture; choose some with --select"
@@ -85,6 +83,9 @@ class Counted(Picture):
                 f"{name}_sem": moments.errors(),
             }
         columns["t_rgh_mean"] = cells.t_rgh.means()
+        if cells.has_errors:
+            columns["t_r_mean_error"] = cells.t_r_error.means()
+            columns |= {"sensitive": cells.sensitive, "unsure": cells.unsure}
         kept = cells.runs > 0
         return pa.table(
             {name: pa.array(values[kept], from_pandas=True) for name, values in columns.items()}

@@ -84,10 +84,13 @@ class Times(Counted):
         shown = np.unique(np.linspace(0, count - 1, min(count, len(SERIES))).round().astype(int))
         # Theory stands aside like the means: a step aside must not look like a disagreement.
         at = _side_by_side(x.values, len(shown), log_x)
+        errors = np.nan_to_num(moments.errors())
+        if not self.relative:  # what the runs add by their own, where it is recorded
+            errors += np.nan_to_num(self.cells.t_r_error.means())
         mean, spread, error, theory, kept = (
             self.grid(part)
             for part in (moments.means(), np.nan_to_num(moments.deviations()),
-                         np.nan_to_num(moments.errors()), self.cells.t_rgh.means(),
+                         errors, self.cells.t_rgh.means(),
                          share(moments.count, self.cells.ok))
         )  # fmt: skip
         panels = draw_panels(figure, (), panes)

@@ -20,6 +20,7 @@ from rattlesweep.sweeps.inspect.content_hash import RowsHash
 from rattlesweep.sweeps.inspect.status import Status, status_of
 from rattlesweep.sweeps.inspect.summary import Summary
 from rattlesweep.sweeps.store.manifest import Manifest
+from rattlesweep.sweeps.tables.cells import columns_for
 
 DPI = 120
 # Cases shown at once, and at all: each takes some 400 bytes.
@@ -41,9 +42,12 @@ CASE_COLUMNS = {
     "fraction_bondi": "Bondi",
     "t_r_mean": "mean t_r",
     "t_r_std": "± std",
+    "t_r_mean_error": "known to ±",
     "t_rgh_mean": "mean t_rGH",
     "t_r_over_t_rgh_mean": "mean t_r/t_rGH",
     "t_r_over_t_rgh_sem": "± error",
+    "sensitive": "sensitive",
+    "unsure": "type not sure",
     "failed": "failed",
 }
 """Columns of `summary` that are shown, with their headings."""
@@ -55,13 +59,16 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
     layout = read_layout(directory)
     manifest, store = layout.manifest, layout.store
     status = status_of(directory)
-    facts, summary = Facts(), Summary(manifest.cases, store.runs)
+    summary = Summary(manifest.cases, store.runs, columns_for(manifest.config))
+    facts = Facts()
     pictures = {kind: _chosen(layout, kind) for kind in _kinds(layout)}
     digest = RowsHash(store.runs) if status.runs_done <= MOST_HASHED else None
     readers: list[Reader] = [facts, summary, *([] if digest is None else [digest])]
     readers += [each for each in pictures.values() if isinstance(each, Picture)]
     read_rows(layout, *readers)
     absent = {"K_p", "K_r"}.difference(layout.targets)
+    if not summary.cells.has_errors:
+        absent |= {"t_r_mean_error", "sensitive", "unsure"}
     columns = [name for name in CASE_COLUMNS if name not in absent]
     sessions = manifest.sessions[-MOST_SESSIONS:]
     return render(
@@ -71,6 +78,8 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
         state=_state(status),
         types={name: int(part.sum()) for name, part in summary.cells.types.items()},
         near_tangencies=int(summary.cells.near_tangencies.sum()),
+        sensitive=int(summary.cells.sensitive.sum()),
+        unsure=int(summary.cells.unsure.sum()),
         pictures=[_shown(kind, picture) for kind, picture in pictures.items()],
         case_head=[CASE_COLUMNS[name] for name in columns],
         cases=[[_shorten(row[n], n) for n in columns] for row in summary.table().to_pylist()],

@@ -7,6 +7,7 @@ from dataclasses import fields, is_dataclass
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
+import pyarrow as pa
 
 from rattlesweep.integrate.batch import Batch, Control, Outcome, integrate
 from rattlesweep.integrate.defaults import DT, TOL
@@ -16,10 +17,11 @@ from rattlesweep.integrate.model import MODELS, WITH_TANGENT
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics.body import PARAMETERS
+from rattlesweep.sweeps.blocks.error import Estimated, integrate_companions, with_errors
 from rattlesweep.sweeps.cases.launches import Launches, make_batch, prepare
 from rattlesweep.sweeps.tables.arrow import ragged
 from rattlesweep.sweeps.tables.columns import RUNS
-from rattlesweep.sweeps.tables.types import TYPES, classify
+from rattlesweep.sweeps.tables.types import TYPES, classify, sure_types
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -59,10 +61,17 @@ def load_kernel(config: Config) -> float:
     """Load the kernel in the main thread, so that Ctrl-C is heard; how many seconds it took."""
     begin = time.perf_counter()
     if config.model != "gh":
-        model = MODELS[config.model]
-        carried = WITH_TANGENT[model.name] if "lyapunov" in config.record else model
-        kernel(config.integrator.method, carried.name)
+        for name in kernels_of(config):
+            kernel(config.integrator.method, name)
     return time.perf_counter() - begin
+
+
+def kernels_of(config: Config) -> list[str]:
+    """Models whose kernels the runs take; companions take the plain one, whatever is recorded."""
+    if "lyapunov" not in config.record:
+        return [config.model]
+    tangent = WITH_TANGENT[config.model].name
+    return [tangent, config.model] if "error" in config.record else [tangent]
 
 
 def prepare_block(plan: Plan, block: Block) -> tuple[Launches, Batch | None]:
@@ -119,6 +128,11 @@ def columns_of(
                      config.classify)  # fmt: skip
     columns["type"] = (codes, list(TYPES))
     columns["status"] = (status, STATUS_WORDS)
+    if isinstance(outcome, Estimated):
+        errors = columns["amp_growth_error"], columns["n_departure_error"]
+        observed = columns["amp_growth"], columns["n_departure"]
+        sure = sure_types(codes, outcome.reversal_sure, observed, errors, config.classify)
+        columns["type_sure"] = pa.array(sure, mask=codes < 0)
     if "windows" in config.record and outcome is not None and batch is not None:
         filled = np.isfinite(outcome.windows[:, :, 0]).sum(axis=1)
         columns["window_t"] = batch.window
@@ -136,9 +150,13 @@ def run_batch(
 ) -> Outcome:
     """Integrate the runs that have a horizon; the others get the status ``no_horizon``."""
     good = np.isfinite(batch.t_end) & (batch.t_end > 0)
-    settings = config.integrator
+    part = batch if good.all() else take(batch, good)
+    settings, control = config.integrator, control or Control()
+    companions = None
+    if "error" in config.record:
+        companions = integrate_companions(config, part, threads, control)
     outcome = integrate(
-        batch if good.all() else take(batch, good),
+        part,
         METHODS[settings.method],
         MODELS[config.model],
         tol=settings.tol or TOL,
@@ -148,6 +166,8 @@ def run_batch(
         threads=threads,
         control=control,
     )
+    if companions is not None:
+        outcome = with_errors(config, part, outcome, companions)
     return outcome if good.all() else _spread(outcome, good)
 
 
@@ -157,12 +177,12 @@ def _spread(outcome: Outcome, good: NDArray[np.bool_]) -> Outcome:
     for name, values in wide.items():
         if name == "stopped" or len(values) != good.sum():  # not recorded
             continue
-        fill = 0 if values.dtype.kind == "i" else np.nan
+        fill = np.nan if values.dtype.kind == "f" else 0
         wide[name] = np.full((len(good), *values.shape[1:]), fill, dtype=values.dtype)
         wide[name][good] = values
     wide["status"][~good] = Status.NO_HORIZON
     wide["t_end"][~good] = 0.0
-    return Outcome(**wide)
+    return type(outcome)(**wide)
 
 
 def _inputs(launches: Launches) -> dict[str, Any]:
@@ -200,9 +220,10 @@ def _closed_form(launches: Launches) -> dict[str, Any]:
 def _measured(outcome: Outcome, record: list[Any]) -> dict[str, Any]:
     names = ["t_end", "t_r", "n_end", "n_steps", "energy_drift", "amp_growth", "n_departure",
              "near_tangencies"]  # fmt: skip
-    for part in ("energy", "contact"):
+    for part in ("energy", "contact", "error"):
         if part in record:
-            names += [column.name for column in RUNS[part]]
+            # Whether a type is sure is not the kernel's to say.
+            names += [column.name for column in RUNS[part] if column.name != "type_sure"]
     columns = {name: getattr(outcome, name) for name in names} | {"status_codes": outcome.status}
     if "lyapunov" in record:
         columns["lyapunov"], columns["lyapunov_late"] = exponents(outcome.growth)

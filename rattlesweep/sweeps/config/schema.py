@@ -83,7 +83,7 @@ Psi = Annotated[
     | Annotated[Annotated[float, Field(ge=-360, le=360)], Tag("number")],
     Discriminator(_word_or_number),
 ]
-Record = Literal["energy", "contact", "windows", "lyapunov"]
+Record = Literal["energy", "contact", "windows", "lyapunov", "error"]
 
 
 class Spin(Base):

@@ -17,6 +17,7 @@ from rattlesweep.sweeps.engines.progress import Progress, Tracker
 from rattlesweep.sweeps.engines.session import Session, open_session
 from rattlesweep.sweeps.inspect.retype import retype_block
 from rattlesweep.sweeps.inspect.summary import summarise
+from rattlesweep.sweeps.tables.cells import columns_for
 
 if TYPE_CHECKING:
     from rattlesweep.sweeps.cases.plan import Plan
@@ -129,7 +130,9 @@ def _sum_up(session: Session, result: Result) -> None:
         return
     result.missing = len(session.missing())
     if not result.missing:
-        result.summary = summarise(session.store, session.plan.cases)
+        result.summary = summarise(
+            session.store, session.plan.cases, columns_for(session.plan.config)
+        )
         session.store.write_summary(result.summary)
 
 

@@ -28,6 +28,7 @@ from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.integrate.task import Task
 from rattlesweep.sweeps.blocks.block import columns_of, load_kernel, prepare_runs, run_batch, take
+from rattlesweep.sweeps.blocks.error import companion_price
 from rattlesweep.sweeps.cases.costs import SEED, expected_cost, some_runs
 from rattlesweep.sweeps.cases.launches import Launches, prepare
 from rattlesweep.sweeps.config.bodies import SdSource
@@ -120,18 +121,23 @@ class Pilot:
         self._listed = False
         self._cores = np.zeros(2)
         self._random = np.random.default_rng(SEED)
-        self.config, self._stretch = plan.config, 1.0
+        self.config, self._stretch, self._price = plan.config, 1.0, 1.0
         settings = plan.config.integrator
+        if "error" in plan.config.record:
+            # Time is measured in turns of the runs alone; what their companions cost is known.
+            self._price += companion_price(settings)
+            others = [part for part in plan.config.record if part != "error"]
+            self.config = plan.config.model_copy(update={"record": others})
         if not METHODS[settings.method].adaptive:
             dt = settings.dt or DT
             self._stretch = max(dt, PILOT_DT) / dt
             coarse = settings.model_copy(update={"dt": dt * self._stretch})
-            self.config = plan.config.model_copy(update={"integrator": coarse})
+            self.config = self.config.model_copy(update={"integrator": coarse})
 
     @property
     def turn(self) -> float:
-        """Seconds of a turn; 0 if nothing was integrated."""
-        return self._seconds / self._turns if self._turns else 0.0
+        """Seconds of a turn, with its share of the companions; 0 if nothing was integrated."""
+        return self._price * self._seconds / self._turns if self._turns else 0.0
 
     @property
     def share(self) -> float:
@@ -150,7 +156,7 @@ class Pilot:
         if self.config.model == "gh" or not len(rows):
             return
         begin = time.perf_counter()
-        load_kernel(self.config)
+        load_kernel(self.plan.config)
         launches, batch = prepare_runs(self.small, self.case[rows[:LOADING]],
                                        self.sample[rows[:LOADING]])  # fmt: skip
         assert batch is not None
@@ -166,7 +172,8 @@ class Pilot:
         while not self.cut and not self.all_known and count >= FIRST // 2:
             self._draw(rows if self._listed else self._by_cost(count), end)
             # As many more as there is time for, should they be like those before.
-            left = 0.9 * (end - time.perf_counter()) / self.turn * self._stretch
+            turn = self.turn / self._price
+            left = 0.9 * (end - time.perf_counter()) / turn * self._stretch
             known = self.high[self.drawn]
             able = (left - float(known.max())) * lanes / float(known.mean())
             count = int(min(able, 4 * len(self.drawn), KNOWN))

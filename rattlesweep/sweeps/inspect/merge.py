@@ -19,6 +19,7 @@ from rattlesweep.sweeps.store.manifest import Manifest, SessionRecord
 from rattlesweep.sweeps.store.provenance import command_line, now
 from rattlesweep.sweeps.store.store import Store
 from rattlesweep.sweeps.store.stored import Stored, open_stored
+from rattlesweep.sweeps.tables.cells import columns_for
 
 # Runs in a file: about 28 MB, and as much as a block may have, so that a merged
 # directory is an output directory like any other.
@@ -127,7 +128,7 @@ def merge(
         if result.missing:
             manifest.state = "stopped"
         else:
-            result.summary = summarise(target, manifest.cases)
+            result.summary = summarise(target, manifest.cases, columns_for(manifest.config))
             target.write_summary(result.summary)
             manifest.state, manifest.finished = "complete", now()
         target.write_manifest(manifest)

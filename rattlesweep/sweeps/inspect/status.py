@@ -34,6 +34,9 @@ class Status:
         Runs of other blocks, which a stopped session has left and the next one completes.
     failed : dict
         Runs in place by status, other than ``ok``.
+    sensitive, unsure : int or None
+        Runs in place whose ``t_r`` is known to a few digits only, and whose type is not sure; None
+        where no errors are recorded.
     damaged : list of int
         Blocks in place that do not read, or hold other runs; `verify` says more.
     strays : list of str
@@ -56,6 +59,8 @@ class Status:
     blocks_done: int
     runs_begun: int
     failed: dict[str, int]
+    sensitive: int | None
+    unsure: int | None
     damaged: list[int]
     strays: list[str]
     seconds: float
@@ -69,6 +74,7 @@ def status_of(directory: Path) -> Status:
     stored = open_stored(directory)
     store, manifest = stored.store, stored.manifest
     failed: Counter[str] = Counter()
+    doubts = {"sensitive": 0, "unsure": 0} if "error" in stored.config.record else {}
     damaged: list[int] = []
     blocks = done = begun = 0
     for index in stored.present():
@@ -89,6 +95,8 @@ def status_of(directory: Path) -> Status:
                 continue
         blocks += 1
         failed.update(receipt.failed)
+        for name in doubts:
+            doubts[name] += getattr(receipt, name) or 0
         first, stop = manifest.borders(index)
         done += min(receipt.rows, stop - first)
     left, ends = _time_left(manifest, done + begun, at_work is not None)
@@ -104,6 +112,8 @@ def status_of(directory: Path) -> Status:
         blocks_done=blocks,
         runs_begun=begun,
         failed=dict(sorted(failed.items())),
+        sensitive=doubts.get("sensitive"),
+        unsure=doubts.get("unsure"),
         damaged=damaged,
         strays=[path.name for path in store.strays(manifest.blocks)],
         seconds=manifest.seconds,
@@ -147,6 +157,8 @@ def describe(status: Status) -> str:
         "strays": f"{', '.join(status.strays[:3])}{' and others' if len(status.strays) > 3 else ''}"
         ": no block of this sweep",
         "failed": ", ".join(f"{n} {word}" for word, n in status.failed.items()) or "none",
+        "errors": f"{status.sensitive} sensitive (t_r_error above 1e-6 t_r), "
+        f"{status.unsure} whose type is not sure",
         "time": f"{clock(status.seconds)} spent",
         "left": left + (f", until {status.ends}" if status.ends else ""),
     }
@@ -154,6 +166,7 @@ def describe(status: Status) -> str:
         "begun": not status.runs_begun,
         "damaged": not status.damaged,
         "strays": not status.strays,
+        "errors": status.sensitive is None,
         "left": status.runs_done >= status.runs,
     }
     return "\n".join(

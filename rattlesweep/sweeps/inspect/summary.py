@@ -28,9 +28,10 @@ class Summary:
     directory of the runs, for complaints.
     """
 
-    columns = ("case", *COLUMNS)
-
-    def __init__(self, cases: Sequence[Case | StoredCase], where: object) -> None:
+    def __init__(
+        self, cases: Sequence[Case | StoredCase], where: object, columns: Sequence[str] = COLUMNS
+    ) -> None:
+        self.columns = ("case", *columns)
         self._cases, self._where = cases, where
         self.cells = Cells(len(cases))
 
@@ -62,14 +63,17 @@ class Summary:
         return build_table(columns, summary_schema())
 
 
-def summarise(store: Store, cases: Sequence[Case | StoredCase]) -> pa.Table:
+def summarise(
+    store: Store, cases: Sequence[Case | StoredCase], columns: Sequence[str] = COLUMNS
+) -> pa.Table:
     """Summarise the stored runs, one row a case in the order of `cases`.
 
     The runs of complete blocks count: what a stopped session has left of another block are the runs
     that were first to end, which are not like the rest. Memory does not grow with the runs.
+    `columns` are those of `cells.columns_for`.
     """
-    summary = Summary(cases, store.runs)
-    for rows in store.iter_batches(Summary.columns, complete=True):
+    summary = Summary(cases, store.runs, columns)
+    for rows in store.iter_batches(summary.columns, complete=True):
         summary.add(rows)
     return summary.table()
 
@@ -105,6 +109,8 @@ _SHOWN = {
     "fraction_bondi": ("Bondi", ".3f"),
     "t_r_mean": ("t_r", ".5g"),
     "t_r_over_t_rgh_mean": ("t_r/t_rGH", ".4f"),
+    "sensitive": ("sens.", "d"),
+    "unsure": ("unsure", "d"),
     "failed": ("fail", "d"),
 }
 
@@ -113,14 +119,19 @@ def closing_table(summary: pa.Table) -> str:
     """Lay a summary out as an aligned text table about 100 characters wide.
 
     ``t_r`` and ``t_r/t_rGH`` are means over type R, the latter of the ratio of each run; what there
-    is nothing of is "-".
+    is nothing of is "-". Sensitive runs and unsure types are shown where errors are recorded.
     """
-    lines = [["case", "target", *(heading for heading, _ in _SHOWN.values())]]
+    shown_columns = {
+        name: how
+        for name, how in _SHOWN.items()
+        if name not in ("sensitive", "unsure") or summary.column(name).null_count < len(summary)
+    }
+    lines = [["case", "target", *(heading for heading, _ in shown_columns.values())]]
     for row in summary.to_pylist():
         targets = [f"{k}={row[k]:.4g}" for k in ("K_p", "K_r") if row[k] is not None]
         shown = [
             "-" if row[name] is None else format(row[name], form)
-            for name, (_, form) in _SHOWN.items()
+            for name, (_, form) in shown_columns.items()
         ]
         lines.append([str(row["case"]), *(targets or ["-"]), *shown])
     return align(lines)

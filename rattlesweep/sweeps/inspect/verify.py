@@ -23,7 +23,7 @@ from rattlesweep.sweeps.store.manifest import count_failed
 from rattlesweep.sweeps.store.stored import Stored, open_stored
 from rattlesweep.sweeps.tables.arrow import same_schema
 from rattlesweep.sweeps.tables.columns import runs_schema
-from rattlesweep.sweeps.tables.types import TYPES, typed
+from rattlesweep.sweeps.tables.types import TYPES, with_types
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -196,7 +196,9 @@ def _faults(
     yield from _bad_values(rows)
     if file.note is not None and file.note.classify != wanted.classify:
         yield "has types of other thresholds; `rattlesweep classify` renews them"
-    elif not typed(rows, manifest.config.classify).equals(rows.column("type").combine_chunks()):
+        return
+    names = [name for name in ("type", "type_sure") if name in rows.schema.names]
+    if not with_types(rows, manifest.config.classify).select(names).equals(rows.select(names)):
         yield "has types that do not follow from its numbers"
 
 

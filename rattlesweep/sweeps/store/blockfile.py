@@ -23,7 +23,9 @@ from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.store.atomic import read_file, reason
 from rattlesweep.sweeps.store.manifest import Receipt
 from rattlesweep.sweeps.tables.arrow import NOTE, open_hashed, read_rows
+from rattlesweep.sweeps.tables.cells import SENSITIVE
 
+COUNTED = ("status", "t_r", "t_r_error", "type_sure")
 MOST_BYTES = 1 << 32
 """Bytes that a file in an output directory can have: 200,000 rows of 20 kB each."""
 _BLOCK = re.compile(r"block-(\d{6,18})\.parquet")
@@ -160,14 +162,24 @@ def read_block_file(path: Path) -> BlockFile:
         file, sha256 = open_hashed(data)
         if "status" not in file.schema_arrow.names:
             raise DamagedError("it has no status")
-        status = read_rows(file, ["status"]).column("status")
-    return BlockFile(path, Note.load(file), receipt_of(data, sha256, status), file)
+        rows = read_rows(file, [n for n in COUNTED if n in file.schema_arrow.names])
+    return BlockFile(path, Note.load(file), receipt_of(data, sha256, rows), file)
 
 
-def receipt_of(data: bytes, sha256: str, status: pa.ChunkedArray) -> Receipt:
-    """The receipt of a file of these bytes, whose runs have these words in `status`."""
-    counts = pc.value_counts(status).to_pylist()
+def receipt_of(data: bytes, sha256: str, rows: pa.Table) -> Receipt:
+    """The receipt of a file of these bytes, which holds these rows, or their columns `COUNTED`."""
+    counts = pc.value_counts(rows.column("status")).to_pylist()
     failed = {str(each["values"]): each["counts"] for each in counts if each["values"] != "ok"}
+    sensitive = unsure = None
+    if "t_r_error" in rows.schema.names:
+        large = rows.column("t_r_error").to_numpy() > SENSITIVE * rows.column("t_r").to_numpy()
+        sensitive = int(large.sum())
+        unsure = pc.sum(pc.invert(rows.column("type_sure")), min_count=0).as_py()
     return Receipt(
-        sha256=sha256, rows=len(status), bytes=len(data), failed=dict(sorted(failed.items()))
+        sha256=sha256,
+        rows=len(rows),
+        bytes=len(data),
+        failed=dict(sorted(failed.items())),
+        sensitive=sensitive,
+        unsure=unsure,
     )

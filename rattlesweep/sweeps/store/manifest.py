@@ -75,7 +75,8 @@ class _Part(BaseModel):
 class Receipt(_Part):
     """What is kept of a block: its file's checksum, its rows and its failed runs by status.
 
-    `seconds` is the time of its integration, None where that is not known.
+    `seconds` is the time of its integration, None where that is not known; `sensitive` and `unsure`
+    count runs as `summary` does, None where no errors are recorded.
     """
 
     sha256: Sha256
@@ -83,6 +84,8 @@ class Receipt(_Part):
     bytes: Count
     failed: Failed = {}
     seconds: Seconds | None = None
+    sensitive: Count | None = None
+    unsure: Count | None = None
 
     @model_serializer(mode="wrap")
     def _without_what_is_empty(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:

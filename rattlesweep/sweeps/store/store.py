@@ -166,7 +166,7 @@ class Store:
         """Put `table` in the place of block `index`; if it fails, what was there still is."""
         data, sha256 = encode_hashed(table, None if note is None else note.dump())
         self._put(self.block_path(index), data, table.num_rows)
-        return receipt_of(data, sha256, table.column("status"))
+        return receipt_of(data, sha256, table)
 
     def read_block(self, index: int) -> BlockFile:
         """Block `index`, proved undamaged to the bit; errors as for `read_block_file`."""

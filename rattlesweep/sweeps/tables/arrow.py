@@ -248,7 +248,7 @@ class ContentHash:
             self._feed(path, "values", "".join(text.to_pylist()).encode())
         else:
             # What lies under a null is not data, and need not be equal.
-            values = pc.fill_null(array, pa.scalar(0, kind)).to_numpy(zero_copy_only=False)
+            values = pc.fill_null(array, pa.scalar(0).cast(kind)).to_numpy(zero_copy_only=False)
             self._feed(path, "values", values.astype(values.dtype.newbyteorder("<"), copy=False))
 
     def _feed(self, path: str, what: str, data: bytes | npt.NDArray[Any]) -> None:

@@ -20,14 +20,25 @@ from rattlesweep.sweeps.tables.types import TYPES
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
+    from rattlesweep.sweeps.config.schema import Config
+
     Floats = NDArray[np.float64]
     Integers = NDArray[np.int64]
     Flags = NDArray[np.bool_]
 
 COLUMNS = ("n_i", "K_p", "omega_p", "n_c1", "t_rgh", "t_r", "type", "status", "near_tangencies")
 """Columns of `runs` that `Cells.add` reads."""
+ERRORS = ("t_r_error", "type_sure")
+"""Columns that it reads too, where they are recorded."""
+SENSITIVE = 1e-6
+"""A run is sensitive if its ``t_r_error`` is a larger share of ``t_r``."""
 Z95 = 1.959963984540054
 """Quantile of the normal distribution for two-sided 95 %."""
+
+
+def columns_for(config: Config) -> tuple[str, ...]:
+    """Columns of the runs of a sweep that `Cells.add` reads."""
+    return (*COLUMNS, *(ERRORS if "error" in config.record else ()))
 
 
 class Moments:
@@ -90,14 +101,22 @@ class Cells:
         differ in ``t_rgh`` by orders of magnitude, and those that reverse are no fair sample.
     t_rgh : Moments
         Of all runs that have one.
+    t_r_error : Moments
+        Of runs of type R that have one.
+    sensitive, unsure
+        Runs of type R whose error is large, and runs whose type is not sure.
+    has_errors : bool
+        Whether any rows told them.
     """
 
     def __init__(self, cells: int) -> None:
         self.runs, self.ok, self.steady, self.bondi, self.near_tangencies = (
             np.zeros(cells, np.int64) for _ in range(5)
         )
+        self.sensitive, self.unsure = (np.zeros(cells, np.int64) for _ in range(2))
+        self.has_errors = False
         self.types = {name: np.zeros(cells, np.int64) for name in TYPES}
-        self.t_r, self.ratio, self.t_rgh = (Moments(cells) for _ in range(3))
+        self.t_r, self.ratio, self.t_rgh, self.t_r_error = (Moments(cells) for _ in range(4))
 
     def add(self, rows: pa.RecordBatch, cell: Integers) -> None:
         """Count more runs, each in its cell; a row in a negative one is left out."""
@@ -128,13 +147,20 @@ class Cells:
         with np.errstate(over="ignore"):
             self.ratio.add(cell[timed], t_r[timed] / t_rgh[timed])
         self.t_rgh.add(cell[known], t_rgh[known])
+        if "t_r_error" in rows.schema.names:
+            self.has_errors = True
+            error = floats(rows.column("t_r_error"))[kept]
+            marked = reversed_ & np.isfinite(error)
+            self.t_r_error.add(cell[marked], error[marked])
+            np.add.at(self.sensitive, cell[marked & (error > SENSITIVE * t_r)], 1)
+            np.add.at(self.unsure, cell[floats(rows.column("type_sure"))[kept] == 0], 1)
 
     @property
     def failed(self) -> Integers:
         """Runs with a status other than ``ok``."""
         return self.runs - self.ok
 
-    def columns(self) -> dict[str, Floats | Integers]:
+    def columns(self) -> dict[str, Floats | Integers | pa.Array]:
         """The columns of `summary` that follow from the runs."""
         return {
             "runs": self.runs,
@@ -147,6 +173,11 @@ class Cells:
             "t_r_over_t_rgh_sem": self.ratio.errors(),
             "failed": self.failed,
             "near_tangencies": self.near_tangencies,
+            "t_r_mean_error": self.t_r_error.means(),
+            **{
+                name: part if self.has_errors else pa.nulls(len(part), pa.int64())
+                for name, part in (("sensitive", self.sensitive), ("unsure", self.unsure))
+            },
         }
 
 

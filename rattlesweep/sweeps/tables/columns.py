@@ -21,7 +21,8 @@ RATE = "sqrt(g/a)"
 ENERGY = "M g a"
 FORCE = "M g"
 
-F64, I32, I64, TEXT = pa.float64(), pa.int32(), pa.int64(), pa.string()
+F64, I32, I64 = pa.float64(), pa.int32(), pa.int64()
+FLAG, TEXT = pa.bool_(), pa.string()
 # "element" is what Parquet calls it: a schema then comes back as it was written.
 SERIES = pa.list_(pa.field("element", F64))
 
@@ -134,6 +135,23 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
             "the same over the second half of the run; null: too short to tell",
         ),
     ),
+    "error": (
+        field(
+            "t_r_error",
+            F64,
+            TIME,
+            "estimate of abs(t_r - true), which it exceeds in all but a few of a thousand runs; "
+            "null: no t_r",
+        ),
+        field("type_sure", FLAG, "1", "whether errors of such a size leave the type as it is"),
+        field(
+            "amp_growth_error",
+            F64,
+            "1",
+            "ten times the difference of amp_growth in a looser integration; null: unknown in one",
+        ),
+        field("n_departure_error", F64, "1", "the same of n_departure"),
+    ),
 }
 """Columns of `runs` in their order, by what they belong to."""
 
@@ -142,6 +160,7 @@ RECORD_PARTS: dict[str, tuple[str, ...]] = {
     "contact": ("full",),
     "windows": ("full", "reduced"),
     "lyapunov": ("full", "reduced"),
+    "error": ("full", "reduced"),
 }
 """What `record` may ask for, with the models that can tell.
 
@@ -185,6 +204,15 @@ SUMMARY: tuple[pa.Field, ...] = (
     ),
     required("failed", I64, "1", "runs with status other than ok"),
     required("near_tangencies", I64, "1", "sum of near_tangencies over the runs"),
+    # Of runs that record no error, null.
+    field("sensitive", I64, "1", "runs of type R with t_r_error > 1e-6 t_r"),
+    field("unsure", I64, "1", "runs whose type is not sure"),
+    field(
+        "t_r_mean_error",
+        F64,
+        TIME,
+        "mean t_r_error of type R: what t_r_mean inherits from its runs at most",
+    ),
 )
 """Columns of `summary` in their order."""
 

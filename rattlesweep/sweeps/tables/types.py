@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -50,6 +51,31 @@ def classify(
     return codes.astype(np.int8)
 
 
+def sure_types(
+    codes: NDArray[np.int8],
+    reversal_sure: NDArray[np.bool_],
+    observed: tuple[NDArray[np.float64], NDArray[np.float64]],
+    errors: tuple[NDArray[np.float64], NDArray[np.float64]],
+    thresholds: Classify,
+) -> NDArray[np.bool_]:
+    """Whether types survive errors of this size.
+
+    `observed` are ``amp_growth`` and ``n_departure``, `errors` those of their columns; of a run of
+    type R only `reversal_sure` counts.
+    """
+    (growth, departure), (growth_error, departure_error) = observed, errors
+    beyond = np.abs(growth - thresholds.ss_growth)
+    # One that has grown tenfold has grown, by however much; but so must its companion have.
+    apart = (beyond > np.minimum(growth_error, 10.0)) & (beyond > growth_error / 10.0)
+    # Too short to have a growth, it is no SS however it is integrated.
+    apart |= np.isnan(growth)
+    leaves = np.abs(departure - thresholds.sw_departure) > departure_error
+    # A spin that comes near zero may cross it.
+    stays = 1.0 - departure > departure_error
+    sure = np.where(codes == R, reversal_sure, stays & apart & ((codes == SS) | leaves))
+    return sure & (codes >= 0)
+
+
 def typed(rows: pa.Table, thresholds: Classify) -> pa.Array:
     """Types that the numbers of stored runs give under these thresholds."""
     ok = rows.column("status").to_numpy() == "ok"
@@ -62,6 +88,21 @@ def typed(rows: pa.Table, thresholds: Classify) -> pa.Array:
 
 
 def with_types(rows: pa.Table, thresholds: Classify) -> pa.Table:
-    """Stored runs with these types in the place of theirs."""
-    place = rows.schema.get_field_index("type")
-    return rows.set_column(place, rows.schema.field(place), typed(rows, thresholds))
+    """Stored runs with these types in the place of theirs, and how sure they are where told."""
+    types = typed(rows, thresholds)
+    changed = {"type": types}
+    if "type_sure" in rows.schema.names:
+        growth, departure, growth_error, departure_error = (
+            rows.column(name).to_numpy()
+            for name in ("amp_growth", "n_departure", "amp_growth_error", "n_departure_error")
+        )
+        codes = pc.fill_null(pc.index_in(types, pa.array(TYPES)), -1).to_numpy()
+        # That of a reversal does not depend on thresholds.
+        before = pc.fill_null(rows.column("type_sure"), False).to_numpy()
+        observed, errors = (growth, departure), (growth_error, departure_error)
+        sure = sure_types(codes, before, observed, errors, thresholds)
+        changed["type_sure"] = pa.array(sure, mask=codes < 0)
+    for name, values in changed.items():
+        place = rows.schema.get_field_index(name)
+        rows = rows.set_column(place, rows.schema.field(place), values)
+    return rows

@@ -1,0 +1,331 @@
+"""The error of every reversal time from a second, looser integration: its calibration.
+
+    python benchmarks/errors.py [--quick]      # the table: share covered, overestimate, price
+    python benchmarks/errors.py --fit          # the constants again, after a change of the kernel
+    python benchmarks/errors.py --promise      # accuracy: {t_r: 1e-6} on the mix of steady.yaml
+    python benchmarks/errors.py --worst 40     # the worst runs of quickstart in 32 digits
+
+The estimate and its constants are those of the package (rattlesweep/sweeps/blocks/error.py);
+docs/sensitive.md says what the runs are that it has to tell.
+
+The truth is verner98 at 1e-14; where dop853 at 1e-13 is off it by more than 1e-9, this is added
+to the error.  ``--exact 20`` takes the 20 runs of each mix with the largest difference in 32 digits
+instead (double_double.py, some seconds each).
+"""
+
+from __future__ import annotations
+
+import itertools
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import click
+import double_double
+import numpy as np
+
+from rattlesweep.integrate.batch import integrate
+from rattlesweep.integrate.model import FULL
+from rattlesweep.integrate.status import Status
+from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.sweeps.blocks.block import prepare_runs, take
+from rattlesweep.sweeps.blocks.error import (
+    FITS,
+    TIGHTEST,
+    Fit,
+    companion_setting,
+    relative_error,
+    scales,
+    with_errors,
+)
+from rattlesweep.sweeps.cases.plan import make_plan
+from rattlesweep.sweeps.config.load import load_config
+from rattlesweep.sweeps.config.schema import Integrator
+from rattlesweep.sweeps.tables.types import classify, sure_types
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from rattlesweep.integrate.batch import Batch, Outcome
+    from rattlesweep.sweeps.config.schema import Config
+
+    Floats = NDArray[np.float64]
+    Flags = NDArray[np.bool_]
+
+CONFIGS = Path(__file__).resolve().parent.parent / "configs"
+# Config, samples of each case, and where to cut the longest runs.
+MIXES = {"sd": ("tradeoff", 60), "quickstart": ("quickstart", 400), "steady": ("steady", 40),
+         "unsteady": ("unsteady", 40)}  # fmt: skip
+SETTINGS = (("dop853", 1e-6), ("dop853", 1e-9), ("dop853", 1e-12), ("verner98", 1e-9),
+            ("verner98", 1e-12), ("rk4", 0.02))  # fmt: skip
+
+PROMISED = Fit(1.0, 0.0, 3.0, 0.001)
+"""Less cautious: a limit is kept if the estimate is a few times the error, not thirty."""
+
+
+def run(batch: Batch, method: str, value: float) -> Outcome:
+    """Integrate with a tolerance or a step."""
+    name = "tol" if METHODS[method].adaptive else "dt"
+    return integrate(batch, METHODS[method], FULL, threads=1, **{name: value})
+
+
+def promise(
+    batch: Batch, wanted: float, fit: Fit = PROMISED
+) -> tuple[Floats, Floats, list[int], float]:
+    """Reversal times to a relative error ``wanted``: runs that fail are done again, tighter.
+
+    Returns
+    -------
+    t_r, error : ndarray
+    redone : list of int
+        Runs at each level.
+    tries : float
+        Steps tried in all.
+    """
+    levels = tuple(wanted * 10.0**k for k in (1, -1, -3, -5))
+    before = run(batch, "dop853", levels[0])
+    now = run(batch, "dop853", levels[1])
+    tries = sum(float((o.n_steps + o.n_rejected).sum()) for o in (before, now))
+    t_r, error = now.t_r.copy(), relative_error(batch, FULL, now, before, 1e-2, levels[1], fit)
+    redone: list[int] = []
+    # Runs of which only one of the two reverses are not known either.
+    failed = np.flatnonzero(~(error <= wanted) & (np.isfinite(now.t_r) | np.isfinite(before.t_r)))
+    before = take(now, failed)
+    for level in levels[2:]:
+        if level < TIGHTEST or not len(failed):
+            break
+        redone.append(len(failed))
+        part = take(batch, failed)
+        now = run(part, "dop853", level)
+        tries += float((now.n_steps + now.n_rejected).sum())
+        t_r[failed] = now.t_r
+        error[failed] = relative_error(part, FULL, now, before, 1e-2, level, fit)
+        again = ~(error[failed] <= wanted) & np.isfinite(now.t_r)
+        failed, before = failed[again], take(now, again)
+    return t_r, error, redone, tries
+
+
+# ----------------------------------------------------------------- calibration
+
+
+@dataclass
+class Mix:
+    """Runs of a config with their true reversal times, NaN for runs that do not reverse."""
+
+    name: str
+    batch: Batch
+    config: Config
+    labels: NDArray[np.int64]
+    true: Floats
+    doubt: Floats
+    true_codes: NDArray[np.int8]
+
+
+def codes(outcome: Outcome, config: Config) -> NDArray[np.int8]:
+    """Types as numbers."""
+    ok = outcome.status == Status.OK
+    observed = outcome.t_r, outcome.amp_growth, outcome.n_departure
+    return classify(ok, *observed, config.classify)
+
+
+def draw(name: str, share: float) -> tuple[Batch, Config, NDArray[np.int64]]:
+    """Runs of a mix that have a horizon, with their cases and samples."""
+    config, samples = MIXES[name]
+    settings = load_config(CONFIGS / f"{config}.yaml", [f"bodies.samples={int(samples * share)}"])
+    plan = make_plan(settings)
+    launches, batch = prepare_runs(plan, *np.divmod(np.arange(plan.runs), plan.samples))
+    assert batch is not None
+    good = np.isfinite(batch.t_end) & (batch.t_end > 0)
+    labels = np.stack([launches.case, launches.sample], axis=1)[good]
+    return take(batch, good), settings, labels
+
+
+def references(batch: Batch) -> tuple[Outcome, Floats]:
+    """verner98 at 1e-14, and how far dop853 at 1e-13 is off it, if by more than rounding."""
+    best, other = run(batch, "verner98", 1e-14), run(batch, "dop853", 1e-13)
+    apart = np.abs(other.t_r / best.t_r - 1.0)
+    apart[np.isfinite(best.t_r) != np.isfinite(other.t_r)] = 1.0
+    return best, np.where(apart > 1e-9, apart, 0.0)
+
+
+def exact(batch: Batch, rows: NDArray[np.int64], best: Outcome) -> Floats:
+    """Reversal times of a few runs in 32 digits."""
+    known = np.nan_to_num(best.t_r[rows], nan=np.inf)
+    return double_double.reversal_times(
+        take(batch, rows), np.minimum(batch.t_end[rows], 1.3 * known)
+    )
+
+
+def prepare(name: str, share: float, most: int) -> Mix:
+    """A mix with its truth: in 32 digits for the ``most`` runs that are most in doubt."""
+    batch, config, labels = draw(name, share)
+    best, apart = references(batch)
+    true = best.t_r.copy()
+    worst = np.argsort(-apart)[:most]
+    worst = worst[apart[worst] > 0]
+    if len(worst):
+        true[worst] = exact(batch, worst, best)
+        apart[worst] = 0.0
+    return Mix(name, batch, config, labels, true, apart, codes(best, config))
+
+
+class Pair(NamedTuple):
+    """A mix integrated with a setting and with that of its companion."""
+
+    mix: Mix
+    method: str
+    value: float
+    tight: Outcome
+    loose: Outcome
+    price: float
+
+    @property
+    def error(self) -> Floats:
+        """Of the reversal times; 1 where a run should not have reversed."""
+        found = np.abs(self.tight.t_r / self.mix.true - 1.0) + self.mix.doubt
+        found[np.isfinite(self.tight.t_r) & ~np.isfinite(self.mix.true)] = 1.0
+        return found
+
+    def estimate(self, fit: Fit | None = None) -> Floats:
+        """The estimate that the rows would hold."""
+        fit = fit or FITS[self.method]
+        ratio, tol = scales(self.method, self.value)
+        return relative_error(self.mix.batch, FULL, self.tight, self.loose, ratio, tol, fit)
+
+    @property
+    def sure(self) -> Flags:
+        """Whether the types are sure, as the rows would say."""
+        name = "tol" if METHODS[self.method].adaptive else "dt"
+        integrator = Integrator.model_validate({"method": self.method, name: self.value})
+        config = self.mix.config.model_copy(update={"integrator": integrator})
+        told = with_errors(config, self.mix.batch, self.tight, self.loose)
+        return sure_types(
+            codes(told, config),
+            told.reversal_sure,
+            (told.amp_growth, told.n_departure),
+            (told.amp_growth_error, told.n_departure_error),
+            config.classify,
+        )
+
+    def judge(self, fit: Fit | None = None) -> tuple[float, float]:
+        """Share of reversing runs that are covered, and the median overestimate."""
+        error, estimate = self.error, self.estimate(fit)
+        some = np.isfinite(self.tight.t_r)
+        covered = float((error <= estimate)[some].mean())
+        return covered, float(np.median((estimate / np.maximum(error, 1e-16))[some]))
+
+
+def measure(mix: Mix, method: str, value: float) -> Pair:
+    """Both integrations, and what the second costs in terms of the first."""
+    run(take(mix.batch, np.arange(3)), method, value)  # loads the kernel
+    begin = time.process_time()
+    tight = run(mix.batch, method, value)
+    middle = time.process_time()
+    loose = run(mix.batch, method, companion_setting(method, value))
+    price = (time.process_time() - middle) / (middle - begin)
+    return Pair(mix, method, value, tight, loose, price)
+
+
+HEAD = (f"{'mix':12}{'setting':16}{'runs':>6}{'covered':>9}{'over':>7}{'price':>7}{'error 50%':>11}"
+        f"{'99%':>9}{'off 1e-6':>9}{'marked':>8}{'unseen':>7}{'types off':>10}{'unsure':>7}"
+        f"{'unseen':>7}")  # fmt: skip
+
+
+def row(pair: Pair) -> str:
+    """A line of the table."""
+    covered, over = pair.judge()
+    some = np.isfinite(pair.tight.t_r)
+    error, estimate = pair.error[some], pair.estimate()[some]
+    off, marked = error > 1e-6, estimate > 1e-6
+    sure = pair.sure
+    wrong = codes(pair.tight, pair.mix.config) != pair.mix.true_codes
+    middle, most = np.quantile(error, [0.5, 0.99], method="inverted_cdf")
+    setting = f"{pair.method} {pair.value:.0e}"
+    return (f"{pair.mix.name:12}{setting:16}{len(error):6}{100 * covered:8.2f}%"
+            f"{over:7.1f}{100 * pair.price:6.0f}%{middle:11.1e}{most:9.1e}{off.sum():9}"
+            f"{marked.sum():8}{(off & ~marked).sum():7}{wrong.sum():10}{(~sure).sum():7}"
+            f"{(wrong & sure).sum():7}")  # fmt: skip
+
+
+def refit(pairs: list[Pair], wanted: float = 0.9953) -> None:
+    """Print the constants of least overestimate that cover the wanted share everywhere."""
+    found = []
+    for values in itertools.product((0.3, 0.5, 0.7, 1, 1.5), (5, 10, 15), (3, 5, 8, 12),
+                                    (0.0005, 0.0007, 0.001, 0.0015)):  # fmt: skip
+        judged = [pair.judge(Fit(*values)) for pair in pairs]
+        found.append((min(c for c, _ in judged), max(o for _, o in judged), Fit(*values)))
+    good = sorted((f for f in found if f[0] >= wanted), key=lambda f: f[1])
+    for covered, over, fit in (good or sorted(found, reverse=True))[:5]:
+        click.echo(f"covered {100 * covered:.2f} %, overestimate {over:.1f} at the worst: {fit}")
+
+
+def kept(name: str, share: float, rounds: int) -> None:
+    """Print what accuracy: {t_r: 1e-6} keeps and costs."""
+    mix = prepare(name, share, 0)
+    spent: dict[str, list[float]] = {"plain": [], "promise": []}
+    for _ in range(rounds):
+        begin = time.process_time()
+        plain = run(mix.batch, "dop853", 1e-9)
+        middle = time.process_time()
+        t_r, error, redone, tries = promise(mix.batch, 1e-6)
+        spent["plain"].append(middle - begin)
+        spent["promise"].append(time.process_time() - middle)
+    off = np.abs(t_r / mix.true - 1.0)
+    off[np.isfinite(t_r) & ~np.isfinite(mix.true)] = 1.0
+    marked = np.isfinite(t_r) & ~(error <= 1e-6)
+    steps = tries / float((plain.n_steps + plain.n_rejected).sum())
+    unseen = int(((off > 1e-6) & ~marked).sum())
+    seconds = float(np.median(spent["promise"]) / np.median(spent["plain"]))
+    click.echo(f"{len(mix.batch)} runs, done again {redone}; marked {marked.sum()}")
+    click.echo(f"off by more than 1e-6 {(off > 1e-6).sum()}, of these not marked {unseen}")
+    click.echo(f"of dop853 at 1e-9: {steps:.3f} of the steps, {seconds:.3f} of the time")
+
+
+def worst(count: int) -> None:
+    """Print the worst runs of quickstart at the default tolerance, one by one."""
+    mix = prepare("quickstart", 1.0, count)
+    pair = measure(mix, "dop853", 1e-9)
+    error = np.where(np.isfinite(mix.true) & ~np.isfinite(pair.tight.t_r), 1.0, pair.error)
+    estimate = pair.estimate()
+    click.echo(
+        f"{'case':>4}{'sample':>7}{'true':>15}{'looser':>12}{'1e-9':>12}{'error':>9}{'told':>9}"
+    )
+    for k in np.argsort(-np.nan_to_num(error))[:count]:
+        case, sample = mix.labels[k]
+        click.echo(f"{case:4}{sample:7}{mix.true[k]:15.6f}{pair.loose.t_r[k]:12.3f}"
+                   f"{pair.tight.t_r[k]:12.3f}{error[k]:9.1e}{estimate[k]:9.1e}")  # fmt: skip
+
+
+@click.command()
+@click.option("--quick", is_flag=True, help="A fifth of the runs.")
+@click.option("--fit", is_flag=True, help="Find the constants again.")
+@click.option("--promise", "promised", is_flag=True, help="Measure accuracy: {t_r: 1e-6}.")
+@click.option("--exact", "most", type=int, default=0, help="Runs of each mix in 32 digits.")
+@click.option("--worst", "count", type=int, default=0, help="Print the worst runs of quickstart.")
+@click.option("--mix", "names", multiple=True, type=click.Choice(list(MIXES)), help="Only these.")
+def main(
+    quick: bool, fit: bool, promised: bool, most: int, count: int, names: tuple[str, ...]
+) -> None:
+    """Print how well reversal times know their own error."""
+    share = 0.2 if quick else 1.0
+    if promised:
+        for name in names or ("steady",):
+            kept(name, share, 3)
+        return
+    if count:
+        worst(count)
+        return
+    pairs = []
+    click.echo(HEAD)
+    for name in names or MIXES:
+        mix = prepare(name, share, most)
+        for method, value in SETTINGS[: 3 if fit else None]:
+            pairs.append(measure(mix, method, value))
+            click.echo(row(pairs[-1]))
+    if fit:
+        refit(pairs)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,103 @@
+"""The picture of docs/sensitive.md: where the error of one reversal time comes from.
+
+python docs/figure_sensitive.py docs/sensitive.png
+"""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import matplotlib as mpl
+import matplotlib.pyplot as plt
+import numpy as np
+
+from rattlesweep.integrate.batch import integrate
+from rattlesweep.integrate.follow.trajectory import Follower
+from rattlesweep.integrate.model import FULL
+from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.physics.steady import steady_modes
+from rattlesweep.sweeps.blocks.block import prepare_runs, take
+from rattlesweep.sweeps.cases.plan import make_plan
+from rattlesweep.sweeps.config.load import load_config
+
+CONFIG = Path(__file__).resolve().parent.parent / "configs" / "quickstart.yaml"
+CASE, SAMPLE = 4, 99
+# Its reversal time in double-double arithmetic (benchmarks/errors.py --worst).
+TRUE = 2467.883536
+TOLS = {1e-6: "#D55E00", 1e-9: "#0072B2", 1e-12: "#009E73"}
+KICKS = {1e-13: "#009E73", 1e-11: "#56B4E9", 1e-9: "#0072B2"}
+
+
+def path(one, tol, times):
+    """States of the run at times, by dop853."""
+    return Follower(one, METHODS["dop853"], FULL, tol=tol).at(times).y
+
+
+def pitch(one, difference, y):
+    """Amplitude of the pitch in a difference of two runs, at the spin of the state ``y``."""
+    p, q, a, b, c = y.T
+    n = -(p * a + q * b + c) / np.sqrt(1 + p * p + q * q)
+    probe = steady_modes(one.constants[0][:, None], n).pitch_probe
+    return np.abs((probe * difference[:, :4]).sum(axis=1))
+
+
+def envelope(values, width=25):
+    """Largest of the values around each."""
+    return np.array([values[max(0, k - width) : k + width].max() for k in range(len(values))])
+
+
+def shifts(one, times, y, size, repeats=12):
+    """Median change of t_r by kicks of a relative size, in random directions, at some times."""
+    rng = np.random.default_rng(0)
+    many = take(one, np.zeros(len(times) * repeats, dtype=int))
+    kick = rng.standard_normal((len(many), 4))
+    kick /= np.linalg.norm(kick, axis=1)[:, None]
+    y0 = np.repeat(y, repeats, axis=0)
+    y0[:, :4] += size * np.linalg.norm(y0[:, :4], axis=1)[:, None] * kick
+    begin = np.repeat(times, repeats)
+    rest = replace(many, y0=y0, t_end=many.t_end - begin)
+    t_r = integrate(rest, METHODS["verner98"], FULL, tol=1e-14, threads=1).t_r + begin
+    return np.nanmedian(np.abs(t_r - TRUE).reshape(len(times), repeats), axis=1)
+
+
+def main(target: str) -> None:
+    """Draw where the errors of one run come from."""
+    mpl.use("Agg")
+    plt.rcParams.update({"font.size": 9, "axes.linewidth": 0.6, "legend.frameon": False})
+    plan = make_plan(load_config(CONFIG, []))
+    _, one = prepare_runs(plan, np.array([CASE]), np.array([SAMPLE]))
+    assert one is not None
+    figure, (left, middle, right) = plt.subplots(1, 3, figsize=(10.0, 3.3), layout="constrained")
+
+    times = np.arange(0.0, 2440.0, 1.0)
+    exact = path(one, 1e-15, times)
+    left.semilogy(times, envelope(np.linalg.norm(exact[:, :4], axis=1)), "k", lw=0.8,
+                  label="oscillation")  # fmt: skip
+    for tol, colour in TOLS.items():
+        y = path(one, tol, times)
+        upto = min(len(y), len(exact))
+        apart = envelope(pitch(one, y[:upto] - exact[:upto], exact[:upto]))
+        left.semilogy(times[:upto], apart, color=colour, lw=0.9,
+                      label=f"pitch error, tol {tol:.0e}".replace("e-0", "e-"))  # fmt: skip
+    left.set(xlabel="$t$", ylabel="amplitude", ylim=(1e-16, 1e5), title="(a) error of the pitch")
+    left.legend(fontsize=7, loc="upper left")
+
+    begin = np.arange(0.0, 2440.0, 20.0)
+    start = path(one, 1e-15, begin)
+    for size, colour in KICKS.items():
+        middle.semilogy(begin, shifts(one, begin, start, size), ".-", ms=3, lw=0.7, color=colour,
+                        label=f"kick of {size:.0e}".replace("e-0", "e-"))  # fmt: skip
+    middle.set(xlabel="time of the kick", ylabel="change of $t_r$", title="(b) response to a kick")
+    middle.legend(fontsize=7, loc="upper left")
+
+    tols = 10.0 ** -np.arange(5, 15.5, 0.5)
+    for method, mark in (("dop853", "o"), ("verner98", "s")):
+        t_r = [integrate(one, METHODS[method], FULL, tol=tol, threads=1).t_r[0] for tol in tols]
+        right.loglog(tols, np.abs(np.array(t_r) - TRUE), mark + "-", ms=3.5, lw=0.7, label=method)
+    right.set(xlabel="tol", ylabel="error of $t_r$", title="(c) error against tolerance")
+    right.legend(fontsize=7)
+    figure.savefig(Path(target), dpi=150)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
