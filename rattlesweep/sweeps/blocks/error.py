@@ -55,7 +55,7 @@ class Fit(NamedTuple):
     share: float = 0.0007
 
 
-FITS = {"dop853": Fit(), "verner98": Fit(floor=0.3), "rk4": Fit(floor=0.0, share=0.003)}
+FITS = {"dop853": Fit(), "verner98": Fit(floor=0.2), "rk4": Fit(floor=0.0, share=0.003)}
 """By method: how far the error of a step stays below what the control allows differs."""
 LOOSER, LOOSEST = 2e3, 1e-5
 """Tolerance of a companion in units of the run's, and the loosest: beyond, most runs part."""
