@@ -389,7 +389,7 @@ WRONG = {
     "limit of a logarithm": (["steady", "--kind", "times", "--ylim", "0,9"], 2, "add --linear"),
     "scatter of words": (["steady", "--kind", "scatter", "--x", "type"], 2, "is not one of case"),
     "unfit kind": (["one", "--kind", "map"], 2, "--kind map: does not fit this sweep"),
-    "shares of one": (["map", "--kind", "fractions"], 2, "ratio, map, distribution, scatter fit"),
+    "shares of one": (["map", "--kind", "fractions"], 2, "ratio, map, distribution, scatter"),
     "unknown axis": (["steady", "--x", "K_s"], 2, '"K_s" is not one of K_r, n_i, omega_xy0'),
     "no selection": (["steady", "--select", "n_i"], 2, "is not NAME=VALUES"),
     "no such value": (["steady", "--select", "n_i=-0.2"], 2, "no value -0.2; there are -0.5, -0.1"),

@@ -19,7 +19,7 @@ import pyarrow.parquet as pq
 
 from rattlesweep.errors import DamagedError, OutputError
 from rattlesweep.sweeps.config.load import resolved
-from rattlesweep.sweeps.config.schema import Config
+from rattlesweep.sweeps.config.schema import Classify, Config
 from rattlesweep.sweeps.store.atomic import read_file, reason
 from rattlesweep.sweeps.store.manifest import Receipt
 from rattlesweep.sweeps.tables.arrow import NOTE, open_hashed, read_rows
@@ -93,8 +93,10 @@ class Note:
     def load(cls, file: pq.ParquetFile) -> Note | None:
         """From a file's metadata; None if there is none that makes sense."""
         try:
-            return cls(**json.loads((file.schema_arrow.metadata or {}).get(NOTE, b"")))
-        except (ValueError, TypeError):
+            note = json.loads((file.schema_arrow.metadata or {}).get(NOTE, b""))
+            # A threshold younger than the file had its default.
+            return cls(**note | {"classify": Classify().model_dump() | note["classify"]})
+        except (ValueError, TypeError, KeyError):
             return None
 
     def dump(self) -> bytes:
