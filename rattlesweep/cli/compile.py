@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import click
 from click import argument, option
 
-from rattlesweep.cli.common import command, say
+from rattlesweep.cli.common import command, say, types
 from rattlesweep.errors import OutputError
 
 if TYPE_CHECKING:
@@ -79,7 +79,8 @@ def _all() -> Kernels:
 
     for method in METHODS:
         yield from _of_sweep(parse_config(SWEEP | {"integrator": {"method": method}}))
-    yield from _of_sweep(parse_config(SWEEP | {"model": "reduced"}))
+    for model in types.MODELS.choices:
+        yield from _of_sweep(parse_config(SWEEP | {"model": model}))
     yield from _of_sweep(parse_config(SWEEP | {"record": ["lyapunov"]}))
     method = DOP853.name
     for model in ("full", "reduced"):

@@ -2,7 +2,8 @@
 
 A method is a frozen :class:`Tableau` that checks itself when it is made.  The lane
 kernel is generated from it (:mod:`rattlesweep.integrate.lanes.step`), and it appears by
-its name in the config's choices, the tests and the benchmarks.
+its name in the config's choices, `--help`, the tests and the benchmarks.  Configs and `--help` are
+read without NumPy, which therefore is not imported here.
 """
 
 from __future__ import annotations
@@ -12,9 +13,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 if TYPE_CHECKING:
+    import numpy as np
     from numpy.typing import NDArray
 
 Row = dict[int, float]
@@ -85,6 +85,8 @@ class Tableau:
 
         ``R`` is the stability function.  Negative where the step amplifies.
         """
+        import numpy as np
+
         # R(z) = 1 + sum_k z^k b A^(k-1) 1, a polynomial since the method is explicit.
         weights = np.ones(self.stages)
         value = np.ones(np.shape(z), dtype=complex)

@@ -20,12 +20,14 @@ from test_run import CONFIGS, PROGRAM, invoke
 import rattlesweep as rs
 from rattlesweep import cli
 from rattlesweep.cli.common import types
-from rattlesweep.integrate.model import MODELS
-from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.integrate.model import MODELS, WITH_TANGENT
+from rattlesweep.study.onerun.channels import choose
+from rattlesweep.study.onerun.figure import CURVES, SHOWN
 from rattlesweep.study.plots.registry import KINDS
 from rattlesweep.sweeps.cases.plan import make_plan
 from rattlesweep.sweeps.config.load import config_json_schema, parse_config
 from rattlesweep.sweeps.config.schema import ACCURACIES
+from rattlesweep.sweeps.tables.columns import RECORD_PARTS
 
 HEAVY = ("numpy", "numba", "scipy", "pandas", "pyarrow", "pydantic", "tqdm", "matplotlib")
 
@@ -67,7 +69,6 @@ def test_choices_are_those_of_the_registries():
     def words(choice: types.Choice) -> list[str]:
         return list(choice.choices)
 
-    assert words(types.METHODS) == list(METHODS)
     assert words(types.MODELS) == [*(name for name in MODELS if name in words(types.MODELS)), "gh"]
     assert words(types.KINDS) == list(KINDS)
     assert words(types.ACCURACIES) == list(ACCURACIES)
@@ -75,6 +76,15 @@ def test_choices_are_those_of_the_registries():
     assert json.dumps(words(types.MODELS)) in json.dumps(config_json_schema())
     assert json.dumps(words(types.PSI)) in schema
     assert f'"const": "{types.PRESETS.choices[0]}"' in schema
+
+
+@pytest.mark.parametrize("model", types.MODELS.choices)
+def test_a_model_is_known_wherever_models_are_told_apart(model):
+    # A name that is none of its channels would be refused.
+    assert len(choose(["t", *SHOWN[model]], model)) == 1 + len(SHOWN[model])
+    assert model in CURVES
+    # Without a tangent there is no exponent to record.
+    assert (model in WITH_TANGENT) != (model in RECORD_PARTS["lyapunov"])
 
 
 def test_defaults_in_the_help_are_those_of_the_python_interface():

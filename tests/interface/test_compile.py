@@ -14,6 +14,7 @@ from test_run import CONFIGS, invoke
 from rattlesweep.cli.common import progress
 from rattlesweep.integrate import cache
 from rattlesweep.integrate.compiling import compiling, listening
+from rattlesweep.integrate.tableau import METHODS
 
 WORDS = "compiling the kernel for this machine, once (about "
 
@@ -92,8 +93,10 @@ def test_a_line_a_kernel(place: Path):
     assert [words.strip() for _, words in first] == ["0.0 s"] * 2
     assert [words.strip() for _, words in again] == ["already there"] * 2
     names = [name for name, _ in lines("--all")]
-    assert len(set(names)) == len(names) == 12
-    assert {"sweep rk4 full", "sweep dop853 full lyapunov", "rows dop853 attitude"} <= set(names)
+    assert len(set(names)) == len(names)
+    assert {f"sweep {method} full" for method in METHODS} <= set(names)
+    assert {"sweep dop853 reduced", "sweep dop853 full lyapunov", "bodies"} <= set(names)
+    assert {"trajectory dop853 reduced", "rows dop853 attitude"} <= set(names)
     assert {words.strip() for _, words in lines("--all")} == {"already there"}
 
 

@@ -16,6 +16,9 @@ from refusal import assert_refused
 from test_run import invoke, rows, run
 
 import rattlesweep as rs
+from rattlesweep.integrate.model import FULL
+from rattlesweep.physics import full
+from rattlesweep.study.onerun.channels import formulas
 from rattlesweep.study.onerun.course import Course
 from rattlesweep.study.onerun.replay import Replay
 from rattlesweep.study.onerun.rows import Rows
@@ -177,3 +180,17 @@ def test_other_models_are_replayed_too(tmp_path: Path, model: str):
     assert result.exit_code == 0
     assert f"t_r {t_r!r} and type R" in result.stderr
     assert pcsv.read_csv(table).num_rows == 3
+
+
+@full.scalar
+def slow_energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
+    return full.energy(p, q, 0.5 * a, 0.5 * b, 0.5 * c, ix, iy, iz, cxx, cxy, cyy)
+
+
+def test_a_model_that_builds_on_another_has_channels_too():
+    found = formulas(replace(FULL, name="slow", energy=slow_energy))
+    states = np.random.default_rng(1).uniform(-0.5, 0.5, (5, 7))
+    constants = full.constants(13.04, 1.522, 12.28, 0.6429, 0.036, -0.03)
+    half = states * np.array([1, 1, 0.5, 0.5, 0.5])[:, None]
+    expected = [full.energy.py_func(*y, *constants) for y in half.T]
+    np.testing.assert_allclose(found.energy(*states, *constants), expected, rtol=1e-15)

@@ -15,6 +15,7 @@ import click
 from rattlesweep.durations import seconds_of
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.integrate import check_settings
+from rattlesweep.integrate.tableau import METHODS as TABLEAUS
 
 
 def _flag(param: click.Parameter | None) -> str:
@@ -161,9 +162,9 @@ DIRECTORY = Grammar("dir", _directory)
 TITLE = Grammar("text", _title)
 # A title that Matplotlib reads.
 FORMULA = Grammar("text", _formula)
-# What the registries hold, spelled out since `--help` loads none of them; a test compares.
+METHODS = Choice(list(TABLEAUS))
+# What other registries hold, spelled out since `--help` loads none of them; a test compares.
 PRESETS = Choice(["GH"])
-METHODS = Choice(["dop853", "dopri5", "verner98", "rk4"])
 ACCURACIES = Choice(["draft", "standard", "reference"])
 MODELS = Choice(["full", "reduced", "gh"])
 KINDS = Choice(["fractions", "times", "ratio", "map", "distribution", "scatter"])

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any
+from functools import cache, cached_property, partial
+from types import ModuleType, SimpleNamespace
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -20,22 +21,45 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rattlesweep.integrate.follow.trajectory import Samples
+    from rattlesweep.integrate.model import Model
     from rattlesweep.study.onerun.course import Course
 
     Floats = NDArray[np.float64]
 
 
-def _arrays(function: Any, **others: Any) -> Callable[..., Any]:
-    """The same formula for arrays: the scalar function's own code with NumPy's square root."""
-    vector: Callable[..., Any] = specialise(
-        function.py_func, function.__name__, sqrt=np.sqrt, **others
-    )
+def _arrays(function: Any) -> Callable[..., Any]:
+    """The same formula for arrays: the scalar function's own code with NumPy's square root.
+
+    What it calls is done so too, whether by its name or by that of its module.
+    """
+    formula = function.py_func
+    names = formula.__code__.co_names
+
+    def called(found: Mapping[str, Any]) -> dict[str, Any]:
+        # Names of attributes are among them, and may be its own.
+        named = {name: found.get(name) for name in names if found.get(name) is not function}
+        return {n: _arrays(f) for n, f in named.items() if hasattr(f, "py_func")}
+
+    others = called(formula.__globals__)
+    for name in names:
+        if isinstance(module := formula.__globals__.get(name), ModuleType):
+            others[name] = SimpleNamespace(**called(vars(module)))
+    vector: Callable[..., Any] = specialise(formula, function.__name__, sqrt=np.sqrt, **others)
     return vector
 
 
-spin_of = _arrays(full.spin)
-energy_of = _arrays(full.energy)
-force_of = _arrays(full.contact_force, rhs=_arrays(full.rhs))
+class Formulas(NamedTuple):
+    """A model's own formulas, for arrays."""
+
+    spin: Callable[..., Any]
+    energy: Callable[..., Any]
+    force: Callable[..., Any]
+
+
+@cache
+def formulas(model: Model) -> Formulas:
+    """Spin of states, energy and contact force of states and constants, components first."""
+    return Formulas(_arrays(model.spin), _arrays(model.energy), _arrays(model.contact))
 
 
 @dataclass(frozen=True)
@@ -48,6 +72,11 @@ class View:
     course: Course
     samples: Samples
     beside: Samples | None
+
+    @property
+    def _own(self) -> Formulas | None:
+        """Formulas of the run's model; the closed form has none."""
+        return None if self.course.equations is None else formulas(self.course.equations)
 
     @cached_property
     def y(self) -> Floats:
@@ -62,16 +91,14 @@ class View:
     @cached_property
     def n(self) -> Floats:
         """Spin."""
-        if self.course.model == "gh":
-            return self.gh
-        spin: Floats = self.y[0] if self.course.model == "reduced" else spin_of(*self.y)
+        spin: Floats = self.gh if self._own is None else self._own.spin(*self.y)
         return spin
 
     @cached_property
     def energy(self) -> Floats:
         """Energy."""
-        formula = reduced.energy.py_func if self.course.model == "reduced" else energy_of
-        energy: Floats = formula(*self.y, *self.course.constants)
+        assert self._own is not None
+        energy: Floats = self._own.energy(*self.y, *self.course.constants)
         return energy
 
     @cached_property
@@ -124,7 +151,8 @@ class View:
     @cached_property
     def force(self) -> tuple[Floats, Floats]:
         """Normal and tangential contact force."""
-        normal, tangential = force_of(*self.y, *self.course.constants)
+        assert self._own is not None
+        normal, tangential = self._own.force(*self.y, *self.course.constants)
         return normal, tangential
 
     @cached_property

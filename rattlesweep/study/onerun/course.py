@@ -11,15 +11,15 @@ import numpy as np
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.follow.trajectory import Follower, Samples
-from rattlesweep.integrate.model import MODELS, REDUCED
+from rattlesweep.integrate.model import REDUCED
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import DOP853, METHODS
 from rattlesweep.physics.body import PARAMETERS
-from rattlesweep.study.onerun.channels import View, choose, force_of, spin_of
+from rattlesweep.study.onerun.channels import View, choose, formulas
 from rattlesweep.study.onerun.observer import Observer
 from rattlesweep.study.onerun.rows import Rows
 from rattlesweep.sweeps.blocks.single import Launch, single_run
-from rattlesweep.sweeps.cases.launches import reduced_batch, with_energies
+from rattlesweep.sweeps.cases.launches import model_of, reduced_batch, with_energies
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -87,6 +87,8 @@ class Course:
         What the run has done so far.
     t_end : float
         Horizon, in ``sqrt(a/g)``.
+    equations : Model or None
+        What is integrated; None for the closed form.
     periods : float
         Periods of the pitch up to there; 0 for a model without them.
 
@@ -107,6 +109,7 @@ class Course:
         energies = (run.e_p0, run.e_r0) if isinstance(run, Launch) else (None, None)
         config, self.launches, batch = single_run(run) if isinstance(run, Launch) else run
         launches, self.model = self.launches, str(config.model)
+        self.equations = None if batch is None else model_of(config)
         self.channels = choose(channels, self.model)
         self.body = {name: float(getattr(launches.bodies, name)[0]) for name in PARAMETERS}
         self.launch = {
@@ -131,7 +134,7 @@ class Course:
         self.observer = Observer(abs(self.launch["n_i"]))
         self.constants = np.zeros(0) if batch is None else batch.constants[0]
         self._follower: Follower | _ClosedForm
-        if batch is None:
+        if batch is None or self.equations is None:
             self._follower = _ClosedForm(launches)
             # Their spin has one zero and goes through it for good.
             self.observer.reversals += self._follower.zeros
@@ -139,7 +142,7 @@ class Course:
             self._follower = Follower(
                 batch,
                 tableau,
-                MODELS[self.model],
+                self.equations,
                 **setting,
                 max_steps=chosen.max_steps,
                 attitude="attitude" in needs,
@@ -205,16 +208,15 @@ class Course:
 
     def _look(self, t: Floats, y: Floats) -> None:
         """Observe the accepted steps as they come, and at first the launch."""
-        if not len(t):
+        if not len(t) or self.equations is None:
             return
-        if self.model == "reduced":
-            self.observer.spin(t, y[:, 0])
-            return
+        formula = formulas(self.equations)
         columns = np.ascontiguousarray(y.T)
         # A run that goes wrong overflows.
         with np.errstate(all="ignore"):
-            self.observer.spin(t, spin_of(*columns))
-            self.observer.forces(t, *force_of(*columns, *self.constants))
+            self.observer.spin(t, formula.spin(*columns))
+            if self.model != "reduced":
+                self.observer.forces(t, *formula.force(*columns, *self.constants))
 
 
 @dataclass(frozen=True)

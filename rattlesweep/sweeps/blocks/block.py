@@ -13,12 +13,12 @@ from rattlesweep.integrate.batch import Batch, Control, Outcome, integrate
 from rattlesweep.integrate.defaults import DT, TOL
 from rattlesweep.integrate.follow.lyapunov import exponents
 from rattlesweep.integrate.lanes.build import kernel
-from rattlesweep.integrate.model import MODELS, WITH_TANGENT
+from rattlesweep.integrate.model import WITH_TANGENT
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.sweeps.blocks.error import Estimated, integrate_companions, with_errors
-from rattlesweep.sweeps.cases.launches import Launches, make_batch, prepare
+from rattlesweep.sweeps.cases.launches import Launches, make_batch, model_of, prepare
 from rattlesweep.sweeps.tables.arrow import ragged
 from rattlesweep.sweeps.tables.columns import RUNS
 from rattlesweep.sweeps.tables.types import TYPES, classify, sure_types
@@ -68,10 +68,11 @@ def load_kernel(config: Config) -> float:
 
 def kernels_of(config: Config) -> list[str]:
     """Models whose kernels the runs take; companions take the plain one, whatever is recorded."""
+    plain = model_of(config).name
     if "lyapunov" not in config.record:
-        return [config.model]
-    tangent = WITH_TANGENT[config.model].name
-    return [tangent, config.model] if "error" in config.record else [tangent]
+        return [plain]
+    tangent = WITH_TANGENT[plain].name
+    return [tangent, plain] if "error" in config.record else [tangent]
 
 
 def prepare_block(plan: Plan, block: Block) -> tuple[Launches, Batch | None]:
@@ -158,7 +159,7 @@ def run_batch(
     outcome = integrate(
         part,
         METHODS[settings.method],
-        MODELS[config.model],
+        model_of(config),
         tol=settings.tol or TOL,
         dt=settings.dt or DT,
         max_steps=settings.max_steps,

@@ -26,10 +26,11 @@ import numpy as np
 
 from rattlesweep.integrate.batch import Batch, Control, Outcome, integrate
 from rattlesweep.integrate.defaults import DT, MAX_STEPS, TOL
-from rattlesweep.integrate.model import MODELS, REDUCED
+from rattlesweep.integrate.model import REDUCED
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics import full
+from rattlesweep.sweeps.cases.launches import model_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -127,7 +128,7 @@ def integrate_companions(
     return integrate(
         batch,
         METHODS[settings.method],
-        MODELS[config.model],
+        model_of(config),
         tol=companion_setting(settings.method, settings.tol or TOL),
         dt=companion_setting(settings.method, settings.dt or DT),
         # A run that is done again under another limit must get the same error.
@@ -142,7 +143,7 @@ def with_errors(config: Config, batch: Batch, runs: Outcome, companions: Outcome
     settings = config.integrator
     ratio, tol = scales(settings.method, settings.tol or settings.dt or TOL)
     fit = FITS.get(settings.method, Fit())
-    relative = relative_error(batch, MODELS[config.model], runs, companions, ratio, tol, fit)
+    relative = relative_error(batch, model_of(config), runs, companions, ratio, tol, fit)
     t_r_error = relative * runs.t_r
     ok = runs.status == Status.OK
     growth, departure = (

@@ -37,10 +37,10 @@ def expected_cost(launches: Launches, model: str) -> Floats:
     """
     if model == "gh":
         return np.ones(len(launches.t_end))
-    if model == "full":
-        cost = launches.t_end * launches.modes.omega_p
-    else:
+    if model == "reduced":
         cost = launches.t_end * launches.gh.n_0 * np.abs(launches.modes.K_p)
+    else:
+        cost = launches.t_end * launches.modes.omega_p
     return np.where(np.isfinite(cost), cost, 0.0)
 
 

@@ -10,15 +10,17 @@ import numpy as np
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import N_WINDOWS, Batch
+from rattlesweep.integrate.model import MODELS
 from rattlesweep.physics import full, launch, reduced, theory
 from rattlesweep.physics.steady import steady_modes
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from rattlesweep.integrate.model import Model
     from rattlesweep.sweeps.cases.plan import Plan
     from rattlesweep.sweeps.cases.sources import Bodies
-    from rattlesweep.sweeps.config.schema import Horizon
+    from rattlesweep.sweeps.config.schema import Config, Horizon
 
     Floats = NDArray[np.float64]
 
@@ -117,11 +119,16 @@ def _bodies(plan: Plan, groups: NDArray[np.int64], sample: NDArray[np.int64]) ->
     return type(parts[0])(**columns)
 
 
+def model_of(config: Config) -> Model:
+    """The equations that a sweep integrates; the closed form has none."""
+    return MODELS[config.model]
+
+
 def make_batch(launches: Launches, model: str) -> Batch | None:
     """Batch for a model; None for the closed form, of which nothing is integrated."""
     if model == "gh":
         return None
-    return full_batch(launches) if model == "full" else reduced_batch(launches)
+    return reduced_batch(launches) if model == "reduced" else full_batch(launches)
 
 
 def full_batch(launches: Launches) -> Batch:

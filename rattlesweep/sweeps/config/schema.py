@@ -1,7 +1,7 @@
 """What a sweep is, as frozen models. Units are M = a = g = 1: times in sqrt(a/g)."""
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Annotated, Any, Literal, NamedTuple, get_args
 
@@ -18,6 +18,7 @@ from pydantic import (
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.defaults import DT, MAX_STEPS, TOL
+from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.sweeps.config.bodies import GridSource, PresetSource, SdSource, TableSource
 from rattlesweep.sweeps.config.fields import (
     MAX_TIME,
@@ -60,14 +61,6 @@ ACCURACIES = {
 The errors are relative, and those that ``rattlesweep tradeoff`` finds for the bodies, launches and
 horizons of ``configs/tradeoff.yaml``; they do not depend on the machine.
 """
-
-
-def methods() -> Mapping[str, Any]:
-    """The integrators by name; each knows whether it is `adaptive`."""
-    # Not at import time: `--help` and other commands do without integrators.
-    from rattlesweep.integrate.tableau import METHODS
-
-    return METHODS
 
 
 def _word_or_number(value: Any) -> str:
@@ -115,7 +108,7 @@ class Horizon(Base):
 
 
 def _offer_methods(schema: dict[str, Any]) -> None:
-    schema["enum"] = list(methods())
+    schema["enum"] = list(METHODS)
 
 
 class Integrator(Base):
@@ -186,8 +179,8 @@ class Integrator(Base):
     @field_validator("method")
     @classmethod
     def _known(cls, method: str) -> str:
-        if method not in methods():
-            raise ValueError(not_one_of(method, methods()))
+        if method not in METHODS:
+            raise ValueError(not_one_of(method, METHODS))
         return method
 
     @field_validator("tol", "dt")
@@ -197,7 +190,7 @@ class Integrator(Base):
         method, key = info.data.get("method"), info.field_name
         if method is None:
             return value
-        if methods()[method].adaptive == (key == "tol"):
+        if METHODS[method].adaptive == (key == "tol"):
             default = TOL if key == "tol" else DT
             return default if value is None else value
         if value is not None:

@@ -88,11 +88,12 @@ def _findings(plan: Plan) -> Iterator[Finding]:
     batch = make_batch(sample.launches, config.model)
     assert batch is not None
     method = METHODS[config.integrator.method]
-    if not method.adaptive and config.model == "full":
-        yield from _step(config, sample, batch, method)
-    elif not method.adaptive:
+    reduced = config.model == "reduced"
+    if not method.adaptive and reduced:
         yield from _reduced_step(config, sample, batch)
-    if not method.adaptive or config.model == "full":
+    elif not method.adaptive:
+        yield from _step(config, sample, batch, method)
+    if not method.adaptive or not reduced:
         yield from _max_steps(config, sample, batch)
 
 
@@ -164,7 +165,7 @@ def _horizon(config: Config, sample: Sample) -> Iterator[Finding]:
     t_end, t_rgh = launches.t_end, launches.gh.t_rgh
     period = 2 * np.pi / launches.modes.omega_p
     endless, early = ~np.isfinite(t_end), t_end < t_rgh
-    brief = (t_end < period) & (config.model == "full")
+    brief = (t_end < period) & (config.model not in ("reduced", "gh"))
     if endless.any():
         yield Finding(
             ("horizon", "t_rgh"),
