@@ -52,9 +52,9 @@ class Accuracy(NamedTuple):
 
 
 ACCURACIES = {
-    "draft": Accuracy("dop853", 1e-6, 2.8e-7, 2.3e-5),
-    "standard": Accuracy("dop853", TOL, 2.2e-10, 1.2e-8),
-    "reference": Accuracy("verner98", 1e-12, 3.2e-14, 2.5e-12),
+    "draft": Accuracy("dop853", 1e-6, 1.4e-7, 7.5e-6),
+    "standard": Accuracy("dop853", TOL, 8.7e-11, 7.6e-9),
+    "reference": Accuracy("verner98", 1e-12, 1.6e-14, 1.3e-12),
 }
 """Words for how accurate runs shall be.
 
