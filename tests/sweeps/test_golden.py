@@ -40,6 +40,11 @@ def origin_of(path: Path) -> dict[str, Any]:
     return json.loads(pq.read_schema(path).metadata[b"origin"])
 
 
+def ordinary(rows: pd.DataFrame) -> pd.Series:
+    """Which runs are not sensitive."""
+    return ~(rows.t_r_error > 1e-6 * rows.t_r)
+
+
 def assert_close(now: pd.DataFrame, then: pd.DataFrame) -> None:
     """Compare all numbers, and those of sensitive runs (docs/sensitive.md) within their errors."""
     assert list(now.columns) == list(then.columns)
@@ -47,11 +52,11 @@ def assert_close(now: pd.DataFrame, then: pd.DataFrame) -> None:
         assert now[name].equals(then[name]), name
     for name in THEORY:
         np.testing.assert_allclose(now[name], then[name], rtol=1e-12, err_msg=name)
-    sensitive = (then.t_r_error > 1e-6 * then.t_r).to_numpy()
-    assert sensitive.sum() < 0.1 * len(then)
+    kept = ordinary(then)
+    assert kept.sum() > 0.9 * len(then)
     apart, errors = (now.t_r - then.t_r).abs(), now.t_r_error + then.t_r_error
-    assert (apart[sensitive] <= errors[sensitive]).all()
-    now, then = now[~sensitive], then[~sensitive]
+    assert (apart[~kept] <= errors[~kept]).all()
+    now, then = now[kept], then[kept]
     for name in ("t_r", "t_end"):
         np.testing.assert_allclose(now[name], then[name], rtol=1e-6, err_msg=name)
     change = (now.t_r / then.t_r - 1).abs().median()
@@ -88,7 +93,7 @@ def test_it_holds_something_of_everything():
 def test_the_tolerances_notice_a_change(name, change):
     then = pd.read_parquet(GOLDEN)
     now = then.copy()
-    row = now[name].first_valid_index()
+    row = now[name][ordinary(now)].first_valid_index()
     now.loc[row, name] = now.loc[row, name] * (1 + change) + (change if name[0] in "ne" else 0)
     with pytest.raises(AssertionError):
         assert_close(now, then)
