@@ -19,6 +19,7 @@ from rattlesweep.cli.common.output import DONE, FAILED, MOST_ROWS
 )
 @argument("a", type=click.Path(path_type=Path))
 @argument("b", type=click.Path(path_type=Path))
+# t_r_error is to cover 99.5 % of the runs.
 @option("--allow", metavar="SHARE", type=click.FloatRange(0, 1), default=0.005,
         help="Share of the runs that reverse in both which may be beyond.")  # fmt: skip
 @options.file("--figure", ".svg", ".png", ".pdf", help="Plot to an .svg, .png or .pdf file.")

@@ -16,7 +16,7 @@ from rattlesweep.study.where import parse_condition
 from rattlesweep.sweeps.blocks.recompute import differing_rows
 from rattlesweep.sweeps.cases.launches import make_batch, prepare
 from rattlesweep.sweeps.store.stored import open_stored
-from rattlesweep.sweeps.tables.cells import SENSITIVE
+from rattlesweep.sweeps.tables.cells import is_sensitive
 from rattlesweep.sweeps.tables.columns import runs_schema
 
 if TYPE_CHECKING:
@@ -60,8 +60,8 @@ class StoredRun:
         """What is known of the error of ``t_r``."""
         if self.t_r is None or self.t_r_error is None:
             return ""
-        sensitive = self.t_r_error > SENSITIVE * self.t_r
-        return f" +- {self.t_r_error:.2g}{' (sensitive)' if sensitive else ''}"
+        sensitive = " (sensitive)" if is_sensitive(self.t_r_error, self.t_r) else ""
+        return f" +- {self.t_r_error:.2g}{sensitive}"
 
     def check(self, course: Course) -> None:
         """Compare a followed trajectory with the stored row, bit for bit.

@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 import platform
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 import pyarrow as pa
 
 from rattlesweep.sweeps.store.provenance import machine, package_version
-from rattlesweep.sweeps.tables.columns import F64, I64, TEXT, TIME, field
+from rattlesweep.sweeps.tables.columns import F64, I64, TEXT, TIME, field, required
 from rattlesweep.text import align
 
 if TYPE_CHECKING:
@@ -22,19 +21,18 @@ if TYPE_CHECKING:
 WANTED = (1e-3, 1e-6, 1e-9, 1e-12)
 QUANTILES = {"median": "error_median", "p99": "error_p99"}
 _MISSED = "; a run without t_r counts as infinite, and null is infinite"
-_always = partial(field, nullable=False)
 
 # One row a setting.
 SCHEMA = pa.schema(
     [
-        _always("model", TEXT, "1", "full, reduced or gh"),
-        _always("method", TEXT, "1", "integrator; plain: scalar RK4, one run after another"),
-        _always("setting", TEXT, "1", "tol, dt, or none"),
+        required("model", TEXT, "1", "full, reduced or gh"),
+        required("method", TEXT, "1", "integrator; plain: scalar RK4, one run after another"),
+        required("setting", TEXT, "1", "tol, dt, or none"),
         field("value", F64, "1", "value of the setting; dt in sqrt(a/g)"),
-        _always("runs", I64, "1", "runs integrated for the errors"),
-        _always("reversing", I64, "1", "runs among them whose reference reverses"),
-        _always("us_per_unit", F64, "us", f"cost on one thread for one run over one {TIME}"),
-        _always("us_per_run", F64, "us",
+        required("runs", I64, "1", "runs integrated for the errors"),
+        required("reversing", I64, "1", "runs among them whose reference reverses"),
+        required("us_per_unit", F64, "us", f"cost on one thread for one run over one {TIME}"),
+        required("us_per_run", F64, "us",
                 "cost on one thread for one run, cut at the timing horizon"),
         field("speedup", F64, "1", "cost per unit of plain over that of this row"),
         field("error_median", F64, "1", "median of abs(t_r/t_ref - 1)" + _MISSED),
@@ -42,12 +40,12 @@ SCHEMA = pa.schema(
         field("error_p99", F64, "1", "99th percentile of the same" + _MISSED),
         field("error_max", F64, "1", "largest error of the runs that have a t_r"),
         field("share_above_1e_6", F64, "1", "share of runs off by more than 1e-6, or without t_r"),
-        _always("missed", I64, "1", "runs with a reversal in the reference and none here"),
-        _always("false", I64, "1", "runs with a reversal here and none in the reference"),
+        required("missed", I64, "1", "runs with a reversal in the reference and none here"),
+        required("false", I64, "1", "runs with a reversal here and none in the reference"),
         field("type_flips", F64, "1", "share of runs with another type"),
         field("energy_drift_median", F64, "1", "median change of energy, relative"),
         field("energy_drift_max", F64, "1", "largest change of energy, relative"),
-        _always("failed", I64, "1", "runs with a status other than ok"),
+        required("failed", I64, "1", "runs with a status other than ok"),
     ]
 )  # fmt: skip
 

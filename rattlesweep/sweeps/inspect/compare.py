@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
     Integers = NDArray[np.int64]
 
-ALLOWED = 0.005
-"""Share of runs that may lie beyond both errors: `t_r_error` is to cover 99.5 % of them."""
 LOWEST, HIGHEST = -17, 1
 """Powers of ten between which relative differences lie."""
 COARSE, FINE = 10, 200
@@ -43,8 +41,8 @@ _COUNTS = ("runs", "reversing", "equal", "beyond", "types", "types_sure", "not_o
 _SIDES = [("a", "the first directory"), ("b", "the second")]
 DATA = pa.schema(
     [
-        columns.field("case", I32, "1", "number of the case, from 0", nullable=False),
-        columns.field("sample", I64, "1", "number of the run within its case", nullable=False),
+        columns.required("case", I32, "1", "number of the case, from 0"),
+        columns.required("sample", I64, "1", "number of the run within its case"),
         *(columns.field(f"type_{x}", TEXT, "1", f"type in {words}") for x, words in _SIDES),
         *(columns.field(f"t_r_{x}", F64, TIME, f"t_r in {words}") for x, words in _SIDES),
         columns.field("dt_r", F64, TIME, "t_r_b - t_r_a; null: does not reverse in both"),
@@ -161,7 +159,7 @@ class Comparison:
         worst = None if median is None else tally.worst
         return tally.counts | {"median": median, "p99": p99, "worst": worst} | unknown
 
-    def disagree(self, allowed: float = ALLOWED) -> bool:
+    def disagree(self, allowed: float) -> bool:
         """Whether more than this share lie beyond both errors, or types that are sure differ."""
         counts = self.total.counts
         return counts["beyond"] > allowed * counts["reversing"] or counts["types_sure"] > 0

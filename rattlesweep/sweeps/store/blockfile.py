@@ -23,7 +23,7 @@ from rattlesweep.sweeps.config.schema import Classify, Config
 from rattlesweep.sweeps.store.atomic import read_file, reason
 from rattlesweep.sweeps.store.manifest import Receipt
 from rattlesweep.sweeps.tables.arrow import NOTE, open_hashed, read_rows
-from rattlesweep.sweeps.tables.cells import SENSITIVE
+from rattlesweep.sweeps.tables.cells import is_sensitive
 
 COUNTED = ("status", "t_r", "t_r_error", "type_sure")
 MOST_BYTES = 1 << 32
@@ -174,8 +174,8 @@ def receipt_of(data: bytes, sha256: str, rows: pa.Table) -> Receipt:
     failed = {str(each["values"]): each["counts"] for each in counts if each["values"] != "ok"}
     sensitive = unsure = None
     if "t_r_error" in rows.schema.names:
-        large = rows.column("t_r_error").to_numpy() > SENSITIVE * rows.column("t_r").to_numpy()
-        sensitive = int(large.sum())
+        errors, times = (rows.column(name).to_numpy() for name in ("t_r_error", "t_r"))
+        sensitive = int(is_sensitive(errors, times).sum())
         unsure = pc.sum(pc.invert(rows.column("type_sure")), min_count=0).as_py()
     return Receipt(
         sha256=sha256,

@@ -8,7 +8,7 @@ bit; memory goes with the cells and not with the runs.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
@@ -152,7 +152,7 @@ class Cells:
             error = floats(rows.column("t_r_error"))[kept]
             marked = reversed_ & np.isfinite(error)
             self.t_r_error.add(cell[marked], error[marked])
-            np.add.at(self.sensitive, cell[marked & (error > SENSITIVE * t_r)], 1)
+            np.add.at(self.sensitive, cell[marked & is_sensitive(error, t_r)], 1)
             np.add.at(self.unsure, cell[floats(rows.column("type_sure"))[kept] == 0], 1)
 
     @property
@@ -199,6 +199,11 @@ def share(part: ArrayLike, whole: ArrayLike) -> Floats:
     part, whole = np.asarray(part, float), np.asarray(whole, float)
     result: Floats = np.divide(part, whole, out=np.full(part.shape, np.nan), where=whole > 0)
     return result
+
+
+def is_sensitive(t_r_error: Any, t_r: Any) -> Any:
+    """Whether a run is sensitive, of numbers or arrays; NaN is not."""
+    return t_r_error > SENSITIVE * t_r
 
 
 def _finite(values: Floats) -> Floats:
