@@ -13,11 +13,14 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rattlesweep.api import (
         ConfigError,
+        GrowthRates,
         Modes,
         OutputError,
         Rattleback,
         Run,
         Sweep,
+        bondi_threshold,
+        growth_rates,
         load,
         modes,
         replay,
@@ -29,12 +32,15 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ConfigError",
+    "GrowthRates",
     "Modes",
     "OutputError",
     "Rattleback",
     "Run",
     "Sweep",
     "__version__",
+    "bondi_threshold",
+    "growth_rates",
     "load",
     "modes",
     "replay",

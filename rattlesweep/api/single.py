@@ -5,15 +5,34 @@ from __future__ import annotations
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
+import numpy as np
+
+from rattlesweep.api.arrays import (
+    Bodies,
+    body_columns,
+    broadcast,
+    check_threads,
+    is_frame,
+    numbers,
+    to_frame,
+)
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics.body import Rattleback
+from rattlesweep.progress import Bar
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    import pandas as pd
+    from numpy.typing import ArrayLike, NDArray
+
     from rattlesweep.study.onerun.course import Trajectory
+
+    Floats = NDArray[np.float64]
+
+LAUNCH, OF_LAUNCH = ("n_i", "omega_xy0"), ("psi", "t_end")
 
 
 @dataclass(frozen=True)
@@ -42,30 +61,70 @@ class Run:
     near_tangencies: int
 
 
+@overload
 def simulate(
     body: Rattleback,
     *,
     n_i: float,
     omega_xy0: float,
-    t_end: float | None = None,
-    psi: str | float = "relevant",
+    t_end: float | None = ...,
+    psi: str | float = ...,
+    model: str = ...,
+    method: str = ...,
+    tol: float | None = ...,
+    dt_step: float | None = ...,
+    dt: float | None = ...,
+    threads: int | None = ...,
+    progress: bool | None = ...,
+) -> Run: ...
+@overload
+def simulate(
+    body: Bodies,
+    *,
+    n_i: ArrayLike | None = ...,
+    omega_xy0: ArrayLike | None = ...,
+    t_end: ArrayLike | None = ...,
+    psi: str | ArrayLike | None = ...,
+    model: str = ...,
+    method: str = ...,
+    tol: float | None = ...,
+    dt_step: float | None = ...,
+    dt: float | None = ...,
+    threads: int | None = ...,
+    progress: bool | None = ...,
+) -> Run | pd.DataFrame: ...
+def simulate(
+    body: Bodies,
+    *,
+    n_i: ArrayLike | None = None,
+    omega_xy0: ArrayLike | None = None,
+    t_end: ArrayLike | None = None,
+    psi: str | ArrayLike | None = None,
     model: str = "full",
     method: str = "dop853",
     tol: float | None = None,
     dt_step: float | None = None,
     dt: float | None = None,
-) -> Run:
-    """Integrate one body from one launch to its first reversal or to ``t_end``.
+    threads: int | None = None,
+    progress: bool | None = None,
+) -> Run | pd.DataFrame:
+    """Integrate bodies from their launches to their first reversals or to ``t_end``.
+
+    One body and numbers give one :class:`Run`.  If anything is an array, all are broadcast by
+    NumPy's rules, and a thousand runs cost what a thousand rows of a sweep cost.
 
     Parameters
     ----------
-    body : Rattleback
-    n_i, omega_xy0 : float
+    body : Rattleback, sequence or array of Rattleback, or DataFrame
+        A table has the columns ``alpha beta gamma theta phi xi``, angles in radians; if it also has
+        ``n_i omega_xy0`` and perhaps ``psi t_end`` (in radians), these are the launches of its
+        rows unless `n_i` and `omega_xy0` are given.  The runs of a sweep are such a table.
+    n_i, omega_xy0 : array_like
         Initial spin and oscillation, in ``sqrt(g/a)``.
-    t_end : float, optional
+    t_end : array_like, optional
         Horizon, in ``sqrt(a/g)``; by default 5 t_rGH of the spin's own direction.
-    psi : str or float
-        ``relevant``, ``pitch``, ``roll`` or degrees.
+    psi : str or array_like, optional
+        ``relevant`` (the default), ``pitch``, ``roll`` or degrees.
     model : str
         ``full``, ``reduced`` or ``gh``.
     method, tol, dt_step
@@ -73,28 +132,36 @@ def simulate(
         dt`` of the config's ``integrator``, with its defaults.
     dt
         Former name of ``dt_step``; in :func:`trajectory` it is the distance of two rows.
+    threads : int, optional
+        Threads of the kernel; by default one for each processor.  The results do not depend on it.
+    progress : bool, optional
+        Whether to show a bar; by default in a terminal and in a notebook, if it takes long.
 
     Returns
     -------
-    Run
+    Run or pandas.DataFrame
+        The table has one row a run and the columns of a sweep's ``runs`` but ``case`` and
+        ``sample``, with ``attrs["units"]``, and ``attrs["shape"]``, the shape to which the
+        arguments were broadcast: its rows are in C order.  It has the index of a DataFrame of
+        bodies of which each row is one run.
 
     Raises
     ------
     ConfigError
-        If an argument is wrong.
+        If an argument is wrong, a body cannot exist, or the shapes do not go together.
 
     Examples
     --------
     >>> import rattlesweep as rs
-    >>> run = rs.simulate(rs.Rattleback.gh(), n_i=0.1, omega_xy0=0.01)
+    >>> gh = rs.Rattleback.gh()
+    >>> run = rs.simulate(gh, n_i=0.1, omega_xy0=0.01)
     >>> round(run.t_r, 2), run.type, run.status
     (112.09, 'R', 'ok')
+    >>> runs = rs.simulate(gh, n_i=[0.1, 0.2, 0.4], omega_xy0=[[0.01], [0.1]])
+    >>> runs.t_r.to_numpy().reshape(runs.attrs["shape"]).round(2)
+    array([[112.09,  74.67,  68.48],
+           [ 26.77,  33.15,  45.7 ]])
     """
-    from rattlesweep.sweeps.blocks.block import finish_block
-    from rattlesweep.sweeps.blocks.single import Launch, single_run
-    from rattlesweep.sweeps.tables.arrow import build_table
-    from rattlesweep.sweeps.tables.columns import runs_schema
-
     if dt is not None:
         if dt_step is not None:
             raise ConfigError("dt and dt_step are both given, and mean the same; give dt_step")
@@ -105,11 +172,38 @@ def simulate(
             stacklevel=2,
         )
         dt_step = dt
-    integrator = _integrator(method, tol, dt_step)
-    run = single_run(Launch(body, n_i, omega_xy0, t_end, psi, model, integrator))
-    table = build_table(finish_block(*run, threads=1), runs_schema((), model))
-    (row,) = table.select(list(Run.__dataclass_fields__)).to_pylist()
-    return Run(**row)
+    from rattlesweep.integrate.compiling import listening
+    from rattlesweep.sweeps.blocks.memory import integrate_plan
+    from rattlesweep.sweeps.blocks.single import Launch, plan_of
+    from rattlesweep.sweeps.cases.sources import TableBodies
+
+    check_threads(threads)
+    columns = body_columns(body)
+    given = {"n_i": n_i, "omega_xy0": omega_xy0, "t_end": t_end}
+    arrays = {name: numbers(name, value) for name, value in given.items() if value is not None}
+    if psi is not None and not isinstance(psi, str):
+        arrays["psi"] = np.radians(numbers("psi", psi))
+    columns, shape = broadcast(_launched(columns, arrays, psi is not None))
+    launch = Launch(
+        Rattleback.gh(),
+        # Replaced by those of the rows, like the body.
+        n_i=1.0,
+        omega_xy0=1.0,
+        psi=psi if isinstance(psi, str) else "relevant",
+        model=model,
+        integrator=_integrator(method, tol, dt_step),
+    )
+    plan = plan_of(launch, TableBodies({name: c.ravel() for name, c in columns.items()}))
+    with Bar.of_call(progress) as bar, listening(bar.compiling):
+        table = integrate_plan(plan, threads if shape else 1, bar.counting(f"{plan.runs} runs"))
+    if not shape:
+        (row,) = table.select(list(Run.__dataclass_fields__)).to_pylist()
+        return Run(**row)
+    frame = to_frame(table.drop_columns(["case", "sample"]))
+    frame.attrs["shape"] = shape
+    if is_frame(body) and shape == (len(body),):
+        frame.index = body.index
+    return frame
 
 
 def trajectory(
@@ -230,6 +324,26 @@ def replay(
     found = collect(course)
     run.check(course)
     return found
+
+
+def _launched(
+    columns: dict[str, Floats], arrays: dict[str, Floats], directed: bool
+) -> dict[str, Floats]:
+    """Bodies with the launches that are given, or those of their own table.
+
+    ``directed`` says whether ``psi`` is given, as a word or in ``arrays``.
+    """
+    if any(name in arrays for name in LAUNCH):
+        # Directions and horizons of the table belong to its own launches.
+        columns = {name: columns[name] for name in columns if name not in (*LAUNCH, *OF_LAUNCH)}
+    elif directed:
+        columns.pop("psi", None)
+    launched = columns | arrays
+    if missing := [name for name in LAUNCH if name not in launched]:
+        raise ConfigError(
+            f"{' and '.join(missing)} missing; give n_i and omega_xy0, or a DataFrame that has them"
+        )
+    return launched
 
 
 def _integrator(method: str, tol: float | None, dt_step: float | None) -> dict[str, Any]:

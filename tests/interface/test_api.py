@@ -48,14 +48,15 @@ def test_the_examples_in_the_package_are_true():
         result = doctest.testmod(module)
         assert result.failed == 0
         attempted += result.attempted
-    assert attempted >= 8
+    assert attempted >= 16
     assert doctest.testmod(rs) == (0, 3)
 
 
 def test_every_name_is_there():
     assert all(getattr(rs, name) is not None for name in rs.__all__)
-    contract = {"Rattleback", "modes", "reversal_time_gh", "simulate", "trajectory", "sweep",
-                "load", "replay", "ConfigError", "OutputError"}  # fmt: skip
+    contract = {"Rattleback", "modes", "reversal_time_gh", "bondi_threshold", "growth_rates",
+                "simulate", "trajectory", "sweep", "load", "replay", "ConfigError",
+                "OutputError"}  # fmt: skip
     assert contract <= set(rs.__all__)
     with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
         _ = rs.nonsense

@@ -16,6 +16,8 @@ from rattlesweep.sweeps.config.load import parse_config
 if TYPE_CHECKING:
     from rattlesweep.integrate.batch import Batch
     from rattlesweep.sweeps.cases.launches import Launches
+    from rattlesweep.sweeps.cases.plan import Plan
+    from rattlesweep.sweeps.cases.sources import Source
     from rattlesweep.sweeps.config.schema import Config
 
 
@@ -53,8 +55,8 @@ class Launch:
     e_r0: float | None = None
 
 
-def single_run(launch: Launch) -> tuple[Config, Launches, Batch | None]:
-    """Config, launch and batch of one run: those of a sweep of one body; no batch for ``gh``.
+def plan_of(launch: Launch, source: Source | None = None) -> Plan:
+    """A sweep of one body, or of the bodies of `source`, which may bring their own launches.
 
     Raises
     ------
@@ -70,10 +72,22 @@ def single_run(launch: Launch) -> tuple[Config, Launches, Batch | None]:
             "integrator": dict(launch.integrator),
         }
     )
-    # The body itself, checked when it was made, in the preset's place.
-    source = GridBodies({name: getattr(launch.body, name) for name in PARAMETERS}, {})
-    plan = replace(make_plan(config), source=source)
+    if source is None:
+        # The body itself, checked when it was made, in the preset's place.
+        source = GridBodies({name: getattr(launch.body, name) for name in PARAMETERS}, {})
+    return replace(make_plan(config), source=source)
+
+
+def single_run(launch: Launch) -> tuple[Config, Launches, Batch | None]:
+    """Config, launch and batch of one run: those of a sweep of one body; no batch for ``gh``.
+
+    Raises
+    ------
+    ConfigError
+        If an argument is wrong.
+    """
+    plan = plan_of(launch)
     launches, batch = prepare_block(plan, plan.block(0))
     if batch is not None and launch.model == "reduced":
         batch = with_energies(batch, launch.e_p0, launch.e_r0)
-    return config, launches, batch
+    return plan.config, launches, batch

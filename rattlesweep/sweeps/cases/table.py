@@ -37,6 +37,14 @@ NUMBERS = (pa.types.is_integer, pa.types.is_floating, pa.types.is_decimal, pa.ty
            pa.types.is_large_string, pa.types.is_null)  # fmt: skip
 
 
+def check_value(name: str, values: Floats) -> tuple[int, str] | None:
+    """The place of the first value, of a flat array, that breaks a rule, and what is wanted."""
+    for column, is_wrong, wanted in RULES:
+        if column == name and (bad := is_wrong(values)).any():
+            return int(np.argmax(bad)), wanted
+    return None
+
+
 def read_table(path: str, base: Path | None = None) -> dict[str, Floats]:
     """Read bodies from a file, or from a directory of Parquet files such as ``runs``.
 
@@ -74,6 +82,15 @@ def read_table(path: str, base: Path | None = None) -> dict[str, Floats]:
     except Exception as error:  # pandas and pyarrow raise many kinds
         reason = one_line(str(error).split("\n")[0] or type(error).__name__, 200)
         raise ConfigError(f"{where}: cannot be read as a table ({reason})") from None
+    return columns_of(frame, where)
+
+
+def columns_of(frame: pd.DataFrame, where: str) -> dict[str, Floats]:
+    """Columns of bodies, and of their launches if there are any, as :func:`read_table` gives them.
+
+    `where` is what a complaint begins with.
+    """
+    _check_repeats(frame.columns.tolist(), where)
     for name in PARAMETERS:
         if name not in frame.columns:
             wanted = " ".join(PARAMETERS)
@@ -85,9 +102,11 @@ def read_table(path: str, base: Path | None = None) -> dict[str, Floats]:
         )
     if not len(frame):
         raise ConfigError(f"{where}: the table has no rows; give at least one body")
-    columns = {
-        name: _numbers(frame[name], name, where) for name in COLUMNS if name in frame.columns
-    }
+    columns = {}
+    for name in (name for name in COLUMNS if name in frame.columns):
+        if (kind := frame[name].dtype).kind not in "iufO":
+            raise ConfigError(f"{where}: the column {name} is of type {kind}; numbers are wanted")
+        columns[name] = _numbers(frame[name], name, where)
     _check_rows(columns, where)
     reversal = columns.pop("t_r", None)
     if reversal is not None and "t_end" in columns:
