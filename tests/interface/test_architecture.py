@@ -44,11 +44,16 @@ def test_folders_are_small():
     assert {str(f): count for f, count in folders.items() if count > 14} == {}
 
 
+def is_overload(node: ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef) -> bool:
+    """Whether it is a signature for type checkers; what it does is said once, below."""
+    return any(isinstance(d, ast.Name) and d.id == "overload" for d in node.decorator_list)
+
+
 def public(node: ast.AST, inside: str = "") -> list[tuple[str, ast.AST]]:
     found: list[tuple[str, ast.AST]] = []
     for child in ast.iter_child_nodes(node):
         if isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
-            if child.name.startswith("_"):
+            if child.name.startswith("_") or is_overload(child):
                 continue
             name = f"{inside}{child.name}"
             found.append((name, child))
