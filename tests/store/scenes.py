@@ -25,7 +25,7 @@ from rattlesweep.sweeps.store.manifest import Manifest
 from rattlesweep.sweeps.store.store import Store
 from rattlesweep.sweeps.tables.columns import runs_schema
 
-SCENES = ("run", "classify", "retry", "fresh", "merge")
+SCENES = ("run", "classify", "retry", "fresh", "merge", "grow")
 
 
 def finished_sweep(folder: Path, *lines: str, **changes: Any) -> tuple[Path, Path, Reference]:
@@ -70,6 +70,9 @@ def make_scene(name: str, folder: Path, **changes: Any) -> Scene:
         return Scene(None, command, Reference.of(did(command, folder / "merged")))
     if name == "classify":
         before, command = whole, ("classify", "{out}", "--set", OTHER_TYPES)
+    elif name == "grow":
+        before = did((*run, "--set", "spin.n_i=-0.1"), folder / "smaller")
+        command = run
     elif name == "fresh":
         before, command = did((*run, "--set", "seed=1"), folder / "other"), (*run, "--fresh")
     else:

@@ -31,17 +31,32 @@ torque_coefficients = njit(nogil=True)(
 )
 
 
-@njit(nogil=True)
-def body_at(u, ranges):
-    """``gamma, f_sd, theta, phi, xi, alpha, beta`` at a point ``u`` of the unit cube."""
+def unit_to_ranges(u, ranges):
+    """``gamma, f_sd, theta, phi, xi`` at a point ``u`` of the unit cube, or at many."""
     gamma = ranges[0, 0] + (ranges[0, 1] - ranges[0, 0]) * u[0]
     f_sd = ranges[1, 0] + (ranges[1, 1] - ranges[1, 0]) * u[1]
     theta = ranges[2, 0] + (ranges[2, 1] - ranges[2, 0]) * u[2]
     phi = ranges[3, 0] + (ranges[3, 1] - ranges[3, 0]) * u[3]
     # From (low, high]: the skew angle is never zero.
     xi = -np.radians(ranges[4, 1] - (ranges[4, 1] - ranges[4, 0]) * u[4])
+    return gamma, f_sd, theta, phi, xi
+
+
+_unit_to_ranges = njit(nogil=True)(unit_to_ranges)
+
+
+@njit(nogil=True)
+def body_at(u, ranges):
+    """``gamma, f_sd, theta, phi, xi, alpha, beta`` at a point ``u`` of the unit cube."""
+    gamma, f_sd, theta, phi, xi = _unit_to_ranges(u, ranges)
     alpha, beta = _shell_dumbbell(gamma, f_sd)
     return gamma, f_sd, theta, phi, xi, alpha, beta
+
+
+def bodies_of(points: Floats, ranges: Floats) -> Floats:
+    """What `body_at` gives at points of the unit cube, shape (5, n): shape (7, n)."""
+    gamma, f_sd, theta, phi, xi = unit_to_ranges(points, ranges)
+    return np.stack([gamma, f_sd, theta, phi, xi, *body.shell_dumbbell(gamma, f_sd)])
 
 
 def _draw(

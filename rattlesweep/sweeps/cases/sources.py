@@ -15,7 +15,7 @@ import numpy as np
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics.body import PARAMETERS, Rattleback, shell_dumbbell, violations
-from rattlesweep.sweeps.cases.sampler import draw_bodies
+from rattlesweep.sweeps.cases.sampler import bodies_of, draw_bodies
 from rattlesweep.sweeps.config.bodies import (
     GridSource,
     PresetBase,
@@ -27,6 +27,8 @@ from rattlesweep.sweeps.config.schema import Config
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    from rattlesweep.sweeps.cases.quasi import Sequence
 
     Floats = NDArray[np.float64]
     Integers = NDArray[np.int64]
@@ -93,13 +95,15 @@ def make_source(config: Config, base: Path | None = None) -> Source:
 
 
 class SdBodies:
-    """Shell-dumbbell bodies drawn at random."""
+    """Shell-dumbbell bodies drawn from ranges."""
 
     def __init__(self, seed: int, source: SdSource) -> None:
         self.samples = source.samples
         self._seed = seed
         self._ranges = np.array(source.ranges.ends())
         self._target = source.target
+        # All cases share the points of group 0: with targets, there are random bodies only.
+        self._sequence = _sequence(seed) if source.draw == "sobol" else None
         self._chunk = lru_cache(maxsize=64)(self._draw_chunk)
 
     def check_targets(self) -> None:
@@ -131,6 +135,8 @@ class SdBodies:
     def _columns(self, group: int, samples: Integers) -> Floats:
         samples = np.ascontiguousarray(samples, dtype=np.int64)
         target = self._target
+        if self._sequence is not None:
+            return bodies_of(self._sequence.points(samples), self._ranges)
         if target is None:
             return draw_bodies(self._seed, group, samples, self._ranges)[0]
         value = target.values[group]
@@ -146,6 +152,13 @@ class SdBodies:
                 "or more max_draws"
             )
         return columns
+
+
+def _sequence(seed: int) -> Sequence:
+    # scipy.stats takes longer to import than all the rest.
+    from rattlesweep.sweeps.cases.quasi import Sequence
+
+    return Sequence(5, seed, 0)
 
 
 class GridBodies:

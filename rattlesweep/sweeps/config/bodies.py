@@ -22,6 +22,7 @@ from rattlesweep.sweeps.config.messages import out_of_range
 
 Preset = Literal["GH"]
 MAX_BODIES = 10**12
+MAX_SOBOL = 2**30
 
 
 class SdRanges(Base):
@@ -98,8 +99,28 @@ class SdSource(Base):
     """Bodies per case."""
     ranges: SdRanges = Field(default_factory=lambda: SdRanges())
     """Where the parameters are drawn from, uniformly."""
+    draw: Literal["random", "sobol"] = "random"
+    """random: each body by itself; sobol: by a scrambled Sobol' sequence, whose points fill the
+    ranges more evenly, so that shares and means come closer with as many samples."""
     target: Target | None = None
     """Keep only bodies with this torque coefficient; null: keep all."""
+
+    @field_validator("draw")
+    @classmethod
+    def _numbered(cls, draw: str, info: ValidationInfo) -> str:
+        if draw == "sobol" and info.data.get("samples", 0) > MAX_SOBOL:
+            raise ValueError(f"the sequence has {MAX_SOBOL} points; take fewer samples, or random")
+        return draw
+
+    @field_validator("target")
+    @classmethod
+    def _redrawn_at_random(cls, target: Target | None, info: ValidationInfo) -> Target | None:
+        if target is not None and info.data.get("draw") == "sobol":
+            raise ValueError(
+                "bodies that are redrawn until they meet a target do not fill the ranges evenly; "
+                "leave out the target, or take draw: random"
+            )
+        return target
 
 
 class Skewed(Base):

@@ -15,6 +15,7 @@ from rattlesweep.errors import ConfigError, DamagedError, OutputError
 from rattlesweep.sweeps.cases.costs import Costs
 from rattlesweep.sweeps.cases.shards import Shard, deal
 from rattlesweep.sweeps.store.blockfile import Note
+from rattlesweep.sweeps.store.growth import finish_growth, grow, remove_growth
 from rattlesweep.sweeps.store.locks import hold
 from rattlesweep.sweeps.store.manifest import (
     Expected,
@@ -343,12 +344,34 @@ def open_session(
             _check_not_input(plan, base, store)
             remove_runs(store)
         store.remove_stale_temporaries(alone)
-        output = replace(examine(plan, directory, base), retry_failed=retry_failed)
+        output = examine(plan, directory, base)
+        half = output.manifest is not None and bool(output.manifest.growing)
+        if shard is None:
+            output = _grown(output, base, half)
+        elif half or output.growth is not None:
+            raise ConfigError(
+                f"{directory}: holds fewer samples or cases, and a share cannot add to them; run "
+                "it without --shard, or merge the shares and do so there"
+            )
+        output = replace(output, retry_failed=retry_failed)
         output.remarks.extend(put_in_order(output))
         costs = Costs(output.plan)
         shares = deal(output.plan, 1 if shard is None else shard.count, costs)
         blocks = shares[0 if shard is None else shard.index]
         yield Session(output, base, shard, threads, costs, blocks)
+
+
+def _grown(output: Output, base: Path | None, half: bool) -> Output:
+    """What the directory is once it is one of this sweep; `half`: one has begun to make it so."""
+    if half:
+        finish_growth(output.store)
+    else:
+        remove_growth(output.store)
+    if output.growth is not None:
+        grow(output.store, output.plan, output.hash_, output.growth)
+    elif not half:
+        return output
+    return replace(examine(output.plan, output.store.directory, base), remarks=output.remarks)
 
 
 def remove_runs(store: Store) -> None:

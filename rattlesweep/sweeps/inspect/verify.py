@@ -18,6 +18,7 @@ from rattlesweep.sweeps.blocks.recompute import differing_rows
 from rattlesweep.sweeps.inspect.summary import Summary, same_summary
 from rattlesweep.sweeps.store.atomic import temporaries
 from rattlesweep.sweeps.store.blockfile import BlockFile
+from rattlesweep.sweeps.store.growth import FOLDER
 from rattlesweep.sweeps.store.locks import holder
 from rattlesweep.sweeps.store.manifest import count_failed
 from rattlesweep.sweeps.store.stored import Stored, open_stored
@@ -220,7 +221,9 @@ def _bad_values(table: pa.Table) -> Iterator[str]:
 def _left_behind(stored: Stored) -> list[Path]:
     """Files that processes which died have left half-written."""
     folders = (stored.directory, stored.store.runs)
-    return [path for folder in folders if folder.is_dir() for path in temporaries(folder)]
+    files = [path for folder in folders if folder.is_dir() for path in temporaries(folder)]
+    grown = stored.directory / FOLDER
+    return [grown, *files] if grown.exists() else files
 
 
 def _check_summary(stored: Stored, made: pa.Table) -> Iterator[str]:

@@ -186,6 +186,7 @@ class Manifest(_Part):
     `config` has the block size that the directory was begun with, `config_hash` is that of what
     determines the numbers (:func:`rattlesweep.sweeps.store.provenance.identity`), `base` is where
     the relative path of a table of bodies starts. There are receipts of complete blocks only.
+    `growing` says that the blocks are still those of a smaller sweep.
     """
 
     format: Literal[2]
@@ -213,6 +214,7 @@ class Manifest(_Part):
     bytes: Count = 0
     peak_memory: Count | None = None
     classified: Classified | None = None
+    growing: Literal[True] | None = None
 
     @field_validator("config", mode="before")
     @classmethod

@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rattlesweep.errors import ConfigError, DamagedError, OutputError
-from rattlesweep.sweeps.config.load import differences, physics_part, resolved
+from rattlesweep.sweeps.config.load import differences, resolved
 from rattlesweep.sweeps.store.atomic import explained
 from rattlesweep.sweeps.store.blockfile import Note, block_number, read_block_file
+from rattlesweep.sweeps.store.growth import Growth, growth
 from rattlesweep.sweeps.store.manifest import Manifest
 from rattlesweep.sweeps.store.provenance import identity, machine, versions
 from rattlesweep.sweeps.store.store import Store
@@ -34,6 +35,8 @@ class Output:
         What the user should know: versions that have changed, a lost manifest.
     retry_failed : bool
         Whether runs that failed are to be done again.
+    growth : Growth or None
+        How the runs of a smaller sweep, which the directory holds, lie in the plan's.
     """
 
     store: Store
@@ -42,6 +45,7 @@ class Output:
     manifest: Manifest | None
     remarks: list[str]
     retry_failed: bool = False
+    growth: Growth | None = None
 
     def note(self, block: Block) -> Note:
         """What a block of this plan says of itself."""
@@ -71,12 +75,17 @@ def examine(plan: Plan, directory: Path, base: Path | None) -> Output:
             plan = replace(plan, block_size=_block_size(store, blocks, hash_, plan))
         return Output(store, plan, hash_, None, remarks)
     theirs, ours = resolved(manifest.config), resolved(plan.config)
+    larger: Growth | None = None
     if manifest.config_hash != hash_:
-        changes = differences(physics_part(theirs), physics_part(ours))
-        what = "; ".join(changes[:3]) or "the table of bodies has changed"
-        raise ConfigError(
-            f"{directory}: it holds the runs of another config ({what}); choose another output, or "
-            "start over with --fresh"
+        larger, what = growth(manifest, plan, hash_)
+        if larger is None:
+            raise ConfigError(
+                f"{directory}: it holds the runs of another config ({what}); choose another "
+                "output, or start over with --fresh"
+            )
+        remarks.append(
+            f"{directory} goes on from {manifest.runs} to {plan.runs} runs; those that are there "
+            "are kept"
         )
     size = manifest.config.block_size
     if size != plan.block_size:
@@ -97,7 +106,7 @@ def examine(plan: Plan, directory: Path, base: Path | None) -> Output:
                 f"{directory} was begun with other {part} ({'; '.join(changed[:3])}): last bits "
                 "may differ"
             )
-    return Output(store, plan, hash_, manifest, remarks)
+    return Output(store, plan, hash_, manifest, remarks, growth=larger)
 
 
 def put_in_order(output: Output) -> list[str]:

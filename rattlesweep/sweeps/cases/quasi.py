@@ -1,0 +1,59 @@
+"""Points that fill the ranges of bodies more evenly than random ones: scrambled Sobol' sequences.
+
+A point is a function of ``(seed, group, sample)``, as every draw is: sample ``k`` is the ``k``-th
+point of a sequence that is scrambled (Owen, J. Complexity 14, 466, 1998) by the seed and the group.
+"""
+
+from __future__ import annotations
+
+import warnings
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.stats import qmc
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+
+# Points that nobody asks for are made up to so long a gap, and skipped beyond.
+APART = 4096
+
+
+class Sequence:
+    """A scrambled Sobol' sequence, from which points are taken by their numbers."""
+
+    def __init__(self, dimensions: int, seed: int, group: int) -> None:
+        self._random = (seed, group)
+        self._dimensions = dimensions
+        self._begin()
+
+    def _begin(self) -> None:
+        self._sequence = qmc.Sobol(self._dimensions, rng=np.random.default_rng(self._random))
+        self._next = 0
+
+    def points(self, numbers: NDArray[np.int64]) -> Floats:
+        """Points of the unit cube, shape (dimensions, numbers); spans that follow are cheap."""
+        points = np.empty((self._dimensions, len(numbers)))
+        # A block may hold the end of one case and the start of the next.
+        step = np.diff(numbers)
+        edges = np.flatnonzero((step < 0) | (step > APART)) + 1
+        for place in np.split(np.arange(len(numbers)), edges):
+            if len(place):
+                first, last = int(numbers[place[0]]), int(numbers[place[-1]])
+                points[:, place] = self._span(first, last + 1)[:, numbers[place] - first]
+        return points
+
+    def _span(self, first: int, stop: int) -> Floats:
+        if first < self._next:
+            self._begin()
+        if first > self._next:
+            self._sequence.fast_forward(first - self._next)
+        with warnings.catch_warnings():
+            # Of a first span whose length is no power of 2: all spans together are the sweep.
+            warnings.simplefilter("ignore", UserWarning)
+            span: Floats = self._sequence.random(stop - first).T
+        self._next = stop
+        return span
