@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from functools import cache, partial
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numba import njit
@@ -55,7 +55,7 @@ def body_at(u, ranges):
 
 def bodies_of(points: Floats, ranges: Floats) -> Floats:
     """What `body_at` gives at points of the unit cube, shape (5, n): shape (7, n)."""
-    gamma, f_sd, theta, phi, xi = unit_to_ranges(points, ranges)
+    gamma, f_sd, theta, phi, xi = cast("Any", unit_to_ranges)(points, ranges)
     return np.stack([gamma, f_sd, theta, phi, xi, *body.shell_dumbbell(gamma, f_sd)])
 
 
