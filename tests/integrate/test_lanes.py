@@ -91,7 +91,7 @@ def test_energy_drift_is_that_of_the_states(method):
 
 
 @pytest.mark.parametrize(
-    ("count", "seed"), [(16, 22), pytest.param(40, 11, marks=pytest.mark.slow)]
+    ("count", "seed"), [(9, 23), pytest.param(40, 11, marks=pytest.mark.slow)]
 )
 def test_random_bodies_reverse_when_the_oracle_says(count, seed):
     body, n_i, omega = shell_dumbbells(count, seed=seed)
@@ -112,7 +112,7 @@ def test_random_bodies_reverse_when_the_oracle_says(count, seed):
         expected[k] = np.nan if t_r is None else t_r
         assert out.y_end[k] == pytest.approx(full.from_vectors(y[:3], y[3:]), abs=1e-7)
     assert_status(out, Status.OK)
-    assert 4 < np.isfinite(expected).sum() < count - 4
+    assert 2 < np.isfinite(expected).sum() < count - 2
     assert out.t_r == pytest.approx(expected, rel=1e-6, nan_ok=True)
     assert np.array_equal(out.t_end[np.isnan(expected)], t_end[np.isnan(expected)])
 

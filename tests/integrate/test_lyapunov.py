@@ -157,6 +157,7 @@ def test_exponent_of_a_stable_spin_is_the_slower_decay():
     assert growth == pytest.approx(-300, rel=0.02)
 
 
+@pytest.mark.slow  # SciPy, 36 times
 def test_growth_is_that_of_two_runs_nearby():
     """Benettin's two trajectories, by SciPy and the paper's six variables, of a chaotic run."""
     constants, y0 = launch(0.5, 0.3)

@@ -379,9 +379,8 @@ def test_lost_scheduler_is_one_sentence_and_the_sweep_goes_on_later(
     assert content_hash(output) == held_plain
 
 
-@pytest.mark.parametrize(
-    "number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_signal_to_the_whole_group_ends_it_quietly(number, gate, held_config, held_plain, tmp_path):
     output = tmp_path / "out"
     process = begin(held_config, output, "--workers", "2")

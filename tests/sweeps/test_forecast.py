@@ -163,7 +163,7 @@ class UntilSomeHaveEnded(Task):
 def test_of_what_was_cut_the_steps_lie_between_the_bounds(monkeypatch):
     """Of others that have ended it is known how many steps a unit of their cost takes."""
     plan = plan_of(
-        "quickstart.yaml", "bodies.samples=45", "bodies.target=", "horizon={t: 200000}",
+        "quickstart.yaml", "bodies.samples=45", "bodies.target=", "horizon={t: 50000}",
         "spin.n_i=[-0.9, 0.9]",
     )  # fmt: skip
     monkeypatch.setattr(pilots, "Task", UntilSomeHaveEnded)
