@@ -22,6 +22,7 @@ import numpy as np
 from numba import njit, prange, set_num_threads
 
 from rattlesweep.integrate.batch import Batch, integrate
+from rattlesweep.integrate.lanes import rows as R
 from rattlesweep.integrate.lanes.step import LANES, Layout, compile_attempt
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.processor import compiled_for
@@ -219,7 +220,7 @@ def show_lanes(quick):
             rows = flat.reshape(-1, width)
             rows[at.constants : at.constants + 6] = full.constants(**BODY)[:, None]
             rows[at.y + 2], rows[at.y + 4] = OMEGA, -0.1
-            rows[at.h] = 0.3 if tableau.adaptive else 8 * DT
+            rows[R.H] = 0.3 if tableau.adaptive else 8 * DT
             rows[at.probe : at.probe + FULL.n_probe] = 0.1
             loops[width] = _many(attempt), flat
         calls = (20_000 if quick else 100_000) // (tableau.stages * (1 if tableau.adaptive else 8))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import threading
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +18,7 @@ from rattlesweep.integrate.lanes.controller import FIRST_STEP
 from rattlesweep.integrate.lanes.step import SUBSTEPS
 from rattlesweep.integrate.model import WITH_TANGENT
 from rattlesweep.integrate.status import Status
+from rattlesweep.integrate.task import Control
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -117,60 +118,6 @@ class Outcome:
     windows: Floats
     growth: Floats
     stopped: bool
-
-
-@dataclass
-class Control:
-    """Link to a running kernel: hears how far it is and tells it to stop.
-
-    Attributes
-    ----------
-    total : float
-        Expected cost of the batch, in the units of :attr:`done`.
-    """
-
-    total: float = 0.0
-    _shared: NDArray[np.int64] = field(default_factory=lambda: np.zeros(2, dtype=np.int64))
-    _progress: Floats = field(default_factory=lambda: np.zeros((1, 8)))
-    _most: float = 0.0
-    _runs: int = 0
-
-    def stop(self) -> None:
-        """Ask the kernel to end; it does so within a few hundred steps."""
-        self._shared[1] = 1
-
-    def of_companion(self) -> Control:
-        """One for a kernel that runs before this one's: with the same stop, but its own counts."""
-        return Control(_shared=self._shared)
-
-    @property
-    def flag(self) -> NDArray[np.int64]:
-        """One element, not 0 once a stop was asked for: for compiled loops."""
-        return self._shared[1:]
-
-    @property
-    def stopping(self) -> bool:
-        """Whether a stop was asked for."""
-        return bool(self._shared[1])
-
-    @property
-    def done(self) -> float:
-        """Cost of what is done so far; it never falls."""
-        # A run that has just ended counts twice until its thread looks at its lanes again.
-        now = min(self.total, float(self._progress[:, :2].sum()))
-        self._most = max(self._most, now)
-        return self._most
-
-    @property
-    def runs_done(self) -> int:
-        """Runs that have ended."""
-        return int(self._progress[:, 2].sum())
-
-    @property
-    def runs_begun(self) -> int:
-        """Runs that a lane has taken up; once the kernel is stopped, those not done are lost."""
-        # Every lane that finds the queue empty counts on.
-        return min(int(self._shared[0]), self._runs)
 
 
 def available_threads() -> int:

@@ -303,7 +303,12 @@ def cached(function: Callable[..., Any], *, also: tuple[str, ...] = (), **option
     also : tuple of str
         Other files, outside this room and the one to its right, whose functions it calls.
     """
-    compiled = njit(**options)(function)
+    return keep(njit(**options)(function), also)
+
+
+def keep(compiled: Any, also: tuple[str, ...] = ()) -> Any:
+    """Have something compiled kept on disk, as by :func:`cached`."""
+    function = compiled.py_func
     compiled._cache = KernelCache(function, directory(function.__code__.co_filename, also))
     return compiled
 

@@ -10,11 +10,14 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
-from rattlesweep.integrate.batch import Control
+import numpy as np
+from numpy.typing import NDArray
 
 T = TypeVar("T")
+Floats = NDArray[np.float64]
 
 # Seconds between two looks at what is under way: every wait of the package uses it.
 POLL = 0.05
@@ -22,6 +25,60 @@ POLL = 0.05
 PATIENCE = 0.5
 # Begins the name of every thread that may outlive a stop: the process then ends without it.
 THREAD = "rattlesweep-kernel"
+
+
+@dataclass
+class Control:
+    """Link to a running kernel: hears how far it is and tells it to stop.
+
+    Attributes
+    ----------
+    total : float
+        Expected cost of the batch, in the units of :attr:`done`.
+    """
+
+    total: float = 0.0
+    _shared: NDArray[np.int64] = field(default_factory=lambda: np.zeros(2, dtype=np.int64))
+    _progress: Floats = field(default_factory=lambda: np.zeros((1, 8)))
+    _most: float = 0.0
+    _runs: int = 0
+
+    def stop(self) -> None:
+        """Ask the kernel to end; it does so within a few hundred steps."""
+        self._shared[1] = 1
+
+    def of_companion(self) -> Control:
+        """One for a kernel that runs before this one's: with the same stop, but its own counts."""
+        return Control(_shared=self._shared)
+
+    @property
+    def flag(self) -> NDArray[np.int64]:
+        """One element, not 0 once a stop was asked for: for compiled loops."""
+        return self._shared[1:]
+
+    @property
+    def stopping(self) -> bool:
+        """Whether a stop was asked for."""
+        return bool(self._shared[1])
+
+    @property
+    def done(self) -> float:
+        """Cost of what is done so far; it never falls."""
+        # A run that has just ended counts twice until its thread looks at its lanes again.
+        now = min(self.total, float(self._progress[:, :2].sum()))
+        self._most = max(self._most, now)
+        return self._most
+
+    @property
+    def runs_done(self) -> int:
+        """Runs that have ended."""
+        return int(self._progress[:, 2].sum())
+
+    @property
+    def runs_begun(self) -> int:
+        """Runs that a lane has taken up; once the kernel is stopped, those not done are lost."""
+        # Every lane that finds the queue empty counts on.
+        return min(int(self._shared[0]), self._runs)
 
 
 class Task(threading.Thread, Generic[T]):

@@ -8,13 +8,12 @@ from typing import Any
 
 from rattlesweep.integrate.follow import lyapunov
 from rattlesweep.integrate.follow.kernels import aside_kernel, march_kernel
-from rattlesweep.integrate.lanes.build import kernel, loaded
+from rattlesweep.integrate.lanes.build import kernel
+from rattlesweep.integrate.loading import AT_ONCE, loaded
 from rattlesweep.integrate.model import FULL, REDUCED, WITH_TANGENT
 from rattlesweep.integrate.task import Control, Task, side_by_side
 from rattlesweep.paper.figures import integrators
 
-# Compilations, each in a process of its own.
-AT_ONCE = 2
 TANGENT = WITH_TANGENT[FULL.name].name
 
 

@@ -8,6 +8,7 @@ import pytest
 
 from rattlesweep.integrate import batch
 from rattlesweep.integrate.lanes import build as built
+from rattlesweep.integrate.lanes import rows as R
 from rattlesweep.integrate.lanes import step as stages
 from rattlesweep.integrate.model import FULL, MODELS
 from rattlesweep.integrate.tableau import METHODS
@@ -143,7 +144,7 @@ def attempt(method, model):
 def pieces(method, model):
     """What the kernel of a method and a model is built of, by name, not yet compiled."""
     with mock.patch.object(built, "cached") as cached:
-        built.build(METHODS[method], MODELS[model])
+        built.build(METHODS[method].adaptive, MODELS[model])
     return cached.call_args.args[0].__globals__
 
 
@@ -162,7 +163,7 @@ def lane_steps(method, constants, y0, h, steps):
     rows[at.constants : at.constants + FULL.n_constants] = np.reshape(constants, (-1, 1))
     rows[at.y : at.y + n] = np.reshape(y0, (-1, 1))
     rows[at.f : at.f + n] = np.reshape(full.rhs(*y0, *constants), (-1, 1))
-    rows[at.h] = h
+    rows[R.H] = h
     for _ in range(steps):
         attempt(method, "full")(flat, 1.0)
         rows[at.y : at.y + 2 * n] = rows[at.y1 : at.y1 + 2 * n]

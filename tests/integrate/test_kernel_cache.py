@@ -20,6 +20,7 @@ import oracle
 import pytest
 
 from rattlesweep.integrate import cache as storage
+from rattlesweep.integrate import loading
 from rattlesweep.integrate.batch import integrate
 from rattlesweep.integrate.cache import cached, directory, source_hash, specialise
 from rattlesweep.integrate.lanes import build as built
@@ -42,12 +43,10 @@ def states(name):
 
 def child(names):
     """Run in a fresh process: what the kernels give and where they came from."""
-    from rattlesweep.integrate.lanes.build import example, loaded
-
     report = {}
     for name in names:
         found = states(name)
-        stats = loaded(example, name, MODEL).stats
+        stats = loading.loaded(built.attempt, name, MODEL).stats
         found["hits"] = sum(stats.cache_hits.values())
         found["misses"] = sum(stats.cache_misses.values())
         found["path"] = stats.cache_path
@@ -84,9 +83,11 @@ def first(home):
 @pytest.mark.slow
 def test_every_process_runs_the_kernel_that_a_child_compiled(home, first):
     files = sorted(home.rglob("*.kernel"))
-    assert [len([p for p in files if f"work_{n}_{MODEL}" in p.name]) for n in NAMES] == [1, 1]
-    # One driver for all of them.
-    assert len([p for p in files if ".drive-" in p.name]) == 1
+    assert [len([p for p in files if f"attempt_{n}_{MODEL}" in p.name]) for n in NAMES] == [1, 1]
+    # One driver for all of them; what is around the step is that of all methods with error control.
+    shared = ("drive-", f"work_{MODEL}-", f"work_{MODEL}_fixed-", "settle-", "settle_fixed-")
+    assert [len([p for p in files if f".{n}" in p.name]) for n in shared] == [1] * 5
+    assert len(files) == 7
     # In the other order: the first to come must not give its kernel to the second.
     second = run(home, NAMES[::-1])
     for name in NAMES:
@@ -331,7 +332,7 @@ def test_where_nothing_can_be_kept_it_works_all_the_same(what, place, monkeypatc
         use(monkeypatch, "/proc/nowhere", "/proc/nowhere")
         assert directory(__file__) is None
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
-    compiled = built.loaded(small, what.replace(" ", "_").replace("-", "_"))
+    compiled = loading.loaded(small, what.replace(" ", "_").replace("-", "_"))
     assert compiled(-3) == 13
     assert (len(compiled.stats.cache_hits), len(compiled.stats.cache_misses)) == (1, 0)
     assert len(list(place.rglob("*.kernel"))) == (what == "no locks")
@@ -341,7 +342,7 @@ def test_nothing_is_left_behind_where_nothing_can_be_kept(tmp_path):
     blocked = tmp_path / "file"
     blocked.write_text("not a directory")
     code = (
-        "from rattlesweep.integrate.lanes.build import loaded; import test_kernel_cache as t;"
+        "from rattlesweep.integrate.loading import loaded; import test_kernel_cache as t;"
         "print(loaded(t.small, 'alone')(-3))"
     )
     temporary = tmp_path / "temporary"
@@ -356,7 +357,7 @@ def test_nothing_is_left_behind_where_nothing_can_be_kept(tmp_path):
 def test_a_kernel_that_does_not_compile_says_so(place, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
     with pytest.raises(RuntimeError, match=r"(?s)kernel wrong could not be .*this one"):
-        built.compile_in_child(small, "wrong")
+        loading.Compiler()(small, ("wrong",))
 
 
 def test_code_of_other_versions_has_other_names(place, monkeypatch):

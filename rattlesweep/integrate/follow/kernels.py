@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numba import njit
 
-from rattlesweep.integrate.cache import cached, specialise
+from rattlesweep.integrate.cache import cached, keep, specialise
 from rattlesweep.integrate.follow import march as follow
 from rattlesweep.integrate.lanes import columns as C
 from rattlesweep.integrate.lanes import kernel as lanes
 from rattlesweep.integrate.lanes import runs
-from rattlesweep.integrate.lanes.build import loaded, names, workspace
-from rattlesweep.integrate.lanes.cells import INNER
+from rattlesweep.integrate.lanes.build import (
+    attempt,
+    bind,
+    mark,
+    names,
+    parts,
+    settle,
+    workspace,
+)
 from rattlesweep.integrate.lanes.step import Layout, compile_attempt, compile_lane_functions
+from rattlesweep.integrate.loading import together
 from rattlesweep.integrate.model import FULL, MODELS, Model
-from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.integrate.tableau import DOP853, METHODS
 from rattlesweep.physics import attitude, full
 
 if TYPE_CHECKING:
@@ -32,8 +40,6 @@ TEMPLATES = (
     runs.start,
     runs.idle,
     runs.stay,
-    lanes.give_up,
-    lanes.settle,
     lanes.decide,
     lanes.commit,
 )
@@ -80,21 +86,19 @@ def _model(name: str) -> tuple[Model, int]:
     return (ATTITUDE, FULL.n_state) if name == ATTITUDE.name else (MODELS[name], 99)
 
 
-def build_march(tableau: Tableau, model: Model) -> Callable[..., None]:
-    """Compile :func:`follow.march` of a method and a model when it is first called."""
-    bindings = names(tableau, model)
-    suffix = f"_{tableau.name}_{model.name}"
-    for template in TEMPLATES:
-        name = template.__name__
-        bindings[name] = njit(**INNER)(specialise(template, f"{name}_march{suffix}", **bindings))
+def build_march(adaptive: bool, model: Model) -> Callable[..., None]:
+    """Compile :func:`follow.march` of a model when it is first called."""
+    bindings = names(adaptive, model)
+    suffix = f"_{model.name}{mark(adaptive)}"
+    bind(TEMPLATES, bindings, "_march" + suffix)
     compiled: Callable[..., None] = cached(
         specialise(follow.march, "march" + suffix, **bindings), nogil=True, error_model="numpy"
     )
     return compiled
 
 
-def build_aside(tableau: Tableau, name: str) -> Callable[..., None]:
-    """Compile :func:`follow.aside` of a method and a model when it is first called."""
+def build_aside(name: str) -> Callable[..., None]:
+    """Compile :func:`follow.aside` of a model when it is first called."""
     model, given = _model(name)
     at = Layout.of(model)
     bindings: dict[str, Any] = {
@@ -105,13 +109,10 @@ def build_aside(tableau: Tableau, name: str) -> Callable[..., None]:
         "F": at.f,
         "Y1": at.y1,
         "Q": at.constants,
-        "H": at.h,
-        "attempt": compile_attempt(tableau, model),
         "lane_rhs": compile_lane_functions(model)["lane_rhs"],
     }
-    suffix = f"_{tableau.name}_{model.name}"
     compiled: Callable[..., None] = cached(
-        specialise(follow.aside, "aside" + suffix, **bindings), nogil=True, error_model="numpy"
+        specialise(follow.aside, f"aside_{name}", **bindings), nogil=True, error_model="numpy"
     )
     return compiled
 
@@ -122,11 +123,12 @@ def aside_workspace(tableau: Tableau, name: str) -> NDArray[np.float64]:
     return w
 
 
-def march_example(tableau_name: str, model_name: str) -> tuple[Any, tuple[Any, ...]]:
+def march_example(model_name: str, adaptive: bool) -> tuple[Any, tuple[Any, ...]]:
     """March, not yet compiled, and arguments to call it with."""
-    tableau, model = METHODS[tableau_name], MODELS[model_name]
-    return build_march(tableau, model), (
-        workspace(tableau, model, 1)[0],
+    model = MODELS[model_name]
+    return build_march(adaptive, model), (
+        parts(),
+        workspace(DOP853, model, 1)[0],
         np.zeros((1, model.n_state)),
         np.zeros((1, model.n_constants)),
         np.zeros((1, model.n_probe)),
@@ -139,12 +141,12 @@ def march_example(tableau_name: str, model_name: str) -> tuple[Any, tuple[Any, .
     )
 
 
-def aside_example(tableau_name: str, model_name: str) -> tuple[Any, tuple[Any, ...]]:
+def aside_example(model_name: str) -> tuple[Any, tuple[Any, ...]]:
     """Aside, not yet compiled, and arguments to call it with."""
-    tableau = METHODS[tableau_name]
     model, given = _model(model_name)
-    return build_aside(tableau, model_name), (
-        aside_workspace(tableau, model_name),
+    return build_aside(model_name), (
+        parts(),
+        aside_workspace(DOP853, model_name),
         np.zeros((1, follow.STATE + 2 * min(given, model.n_state))),
         np.zeros(0, dtype=np.int64),
         np.zeros(0),
@@ -153,13 +155,40 @@ def aside_example(tableau_name: str, model_name: str) -> tuple[Any, tuple[Any, .
     )
 
 
+def attitude_attempt(tableau_name: str) -> tuple[Any, tuple[Any, ...]]:
+    """The step of a method with heading and track, not yet compiled, and arguments for it."""
+    tableau = METHODS[tableau_name]
+    return keep(compile_attempt(tableau, ATTITUDE)), (workspace(tableau, ATTITUDE, 1)[0], 1.0)
+
+
+def _of_march(tableau_name: str, model_name: str) -> list[tuple[Any, ...]]:
+    adaptive = METHODS[tableau_name].adaptive
+    step = (attempt, tableau_name, model_name)
+    return [(march_example, model_name, adaptive), step, (settle, adaptive)]
+
+
+def _of_aside(tableau_name: str, model_name: str) -> list[tuple[Any, ...]]:
+    step: tuple[Any, ...] = (attempt, tableau_name, model_name)
+    if model_name == ATTITUDE.name:
+        step = (attitude_attempt, tableau_name)
+    return [(aside_example, model_name), step]
+
+
 def march_kernel(tableau_name: str, model_name: str) -> Callable[..., None]:
     """March by names; the first call on a machine takes the time of its compilation."""
-    compiled: Callable[..., None] = loaded(march_example, tableau_name, model_name)
-    return compiled
+    march, *others = together(*_of_march(tableau_name, model_name))
+    return partial(march, parts(*others))
 
 
 def aside_kernel(tableau_name: str, model_name: str) -> Callable[..., None]:
     """Aside by names, ``attitude`` among them; likewise."""
-    compiled: Callable[..., None] = loaded(aside_example, tableau_name, model_name)
-    return compiled
+    aside, *others = together(*_of_aside(tableau_name, model_name))
+    return partial(aside, parts(*others))
+
+
+def load_all(tableau_name: str, model_name: str, attitude: bool) -> None:
+    """Load march and aside of a model, and aside of the attitude, at the same time."""
+    wanted = _of_march(tableau_name, model_name) + _of_aside(tableau_name, model_name)
+    if attitude:
+        wanted += _of_aside(tableau_name, ATTITUDE.name)
+    together(*dict.fromkeys(wanted))

@@ -8,10 +8,11 @@ import numpy as np
 
 from rattlesweep.integrate.cache import cached, specialise
 from rattlesweep.integrate.defaults import TOL
-from rattlesweep.integrate.lanes.build import loaded
 from rattlesweep.integrate.lanes.controller import error_root, retry_ratio, step_ratio
+from rattlesweep.integrate.lanes.rows import ERROR, H
 from rattlesweep.integrate.lanes.step import Layout, compile_attempt, compile_lane_functions
 from rattlesweep.integrate.lanes.tangents import compile_tangent_functions
+from rattlesweep.integrate.loading import loaded
 from rattlesweep.integrate.model import FULL, MODELS, WITH_TANGENT
 from rattlesweep.integrate.tableau import DOP853, METHODS
 
@@ -71,7 +72,7 @@ def _finite(values: Floats) -> Floats:
 
 
 # Bound by build.
-N_STATE = N_CONSTANTS = Y = Y1 = Q = V = H = ERROR = 0
+N_STATE = N_CONSTANTS = Y = Y1 = Q = V = 0
 attempt: Any = None
 advance: Any = None
 lane_rhs: Any = None
@@ -141,8 +142,6 @@ def build(tableau: Tableau, model: Model) -> Callable[..., int]:
         Y1=at.y1,
         Q=at.constants,
         V=at.v,
-        H=at.h,
-        ERROR=at.error,
         attempt=compile_attempt(tableau, model, 1),
         **compile_lane_functions(model, 1),
         **compile_tangent_functions(model, 1),

@@ -1,7 +1,7 @@
 """One run followed past its reversals: its accepted steps, and states between them.
 
 Templates like those of :mod:`rattlesweep.integrate.lanes.kernel`.  ``march`` is the sweep's
-kernel with one run in one lane: the same ``attempt``, ``decide``, ``commit`` and search for zeros,
+kernel with one run in one lane: the same step, ``decide``, ``commit`` and search for zeros,
 so that the accepted steps and the first reversal are those of a sweep, bit for bit.  It differs in
 that a reversal does not end the run, and that every accepted step is written down.  ``aside`` gives
 states at any times, each by one step of the method from the accepted step before it, one time in
@@ -12,9 +12,10 @@ each lane; no accepted step depends on them.
 from __future__ import annotations
 
 from rattlesweep.integrate.lanes import rows as R
-from rattlesweep.integrate.lanes.atomics import widest_vectors
-from rattlesweep.integrate.lanes.events import HOLD, REVERSED, search_on
-from rattlesweep.integrate.lanes.kernel import OK, attempt, commit, decide, settle
+from rattlesweep.integrate.lanes.atomics import call, call_for_two, widest_vectors
+from rattlesweep.integrate.lanes.events import HOLD, REVERSED
+from rattlesweep.integrate.lanes.kernel import ATTEMPT, OK, SETTLE, commit, decide
+from rattlesweep.integrate.lanes.rows import H
 from rattlesweep.integrate.lanes.runs import idle, start, stay
 from rattlesweep.integrate.lanes.step import LANES as L
 
@@ -27,7 +28,7 @@ T, T_LOW, STATE = 0, 1, 2
 
 # Bound by trajectory_kernels.
 N_STATE = N_CONSTANTS = N_GIVEN = 0
-Y = F = Y1 = Q = H = 0
+Y = F = Y1 = Q = 0
 
 
 def lane_rhs(lane):
@@ -35,11 +36,13 @@ def lane_rhs(lane):
     raise NotImplementedError
 
 
-def march(w, y0, constants, probe, plan, options, record, steps, zeros, counts):
+def march(parts, w, y0, constants, probe, plan, options, record, steps, zeros, counts):
     """Go on with the run until the tables are full or it ends.
 
     Parameters
     ----------
+    parts : int64 ndarray
+        As for :func:`rattlesweep.integrate.lanes.kernel.work`.
     w : ndarray
         Workspace of a thread; it keeps the run between calls.
     y0, constants, probe, plan : ndarray, shape (1, ...)
@@ -67,15 +70,14 @@ def march(w, y0, constants, probe, plan, options, record, steps, zeros, counts):
     status = OK
     ended = False
     while not ended and row < steps.shape[0] and found < zeros.size:
-        attempt(w, scale)
+        call(parts[ATTEMPT], (w, scale))
         if decide(w, dt, max_steps) > 0:
-            status, move = settle(lane, max_steps)
+            status, move = call_for_two(parts[SETTLE], (lane, max_steps, False))
             if move == REVERSED:
                 zeros[found] = lane[R.T] + (lane[H] - lane[R.T_LOW])
                 found += 1
-                move = search_on(lane, lane[H])
-                lane[R.ACCEPT] = 0.0 if move == HOLD else 1.0
-                status = OK if move == HOLD else status
+                behind, move = call_for_two(parts[SETTLE], (lane, max_steps, True))
+                status = behind if move == HOLD else status
             ended = status != OK or (move != HOLD and lane[R.LAST] > 0.0)
         accepted = lane[R.ACCEPT] > 0.0
         if not accepted:
@@ -96,11 +98,13 @@ def march(w, y0, constants, probe, plan, options, record, steps, zeros, counts):
     counts[REJECTED] = int(lane[R.REJECTED])
 
 
-def aside(w, steps, which, offset, constants, out):
+def aside(parts, w, steps, which, offset, constants, out):
     """States ``offset`` behind the ends of steps: one step of the method each, a lane each.
 
     Parameters
     ----------
+    parts : int64 ndarray
+        As for :func:`march`.
     w : ndarray
         Workspace of a thread.
     steps : ndarray
@@ -128,7 +132,7 @@ def aside(w, steps, which, offset, constants, out):
             if N_GIVEN < N_STATE:
                 lane_rhs(w[l::L])
             w[H * L + l] = offset[i]
-        attempt(w, 1.0)
+        call(parts[ATTEMPT], (w, 1.0))
         for l in range(min(L, points - first)):
             for c in range(N_STATE):
                 out[first + l, c] = w[(Y1 + c) * L + l]

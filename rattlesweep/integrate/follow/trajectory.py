@@ -14,6 +14,7 @@ from rattlesweep.integrate.follow.kernels import (
     ATTITUDE,
     aside_kernel,
     aside_workspace,
+    load_all,
     march_kernel,
 )
 from rattlesweep.integrate.lanes.build import workspace
@@ -134,6 +135,7 @@ class Follower:
         if look is not None:
             look(np.zeros(1), y0)
         self.energy_0 = float(model.energy(*y0[0], *self._constants[0]))
+        load_all(tableau.name, model.name, attitude)
         self._march = march_kernel(tableau.name, model.name)
         self._aside = _Aside(tableau, model.name, self._constants[0], model.n_state)
         self._attitude = (

@@ -85,19 +85,25 @@ def address_of(compiled: Any) -> int:
     return address
 
 
-@intrinsic
-def call(typingctx, address, arguments):  # type: ignore[no-untyped-def]
-    """Call the compiled function at an address with a tuple of arguments; it returns nothing."""
+def _calling(result: Any) -> Any:
+    def call(typingctx, address, arguments):  # type: ignore[no-untyped-def]
+        def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+            given = signature.args[1].types
+            function_type = context.call_conv.get_function_type(result, given)
+            function = builder.inttoptr(args[0], function_type.as_pointer())
+            status, returned = context.call_conv.call_function(
+                builder, function, result, given, cgutils.unpack_tuple(builder, args[1])
+            )
+            with cgutils.if_unlikely(builder, status.is_error):
+                context.call_conv.return_status_propagate(builder, status)
+            return returned
 
-    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
-        given = signature.args[1].types
-        function_type = context.call_conv.get_function_type(types.none, given)
-        function = builder.inttoptr(args[0], function_type.as_pointer())
-        status, _ = context.call_conv.call_function(
-            builder, function, types.none, given, cgutils.unpack_tuple(builder, args[1])
-        )
-        with cgutils.if_unlikely(builder, status.is_error):
-            context.call_conv.return_status_propagate(builder, status)
-        return context.get_dummy_value()
+        return result(types.intp, arguments), codegen
 
-    return types.void(types.intp, arguments), codegen
+    return intrinsic(call)
+
+
+# Call the compiled function at an address with a tuple of arguments: what it returns is nothing, or
+# two whole numbers.
+call = _calling(types.none)
+call_for_two = _calling(types.UniTuple(types.intp, 2))

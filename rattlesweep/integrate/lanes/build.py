@@ -1,22 +1,10 @@
-"""Kernels of all methods and models: built from the templates, compiled once, kept on disk.
-
-A kernel is always compiled by a child process that does nothing else, and then loaded.  A process
-that compiles runs its functions as they were optimised one by one; a process that loads
-runs them as they were optimised together, and the last bits may differ.  This way every process
-runs the same code, and a sweep that is resumed after years, or spread over processes, has the
-rows of one that was never interrupted.
-"""
+"""Kernels of all methods and models, built from the templates."""
 
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
-import threading
-from collections import defaultdict
 from contextlib import suppress
-from functools import cache, partial
-from importlib import import_module
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numba
@@ -24,8 +12,7 @@ import numpy as np
 from numba import config, njit
 
 from rattlesweep.integrate import SettingError
-from rattlesweep.integrate.cache import PACKAGE, KernelCache, cached, specialise
-from rattlesweep.integrate.compiling import compiling
+from rattlesweep.integrate.cache import cached, keep, specialise
 from rattlesweep.integrate.lanes import carry, runs
 from rattlesweep.integrate.lanes import columns as C
 from rattlesweep.integrate.lanes import kernel as lanes
@@ -33,6 +20,7 @@ from rattlesweep.integrate.lanes.atomics import address_of
 from rattlesweep.integrate.lanes.cells import INNER
 from rattlesweep.integrate.lanes.step import LANES, Layout, compile_attempt, compile_lane_functions
 from rattlesweep.integrate.lanes.tangents import compile_tangent_functions
+from rattlesweep.integrate.loading import together
 from rattlesweep.integrate.model import MODELS, REDUCED
 from rattlesweep.integrate.tableau import METHODS, RK4
 
@@ -43,8 +31,6 @@ if TYPE_CHECKING:
 
     from rattlesweep.integrate.model import Model
     from rattlesweep.integrate.tableau import Tableau
-
-    Example = Callable[..., tuple[Any, tuple[Any, ...]]]
 
 # Templates in the order in which they call each other; carry.py stands between the two.
 TEMPLATES = (
@@ -58,11 +44,11 @@ TEMPLATES = (
     runs.stay,
     runs.finish,
 )
-LANE_TEMPLATES = (lanes.give_up, lanes.settle, lanes.decide, lanes.commit, lanes.watch)
+LANE_TEMPLATES = (lanes.decide, lanes.commit, lanes.watch)
 
 
-def names(tableau: Tableau, model: Model) -> dict[str, Any]:
-    """What templates see as globals: places of rows, functions of a method and a model."""
+def names(adaptive: bool, model: Model) -> dict[str, Any]:
+    """What templates see as globals: places of rows, functions of a model."""
     at = Layout.of(model)
     return {
         "N_STATE": model.n_state,
@@ -74,36 +60,36 @@ def names(tableau: Tableau, model: Model) -> dict[str, Any]:
         "F1": at.f1,
         "Q": at.constants,
         "PROBE": at.probe,
-        "H": at.h,
-        "ERROR": at.error,
-        "N1": at.n1,
-        "RATE1": at.rate1,
-        "AMPLITUDE": at.amplitude,
-        "ADAPTIVE": tableau.adaptive,
-        "attempt": compile_attempt(tableau, model),
+        "ADAPTIVE": adaptive,
         **compile_lane_functions(model),
     }
 
 
-def build(tableau: Tableau, model: Model) -> Callable[..., None]:
-    """Kernel of a method and a model: :func:`lanes.work`, compiled when it is first called."""
-    bindings = names(tableau, model) | compile_tangent_functions(model)
-    suffix = f"_{tableau.name}_{model.name}"
+def mark(adaptive: bool) -> str:
+    """Ends the names of what methods without error control have for themselves."""
+    return "" if adaptive else "_fixed"
 
-    def bind(templates: tuple[Callable[..., Any], ...], mark: str = "") -> None:
-        for template in templates:
-            name = template.__name__
-            # No fastmath here: the time is a compensated sum.
-            bindings[name] = njit(**INNER)(specialise(template, name + mark + suffix, **bindings))
 
-    bind(TEMPLATES)
+def bind(templates: tuple[Callable[..., Any], ...], bindings: dict[str, Any], suffix: str) -> None:
+    """Compile templates, each on its first use, and add them to what the next ones see."""
+    for template in templates:
+        name = template.__name__
+        # No fastmath here: the time is a compensated sum.
+        bindings[name] = njit(**INNER)(specialise(template, name + suffix, **bindings))
+
+
+def build(adaptive: bool, model: Model) -> Callable[..., None]:
+    """:func:`lanes.work` for a model, compiled when it is first called."""
+    bindings = names(adaptive, model) | compile_tangent_functions(model)
+    suffix = f"_{model.name}{mark(adaptive)}"
+    bind(TEMPLATES, bindings, suffix)
     if model.tangent:
         for template in carry.STAND_INS:
             name = template.__name__
             # ``see_tangent`` stands in for nothing.
             bindings["plain_" + name] = bindings.get(name)
-        bind(carry.STAND_INS, "_carry")
-    bind(LANE_TEMPLATES)
+        bind(carry.STAND_INS, bindings, "_carry" + suffix)
+    bind(LANE_TEMPLATES, bindings, suffix)
     work = specialise(lanes.work, "work" + suffix, **bindings)
     compiled: Callable[..., None] = cached(
         work, nogil=True, error_model="numpy", no_cfunc_wrapper=True
@@ -124,7 +110,7 @@ def workspace(tableau: Tableau, model: Model, threads: int) -> NDArray[np.float6
     return aligned(threads, Layout.of(model).rows(tableau, model) * LANES)
 
 
-def _arguments(tableau: Tableau, model: Model) -> tuple[Any, ...]:
+def _arguments(model: Model) -> tuple[Any, ...]:
     """Arguments of :func:`lanes.work` behind the thread's own, with an empty queue."""
 
     def nothing(*shape: int) -> NDArray[np.float64]:
@@ -146,84 +132,33 @@ def _arguments(tableau: Tableau, model: Model) -> tuple[Any, ...]:
     )
 
 
-def example(tableau_name: str, model_name: str) -> tuple[Any, tuple[Any, ...]]:
-    """Kernel of these names, not yet compiled, and arguments to call it with an empty queue."""
+def example(model_name: str, adaptive: bool) -> tuple[Any, tuple[Any, ...]]:
+    """What a thread does for a model, not yet compiled, and arguments to call it with."""
+    model = MODELS[model_name]
+    parts, w = np.zeros(lanes.PARTS, dtype=np.int64), workspace(RK4, model, 1)[0]
+    return build(adaptive, model), (0, parts, w, *_arguments(model))
+
+
+def attempt(tableau_name: str, model_name: str) -> tuple[Any, tuple[Any, ...]]:
+    """The step of a method and a model, as :func:`example`."""
     tableau, model = METHODS[tableau_name], MODELS[model_name]
-    w = workspace(tableau, model, 1)[0]
-    return build(tableau, model), (0, w, *_arguments(tableau, model))
+    return keep(compile_attempt(tableau, model)), (workspace(tableau, model, 1)[0], 1.0)
+
+
+def settle(adaptive: bool) -> tuple[Any, tuple[Any, ...]]:
+    """:func:`lanes.settle`, as :func:`example`; of all models."""
+    bindings, suffix = {"ADAPTIVE": adaptive}, mark(adaptive)
+    bind((lanes.give_up,), bindings, suffix)
+    compiled = cached(specialise(lanes.settle, "settle" + suffix, **bindings), **INNER)
+    # A lane is every so manyth cell; one cell alone would be of another type.
+    return compiled, (np.zeros(2 * LANES)[::LANES], 1.0, False)
 
 
 def driver() -> tuple[Any, tuple[Any, ...]]:
     """What starts the threads of all kernels, as :func:`example`."""
     compiled = cached(lanes.drive, parallel=True, nogil=True)
-    return compiled, (0, 1, workspace(RK4, REDUCED, 1), *_arguments(RK4, REDUCED))
-
-
-def _signature(arguments: tuple[Any, ...]) -> tuple[Any, ...]:
-    return tuple(numba.typeof(argument) for argument in arguments)
-
-
-def hand_over(module: str, function: str, *names: str) -> None:
-    """In a child: compile the kernel of an example and write it to standard output."""
-    # Whatever else prints must not come in between.
-    out = os.dup(1)
-    os.dup2(2, 1)
-    compiled, arguments = getattr(import_module(module), function)(*names)
-    # Not what is on disk.
-    compiled._cache = KernelCache(compiled.py_func, None)
-    compiled.compile(_signature(arguments))
-    with open(out, "wb") as pipe:
-        pipe.write(compiled._cache.handed_over())
-
-
-def compile_in_child(example: Example, *names: str) -> bytes:
-    """Sealed code of the kernel of an example, compiled in a process of its own."""
-    path = os.pathsep.join(filter(None, [str(PACKAGE.parent), os.environ.get("PYTHONPATH")]))
-    call = f"import sys; from {__name__} import hand_over; hand_over(*sys.argv[1:])"
-    done = subprocess.run(
-        # -P: a package of this name in the working directory is another one.
-        [sys.executable, "-P", "-c", call, example.__module__, example.__name__, *names],
-        env=os.environ | {"PYTHONHASHSEED": "0", "PYTHONPATH": path},
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        check=False,
-    )
-    if done.returncode:
-        said = done.stderr.decode(errors="replace")
-        raise RuntimeError(f"the kernel {'/'.join(names)} could not be compiled:\n{said}")
-    return done.stdout
-
-
-@cache
-def _loaded(example: Example, *names: str) -> Any:
-    compiled, arguments = example(*names)
-    signature, context, store = _signature(arguments), compiled.targetctx, compiled._cache
-    context.refresh()
-    name = store.name(signature, context)
-    if store.get(name) is None:
-        with store.locked(name):
-            if store.get(name) is None:
-                with compiling("/".join(names)):
-                    store.put(name, compile_in_child(example, *names))
-    compiled.compile(signature)
-    return compiled
-
-
-# Each kernel is compiled once although several threads ask for it.
-_loading: defaultdict[tuple[Any, ...], threading.Lock] = defaultdict(threading.Lock)
-
-
-def loaded(example: Example, *names: str) -> Any:
-    """Kernel of an example, loaded; its first call on a machine takes the time of its compilation.
-
-    Parameters
-    ----------
-    example
-        Function at the top of a module that takes the names; gives what :func:`cache.cached`
-        made and arguments of the types that it will be called with.
-    """
-    with _loading[example, *names]:
-        return _loaded(example, *names)
+    parts = np.zeros(lanes.PARTS, dtype=np.int64)
+    return compiled, (0, parts, 1, workspace(RK4, REDUCED, 1), *_arguments(REDUCED))
 
 
 # Whether this process was forked from one in which GNU OpenMP had started threads: it ends a
@@ -233,7 +168,6 @@ _forked = False
 
 def _after_fork() -> None:
     global _forked
-    _loading.clear()
     with suppress(ValueError):  # no threads were started
         _forked = numba.threading_layer() == "omp" or _forked
 
@@ -264,17 +198,30 @@ def parallel() -> bool:
     return True
 
 
+def parts(*compiled: Any) -> NDArray[np.int64]:
+    """Addresses of what is compiled for itself, in the order of :mod:`lanes.kernel`."""
+    found = np.zeros(lanes.PARTS, dtype=np.int64)
+    found[: len(compiled)] = [address_of(each) for each in compiled]
+    return found
+
+
 def kernel(tableau_name: str, model_name: str) -> Callable[..., None]:
     """Kernel by names: called with the number of threads, their workspaces and what they share.
 
     Where :func:`parallel` says so, its threads work one after another.
     """
-    work = loaded(example, tableau_name, model_name)
+    adaptive = METHODS[tableau_name].adaptive
+    wanted: list[tuple[Any, ...]] = [
+        (example, model_name, adaptive), (attempt, tableau_name, model_name), (settle, adaptive)
+    ]  # fmt: skip
     if parallel():
-        return partial(loaded(driver), address_of(work))
+        work, *others, drive = together(*wanted, (driver,))
+        return partial(drive, address_of(work), parts(*others))
+    work, *others = together(*wanted)
+    addresses = parts(*others)
 
     def alone(threads: int, w: Any, *shared: Any) -> None:
         for thread in range(threads):
-            work(thread, w[thread], *shared)
+            work(thread, addresses, w[thread], *shared)
 
     return alone

@@ -8,7 +8,10 @@ that all threads share.  The arithmetic of a run depends on its own numbers
 alone, so its results are the same bits in any lane, thread and batch.
 
 The functions here are templates: :mod:`rattlesweep.integrate.lanes.build` binds the capitalised
-globals and the model's functions for each method.
+globals and the model's functions.  What costs much to compile and is called seldom, or takes long
+where it is called, is compiled for itself and called by its address (:data:`PARTS`): the step, of a
+method and a model, is then the same code in sweeps and trajectories, and all the rest the
+same for all methods with error control.
 """
 
 # mypy: ignore-errors
@@ -20,9 +23,24 @@ from numba import prange
 
 from rattlesweep.integrate.lanes import columns as C
 from rattlesweep.integrate.lanes import rows as R
-from rattlesweep.integrate.lanes.atomics import call, fetch_add, load, widest_vectors
+from rattlesweep.integrate.lanes.atomics import (
+    call,
+    call_for_two,
+    fetch_add,
+    load,
+    widest_vectors,
+)
 from rattlesweep.integrate.lanes.controller import LEAST_STEP, error_root, retry_ratio, step_ratio
-from rattlesweep.integrate.lanes.events import HOLD, REVERSED, STEP, TAKE, may_reverse, search
+from rattlesweep.integrate.lanes.events import (
+    HOLD,
+    REVERSED,
+    STEP,
+    TAKE,
+    may_reverse,
+    search,
+    search_on,
+)
+from rattlesweep.integrate.lanes.rows import AMPLITUDE, ERROR, N1, RATE1, H
 from rattlesweep.integrate.lanes.runs import finish, idle, pass_marks, see_contact, start, stay
 from rattlesweep.integrate.lanes.step import LANES as L
 from rattlesweep.integrate.status import Status
@@ -32,8 +50,12 @@ NONFINITE = int(Status.NONFINITE)
 STEP_LIMIT = int(Status.STEP_LIMIT)
 STEP_TOO_SMALL = int(Status.STEP_TOO_SMALL)
 
+# Places in ``parts``: the addresses of the step, attempt(w, scale), and of :func:`settle`.
+ATTEMPT, SETTLE = 0, 1
+PARTS = 2
+
 # Bound by kernels.build.
-Y1 = H = ERROR = N1 = RATE1 = AMPLITUDE = 0
+Y1 = 0
 ADAPTIVE = False
 
 
@@ -44,11 +66,6 @@ def lane_energy(lane, row):
 
 def advance(w):
     """Move all lanes to the end of their step."""
-    raise NotImplementedError
-
-
-def attempt(w, scale):
-    """Try a step on every lane."""
     raise NotImplementedError
 
 
@@ -63,8 +80,15 @@ def give_up(lane, max_steps):
     return OK
 
 
-def settle(lane, max_steps):
+def settle(lane, max_steps, on):
     """Decide again on the step tried on a lane where something is due.
+
+    Parameters
+    ----------
+    lane : ndarray
+    max_steps : float
+    on : bool
+        Whether that step has been found to end at a zero, behind which the search is to go on.
 
     Returns
     -------
@@ -73,6 +97,10 @@ def settle(lane, max_steps):
     move : int
         HOLD (the step is not taken), TAKE, or REVERSED (it is, and ends at a zero of the spin).
     """
+    if on:
+        move = search_on(lane, lane[H])
+        lane[R.ACCEPT] = 0.0 if move == HOLD else 1.0
+        return OK, move
     if lane[R.MODE] == STEP and lane[R.ACCEPT] == 0.0:
         lane[R.REJECTED] += 1.0
         lane[R.HELD] = 1.0
@@ -176,7 +204,7 @@ def watch(w, record):
                 lane[R.W_N_MAX] = max(lane[R.W_N_MAX], lane[N1])
 
 
-def work(thread, w, shared, order, y0, constants, probe, plan, options,
+def work(thread, parts, w, shared, order, y0, constants, probe, plan, options,
          record, result, counts, windows, progress):  # fmt: skip
     """What one thread does until the queue is empty or Python says stop.
 
@@ -184,6 +212,8 @@ def work(thread, w, shared, order, y0, constants, probe, plan, options,
     ----------
     thread : int
         Row of ``progress`` to write to.
+    parts : int64 ndarray, shape (PARTS,)
+        Addresses of what is compiled for itself.
     w : ndarray
         The thread's own workspace.
     shared : int64 ndarray
@@ -218,7 +248,7 @@ def work(thread, w, shared, order, y0, constants, probe, plan, options,
         lane[H] = lane[R.H_NEXT]
     turns = 0
     while busy > 0:
-        attempt(w, scale)
+        call(parts[ATTEMPT], (w, scale))
         special = decide(w, dt, max_steps)
         if special > 0:
             for l in range(L):
@@ -231,7 +261,7 @@ def work(thread, w, shared, order, y0, constants, probe, plan, options,
                     lane[R.H_NEXT] = 0.0
                     stay(lane)
                     continue
-                status, move = settle(lane, max_steps)
+                status, move = call_for_two(parts[SETTLE], (lane, max_steps, False))
                 reversal = move == REVERSED
                 t = lane[R.T] + (lane[H] - lane[R.T_LOW])
                 ended = status != OK or reversal
@@ -270,7 +300,7 @@ def work(thread, w, shared, order, y0, constants, probe, plan, options,
     progress[thread, 1] = 0.0
 
 
-def drive(address, threads, w, shared, order, y0, constants, probe, plan, options,
+def drive(address, parts, threads, w, shared, order, y0, constants, probe, plan, options,
           record, result, counts, windows, progress):  # fmt: skip
     """One :func:`work` on each thread; the one of a method and a model is known by its address.
 
@@ -280,7 +310,7 @@ def drive(address, threads, w, shared, order, y0, constants, probe, plan, option
         call(
             address,
             (
-                thread, w[thread], shared, order, y0, constants, probe, plan, options,
+                thread, parts, w[thread], shared, order, y0, constants, probe, plan, options,
                 record, result, counts, windows, progress,
             ),
         )  # fmt: skip

@@ -45,3 +45,7 @@ BEYOND_H, BEYOND_N, BEYOND_R = 54, 55, 56
 # Root of the error of the step tried, and of the one before it (controller.py).
 ROOT, ROOT0 = 57, 58
 STATE_ROWS = 59
+# Of the step tried: its size, its squared error in units of the tolerance, and at its end the spin,
+# its rate and the squared amplitude.
+H, ERROR, N1, RATE1, AMPLITUDE = 59, 60, 61, 62, 63
+ROWS = 64

@@ -11,6 +11,7 @@ from math import isfinite, nan, sqrt
 
 from rattlesweep.integrate.lanes import columns as C
 from rattlesweep.integrate.lanes import rows as R
+from rattlesweep.integrate.lanes.rows import AMPLITUDE, N1, RATE1
 from rattlesweep.integrate.status import Status
 
 OK = int(Status.OK)
@@ -25,7 +26,7 @@ FLOOR = 1e-18
 
 # Bound by kernels.build.
 N_STATE = N_CONSTANTS = N_PROBE = 0
-Y = Y1 = Q = PROBE = N1 = RATE1 = AMPLITUDE = 0
+Y = Y1 = Q = PROBE = 0
 
 
 def lane_energy(lane, row):

@@ -20,9 +20,9 @@ from typing import TYPE_CHECKING, Any
 
 from numba import njit
 
+from rattlesweep.integrate.lanes import rows as R
 from rattlesweep.integrate.lanes.atomics import barrier, widest_vectors
 from rattlesweep.integrate.lanes.cells import INNER, Sum, cells, gather, move, scatter
-from rattlesweep.integrate.lanes.rows import STATE_ROWS
 from rattlesweep.physics.full import FASTMATH
 
 if TYPE_CHECKING:
@@ -47,9 +47,6 @@ class Layout:
         First row of the state and its derivative at the start and at the end of the step.
     constants, probe : int
         First row of the body's constants and of the amplitude's coefficients.
-    h, error, n1, rate1, amplitude : int
-        Rows of the step size, the squared error in units of the tolerance, and of the spin, its
-        rate and the squared amplitude at the end of the step.
     v, g, v1, g1 : int
         First row of the tangent and its derivative at the start and at the end of the step; this
         and the next have no rows in a model without tangent.
@@ -68,11 +65,6 @@ class Layout:
     f1: int
     constants: int
     probe: int
-    h: int
-    error: int
-    n1: int
-    rate1: int
-    amplitude: int
     v: int
     g: int
     v1: int
@@ -87,9 +79,9 @@ class Layout:
         """Layout for a model."""
         n = model.n_state
         t = n if model.tangent else 0
-        sizes = (n, n, n, n, model.n_constants, model.n_probe, 1, 1, 1, 1, 1,
+        sizes = (n, n, n, n, model.n_constants, model.n_probe,
                  t, t, t, t, t, t, min(t, 1), 0)  # fmt: skip
-        rows = [STATE_ROWS + sum(sizes[:i]) for i in range(len(sizes))]
+        rows = [R.ROWS + sum(sizes[:i]) for i in range(len(sizes))]
         return cls(*rows)
 
     def rows(self, tableau: Tableau, model: Model) -> int:
@@ -132,6 +124,7 @@ class Attempt:
             "transverse": model.tangent and model.tangent.transverse,
             "barrier": barrier,
             "widest_vectors": widest_vectors,
+            "__name__": __name__,
         }
         self._lines = ["def attempt(w, scale):"]
         self._indent = 4
@@ -191,7 +184,7 @@ class Attempt:
         both = self._gather("both", cells(at.y1, n) + cells(at.f1, n))
         total = " + ".join(f"f[{c}]" for c in range(n))
         # Zero, or not a number where the step left the numbers.
-        error = f"{self._cell(at.error)} = 0.0 * ({total})"
+        error = f"{self._cell(R.ERROR)} = 0.0 * ({total})"
         self._loop(f"both = {both}(w, l)", f"y = both[:{n}]", f"f = both[{n}:]",
                    *self._seen(), error)  # fmt: skip
 
@@ -199,14 +192,14 @@ class Attempt:
         """The squared error, in units of the tolerance."""
         at = self.at
         rows = [*self._stages, at.f1]
-        body = [f"h = {self._cell(at.h)}"]
+        body = [f"h = {self._cell(R.H)}"]
         for k, row in enumerate(self.tableau.errors):
             sums = self._sums(row, rows)
             given = self._gather("error", sums + cells(at.y, self.n), behind=self._constants())
             body.append(f"e{k}, size = error(*{given}(w, l))")
         # Hairer's blend of the fifth and third order estimates; both are squared here.
         blend = "e0 * (e0 / (e0 + 0.01 * e1 + 1e-300))" if len(self.tableau.errors) == 2 else "e0"
-        self._loop(*body, f"{self._cell(at.error)} = (scale * h * h) * ({blend} / size)")
+        self._loop(*body, f"{self._cell(R.ERROR)} = (scale * h * h) * ({blend} / size)")
 
     def copy(self, first: int, to: int) -> None:
         """Rows of a state and its derivative to others."""
@@ -244,16 +237,16 @@ class Attempt:
         """Spin, its rate and amplitude at the state ``y`` with derivative ``f``."""
         probe = self._gather("probe", cells(self.at.probe, self.model.n_probe))
         return [
-            f"{self._cell(self.at.n1)} = spin(*y)",
-            f"{self._cell(self.at.rate1)} = spin_rate(*(y + f))",
-            f"{self._cell(self.at.amplitude)} = amplitude(*(y + {probe}(w, l)))",
+            f"{self._cell(R.N1)} = spin(*y)",
+            f"{self._cell(R.RATE1)} = spin_rate(*(y + f))",
+            f"{self._cell(R.AMPLITUDE)} = amplitude(*(y + {probe}(w, l)))",
         ]
 
     def _sums(
         self, row: Row, stages: Sequence[int], start: int | None = None, share: float = 1.0
     ) -> list[Sum]:
         """A row of the tableau times the stages; with ``start``, that plus ``share * h`` times."""
-        factor = None if start is None else self.at.h
+        factor = None if start is None else R.H
         return [
             Sum(
                 None if start is None else start + c,
@@ -300,7 +293,8 @@ class Attempt:
 def compile_attempt(tableau: Tableau, model: Model, lanes: int = LANES) -> Callable[..., Any]:
     """Compiled ``attempt`` of a method and a model (lazily, at its first use)."""
     written = Attempt(tableau, model, lanes)
-    exec(written.source, written.names)
+    # In the name of this file, beside whose kernels it is kept.
+    exec(compile(written.source, __file__, "exec"), written.names)
     function = written.names["attempt"]
     # The name becomes part of the compiled symbol; two methods must not share one.
     function.__name__ = function.__qualname__ = f"attempt_{tableau.name}_{model.name}_{lanes}"

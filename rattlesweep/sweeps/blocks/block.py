@@ -58,7 +58,7 @@ def take(values: T, rows: NDArray[Any]) -> T:
 
 
 def load_kernel(config: Config) -> float:
-    """Load the kernel in the main thread, so that Ctrl-C is heard; how many seconds it took."""
+    """Load the kernel; how many seconds it took."""
     begin = time.perf_counter()
     if config.model != "gh":
         for name in kernels_of(config):

@@ -9,12 +9,12 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Any
 
+from rattlesweep.integrate.task import Task
 from rattlesweep.sweeps.blocks.block import load_kernel
 from rattlesweep.sweeps.engines.remainder import gather
 from rattlesweep.sweeps.forecast.forecast import expectation
 
 if TYPE_CHECKING:
-    from rattlesweep.integrate.task import Task
     from rattlesweep.sweeps.cases.plan import Block
     from rattlesweep.sweeps.engines.job import Job
     from rattlesweep.sweeps.engines.remainder import Columns, Remainder
@@ -28,10 +28,12 @@ def work_off(job: Job) -> None:
     """Integrate the pending blocks and write them, each while the next one runs."""
     left = None if job.deadline is None else job.deadline - time.monotonic()
     job.session.expect(lambda: expectation(job.plan, job.threads, left))
-    job.result.load_seconds = load_kernel(job.plan.config)
-    job.begin()
+    # Bodies are drawn while the kernel is compiled.
+    loading = Task(lambda _: load_kernel(job.plan.config))
     pending = job.session.pending
     ready = job.prepare(pending[0])
+    job.result.load_seconds = loading.wait()
+    job.begin()
     task: Task[Columns] | None = None
     done: tuple[Remainder, Columns, float] | None = None
     try:

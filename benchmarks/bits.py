@@ -1,0 +1,214 @@
+"""Whether a process that compiles a kernel computes the bits of one that loads it.
+
+    python benchmarks/bits.py [--only WORDS] [--repeats 3]
+
+Every kernel there is: sweeps, sweeps with a tangent, trajectories, rows between their steps, and
+growth along one run, of all methods and models.  Four processes compile what they run: two the
+way it is done (a child compiles, they load), two by themselves, each with an empty cache; a fifth
+and a sixth load what the last two have left.  Sweeps run on one and two threads of the parallel
+driver, in several threads of Python's, and without the driver.  Each line shows the hash of
+all that came out, and how many differ.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+from pathlib import Path
+
+import click
+import numpy as np
+
+from rattlesweep.integrate.batch import RECORDS, Batch, integrate
+from rattlesweep.integrate.follow import kernels, lyapunov
+from rattlesweep.integrate.follow.trajectory import Follower
+from rattlesweep.integrate.lanes import build
+from rattlesweep.integrate.model import MODELS, WITH_TANGENT
+from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.sweeps.cases.launches import make_batch, prepare
+from rattlesweep.sweeps.cases.plan import make_plan
+from rattlesweep.sweeps.config.load import load_config
+
+HERE = Path(__file__).resolve()
+CONFIG = HERE.parent.parent / "configs" / "quickstart.yaml"
+TOL, DT = 1e-8, 0.01
+PLAIN = ("full", "reduced")
+SAMPLES = {"full": 4, "reduced": 16}
+
+
+def jobs():
+    """Names of all kernels: kind, method, model."""
+    for method, tableau in METHODS.items():
+        for model in PLAIN:
+            yield "sweep", method, model
+            yield "tangent", method, model
+            yield "march", method, model
+            if tableau.adaptive:
+                yield "growth", method, model
+
+
+def runs(model):
+    """Launches of all cases of the quickstart, none of them long."""
+    settings = [f"bodies.samples={SAMPLES[model]}", f"model={model}"]
+    plan = make_plan(load_config(CONFIG, [*settings, "horizon={t_rgh: 5, t: 400}"]))
+    case, sample = np.divmod(np.arange(plan.runs), plan.samples)
+    batch = make_batch(prepare(plan, case, sample), model)
+    assert batch is not None
+    return batch
+
+
+def digest(*arrays):
+    """Hash of arrays, to the last bit."""
+    found = hashlib.sha256()
+    for array in arrays:
+        found.update(np.ascontiguousarray(array).tobytes())
+    return found.hexdigest()[:12]
+
+
+def swept(batch, method, model, record, threads):
+    """Hash of a sweep."""
+    out = integrate(
+        batch, METHODS[method], MODELS[model], tol=TOL, dt=DT,
+        record=frozenset(record), threads=threads,
+    )  # fmt: skip
+    return digest(*(v for v in vars(out).values() if isinstance(v, np.ndarray)))
+
+
+def in_threads(call):
+    """What a call gives in four threads at once."""
+    found = []
+    team = [threading.Thread(target=lambda: found.append(call())) for _ in range(4)]
+    for thread in team:
+        thread.start()
+    for thread in team:
+        thread.join()
+    return found
+
+
+def without_driver(call):
+    """What a call gives where threads cannot be had."""
+    kept, build._forked = build._forked, True
+    try:
+        return call()
+    finally:
+        build._forked = kept
+
+
+def followed(batch, method, model):
+    """Hash of one run past its reversals, and of rows between its steps."""
+    one = Batch(**{name: values[-1:] for name, values in vars(batch).items()})
+    follower = Follower(
+        one, METHODS[method], MODELS[model], tol=TOL, dt=DT, attitude=model == "full"
+    )
+    found = follower.at(np.linspace(0.0, float(one.t_end[0]), 1001))
+    return digest(found.t, found.y, found.extra, np.array(follower.zeros))
+
+
+def grown(batch, method, model):
+    """Hash of the growth of a tangent along one run."""
+    return digest(
+        lyapunov.growth_along(
+            batch.constants[-1],
+            batch.y0[-1],
+            np.arange(1.0, 200.0),
+            tableau=METHODS[method],
+            model=MODELS[model],
+            tol=TOL,
+        )
+    )
+
+
+def hashes(job, repeats):
+    """All that a kernel gives, in all ways in which it is called."""
+    kind, method, model = job
+    batch = runs(model)
+    if kind in ("march", "growth"):
+        work = followed if kind == "march" else grown
+        return [work(batch, method, model) for _ in range(repeats)] + in_threads(
+            lambda: work(batch, method, model)
+        )
+    record = RECORDS if kind == "tangent" else RECORDS[:-1]
+
+    def call(threads=1):
+        return swept(batch, method, model, record, threads)
+
+    found = [call(threads) for threads in (1, 2) for _ in range(repeats)]
+    return [*found, *in_threads(call), without_driver(call)]
+
+
+def compile_here():
+    """Have this process compile what it runs, as :func:`build._loaded` would without a child."""
+
+    def hand_over(example, *names):
+        compiled, arguments = example(*names)
+        compiled.compile(build._signature(arguments))
+        return compiled
+
+    build.loaded = kernels.loaded = lyapunov.loaded = build.cache(hand_over)
+
+
+def serve(way, names, repeats):
+    """In a child: one line of JSON for each kernel."""
+    if way == "here":
+        compile_here()
+    for name in names:
+        print(json.dumps([name, hashes(name.split(), repeats)]), flush=True)
+
+
+def start(way, place, names, repeats):
+    """Process that runs kernels one way, with a cache of its own."""
+    place.mkdir(mode=0o700, exist_ok=True)
+    return subprocess.Popen(
+        [sys.executable, str(HERE), "--serve", way, "--repeats", str(repeats), *names],
+        env=os.environ | {"NUMBA_CACHE_DIR": str(place), "XDG_CACHE_HOME": str(place)},
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+
+
+@click.command()
+@click.argument("names", nargs=-1)
+@click.option("--only", default="", help="Only kernels with this in their name.")
+@click.option("--repeats", default=3, show_default=True)
+@click.option("--serve", "way", hidden=True)
+def main(names: tuple[str, ...], only: str, repeats: int, way: str | None) -> None:
+    """Compare the bits of compiled with those of loaded kernels; exit code 1 if some differ."""
+    if way:
+        serve(way, names, repeats)
+        return
+    names = tuple(name for name in map(" ".join, jobs()) if only in name)
+    found: dict[str, dict[str, list[str]]] = {name: {} for name in names}
+    with tempfile.TemporaryDirectory() as home:
+        place = Path(home)
+        for label, way, cache in (
+            ("compiled by a child", "child", "child"),
+            ("compiled here", "here", "here"),
+            ("compiled here again", "here", "again"),
+            ("loaded from the child's", "child", "child"),
+            ("loaded from here", "child", "here"),
+        ):
+            # Two at a time: one kernel does not keep two processors busy.
+            parts = [start(way, place / f"{cache}{i}", names[i::2], repeats) for i in range(2)]
+            for process in parts:
+                for line in process.stdout:
+                    name, values = json.loads(line)
+                    found[name][label] = values
+                    click.echo(f"{name:26}{label:26}{len(values)} runs {sorted(set(values))}")
+                if process.wait():
+                    raise click.ClickException(f"{label}: a process failed")
+    differ = 0
+    for name, by_label in found.items():
+        kinds = {value for values in by_label.values() for value in values}
+        differ += len(kinds) > 1
+        click.echo(f"{name:26}{sum(map(len, by_label.values())):4} runs, {len(kinds)} hash(es)")
+    click.echo(f"{differ} of {len(found)} kernels differ; {len(WITH_TANGENT)} models")
+    sys.exit(1 if differ else 0)
+
+
+if __name__ == "__main__":
+    main()
