@@ -356,8 +356,20 @@ def test_nothing_is_left_behind_where_nothing_can_be_kept(tmp_path):
 
 def test_a_kernel_that_does_not_compile_says_so(place, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
-    with pytest.raises(RuntimeError, match=r"(?s)kernel wrong could not be .*this one"):
-        loading.Compiler()(small, ("wrong",))
+    with (
+        pytest.raises(RuntimeError, match=r"(?s)kernel wrong could not be .*this one"),
+        loading.Pool().compiler() as compiler,
+    ):
+        compiler(small, ("wrong",))
+
+
+def test_a_process_that_ends_while_it_compiles_is_said(place):
+    with (
+        pytest.raises(RuntimeError, match="could not be compiled:\nits process ended with -9"),
+        loading.Pool().compiler() as compiler,
+    ):
+        compiler._process.kill()
+        compiler(small, ("small",))
 
 
 def test_code_of_other_versions_has_other_names(place, monkeypatch):
