@@ -2,12 +2,11 @@
 
     python benchmarks/bits.py [--only WORDS] [--repeats 3]
 
-Every kernel there is: sweeps, sweeps with a tangent, trajectories, rows between their steps, and
-growth along one run, of all methods and models.  Four processes compile what they run: two the
-way it is done (a child compiles, they load), two by themselves, each with an empty cache; a fifth
-and a sixth load what the last two have left.  Sweeps run on one and two threads of the parallel
-driver, in several threads of Python's, and without the driver.  Each line shows the hash of
-all that came out, and how many differ.
+Every kernel there is: sweeps, sweeps with a tangent, trajectories with rows between their steps, and
+growth along one run, of all methods and models.  Some processes have theirs compiled the way it is
+done, by others, and load them; some compile by themselves; some load what these have left.  Sweeps
+run on one and two threads of the parallel driver, in four threads of Python's, and without the
+driver.  Each line shows the hashes of all that came out.
 """
 
 from __future__ import annotations
@@ -24,11 +23,12 @@ from pathlib import Path
 import click
 import numpy as np
 
+from rattlesweep.integrate import loading
 from rattlesweep.integrate.batch import RECORDS, Batch, integrate
-from rattlesweep.integrate.follow import kernels, lyapunov
+from rattlesweep.integrate.follow import lyapunov
 from rattlesweep.integrate.follow.trajectory import Follower
 from rattlesweep.integrate.lanes import build
-from rattlesweep.integrate.model import MODELS, WITH_TANGENT
+from rattlesweep.integrate.model import MODELS
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.sweeps.cases.launches import make_batch, prepare
 from rattlesweep.sweeps.cases.plan import make_plan
@@ -142,14 +142,14 @@ def hashes(job, repeats):
 
 
 def compile_here():
-    """Have this process compile what it runs, as :func:`build._loaded` would without a child."""
+    """Have this process compile what it runs, as :func:`loading._load` would without another."""
 
-    def hand_over(example, *names):
+    def load(example, names):
         compiled, arguments = example(*names)
-        compiled.compile(build._signature(arguments))
+        compiled.compile(loading.signature_of(arguments))
         return compiled
 
-    build.loaded = kernels.loaded = lyapunov.loaded = build.cache(hand_over)
+    loading._load = load
 
 
 def serve(way, names, repeats):
@@ -188,8 +188,6 @@ def main(names: tuple[str, ...], only: str, repeats: int, way: str | None) -> No
         for label, way, cache in (
             ("compiled by a child", "child", "child"),
             ("compiled here", "here", "here"),
-            ("compiled here again", "here", "again"),
-            ("loaded from the child's", "child", "child"),
             ("loaded from here", "child", "here"),
         ):
             # Two at a time: one kernel does not keep two processors busy.
@@ -206,7 +204,7 @@ def main(names: tuple[str, ...], only: str, repeats: int, way: str | None) -> No
         kinds = {value for values in by_label.values() for value in values}
         differ += len(kinds) > 1
         click.echo(f"{name:26}{sum(map(len, by_label.values())):4} runs, {len(kinds)} hash(es)")
-    click.echo(f"{differ} of {len(found)} kernels differ; {len(WITH_TANGENT)} models")
+    click.echo(f"{differ} of {len(found)} kernels differ")
     sys.exit(1 if differ else 0)
 
 
