@@ -2,11 +2,11 @@
 
     python benchmarks/bits.py [--only WORDS] [--repeats 3]
 
-Every kernel there is: sweeps, sweeps with a tangent, trajectories with rows between their steps, and
-growth along one run, of all methods and models.  Some processes have theirs compiled the way it is
-done, by others, and load them; some compile by themselves; some load what these have left.  Sweeps
-run on one and two threads of the parallel driver, in four threads of Python's, and without the
-driver.  Each line shows the hashes of all that came out.
+Every kernel there is: sweeps, sweeps with a tangent, trajectories with rows between their steps,
+and growth along one run, of all methods and models.  Some processes have theirs compiled the way it
+is done, by others, and load them; some compile by themselves; some load what these have left.
+Sweeps run on one and two threads of the parallel driver, in four threads of Python's, and without
+the driver.  Each line shows the hashes of all that came out.
 """
 
 from __future__ import annotations
