@@ -77,6 +77,8 @@ def batch(t_end):
         rate=np.full(runs, 0.01),
         window=t_end / N_WINDOWS,
         first_mark=t_end,
+        scale=np.abs(n_i),
+        tapped=np.zeros(runs, bool),
     )
 
 

@@ -24,7 +24,7 @@ Bodies: TypeAlias = "Rattleback | Iterable[Rattleback] | Mapping[str, Any] | pd.
 """One body; a sequence or an array of bodies; or a table with the columns of a table of bodies."""
 
 WANTED = {
-    "n_i": "the initial spin must be finite and not zero",
+    "n_i": "the initial spin must be finite",
     "omega_xy0": "the oscillation must be finite and positive",
     "t_end": "the horizon must be finite and positive",
     "psi": "an angle from -360 to 360 degrees is needed",
@@ -106,6 +106,29 @@ def numbers(name: str, value: Any, wanted: str = "it must be finite") -> Floats:
         where = f"[{', '.join(map(str, place))}]" if place else ""
         raise ConfigError(f"{name}{where} {array[place]:g}: {found[1]}")
     return array
+
+
+def full_states(omega: Any, u: Any) -> dict[str, Floats]:
+    """Components of full states by the names of their columns; none where none is given.
+
+    Raises
+    ------
+    ConfigError
+        If one of the two is no vector, or an array of them, or only `u` is given.
+    """
+    if omega is None and u is None:
+        return {}
+    if omega is None:
+        raise ConfigError("omega: missing; a full state has omega and u")
+    state: dict[str, Floats] = {}
+    for name, value in (("omega", omega), ("u", (0.0, 0.0, -1.0) if u is None else u)):
+        vectors = numbers(name, value)
+        if vectors.shape[-1:] != (3,):
+            raise ConfigError(
+                f"{name}: a vector has three components, x, y, z; its shape is {vectors.shape}"
+            )
+        state |= {f"{name}_{x}": vectors[..., k] for k, x in enumerate("xyz")}
+    return state
 
 
 def broadcast(arrays: Mapping[str, Floats]) -> tuple[dict[str, Floats], tuple[int, ...]]:

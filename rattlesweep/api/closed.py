@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from rattlesweep.api.arrays import Bodies, body_columns, broadcast, numbers
+from rattlesweep.errors import ConfigError
 from rattlesweep.physics import full, steady, theory
 from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.physics.launch import direction, garcia_hubbard
@@ -91,6 +92,8 @@ def reversal_time_gh(body: Bodies, n_i: ArrayLike, omega_xy0: ArrayLike) -> Any:
            [ 22.8, 343.4]])
     """
     launch = {"n_i": numbers("n_i", n_i), "omega_xy0": numbers("omega_xy0", omega_xy0)}
+    if not launch["n_i"].all():
+        raise ConfigError("n_i: a launch without spin, n_i = 0, has no time of reversal")
     parts, _ = broadcast(_parameters(body, *PARAMETERS) | launch)
     body_ = SimpleNamespace(**parts)
     found = theory.modes(body_.alpha, body_.beta, body_.theta, body_.phi, body_.xi)

@@ -14,6 +14,7 @@ from rattlesweep.api.arrays import (
     body_columns,
     broadcast,
     check_threads,
+    full_states,
     is_frame,
     numbers,
     to_frame,
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 LAUNCH, OF_LAUNCH = ("n_i", "omega_xy0"), ("psi", "t_end")
+STATE = ("omega_x", "omega_y", "omega_z", "u_x", "u_y", "u_z")
 
 
 @dataclass(frozen=True)
@@ -65,10 +67,12 @@ class Run:
 def simulate(
     body: Rattleback,
     *,
-    n_i: float,
-    omega_xy0: float,
+    n_i: float | None = ...,
+    omega_xy0: float | None = ...,
+    omega: Sequence[float] | None = ...,
+    u: Sequence[float] | None = ...,
     t_end: float | None = ...,
-    psi: str | float = ...,
+    psi: str | float | None = ...,
     model: str = ...,
     method: str = ...,
     tol: float | None = ...,
@@ -83,6 +87,8 @@ def simulate(
     *,
     n_i: ArrayLike | None = ...,
     omega_xy0: ArrayLike | None = ...,
+    omega: ArrayLike | None = ...,
+    u: ArrayLike | None = ...,
     t_end: ArrayLike | None = ...,
     psi: str | ArrayLike | None = ...,
     model: str = ...,
@@ -98,6 +104,8 @@ def simulate(
     *,
     n_i: ArrayLike | None = None,
     omega_xy0: ArrayLike | None = None,
+    omega: ArrayLike | None = None,
+    u: ArrayLike | None = None,
     t_end: ArrayLike | None = None,
     psi: str | ArrayLike | None = None,
     model: str = "full",
@@ -120,9 +128,13 @@ def simulate(
         ``n_i omega_xy0`` and perhaps ``psi t_end`` (in radians), these are the launches of its
         rows unless `n_i` and `omega_xy0` are given.  The runs of a sweep are such a table.
     n_i, omega_xy0 : array_like
-        Initial spin and oscillation, in ``sqrt(g/a)``.
+        Initial spin and oscillation, in ``sqrt(g/a)``; ``n_i=0`` is a tap, by default on the pitch.
+    omega, u : array_like, shape (..., 3)
+        A full state instead of these: angular velocity in ``sqrt(g/a)`` and vertical unit vector
+        (by default upright, ``(0, 0, -1)``), in components along the body's axes.
     t_end : array_like, optional
-        Horizon, in ``sqrt(a/g)``; by default 5 t_rGH of the spin's own direction.
+        Horizon, in ``sqrt(a/g)``; by default 5 t_rGH of the spin's own direction, which a launch
+        without spin has not.
     psi : str or array_like, optional
         ``relevant`` (the default), ``pitch``, ``roll`` or degrees.
     model : str
@@ -176,14 +188,26 @@ def simulate(
     from rattlesweep.sweeps.blocks.memory import integrate_plan
     from rattlesweep.sweeps.blocks.single import Launch, plan_of
     from rattlesweep.sweeps.cases.sources import TableBodies
+    from rattlesweep.sweeps.cases.table import launched_from
 
     check_threads(threads)
     columns = body_columns(body)
     given = {"n_i": n_i, "omega_xy0": omega_xy0, "t_end": t_end}
+    state = full_states(omega, u)
+    if state and (
+        twice := [name for name in ("n_i", "omega_xy0", "psi") if locals()[name] is not None]
+    ):
+        raise ConfigError(
+            f"{' and '.join(twice)} given with a full state, which says the spin and the "
+            "oscillation itself; keep omega and u, or n_i, omega_xy0 and psi"
+        )
     arrays = {name: numbers(name, value) for name, value in given.items() if value is not None}
     if psi is not None and not isinstance(psi, str):
         arrays["psi"] = np.radians(numbers("psi", psi))
-    columns, shape = broadcast(_launched(columns, arrays, psi is not None))
+    columns, shape = broadcast(_launched(columns, state | arrays, psi is not None))
+    columns = {name: column.ravel() for name, column in columns.items()}
+    if state:
+        columns |= launched_from(columns, "launch")
     launch = Launch(
         Rattleback.gh(),
         # Replaced by those of the rows, like the body.
@@ -193,7 +217,7 @@ def simulate(
         model=model,
         integrator=_integrator(method, tol, dt_step),
     )
-    plan = plan_of(launch, TableBodies({name: c.ravel() for name, c in columns.items()}))
+    plan = plan_of(launch, TableBodies(columns))
     with Bar.of_call(progress) as bar, listening(bar.compiling):
         table = integrate_plan(plan, threads if shape else 1, bar.counting(f"{plan.runs} runs"))
     if not shape:
@@ -209,10 +233,12 @@ def simulate(
 def trajectory(
     body: Rattleback,
     *,
-    n_i: float,
-    omega_xy0: float,
+    n_i: float | None = None,
+    omega_xy0: float | None = None,
+    omega: Sequence[float] | None = None,
+    u: Sequence[float] | None = None,
     t_end: float | None = None,
-    psi: str | float = "relevant",
+    psi: str | float | None = None,
     model: str = "full",
     channels: Sequence[str] = ("t", "n"),
     points: int | None = None,
@@ -229,7 +255,7 @@ def trajectory(
 
     Parameters
     ----------
-    body, n_i, omega_xy0, t_end, psi, model
+    body, n_i, omega_xy0, omega, u, t_end, psi, model
         As for :func:`simulate`.
     channels : sequence of str
         Columns of the table; ``rattlesweep trajectory --channels list`` prints all of them.
@@ -267,7 +293,7 @@ def trajectory(
     from rattlesweep.sweeps.blocks.single import Launch
 
     integrator = _integrator(method, tol, dt_step)
-    launch = Launch(body, n_i, omega_xy0, t_end, psi, model, integrator, e_p0, e_r0)
+    launch = Launch(body, n_i, omega_xy0, t_end, psi, model, integrator, e_p0, e_r0, omega, u)
     return collect(Course(launch, channels=channels, rows=Rows(points, dt, steps, times)))
 
 
@@ -333,12 +359,17 @@ def _launched(
 
     ``directed`` says whether ``psi`` is given, as a word or in ``arrays``.
     """
-    if any(name in arrays for name in LAUNCH):
+    if any(name in arrays for name in (*LAUNCH, *STATE)):
         # Directions and horizons of the table belong to its own launches.
-        columns = {name: columns[name] for name in columns if name not in (*LAUNCH, *OF_LAUNCH)}
+        own = (*LAUNCH, *OF_LAUNCH, *STATE)
+        columns = {name: columns[name] for name in columns if name not in own}
     elif directed:
+        if "u_x" in columns:
+            raise ConfigError("psi does not go with the full states of the table; leave it out")
         columns.pop("psi", None)
     launched = columns | arrays
+    if "u_x" in launched:
+        return launched
     if missing := [name for name in LAUNCH if name not in launched]:
         raise ConfigError(
             f"{' and '.join(missing)} missing; give n_i and omega_xy0, or a DataFrame that has them"

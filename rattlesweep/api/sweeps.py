@@ -41,13 +41,10 @@ class Sweep:
         """One row a run: the columns of ``runs/*.parquet``; no rows before the first block."""
         import pyarrow as pa
 
-        from rattlesweep.sweeps.tables.columns import runs_schema
-
         store = self._stored.store
         tables = [store.read_block(index).table() for index in store.block_indices()]
         if not tables:
-            config = self._stored.config
-            tables = [runs_schema(config.record, config.model).empty_table()]
+            tables = [self._stored.manifest.schema.empty_table()]
         frame: pd.DataFrame = pa.concat_tables(tables).to_pandas()
         return frame
 

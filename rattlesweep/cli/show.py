@@ -75,6 +75,7 @@ def show(
         else:
             if which:
                 raise ConfigError("--case, --sample and --where go with --from")
+            launch = options.launched(launch)
             run = Launch(make_body(body), t_end=t_end, integrator=integrator, **launch)
             name = " ".join(["Rattleback", *([body["preset"]] if "preset" in body else [])])
         course = pages.course_of(run, points, meter.counting("integrating"))

@@ -16,6 +16,7 @@ from rattlesweep.cli.common.series import say_outcome, write_course
     "rattlesweep trajectory --preset GH --n-i -0.1 --t-end 1500 --figure spin.svg",
     "rattlesweep trajectory --preset GH --theta 0.82 --t-end 2e4 --dt 0.5 "
     "--channels t,n,E_p,E_r --output run.parquet",
+    "rattlesweep trajectory --preset GH --omega 0.02,0,-0.3 --u 0.01,0,-1 --t-end 500",
 )
 @options.body
 @options.launch
@@ -44,14 +45,15 @@ def trajectory(
 
     Prints CSV unless a file or a figure is requested, of a long series only its head and tail; the
     reversal times go to standard error. A reversal is counted once the spin has gone from beyond a
-    quarter of its initial value to beyond a quarter of it on the other side.
+    quarter of its initial value to beyond a quarter of it on the other side; of a launch without
+    spin (--n-i 0), a quarter of the spin that would hold all its energy.
     """
     from rattlesweep.study.derived import make_body
     from rattlesweep.study.onerun.rows import Rows
     from rattlesweep.sweeps.blocks.single import Launch
     from rattlesweep.sweeps.store.atomic import probe_directory
 
-    run = Launch(make_body(body), **launch, **rest)
+    run = Launch(make_body(body), **options.launched(launch), **rest)
     for path in filter(None, (output, figure)):
         probe_directory(path.parent)
     course = write_course(run, channels, Rows(**rows), output, figure, quiet)

@@ -33,8 +33,12 @@ if TYPE_CHECKING:
 N_WINDOWS = 64
 # Largest change of the oscillation's amplitude, as a logarithm, that a fixed step may cause.
 MAX_DAMPING = 0.1
+# The spin has reversed once it has gone from beyond this share of the launch's spin to beyond it on
+# the other side.  Where the spin has plateaus, any share from 0.05 to 0.5 counts the same (GH at
+# n_i = 0.1 and -0.1, with theta = 0.64, 0.75 and 0.9); a spin that wanders has no sure count.
+PLATEAU_SHARE = 0.25
 # What the kernel of every model can note, and what needs a kernel of its own.
-WATCHED = ("energy", "contact", "windows")
+WATCHED = ("energy", "contact", "windows", "reversals")
 RECORDS = (*WATCHED, "lyapunov")
 
 
@@ -59,6 +63,10 @@ class Batch:
     first_mark : ndarray
         First time at which they are compared, and again after twice, four times as long, until the
         first window ends; not earlier than the oscillation shows its size.
+    scale : ndarray
+        Modulus of the launch's spin, or of what stands for it where there is none.
+    tapped : ndarray of bool
+        Launched without spin: zeros of it count once it has passed :data:`PLATEAU_SHARE` of scale.
     """
 
     y0: Floats
@@ -70,6 +78,8 @@ class Batch:
     rate: Floats
     window: Floats
     first_mark: Floats
+    scale: Floats
+    tapped: NDArray[np.bool_]
 
     def __len__(self) -> int:
         """Return the number of runs."""
@@ -96,6 +106,11 @@ class Outcome:
         Time and logarithm of the tangent's growth at the end of each window, and of the run in the
         row behind its last window; NaN behind that, and in all windows that one step ended but the
         first.
+    n_reversals : ndarray of int64
+        Meaningful only where reversals were asked for.
+    reversals : ndarray, shape (runs, 8, 2) or (0, ...)
+        Time of each of the first reversals, and the largest modulus of the spin between it and the
+        next one; NaN behind the last.
     stopped : bool
         Whether a stop request ended the kernel before all runs were done.
     """
@@ -117,6 +132,8 @@ class Outcome:
     y_end: Floats
     windows: Floats
     growth: Floats
+    n_reversals: NDArray[np.int64]
+    reversals: Floats
     stopped: bool
 
 
@@ -177,7 +194,9 @@ def integrate(
     threads: int | None = None,
     control: Control | None = None,
 ) -> Outcome:
-    """Integrate every run to its first reversal or its horizon.
+    """Integrate every run to its first reversal, or to its horizon.
+
+    It is to the horizon if it does not reverse, and for all if reversals are recorded.
 
     Parameters
     ----------
@@ -216,9 +235,10 @@ def integrate(
     result = np.full((runs, C.FIRST_STATE + model.n_state), np.nan)
     counts = np.zeros((runs, C.N_COUNTS), dtype=np.int64)
     counts[:, C.STATUS] = Status.STOPPED
-    # The tangent's columns come last.
+    # Columns of the windows, of the reversals, of the tangent.
     seen = 3 if "windows" in record else 0
-    width = seen + (2 if carried is not model else 0)
+    turned = seen + (2 if "reversals" in record else 0)
+    width = turned + (2 if carried is not model else 0)
     windows = np.full((runs if width else 0, N_WINDOWS, width), np.nan)
     flags = np.array([name in record for name in WATCHED])
 
@@ -245,6 +265,9 @@ def integrate(
                 kernel(tableau.name, carried.name)(*arguments)
     if not tableau.adaptive:
         _mark_coarse(batch, tableau, dt, result, counts)
+    # Both compare with the launch's spin.
+    for column in (C.GROWTH, C.DEPARTURE):
+        result[batch.tapped, column] = np.nan
     return Outcome(
         t_end=result[:, C.T_END],
         t_r=result[:, C.T_R],
@@ -262,7 +285,9 @@ def integrate(
         n_rejected=counts[:, C.REJECTED],
         y_end=result[:, C.FIRST_STATE :],
         windows=windows[:, :, :3] if seen else np.zeros((0, N_WINDOWS, 3)),
-        growth=windows[:, :, seen:] if width > seen else np.zeros((0, N_WINDOWS, 2)),
+        growth=windows[:, :, turned:] if width > turned else np.zeros((0, N_WINDOWS, 2)),
+        n_reversals=counts[:, C.REVERSALS],
+        reversals=windows[:, : C.MOST_REVERSALS, seen:turned],
         stopped=bool((counts[:, C.STATUS] == Status.STOPPED).any()),
     )
 
@@ -287,6 +312,8 @@ def run_plans(batch: Batch, tableau: Tableau, tol: float, dt: float) -> Floats:
         1e3 * tol if tableau.adaptive else np.maximum(1e-9, (dt * batch.swing) ** tableau.order)
     )
     plan[:, C.FIRST_MARK] = batch.first_mark
+    plan[:, C.FAR] = PLATEAU_SHARE * batch.scale
+    plan[:, C.TAPPED] = batch.tapped
     return plan
 
 

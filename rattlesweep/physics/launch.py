@@ -59,8 +59,8 @@ class GarciaHubbard:
 
     @property
     def t_rgh(self) -> Floats:
-        """Time of reversal, in ``sqrt(a/g)``."""
-        return theory.reversal_time(self.K, self.n_i, self.speed)
+        """Time of reversal, in ``sqrt(a/g)``; NaN without an initial spin, which has none."""
+        return np.where(self.n_i == 0, np.nan, theory.reversal_time(self.K, self.n_i, self.speed))
 
     def spin(self, t: ArrayLike) -> Floats:
         """The spin at times ``t``."""
@@ -86,7 +86,8 @@ def direction(modes: Modes, n_i: ArrayLike, psi: str | float) -> Floats:
     n_i : array_like
         Initial spins.
     psi : str or float
-        ``relevant`` (pitch in the unsteady direction, else roll), ``pitch``, ``roll``, or degrees.
+        ``relevant`` (pitch in the unsteady direction, roll in the steady one; without a spin
+        pitch, as a tap on an end gives it), ``pitch``, ``roll``, or degrees.
     """
     shape = np.broadcast(modes.psi_p, n_i).shape
     if psi == "pitch":
@@ -94,7 +95,8 @@ def direction(modes: Modes, n_i: ArrayLike, psi: str | float) -> Floats:
     if psi == "roll":
         return np.broadcast_to(modes.psi_r, shape)
     if psi == "relevant":
-        return np.where(theory.unsteady(modes.K_p, n_i), modes.psi_p, modes.psi_r)
+        pitch = theory.unsteady(modes.K_p, n_i) | (np.asarray(n_i) == 0)
+        return np.where(pitch, modes.psi_p, modes.psi_r)
     return np.full(shape, np.radians(float(psi)))
 
 
@@ -104,3 +106,31 @@ def full_state(n_i: ArrayLike, omega_xy0: ArrayLike, psi: ArrayLike) -> Floats:
     zero = np.zeros(n_i.shape)
     # u points up and the z axis down: n = u . omega = -omega_z.
     return np.stack([zero, zero, omega_xy0 * np.cos(psi), omega_xy0 * np.sin(psi), -n_i], axis=-1)
+
+
+# Of the angular velocity: a spin below this share of it is the rounding of a zero.
+NO_SPIN = 1e-15
+
+
+def spin_and_oscillation(omega: ArrayLike, u: ArrayLike) -> tuple[Floats, Floats, Floats]:
+    """What spin and what oscillation a state has; those of :func:`full_state` if ``u`` is upright.
+
+    Parameters
+    ----------
+    omega, u : array_like, shape (..., 3)
+        Angular velocity and vertical unit vector, body-fixed components.
+
+    Returns
+    -------
+    n : ndarray
+        Spin ``u . omega``; 0 where it is no more than rounding.
+    omega_xy : ndarray
+        Size of the rest of the angular velocity, ``omega - n u``.
+    psi : ndarray
+        Direction of that from the x axis, in radians.
+    """
+    omega, u = np.asarray(omega, float), np.asarray(u, float)
+    n = (omega * u).sum(axis=-1)
+    n = np.where(np.abs(n) <= NO_SPIN * np.linalg.norm(omega, axis=-1), 0.0, n)
+    rest = omega - n[..., None] * u
+    return n, np.linalg.norm(rest, axis=-1), np.arctan2(rest[..., 1], rest[..., 0])

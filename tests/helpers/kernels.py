@@ -59,6 +59,8 @@ def full_batch(body, n_i, omega_xy0=0.01, psi="relevant", t_end=1000.0):
                                            omega_xy0, psi) ** 2,
         window=t_end / N_WINDOWS,
         first_mark=t_end,
+        scale=np.abs(n_i),
+        tapped=np.zeros(len(t_end), bool),
     )  # fmt: skip
 
 
@@ -80,6 +82,8 @@ def reduced_batch(body, n_i, e_p, e_r, t_end=1000.0):
         rate=fastest * n_0**2,
         window=t_end / N_WINDOWS,
         first_mark=t_end,
+        scale=np.abs(n_i),
+        tapped=np.zeros(len(t_end), bool),
     )
 
 

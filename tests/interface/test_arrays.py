@@ -95,7 +95,9 @@ def test_a_bar_is_shown_if_it_is_asked_for(capfd):
 
 
 BAD: dict[str, tuple[dict[str, Any], str]] = {
-    "spin of zero": ({"n_i": [0.1, 0]}, r"n_i\[1\] 0: the initial spin must be finite and not"),
+    "no horizon": ({"n_i": [0.1, 0], "t_end": None}, r"without spin \(row 2 of the table\) has"),
+    "spin and state": ({"omega": (0, 0, 1)}, "n_i and omega_xy0 given with a full state"),
+    "plane": ({"n_i": None, "omega_xy0": None, "omega": [0, 1]}, r"its shape is \(2,\)"),
     "no number": ({"n_i": [[0.1, None]]}, r"n_i\[0, 1\] nan: the initial spin"),
     "word": ({"n_i": "fast"}, r"n_i: 'fast' \(str\) is no number or array of numbers"),
     "flag": ({"n_i": True}, r"n_i: True \(bool\) is no number"),

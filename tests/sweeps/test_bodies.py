@@ -317,6 +317,7 @@ def test_launches_and_horizons_of_a_table_replace_those_of_the_config(tmp_path):
     assert summary[["n_i", "omega_xy0"]].isna().all(axis=None)
 
 
+STATE = f"{HEAD},omega_x,omega_y,omega_z,u_x,u_y,u_z"
 BAD_TABLES = {
     "missing column": ("alpha,beta,gamma,theta,phi\n1,2,3,4,5\n", "the column xi is missing"),
     "text cell": (f"{HEAD}\n{GH}\n13,1.5,12,abc,0.1,-0.1\n", "row 2: theta is 'abc'; a finite"),
@@ -325,7 +326,20 @@ BAD_TABLES = {
     "impossible body": (f"{HEAD}\n{GH}\n{GH}\n13,1.5,12.3,1.2,0.1,-0.1\n", "row 3: theta is 1.2;"),
     "no skew": (f"{HEAD}\n13,1.5,12.3,0.5,0.2,0\n", "row 1: xi is 0 rad"),
     "n_i alone": (f"{HEAD},n_i\n{GH},0.1\n", "n_i stands alone; give both"),
-    "n_i of zero": (f"{HEAD},n_i,omega_xy0\n{GH},0,0.1\n", "row 1: n_i is 0; it must not be zero"),
+    "no u": (f"{HEAD},omega_x,omega_y,omega_z\n{GH},0,0,1\n", "the column u_x is missing; a full"),
+    "u too long": (
+        f"{STATE}\n{GH},0,0,1,0,0.5,-1\n",
+        "row 1: u: its length is 1.11803; give a unit",
+    ),
+    "upside down": (f"{STATE}\n{GH},0,0,1,0,0,1\n", "row 1: u: u_z is 1; it must be negative"),
+    "at rest": (
+        f"{STATE}\n{GH},0,0,0,0,0,-1\n",
+        "row 1: the body stands upright and at rest; give",
+    ),
+    "another spin": (
+        f"{STATE},n_i,omega_xy0\n{GH},0,0,1,0,0,-1,1,0.1\n",
+        "row 1: n_i is 1, and the spin of the full state -1; leave n_i and omega_xy0",
+    ),
     "omega below 0": (f"{HEAD},n_i,omega_xy0\n{GH},1,-1\n", "row 1: omega_xy0 is -1; it must be"),
     "horizon of 0": (f"{HEAD},t_end\n{GH},0\n", "row 1: t_end is 0; it must be positive"),
     "empty launch": (f"{HEAD},n_i,omega_xy0\n{GH},,0.1\n", "row 1: n_i is empty; a finite"),

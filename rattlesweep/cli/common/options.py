@@ -87,17 +87,31 @@ body = Group(
     option("--xi", type=float, help="Skew angle in radians."),
     option("--xi-deg", type=float, help="Skew angle in degrees."),
 )
-_spin = (
+spin = Group(
+    "spin",
     option("--n-i", type=float, default=0.1, help="Initial spin, in sqrt(g/a)."),
     option("--omega-xy0", type=float, default=0.01, help="Initial oscillation, in sqrt(g/a)."),
 )
-spin = Group("spin", *_spin)
 launch = Group(
     "launch",
-    *_spin,
-    option("--psi", type=types.PSI, default="relevant", metavar="DIRECTION",
-           help="Direction of the oscillation: relevant, pitch, roll, or degrees."),
+    option("--n-i", type=float, help="Initial spin, in sqrt(g/a).  [default: 0.1]"),
+    option("--omega-xy0", type=float,
+           help="Initial oscillation, in sqrt(g/a).  [default: 0.01]"),
+    option("--psi", type=types.PSI, metavar="DIRECTION",
+           help="Direction of the oscillation: relevant, pitch, roll, or degrees.  "
+           "[default: relevant]"),
+    option("--omega", type=types.VECTOR,
+           help="A full state instead: angular velocity along the body's axes, in sqrt(g/a)."),
+    option("--u", type=types.VECTOR,
+           help="Vertical unit vector along the body's axes.  [default: 0,0,-1]"),
 )  # fmt: skip
+
+
+def launched(given: dict[str, Any]) -> dict[str, Any]:
+    """A launch from the options, with the default spin and oscillation unless a state is given."""
+    return given if {"omega", "u"} & given.keys() else {"n_i": 0.1, "omega_xy0": 0.01} | given
+
+
 integrator = Group(
     "integrator",
     option("--method", type=types.METHODS, help="Method of integration.  [default: dop853]"),

@@ -107,6 +107,14 @@ def _limits(text: str) -> tuple[float, float]:
     return low, high
 
 
+def _vector(text: str) -> tuple[float, float, float]:
+    try:
+        x, y, z = map(float, text.split(","))
+    except ValueError:
+        raise ValueError("is no vector; give three numbers, such as 0,0,-1") from None
+    return x, y, z
+
+
 def _names(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(",") if name.strip())
 
@@ -157,6 +165,7 @@ SLURM_TIME = Grammar("time", "rattlesweep.sweeps.engines.slurm:limit_of")
 SLURM_MEMORY = Grammar("size", "rattlesweep.sweeps.engines.slurm:memory_of")
 SIZE = Grammar("w,h", _size)
 LIMITS = Grammar("low,high", _limits)
+VECTOR = Grammar("x,y,z", _vector)
 NAMES = Grammar("a,b,...", _names)
 DIRECTORY = Grammar("dir", _directory)
 TITLE = Grammar("text", _title)

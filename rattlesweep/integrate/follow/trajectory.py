@@ -17,6 +17,7 @@ from rattlesweep.integrate.follow.kernels import (
     load_all,
     march_kernel,
 )
+from rattlesweep.integrate.lanes import columns as C
 from rattlesweep.integrate.lanes.build import workspace
 from rattlesweep.integrate.lanes.runs import MAX_ENERGY_DRIFT
 from rattlesweep.integrate.status import Status
@@ -123,7 +124,7 @@ class Follower:
             np.ascontiguousarray(batch.probe),
             plan,
             kernel_options(tableau, tol, dt, max_steps),
-            np.zeros(3, dtype=np.bool_),
+            np.zeros(C.N_RECORD, dtype=np.bool_),
         )
         self._counts = np.zeros(follow.N_COUNTS, dtype=np.int64)
         self._zeros = np.zeros(256)

@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 TEMPLATES = (
     runs.reach_border,
     runs.see_contact,
+    runs.see_zero,
+    runs.see_side,
     runs.compare,
     runs.close_window,
     runs.pass_marks,
@@ -124,7 +126,7 @@ def _arguments(model: Model) -> tuple[Any, ...]:
         nothing(0, model.n_probe),
         nothing(0, C.N_PLAN),
         nothing(C.N_OPTIONS),
-        np.zeros(3, dtype=np.bool_),
+        np.zeros(C.N_RECORD, dtype=np.bool_),
         nothing(0, C.FIRST_STATE + model.n_state),
         np.zeros((0, C.N_COUNTS), dtype=np.int64),
         nothing(0, 1, 3),

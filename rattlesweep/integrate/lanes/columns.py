@@ -7,13 +7,18 @@ T_END, T_R, N_END, DRIFT, GROWTH, DEPARTURE = 0, 1, 2, 3, 4, 5
 ENERGY_0, DRIFT_MAX, RATIO_MAX, NORMAL_MIN = 6, 7, 8, 9
 FIRST_STATE = 10  # the state at the end: as many columns as the model has components
 # ``counts``: status and counters.
-STATUS, STEPS, NEAR, REJECTED = 0, 1, 2, 3
-N_COUNTS = 4
+STATUS, STEPS, NEAR, REJECTED, REVERSALS = 0, 1, 2, 3, 4
+N_COUNTS = 5
 # ``plan``: horizon, fastest swing of the spin, window, bound of its rate, first step, expected
-# cost, the depth below which an extremum of the spin is undecided, first comparison of amplitudes.
+# cost, the depth below which an extremum of the spin is undecided, first comparison of amplitudes;
+# the spin from which on it has a side, and 1 for a launch without spin.
 HORIZON, SWING, WINDOW, RATE, FIRST_STEP, COST, FUZZ, FIRST_MARK = 0, 1, 2, 3, 4, 5, 6, 7
-N_PLAN = 8
+FAR, TAPPED = 8, 9
+N_PLAN = 10
 # ``options``: 1/tol^2, fixed step, most steps.
 N_OPTIONS = 3
 # ``record``: what is asked for beyond the types' needs.
-REC_ENERGY, REC_CONTACT, REC_WINDOWS = 0, 1, 2
+REC_ENERGY, REC_CONTACT, REC_WINDOWS, REC_REVERSALS = 0, 1, 2, 3
+N_RECORD = 4
+# Reversals of a run that are written down, a row of its windows each.
+MOST_REVERSALS = 8

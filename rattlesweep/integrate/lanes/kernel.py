@@ -41,7 +41,17 @@ from rattlesweep.integrate.lanes.events import (
     search_on,
 )
 from rattlesweep.integrate.lanes.rows import AMPLITUDE, ERROR, N1, RATE1, H
-from rattlesweep.integrate.lanes.runs import finish, idle, pass_marks, see_contact, start, stay
+from rattlesweep.integrate.lanes.runs import (
+    UNKNOWN_RATE,
+    finish,
+    idle,
+    pass_marks,
+    see_contact,
+    see_side,
+    see_zero,
+    start,
+    stay,
+)
 from rattlesweep.integrate.lanes.step import LANES as L
 from rattlesweep.integrate.status import Status
 
@@ -108,7 +118,14 @@ def settle(lane, max_steps, on):
         return give_up(lane, max_steps), HOLD
     move = TAKE
     n1, rate1 = lane[N1], lane[RATE1]
-    if lane[R.MODE] != STEP or may_reverse(lane[H], lane[R.N0], n1, rate1, lane[R.RATE_MAX]):
+    if lane[R.ARM] > 0.0:
+        # No zero counts yet, and every step is looked at (may_reverse).
+        lane[R.RATE_MAX] = UNKNOWN_RATE
+        if abs(n1) > lane[R.ARM]:
+            lane[R.ARM] = 0.0
+            lane[R.SIGN] = 1.0 if n1 > 0.0 else -1.0
+            lane[R.RATE_MAX] = lane[R.ARM_RATE]
+    elif lane[R.MODE] != STEP or may_reverse(lane[H], lane[R.N0], n1, rate1, lane[R.RATE_MAX]):
         move = search(lane, lane[H], n1, rate1)
     lane[R.ACCEPT] = 0.0 if move == HOLD else 1.0
     full = move != HOLD and lane[R.STEPS] >= max_steps
@@ -188,7 +205,7 @@ def commit(w):
         w[H * L + l] = left if h_next >= left else h_next
 
 
-def watch(w, record):
+def watch(w, windows, record):
     """Observations that are made at every accepted step only when they are asked for."""
     for l in range(L):
         if w[R.ACCEPT * L + l] > 0.0:
@@ -202,6 +219,8 @@ def watch(w, record):
             if record[C.REC_WINDOWS]:
                 lane[R.W_N_MIN] = min(lane[R.W_N_MIN], lane[N1])
                 lane[R.W_N_MAX] = max(lane[R.W_N_MAX], lane[N1])
+            if record[C.REC_REVERSALS]:
+                see_side(lane, windows, record)
 
 
 def work(thread, parts, w, shared, order, y0, constants, probe, plan, options,
@@ -225,7 +244,7 @@ def work(thread, parts, w, shared, order, y0, constants, probe, plan, options,
     plan, options : ndarray
         See :mod:`rattlesweep.integrate.lanes.columns`, as for ``record``, ``result`` and
         ``counts``.
-    record : bool ndarray, shape (3,)
+    record : bool ndarray, shape (N_RECORD,)
         Which extra observations to make.
     result, counts, windows : ndarray
         Written to, one row a run.
@@ -234,7 +253,12 @@ def work(thread, parts, w, shared, order, y0, constants, probe, plan, options,
     """
     widest_vectors()
     scale, dt, max_steps = options[0], options[1], options[2]
-    watching = record[C.REC_ENERGY] or record[C.REC_CONTACT] or record[C.REC_WINDOWS]
+    watching = (
+        record[C.REC_ENERGY]
+        or record[C.REC_CONTACT]
+        or record[C.REC_WINDOWS]
+        or record[C.REC_REVERSALS]
+    )
     total = order.size
     busy = 0
     for l in range(L):
@@ -262,8 +286,13 @@ def work(thread, parts, w, shared, order, y0, constants, probe, plan, options,
                     stay(lane)
                     continue
                 status, move = call_for_two(parts[SETTLE], (lane, max_steps, False))
-                reversal = move == REVERSED
                 t = lane[R.T] + (lane[H] - lane[R.T_LOW])
+                if move == REVERSED and record[C.REC_REVERSALS]:
+                    # Go on behind the zero, in the same step.
+                    see_zero(lane, t)
+                    behind, move = call_for_two(parts[SETTLE], (lane, max_steps, True))
+                    status = behind if move == HOLD else status
+                reversal = move == REVERSED
                 ended = status != OK or reversal
                 if move == TAKE and lane[R.LAST] > 0.0:
                     t = lane[R.T_END]
@@ -285,7 +314,7 @@ def work(thread, parts, w, shared, order, y0, constants, probe, plan, options,
                 if lane[R.ACCEPT] == 0.0:
                     stay(lane)
         if watching:
-            watch(w, record)
+            watch(w, windows, record)
         commit(w)
         turns += 1
         if turns % 256 == 0:

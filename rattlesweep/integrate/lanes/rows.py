@@ -44,8 +44,14 @@ RUN = 53
 BEYOND_H, BEYOND_N, BEYOND_R = 54, 55, 56
 # Root of the error of the step tried, and of the one before it (controller.py).
 ROOT, ROOT0 = 57, 58
-STATE_ROWS = 59
+# The spin from which on it has a side; the same while a run launched without spin has not reached
+# it, then 0; the bound of its rate from there on.
+FAR, ARM, ARM_RATE = 59, 60, 61
+# Where reversals are recorded: the first zero of all, the first since the spin was last far (each
+# -1 for none), the side it was on, how often it has changed, the largest spin since.
+T_ZERO, T_PENDING, SIDE, REVERSALS, N_AFTER = 62, 63, 64, 65, 66
+STATE_ROWS = 67
 # Of the step tried: its size, its squared error in units of the tolerance, and at its end the spin,
 # its rate and the squared amplitude.
-H, ERROR, N1, RATE1, AMPLITUDE = 59, 60, 61, 62, 63
-ROWS = 64
+H, ERROR, N1, RATE1, AMPLITUDE = 67, 68, 69, 70, 71
+ROWS = 72

@@ -23,6 +23,8 @@ TINY = 1e-290
 # Of the first squared amplitude: what has decayed by 1e-9 is gone.  A mode that dies at once would
 # else be followed into the rounding of the other.
 FLOOR = 1e-18
+# Bound of a spin's rate that makes every step due.
+UNKNOWN_RATE = 1e290
 
 # Bound by kernels.build.
 N_STATE = N_CONSTANTS = N_PROBE = 0
@@ -101,6 +103,40 @@ def see_contact(lane, row):
     lane[R.RATIO_MAX] = max(lane[R.RATIO_MAX], tangential / abs(normal))
 
 
+def see_zero(lane, t):
+    """Note a zero of the spin at time ``t``, of a run that goes on behind it."""
+    lane[R.N_LEAST] = min(lane[R.N_LEAST], 0.0)
+    if lane[R.T_ZERO] < 0.0:
+        lane[R.T_ZERO] = t
+    if lane[R.T_PENDING] < 0.0:
+        lane[R.T_PENDING] = t
+
+
+def see_side(lane, windows, record):
+    """Count a reversal once the spin is far on the other side, and note its largest size since.
+
+    Written into the columns of the windows behind those of :func:`close_window`.
+    """
+    run = int(lane[R.RUN])
+    at = 3 if record[C.REC_WINDOWS] else 0
+    n = lane[N1]
+    if abs(n) > lane[R.FAR]:
+        side = 1.0 if n > 0.0 else -1.0
+        if side * lane[R.SIDE] < 0.0:
+            k = int(lane[R.REVERSALS])
+            lane[R.REVERSALS] += 1.0
+            lane[R.N_AFTER] = 0.0
+            if k < C.MOST_REVERSALS:
+                windows[run, k, at] = lane[R.T_PENDING]
+        lane[R.SIDE] = side
+        lane[R.T_PENDING] = -1.0
+    k = int(lane[R.REVERSALS]) - 1
+    if k >= 0 and abs(n) > lane[R.N_AFTER]:
+        lane[R.N_AFTER] = abs(n)
+        if k < C.MOST_REVERSALS:
+            windows[run, k, at + 1] = abs(n)
+
+
 def start(lane, run, y0, constants, probe, plan, record):
     """Put a run into a lane."""
     for i in range(N_STATE):
@@ -126,6 +162,15 @@ def start(lane, run, y0, constants, probe, plan, record):
     lane[R.N0] = n
     lane[R.RATE0] = rate
     lane[R.SIGN] = 1.0 if n > 0.0 else -1.0
+    lane[R.FAR] = plan[run, C.FAR]
+    lane[R.SIDE] = lane[R.SIGN]
+    lane[R.T_ZERO] = -1.0
+    lane[R.T_PENDING] = -1.0
+    if plan[run, C.TAPPED] > 0.0:
+        lane[R.ARM] = plan[run, C.FAR]
+        lane[R.ARM_RATE] = plan[run, C.RATE]
+        lane[R.RATE_MAX] = UNKNOWN_RATE
+        lane[R.SIDE] = 0.0
     lane[R.N_LEAST] = abs(n)
     lane[R.W_N_MIN] = n
     lane[R.W_N_MAX] = n
@@ -186,6 +231,10 @@ def finish(lane, status, reversal, t, run, result, counts, windows, record):
         see_contact(lane, Y1)
     result[run, C.T_END] = t
     result[run, C.T_R] = t if reversal and status == OK else nan
+    if record[C.REC_REVERSALS]:
+        see_side(lane, windows, record)
+        if lane[R.T_ZERO] > 0.0 and status == OK:
+            result[run, C.T_R] = lane[R.T_ZERO]
     result[run, C.N_END] = n
     result[run, C.DRIFT] = drift
     growth = lane[R.GROWTH]
@@ -202,3 +251,4 @@ def finish(lane, status, reversal, t, run, result, counts, windows, record):
     counts[run, C.STEPS] = int(lane[R.STEPS])
     counts[run, C.NEAR] = int(lane[R.NEAR])
     counts[run, C.REJECTED] = int(lane[R.REJECTED])
+    counts[run, C.REVERSALS] = int(lane[R.REVERSALS])

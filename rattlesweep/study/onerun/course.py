@@ -125,13 +125,16 @@ class Course:
         self.periods = t_end * pitch if self.model == "full" else 0.0
         self.times = rows.up_to(t_end, self.periods)
         needs = {channel.needs for channel in self.channels}
+        if "reduced" in needs and launches.omega is not None:
+            raise ConfigError("channels: the reduced model begins with a spin and an oscillation, "
+                              "and has no run beside one launched from a full state")  # fmt: skip
         if self.model == "full" and energies != (None, None) and "reduced" not in needs:
             raise ConfigError("e_p0 and e_r0 are of the reduced model; no channel asks for it")
         chosen = config.integrator
         tableau = METHODS[chosen.method]
         setting: dict[str, Any] = {"tol": chosen.tol} if tableau.adaptive else {"dt": chosen.dt}
         self.integrator: dict[str, Any] = {"method": chosen.method} | setting
-        self.observer = Observer(abs(self.launch["n_i"]))
+        self.observer = Observer(float(launches.spin_scale[0]))
         self.constants = np.zeros(0) if batch is None else batch.constants[0]
         self._follower: Follower | _ClosedForm
         if batch is None or self.equations is None:

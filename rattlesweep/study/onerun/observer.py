@@ -9,15 +9,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rattlesweep.integrate.batch import PLATEAU_SHARE
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
-
-# The spin has reversed once it has gone from beyond this share of the launch's spin to beyond it on
-# the other side.  Where the spin has plateaus, any share from 0.05 to 0.5 counts the same (GH at
-# n_i = 0.1 and -0.1, with theta = 0.64, 0.75 and 0.9); a spin that wanders has no sure count.
-PLATEAU_SHARE = 0.25
 
 
 @dataclass
@@ -27,11 +24,11 @@ class Observer:
     Attributes
     ----------
     plateau : float
-        Modulus of the launch's spin, in ``sqrt(g/a)``.
+        Modulus of the launch's spin, in ``sqrt(g/a)``; of one without spin, ``n_0``.
     zeros : list of float
         Times of all zeros of the spin up to the last look, kept by whoever finds them.
     reversals : list of float
-        Of each reversal (:data:`PLATEAU_SHARE`) its first zero.
+        Of each reversal (:data:`rattlesweep.integrate.batch.PLATEAU_SHARE`) its first zero.
     normal_min, friction_max : float
         Least normal force in ``M g``, and the largest ratio of the tangential to the normal force.
     lifts, slips : float

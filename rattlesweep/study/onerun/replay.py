@@ -17,7 +17,6 @@ from rattlesweep.sweeps.blocks.recompute import differing_rows
 from rattlesweep.sweeps.cases.launches import make_batch, prepare
 from rattlesweep.sweeps.store.stored import open_stored
 from rattlesweep.sweeps.tables.cells import is_sensitive
-from rattlesweep.sweeps.tables.columns import runs_schema
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -105,7 +104,7 @@ class Replay:
         self._stored = open_stored(directory)
         self._store, self._plan = self._stored.store, self._stored.plan
         self.config: Config = self._stored.config
-        there = runs_schema(self.config.record, self.config.model).names
+        there = self._stored.manifest.schema.names
         self._fields = [part.name for part in fields(StoredRun) if part.name in there]
 
     def find(self, case: int, sample: int) -> StoredRun:
@@ -129,7 +128,7 @@ class Replay:
 
     def where(self, text: str, first: int) -> list[StoredRun]:
         """The first runs, in their order, for which a condition is true; at least one."""
-        condition = parse_condition(text, runs_schema(self.config.record, self.config.model))
+        condition = parse_condition(text, self._stored.manifest.schema)
         columns = list(dict.fromkeys((*self._fields, *condition.columns)))
         found: list[StoredRun] = []
         for batch in self._store.iter_batches(columns):

@@ -23,7 +23,6 @@ from rattlesweep.study.style import (
 )
 from rattlesweep.sweeps.config.messages import not_one_of
 from rattlesweep.sweeps.tables.cells import codes, floats
-from rattlesweep.sweeps.tables.columns import runs_schema
 
 # More points than this cover each other, and make a file large.
 MOST_POINTS = 20_000
@@ -137,6 +136,6 @@ class Scatter(Picture):
 
 def columns_of(layout: Layout) -> dict[str, str]:
     """Columns that can lie along the abscissa, with their units."""
-    schema = runs_schema(layout.config.record, layout.config.model)
+    schema = layout.manifest.schema
     numbers = [f for f in schema if pa.types.is_floating(f.type) or pa.types.is_integer(f.type)]
     return {f.name: f.metadata[b"unit"].decode() for f in numbers if f.name != "t_r"}

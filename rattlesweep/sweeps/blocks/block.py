@@ -188,7 +188,11 @@ def _spread(outcome: Outcome, good: NDArray[np.bool_]) -> Outcome:
 
 def _inputs(launches: Launches) -> dict[str, Any]:
     own = ("case", "sample", "n_i", "omega_xy0", "psi", "n_c1")
-    return {
+    state: dict[str, Any] = {}
+    for name in ("omega", "u"):
+        if (vectors := getattr(launches, name)) is not None:
+            state |= {f"{name}_{x}": vectors[:, k] for k, x in enumerate("xyz")}
+    return state | {
         **{name: getattr(launches, name) for name in own},
         **{name: getattr(launches.bodies, name) for name in (*PARAMETERS, "f_sd")},
         **{name: getattr(launches.modes, name) for name in ("omega_p", "omega_r", "K_p", "K_r")},

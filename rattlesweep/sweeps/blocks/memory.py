@@ -11,7 +11,6 @@ import pyarrow as pa
 from rattlesweep.integrate.task import Task
 from rattlesweep.sweeps.blocks.block import finish_block, load_kernel, prepare_runs
 from rattlesweep.sweeps.tables.arrow import build_table
-from rattlesweep.sweeps.tables.columns import runs_schema
 
 if TYPE_CHECKING:
     from rattlesweep.integrate.batch import Control
@@ -38,7 +37,7 @@ def integrate_plan(
         kernel, and so does Ctrl-C.
     """
     config, total = plan.config, plan.runs
-    schema = runs_schema(config.record, config.model)
+    schema = plan.schema
     load_kernel(config)
     tables = [schema.empty_table()]
     for start in range(0, total, AT_ONCE):

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from rattlesweep.errors import ConfigError
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.sweeps.blocks.block import prepare_block
 from rattlesweep.sweeps.cases.launches import with_energies
@@ -29,12 +30,12 @@ class Launch:
     ----------
     body : Rattleback
         Mirror images too.
-    n_i, omega_xy0 : float
-        Initial spin and oscillation, in ``sqrt(g/a)``.
+    n_i, omega_xy0 : float or None
+        Initial spin and oscillation, in ``sqrt(g/a)``; None where a full state is given.
     t_end : float or None
         Horizon, in ``sqrt(a/g)``; None for 5 t_rGH of the spin's own direction.
-    psi : str or float
-        ``relevant``, ``pitch``, ``roll`` or degrees.
+    psi : str, float or None
+        ``relevant``, which None stands for, ``pitch``, ``roll`` or degrees.
     model : str
         ``full``, ``reduced`` or ``gh``.
     integrator : mapping
@@ -42,17 +43,46 @@ class Launch:
     e_p0, e_r0 : float or None
         Energies of pitch and roll with which the reduced model begins, in ``M g a``; None for the
         launch's.
+    omega, u : sequence of float or None
+        A full state instead of spin and oscillation: angular velocity in ``sqrt(g/a)`` and vertical
+        unit vector (None: upright), in components along the body's axes.
     """
 
     body: Rattleback
-    n_i: float
-    omega_xy0: float
+    n_i: float | None = None
+    omega_xy0: float | None = None
     t_end: float | None = None
-    psi: str | float = "relevant"
+    psi: str | float | None = None
     model: str = "full"
     integrator: Mapping[str, Any] = field(default_factory=dict)
     e_p0: float | None = None
     e_r0: float | None = None
+    omega: Sequence[float] | None = None
+    u: Sequence[float] | None = None
+
+    @property
+    def config(self) -> dict[str, Any]:
+        """The part of a config that says it."""
+        spin = {"n_i": self.n_i, "omega_xy0": self.omega_xy0, "psi": self.psi}
+        given = {name: value for name, value in spin.items() if value is not None}
+        if self.omega is None and self.u is None:
+            for name in ("n_i", "omega_xy0"):
+                if name not in given:
+                    raise ConfigError(f"{name}: missing; give n_i and omega_xy0, or omega and u")
+            if self.t_end is None and self.n_i == 0:
+                raise ConfigError(
+                    "t_end: missing; a launch without spin has no t_rGH, so give t_end in sqrt(a/g)"
+                )
+            return {"spin": given}
+        if given:
+            raise ConfigError(
+                f"{' and '.join(given)} given with a full state, which says the spin and the "
+                "oscillation itself; keep omega and u, or n_i, omega_xy0 and psi"
+            )
+        if self.omega is None:
+            raise ConfigError("omega: missing; a full state has omega and u")
+        state = {"omega": self.omega} | ({} if self.u is None else {"u": self.u})
+        return {"launch": {name: list(vector) for name, vector in state.items()}}
 
 
 def plan_of(launch: Launch, source: Source | None = None) -> Plan:
@@ -66,7 +96,7 @@ def plan_of(launch: Launch, source: Source | None = None) -> Plan:
     config = parse_config(
         {
             "bodies": {"source": "preset", "name": "GH"},
-            "spin": {"n_i": [launch.n_i], "omega_xy0": [launch.omega_xy0], "psi": launch.psi},
+            **launch.config,
             "model": launch.model,
             "horizon": {"t_rgh": 5.0} if launch.t_end is None else {"t": launch.t_end},
             "integrator": dict(launch.integrator),
@@ -75,7 +105,7 @@ def plan_of(launch: Launch, source: Source | None = None) -> Plan:
     if source is None:
         # The body itself, checked when it was made, in the preset's place.
         source = GridBodies({name: getattr(launch.body, name) for name in PARAMETERS}, {})
-    return replace(make_plan(config), source=source)
+    return make_plan(config, source=source)
 
 
 def single_run(launch: Launch) -> tuple[Config, Launches, Batch | None]:

@@ -36,7 +36,7 @@ class Launches:
     """Runs that are ready to go; arrays over runs.
 
     `gh` is the spin as Garcia and Hubbard have it; `t_end` the horizon, not finite where it cannot
-    be told.
+    be told; `omega` and `u` are full states, of shape (runs, 3), None where launches are none.
     """
 
     case: NDArray[np.int64]
@@ -49,12 +49,28 @@ class Launches:
     gh: launch.GarciaHubbard
     n_c1: Floats
     t_end: Floats
+    omega: Floats | None = None
+    u: Floats | None = None
+
+    @property
+    def tapped(self) -> NDArray[np.bool_]:
+        """Which are launched without spin."""
+        return np.equal(self.n_i, 0.0)
+
+    @property
+    def spin_scale(self) -> Floats:
+        """What later spins are measured by: that of the launch, without one ``n_0``."""
+        return np.where(self.tapped, self.gh.n_0, np.abs(self.n_i))
 
 
 def prepare(plan: Plan, case: NDArray[np.int64], sample: NDArray[np.int64]) -> Launches:
     """Bodies, launches, theory and horizons of runs, in any order."""
     bodies = _bodies(plan, np.array([c.group for c in plan.cases])[case], sample)
-    spin = plan.config.spin
+    spin, state = plan.config.spin, plan.config.launch
+    if state is not None and bodies.n_i is None:
+        omega, u = (np.tile(x, (len(sample), 1)) for x in (state.omega, state.u))
+        n_i, omega_xy0, psi = launch.spin_and_oscillation(omega, u)
+        bodies = replace(bodies, n_i=n_i, omega_xy0=omega_xy0, psi=psi, omega=omega, u=u)
     if bodies.n_i is not None and bodies.omega_xy0 is not None:
         n_i, omega_xy0 = bodies.n_i, bodies.omega_xy0
     else:
@@ -80,10 +96,14 @@ def with_theory(
 ) -> Launches:
     """Launches with what theory says of them."""
     gh = launch.garcia_hubbard(bodies, modes, n_i, omega_xy0, psi)
+    if bodies.omega is not None and bodies.u is not None:
+        # The tilt has energy too.
+        gh = replace(gh, speed=_oscillation_speed(bodies, n_i, bodies.omega, bodies.u))
     n_c1 = theory.bondi_threshold(bodies.alpha, bodies.beta, bodies.gamma, bodies.theta, bodies.phi)
     t_end = np.full(len(n_i), np.inf)
     if horizon.t_rgh is not None:
-        t_end = np.minimum(t_end, horizon.t_rgh * gh.t_rgh)
+        # Without t_rGH, which is NaN, the other counts.
+        t_end = np.fmin(t_end, horizon.t_rgh * gh.t_rgh)
     if horizon.t is not None:
         t_end = np.minimum(t_end, horizon.t)
     if bodies.t_end is not None:
@@ -100,7 +120,18 @@ def with_theory(
         # Mirrored bodies spin steadily with n > 0.
         n_c1=np.where(bodies.xi > 0, -n_c1, n_c1),
         t_end=t_end,
+        omega=bodies.omega,
+        u=bodies.u,
     )
+
+
+def _oscillation_speed(bodies: Bodies, n_i: Floats, omega: Floats, u: Floats) -> Floats:
+    """As :func:`rattlesweep.physics.theory.oscillation_speed`, of full states."""
+    b = bodies
+    ix, iy, iz, *c = full.constants(b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi)
+    p, q, x, y, _ = full.from_vectors(u.T, (omega - n_i[:, None] * u).T)
+    speed: Floats = np.sqrt(full.oscillation.py_func(p, q, x, y, ix, iy, *c) / iz)
+    return speed
 
 
 def _bodies(plan: Plan, groups: NDArray[np.int64], sample: NDArray[np.int64]) -> Bodies:
@@ -134,7 +165,10 @@ def make_batch(launches: Launches, model: str) -> Batch | None:
 def full_batch(launches: Launches) -> Batch:
     """Batch for the full dynamics."""
     b = launches.bodies
-    y0 = launch.full_state(launches.n_i, launches.omega_xy0, launches.psi)
+    if launches.omega is None or launches.u is None:
+        y0 = launch.full_state(launches.n_i, launches.omega_xy0, launches.psi)
+    else:
+        y0 = np.ascontiguousarray(full.from_vectors(launches.u.T, launches.omega.T).T)
     constants = full.constants(b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi)
     modes = steady_modes(constants, launches.n_i)
     pitch = theory.unsteady(launches.modes.K_p, launches.n_i)
@@ -153,6 +187,8 @@ def full_batch(launches: Launches) -> Batch:
         rate=2 * fastest * oscillation / b.gamma,
         window=_windows(launches.t_end, slower),
         first_mark=MARK_PERIODS * 2 * np.pi / slower,
+        scale=launches.spin_scale,
+        tapped=launches.tapped,
     )
 
 
@@ -175,6 +211,8 @@ def reduced_batch(launches: Launches) -> Batch:
         rate=rate * n_0,
         window=_windows(launches.t_end, np.full(len(rate), np.inf)),
         first_mark=launches.t_end,
+        scale=launches.spin_scale,
+        tapped=launches.tapped,
     )
 
 

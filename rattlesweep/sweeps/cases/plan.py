@@ -14,13 +14,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rattlesweep.errors import ConfigError
+from rattlesweep.physics.launch import spin_and_oscillation
 from rattlesweep.sweeps.cases.sources import Source, TableBodies, make_source
 from rattlesweep.sweeps.config.bodies import SdSource
 from rattlesweep.sweeps.config.schema import Config
+from rattlesweep.sweeps.tables.columns import STATE, runs_schema
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    import pyarrow as pa
     from numpy.typing import NDArray
 
 
@@ -56,12 +59,18 @@ class Block:
 
 @dataclass(frozen=True)
 class Plan:
-    """What a config comes to."""
+    """What a config comes to; `extra` are the columns that its bodies and launches bring along."""
 
     config: Config
     source: Source
     cases: tuple[Case, ...]
     block_size: int
+    extra: tuple[pa.Field, ...] = ()
+
+    @property
+    def schema(self) -> pa.Schema:
+        """Of its runs."""
+        return runs_schema(self.config.record, self.config.model, self.extra)
 
     @property
     def samples(self) -> int:
@@ -89,8 +98,10 @@ class Plan:
         return case, sample
 
 
-def make_plan(config: Config, base: Path | None = None) -> Plan:
+def make_plan(config: Config, base: Path | None = None, source: Source | None = None) -> Plan:
     """Cases, source (:func:`rattlesweep.sweeps.cases.sources.make_source`) and blocks of a config.
+
+    Another `source` may take the place of its own.
 
     Raises
     ------
@@ -98,28 +109,41 @@ def make_plan(config: Config, base: Path | None = None) -> Plan:
         If the source cannot deliver, nothing says how to launch, the model and the recordings do
         not go together, or there would be too many blocks.
     """
-    from rattlesweep.sweeps.tables.columns import runs_schema
-
     runs_schema(config.record, config.model)
-    source = make_source(config, base)
+    source = source or make_source(config, base)
     targets: list[tuple[str | None, float | None]] = [(None, None)]
     if isinstance(config.bodies, SdSource) and config.bodies.target is not None:
         aim = config.bodies.target
         targets = [(aim.name, value) for value in aim.values]
     launches: list[tuple[float | None, float | None]] = [(None, None)]
-    if not (isinstance(source, TableBodies) and source.has_launch):
-        if config.spin is None:
-            raise ConfigError(
-                "spin: missing; the table has no columns n_i and omega_xy0, so the config must "
-                "give spin.n_i and spin.omega_xy0"
-            )
+    extra: tuple[pa.Field, ...] = ()
+    if isinstance(source, TableBodies) and source.has_launch:
+        extra = STATE if source.has_state else ()
+        rows = source.bodies(0, np.arange(source.samples))
+        assert rows.n_i is not None
+        lost = (rows.n_i == 0) & (rows.t_end is None or ~np.isfinite(rows.t_end))
+        which = f" (row {np.argmax(lost) + 1} of the table)"
+        _check_launches(config, bool(extra), bool((rows.n_i == 0).any()), bool(lost.any()), which)
+    elif config.launch is not None:
+        n_i, omega_xy0, _ = spin_and_oscillation(config.launch.omega, config.launch.u)
+        launches = [(float(n_i), float(omega_xy0))]
+        extra = STATE
+        _check_launches(config, True, n_i == 0, n_i == 0)
+    elif config.spin is not None:
         launches = list(product(config.spin.n_i, config.spin.omega_xy0))
+        tapped = 0 in config.spin.n_i
+        _check_launches(config, False, tapped, tapped)
+    else:
+        raise ConfigError(
+            "spin: missing; the table has no columns n_i and omega_xy0, so the config must "
+            "give spin.n_i and spin.omega_xy0"
+        )
     groups = product(enumerate(targets), launches)
     cases = tuple(
         Case(index, group, *target, *launch)
         for index, ((group, target), launch) in enumerate(groups)
     )
-    plan = Plan(config, source, cases, config.block_size)
+    plan = Plan(config, source, cases, config.block_size, extra)
     if plan.n_blocks > MAX_BLOCKS:
         raise ConfigError(
             f"block_size: {plan.runs} runs make {plan.n_blocks} blocks of {plan.block_size} runs, "
@@ -127,3 +151,26 @@ def make_plan(config: Config, base: Path | None = None) -> Plan:
             "or larger blocks"
         )
     return plan
+
+
+def _check_launches(config: Config, state: bool, tapped: bool, lost: bool, which: str = "") -> None:
+    """Refuse launches that go with no model, or have no horizon.
+
+    `state` says whether they are full states, `tapped` whether some have no spin, `lost` whether
+    some of these have no horizon of their own, and `which` is one of them, in words.
+    """
+    model = config.model
+    if model != "full" and state:
+        raise ConfigError(
+            f"model: {model} begins with a spin and an oscillation; launches from a full state are "
+            "for the model full"
+        )
+    if model == "gh" and tapped:
+        raise ConfigError(
+            "model: gh begins with a spin, and n_i is 0; take the model full or reduced"
+        )
+    if config.horizon.t is None and lost:
+        raise ConfigError(
+            f"horizon.t: missing; a launch without spin{which} has no t_rGH, so give horizon: "
+            "{t: TIME} in sqrt(a/g)"
+        )

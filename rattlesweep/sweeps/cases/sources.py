@@ -41,8 +41,9 @@ CHUNK = 4096
 class Bodies:
     """Parameters of some samples, arrays of one length; ``f_sd`` is NaN where a source has none.
 
-    ``n_i``, ``omega_xy0``, ``psi`` and ``t_end`` are None unless a table gives them; NaN in
-    ``t_end`` stands for the config's horizon.
+    ``n_i``, ``omega_xy0``, ``psi``, ``t_end`` and a full state, ``omega`` and ``u`` of shape
+    (samples, 3), are None unless a table gives them; NaN in ``t_end`` stands for the config's
+    horizon.
     """
 
     alpha: Floats
@@ -56,6 +57,8 @@ class Bodies:
     omega_xy0: Floats | None = None
     psi: Floats | None = None
     t_end: Floats | None = None
+    omega: Floats | None = None
+    u: Floats | None = None
 
 
 class Source(Protocol):
@@ -214,9 +217,14 @@ class TableBodies:
         self.samples = len(columns["alpha"])
         # Whether the rows say how they are launched.
         self.has_launch = "n_i" in columns
+        # Whether that is a full state.
+        self.has_state = "u_x" in columns
 
     def bodies(self, group: int, samples: Integers) -> Bodies:
         """Bodies of some samples; ``group`` is always 0."""
         columns = {name: values[samples] for name, values in self._columns.items()}
         columns.setdefault("f_sd", np.full(len(samples), np.nan))
+        for name in ("omega", "u") if self.has_state else ():
+            parts = [columns.pop(f"{name}_{x}") for x in "xyz"]
+            columns[name] = np.stack(parts, axis=1)
         return Bodies(**columns)

@@ -14,23 +14,30 @@ from numpy.typing import NDArray
 
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.physics.body import PARAMETERS, violations
+from rattlesweep.physics.launch import spin_and_oscillation
 from rattlesweep.sweeps.config.fields import MAX_SPEED, MAX_TIME
+from rattlesweep.sweeps.config.schema import unit
 
 Floats = NDArray[np.float64]
 
 LAUNCH = ("n_i", "omega_xy0")
+OMEGA, U = ("omega_x", "omega_y", "omega_z"), ("u_x", "u_y", "u_z")
 NULLABLE = ("t_end", "psi", "f_sd", "t_r")
-COLUMNS = (*PARAMETERS, *LAUNCH, *NULLABLE)
+COLUMNS = (*PARAMETERS, *LAUNCH, *OMEGA, *U, *NULLABLE)
+# Of an output table, both the full state and the spin it has are there; so far may they differ.
+SPIN_SLACK = 1e-9
 
 # Of columns that are no body's: what is wrong with a value, and what is wanted.
 RULES: tuple[tuple[str, Callable[[Floats], NDArray[np.bool_]], str], ...] = (
-    ("n_i", lambda n_i: n_i == 0, "it must not be zero"),
     ("n_i", lambda n_i: np.abs(n_i) > MAX_SPEED, f"at most {MAX_SPEED:g} is allowed"),
-    ("omega_xy0", lambda omega: omega <= 0, "it must be positive"),
     ("omega_xy0", lambda omega: omega > MAX_SPEED, f"at most {MAX_SPEED:g} is allowed"),
     ("t_end", lambda t_end: t_end <= 0, "it must be positive"),
     ("t_end", lambda t_end: t_end > MAX_TIME, f"at most {MAX_TIME:g} is allowed"),
-)
+    *((name, lambda omega: np.abs(omega) > MAX_SPEED, f"at most {MAX_SPEED:g} is allowed")
+      for name in OMEGA),
+)  # fmt: skip
+# And where there is no full state, which may have no oscillation.
+SPIN_RULES = (("omega_xy0", lambda omega: omega <= 0, "it must be positive"),)
 
 # Types of a Parquet file that are taken.
 NUMBERS = (pa.types.is_integer, pa.types.is_floating, pa.types.is_decimal, pa.types.is_string,
@@ -39,7 +46,7 @@ NUMBERS = (pa.types.is_integer, pa.types.is_floating, pa.types.is_decimal, pa.ty
 
 def check_value(name: str, values: Floats) -> tuple[int, str] | None:
     """The place of the first value, of a flat array, that breaks a rule, and what is wanted."""
-    for column, is_wrong, wanted in RULES:
+    for column, is_wrong, wanted in (*RULES, *SPIN_RULES):
         if column == name and (bad := is_wrong(values)).any():
             return int(np.argmax(bad)), wanted
     return None
@@ -58,7 +65,8 @@ def read_table(path: str, base: Path | None = None) -> dict[str, Floats]:
     Returns
     -------
     dict
-        Columns ``alpha .. xi``; ``n_i``, ``omega_xy0`` and ``psi`` where the table has a launch;
+        Columns ``alpha .. xi``; ``n_i``, ``omega_xy0`` and ``psi`` where the table has a launch,
+        and ``omega_x .. u_z`` where it is a full state, which says the others;
         ``t_end`` where it has one, NaN for rows that have a ``t_r``: in an output table the
         ``t_end`` of a run that reversed is its result, not its horizon.
 
@@ -95,8 +103,14 @@ def columns_of(frame: pd.DataFrame, where: str) -> dict[str, Floats]:
         if name not in frame.columns:
             wanted = " ".join(PARAMETERS)
             raise ConfigError(f"{where}: the column {name} is missing; {wanted} are wanted")
+    state = [name for name in (*OMEGA, *U) if name in frame.columns]
+    if state and (absent := [name for name in (*OMEGA, *U) if name not in state]):
+        raise ConfigError(
+            f"{where}: the column {absent[0]} is missing; a full state has {' '.join(OMEGA)} "
+            f"{' '.join(U)}"
+        )
     lone = [name for name in LAUNCH if name in frame.columns]
-    if len(lone) == 1:
+    if len(lone) == 1 and not state:
         raise ConfigError(
             f"{where}: {lone[0]} stands alone; give both n_i and omega_xy0, or neither"
         )
@@ -111,9 +125,44 @@ def columns_of(frame: pd.DataFrame, where: str) -> dict[str, Floats]:
     reversal = columns.pop("t_r", None)
     if reversal is not None and "t_end" in columns:
         columns["t_end"] = np.where(np.isfinite(reversal), np.nan, columns["t_end"])
+    if state:
+        columns |= launched_from(columns, where)
     if "n_i" not in columns or not np.isfinite(columns.get("psi", np.array(np.nan))).all():
         columns.pop("psi", None)
     return columns
+
+
+def launched_from(columns: dict[str, Floats], where: str) -> dict[str, Floats]:
+    """The launch that full states are, with ``u`` of length 1.
+
+    Raises
+    ------
+    ConfigError
+        If a row is none, or says another spin beside; it begins with `where`.
+    """
+    omega, u = (np.stack([columns[x] for x in names], axis=1) for names in (OMEGA, U))
+    for row in range(len(u)):
+        try:
+            u[row] = unit(u[row].tolist())
+        except ValueError as error:
+            raise ConfigError(f"{where}: row {row + 1}: u: {error}") from None
+    n_i, omega_xy0, psi = spin_and_oscillation(omega, u)
+    still = (omega == 0).all(axis=1) & (u[:, 2] == -1)
+    if still.any():
+        raise ConfigError(
+            f"{where}: row {np.argmax(still) + 1}: the body stands upright and at rest; give it an "
+            "angular velocity"
+        )
+    other = columns.get("n_i", n_i)
+    wrong = np.abs(other - n_i) > SPIN_SLACK * np.linalg.norm(omega, axis=1)
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        raise ConfigError(
+            f"{where}: row {row + 1}: n_i is {other[row]:g}, and the spin of the full state "
+            f"{n_i[row]:g}; leave n_i and omega_xy0 out"
+        )
+    lengths = {name: u[:, k] for k, name in enumerate(U)}
+    return {"n_i": n_i, "omega_xy0": omega_xy0, "psi": psi} | lengths
 
 
 def _read_csv(file: Path, where: str) -> pd.DataFrame:
@@ -163,7 +212,7 @@ def _numbers(series: pd.Series[str], name: str, where: str) -> Floats:
 
 def _check_rows(columns: dict[str, Floats], where: str) -> None:
     worst: list[tuple[int, str]] = list(violations(**{name: columns[name] for name in PARAMETERS}))
-    for name, is_wrong, wanted in RULES:
+    for name, is_wrong, wanted in RULES if "u_x" in columns else (*RULES, *SPIN_RULES):
         # NaN, where it may stand, is no value, and breaks no rule.
         values = columns.get(name, np.array([np.nan]))
         bad = is_wrong(values)

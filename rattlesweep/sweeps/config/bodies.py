@@ -174,7 +174,8 @@ class TableSource(Base):
     """Read bodies from a table."""
     path: str = Field(min_length=1, pattern=r"^[^\x00]*$")
     """CSV or Parquet file with columns alpha beta gamma theta phi xi (radians), and optionally
-    n_i omega_xy0 t_end, which replace spin and horizon row by row."""
+    n_i omega_xy0 t_end, which replace spin and horizon row by row, or a full state instead of
+    n_i omega_xy0: omega_x omega_y omega_z u_x u_y u_z."""
 
 
 class PresetBase(Base):

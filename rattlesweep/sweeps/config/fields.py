@@ -192,10 +192,8 @@ def _numbers(**item: Any) -> Any:
     )
 
 
-def _directed(spin: float) -> float:
-    if spin == 0:
-        raise ValueError("the spin 0 has no direction; every n_i must be positive or negative")
-    return spin
+def _unsigned_zero(spin: float) -> float:
+    return spin + 0.0
 
 
 Positive = Annotated[float, Field(gt=0)]
@@ -205,9 +203,26 @@ OscillationNumbers = Annotated[
     *_numbers(exclusiveMinimum=0, maximum=MAX_SPEED),
 ]
 SpinNumbers = Annotated[
-    list[Annotated[float, Field(ge=-MAX_SPEED, le=MAX_SPEED), AfterValidator(_directed)]],
-    *_numbers(minimum=-MAX_SPEED, maximum=MAX_SPEED, **{"not": {"const": 0}}),
+    list[Annotated[float, Field(ge=-MAX_SPEED, le=MAX_SPEED), AfterValidator(_unsigned_zero)]],
+    *_numbers(minimum=-MAX_SPEED, maximum=MAX_SPEED),
 ]
+
+
+def _three(values: list[float]) -> list[float]:
+    if len(values) != 3:
+        raise ValueError(f"a vector has three components, x, y, z, and not {len(values)}")
+    return values
+
+
+def vector(**item: Any) -> Any:
+    """Annotations of a vector of three components, each with these limits."""
+    schema = {"type": "array", "items": {"type": "number", **item}, "minItems": 3, "maxItems": 3}
+    return AfterValidator(_three), WithJsonSchema(schema)
+
+
+Speed = Annotated[float, Field(ge=-MAX_SPEED, le=MAX_SPEED)]
+AngularVelocity = Annotated[list[Speed], *vector(minimum=-MAX_SPEED, maximum=MAX_SPEED)]
+UnitVector = Annotated[list[Annotated[float, Field(ge=-2, le=2)]], *vector(minimum=-2, maximum=2)]
 
 
 def _ordered(ends: list[float]) -> list[float]:

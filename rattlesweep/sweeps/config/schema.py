@@ -1,7 +1,8 @@
 """What a sweep is, as frozen models. Units are M = a = g = 1: times in sqrt(a/g)."""
 
+import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Annotated, Any, Literal, NamedTuple, get_args
 
@@ -22,9 +23,11 @@ from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.sweeps.config.bodies import GridSource, PresetSource, SdSource, TableSource
 from rattlesweep.sweeps.config.fields import (
     MAX_TIME,
+    AngularVelocity,
     Base,
     OscillationNumbers,
     SpinNumbers,
+    UnitVector,
     no_repeats,
 )
 from rattlesweep.sweeps.config.messages import not_one_of
@@ -32,6 +35,8 @@ from rattlesweep.sweeps.config.places import Places, Problem, dotted
 from rattlesweep.sweeps.config.yamlfile import is_number
 
 MAX_CASES = 100_000
+U_SLACK = 1e-3
+"""How far the length of a unit vector may be from 1, as digits are typed."""
 
 
 class Accuracy(NamedTuple):
@@ -83,13 +88,50 @@ class Spin(Base):
     """How bodies are launched. Every n_i is combined with every omega_xy0."""
 
     n_i: SpinNumbers
-    """Initial spins in sqrt(g/a); positive is the unsteady direction, negative the steady. A
-    number, a list, {linspace: [low, high, n]} or {logspace: [low, high, n]}."""
+    """Initial spins in sqrt(g/a); positive is the unsteady direction, negative the steady, 0 a tap,
+    which needs horizon.t. A number, a list, {linspace: [low, high, n]} or {logspace: [low, high,
+    n]}."""
     omega_xy0: OscillationNumbers
     """Initial sizes of the oscillation's angular velocity in sqrt(g/a)."""
     psi: Psi = "relevant"
-    """Direction of the oscillation: the relevant mode (pitch for n_i > 0, roll for n_i < 0), the
+    """Direction of the oscillation: the relevant mode (pitch for n_i >= 0, roll for n_i < 0), the
     pitch mode, the roll mode, or an angle from the x axis in degrees."""
+
+
+class State(Base):
+    """A full state that all bodies are launched from, in components along the body's axes."""
+
+    omega: AngularVelocity
+    """Angular velocity [x, y, z] in sqrt(g/a)."""
+    u: UnitVector = Field(default=[0.0, 0.0, -1.0])
+    """Vertical unit vector [x, y, z], upwards; [0, 0, -1] is upright."""
+
+    @field_validator("u")
+    @classmethod
+    def _stands(cls, u: list[float]) -> list[float]:
+        return unit(u)
+
+    @model_validator(mode="after")
+    def _moves(self) -> "State":
+        if not any(self.omega) and not any(self.u[:2]):
+            raise ValueError("the body stands upright and at rest; give it an angular velocity")
+        return self
+
+
+def unit(u: Sequence[float]) -> list[float]:
+    """A vertical vector of length 1 exactly; one that is none, or no launch's, is refused."""
+    length = math.hypot(*u)
+    if not abs(length - 1) <= U_SLACK:
+        raise ValueError(
+            f"its length is {length:.6g}; give a unit vector, such as [0, 0, -1] for upright"
+        )
+    if not u[2] < 0:
+        raise ValueError(
+            f"u_z is {u[2]:g}; it must be negative, as the body's z axis points down, and "
+            "[0, 0, -1] is upright"
+        )
+    # One that is so to rounding keeps its bits.
+    return list(u) if abs(length - 1) < 1e-15 else [component / length for component in u]
 
 
 class Horizon(Base):
@@ -218,8 +260,10 @@ class Config(Base):
     """All draws depend on this, the case and the sample."""
     bodies: Bodies
     """Where parameter sets come from."""
+    launch: State | None = None
+    """The full state that bodies are launched from, instead of a spin."""
     spin: Spin | None = Field(default=None, validate_default=True)
-    """How bodies are launched; null only where a table says it row by row."""
+    """How bodies are launched; null where launch is given, or a table says it row by row."""
     model: Literal["full", "reduced", "gh"] = "full"
     """full: all six variables; reduced: the three of the simplified dynamics; gh: the closed form
     of Garcia and Hubbard, without integration."""
@@ -250,11 +294,16 @@ class Config(Base):
     @field_validator("spin")
     @classmethod
     def _spin_where_needed(cls, spin: Spin | None, info: ValidationInfo) -> Spin | None:
-        bodies = info.data.get("bodies")
+        bodies, launch = info.data.get("bodies"), info.data.get("launch")
+        if launch is not None and spin is not None:
+            raise ValueError("spin and launch are both given; keep one of them")
         if spin is None:
-            if bodies is not None and bodies.source != "table":
+            # A launch that is wrong is missing here.
+            stated = launch is not None or "launch" not in info.data
+            if bodies is not None and bodies.source != "table" and not stated:
                 raise ValueError(
-                    f"missing; bodies of source {bodies.source} need a spin with n_i and omega_xy0"
+                    f"missing; bodies of source {bodies.source} need a spin with n_i and "
+                    "omega_xy0, or a launch with omega and u"
                 )
             return None
         target = getattr(bodies, "target", None)

@@ -19,7 +19,6 @@ import pyarrow.compute as pc
 from rattlesweep.integrate.task import Task
 from rattlesweep.sweeps.blocks.block import Interrupted, finish_block, prepare_runs
 from rattlesweep.sweeps.tables.arrow import build_table
-from rattlesweep.sweeps.tables.columns import runs_schema
 from rattlesweep.sweeps.tables.types import with_types
 
 if TYPE_CHECKING:
@@ -102,8 +101,7 @@ class Remainder:
         plan, store, index = self.output.plan, self.output.store, self.block.index
         note = self.output.note(self.block)
         if self.old is None:
-            schema = runs_schema(plan.config.record, plan.config.model)
-            return store.write_block(index, build_table(columns, schema), note)
+            return store.write_block(index, build_table(columns, plan.schema), note)
         new = build_table(columns, self.old.schema)
         others = ~np.isin(_numbers(self.old, plan.samples), _numbers(new, plan.samples))
         rows = pa.concat_tables([self.old.filter(pa.array(others)), new])

@@ -28,7 +28,6 @@ from rattlesweep.sweeps.store.output import Output, examine, put_in_order
 from rattlesweep.sweeps.store.provenance import now, table_files
 from rattlesweep.sweeps.store.store import Store
 from rattlesweep.sweeps.tables.arrow import same_schema
-from rattlesweep.sweeps.tables.columns import runs_schema
 
 if TYPE_CHECKING:
     from rattlesweep.sweeps.cases.plan import Block, Plan
@@ -115,7 +114,7 @@ class Session:
         OutputError
             If a block may not be read.
         """
-        schema = runs_schema(self.plan.config.record, self.plan.config.model)
+        schema = self.plan.schema
         known = self.output.manifest.receipts if self.output.manifest else {}
         for block in self.blocks:
             try:

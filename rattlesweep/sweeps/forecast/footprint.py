@@ -18,7 +18,7 @@ from rattlesweep.integrate.batch import N_WINDOWS
 from rattlesweep.integrate.lanes import columns as C
 from rattlesweep.sweeps.blocks.block import columns_of, prepare_runs
 from rattlesweep.sweeps.tables.arrow import build_table, encode, open_sealed
-from rattlesweep.sweeps.tables.columns import RUNS, runs_schema
+from rattlesweep.sweeps.tables.columns import RUNS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -60,7 +60,7 @@ class Footprint:
 def measure(plan: Plan, pilot: Pilot) -> Footprint:
     """Prepare, type and encode some rows."""
     config, base = plan.config, _resident()
-    schema = runs_schema(config.record, config.model)
+    schema = plan.schema
     given = [column.name for part in GIVEN for column in RUNS[part]]
     # Rows as they follow one another in a block in the middle, as far as bodies are cheap.
     case, sample = plan.runs_of(plan.block(plan.n_blocks // 2))

@@ -23,7 +23,6 @@ from rattlesweep.sweeps.store.locks import holder
 from rattlesweep.sweeps.store.manifest import count_failed
 from rattlesweep.sweeps.store.stored import Stored, open_stored
 from rattlesweep.sweeps.tables.arrow import same_schema
-from rattlesweep.sweeps.tables.columns import runs_schema
 from rattlesweep.sweeps.tables.types import TYPES, with_types
 
 if TYPE_CHECKING:
@@ -144,7 +143,7 @@ def _check_blocks(
 ) -> list[int]:
     """Check every block; the numbers of those without a fault, which are summed up."""
     manifest, present = stored.manifest, stored.present()
-    schema = runs_schema(manifest.config.record, manifest.config.model)
+    schema = manifest.schema
     ends = [-1, *present, manifest.blocks]
     verdict.missing = [(a + 1, b) for a, b in pairwise(ends) if b > a + 1]
     whole = []

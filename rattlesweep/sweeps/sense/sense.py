@@ -196,7 +196,7 @@ def _step(config: Config, sample: Sample, batch: Batch, method: Tableau) -> Iter
     limit = stability_limit(method)
     fastest = batch.swing / 2
     # What `rattlesweep.integrate.batch.integrate` will hold against runs of that length.
-    span = np.minimum(sample.launches.t_end, sample.launches.gh.t_rgh)
+    span = np.fmin(sample.launches.t_end, sample.launches.gh.t_rgh)
 
     def coarse(step: float) -> NDArray[np.bool_]:
         """Runs whose oscillation a step damps or feeds too much."""

@@ -13,6 +13,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+import pyarrow as pa
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -33,6 +34,7 @@ from rattlesweep.sweeps.config.bodies import SdSource, TableSource
 from rattlesweep.sweeps.config.load import override_config, resolved
 from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.store.provenance import command_line, machine, now, versions
+from rattlesweep.sweeps.tables import columns
 
 if TYPE_CHECKING:
     from rattlesweep.sweeps.cases.plan import Plan
@@ -125,6 +127,30 @@ class StoredCase(_Part):
         return None if self.target_name is None else getattr(self, self.target_name)
 
 
+class ExtraColumn(_Part):
+    """A column of the runs that their bodies and launches bring along."""
+
+    name: str
+    type: Literal["double", "int64", "string"]
+    unit: str
+    description: str
+    nullable: bool
+
+    @classmethod
+    def of(cls, field: pa.Field) -> ExtraColumn:
+        """What is to be kept of it."""
+        words = {key.decode(): text.decode() for key, text in field.metadata.items()}
+        return cls.model_validate(
+            {"name": field.name, "type": str(field.type), "nullable": field.nullable} | words
+        )
+
+    @property
+    def field(self) -> pa.Field:
+        """The column itself."""
+        kind = pa.type_for_alias(self.type)
+        return columns.field(self.name, kind, self.unit, self.description, nullable=self.nullable)
+
+
 class SessionProgress(_Part):
     """How far a session is; `left` in seconds, None where it cannot tell."""
 
@@ -196,6 +222,7 @@ class Manifest(_Part):
     config_hash: Sha256
     base: Annotated[str, Field(pattern=r"^[^\x00]*$")] | None = None
     cases: list[StoredCase] = Field(min_length=1)
+    columns: list[ExtraColumn] = []
     samples: Count
     runs: Count
     blocks: Count
@@ -237,7 +264,9 @@ class Manifest(_Part):
         if config is not None and not isinstance(config.bodies, TableSource):
             target = config.bodies.target if isinstance(config.bodies, SdSource) else None
             targets = 1 if target is None else len(target.values)
-            if len(cases) != targets * len(config.spin.n_i) * len(config.spin.omega_xy0):
+            spin = config.spin
+            launches = 1 if spin is None else len(spin.n_i) * len(spin.omega_xy0)
+            if len(cases) != targets * launches:
                 raise ValueError("they are not those of its config")
         return cases
 
@@ -284,6 +313,10 @@ class Manifest(_Part):
     @classmethod
     def begin(cls, plan: Plan, hash_: str, base: Path | None) -> Manifest:
         """The manifest of a sweep that begins."""
+        # What was not set is not written.
+        extra: dict[str, Any] = {}
+        if plan.extra:
+            extra["columns"] = [ExtraColumn.of(field) for field in plan.extra]
         return cls(
             format=FORMAT,
             name=plan.config.name,
@@ -300,6 +333,7 @@ class Manifest(_Part):
                 )
                 for case in plan.cases
             ],
+            **extra,
             samples=int(plan.samples),
             runs=int(plan.runs),
             blocks=int(plan.n_blocks),
@@ -317,6 +351,16 @@ class Manifest(_Part):
         data = self.model_dump(exclude_unset=True)
         receipts = sorted(data["receipts"].items())
         return data | {"receipts": {str(index): receipt for index, receipt in receipts}}
+
+    @property
+    def extra(self) -> tuple[pa.Field, ...]:
+        """Columns of its runs that their bodies and launches bring along."""
+        return tuple(column.field for column in self.columns)
+
+    @property
+    def schema(self) -> pa.Schema:
+        """Of its runs."""
+        return columns.runs_schema(self.config.record, self.config.model, self.extra)
 
     def borders(self, index: int) -> tuple[int, int]:
         """Numbers of the runs of a block, from and up to."""

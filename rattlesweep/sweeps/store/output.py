@@ -87,6 +87,8 @@ def examine(plan: Plan, directory: Path, base: Path | None) -> Output:
             f"{directory} goes on from {manifest.runs} to {plan.runs} runs; those that are there "
             "are kept"
         )
+    # One begun before tables brought columns along goes on without them.
+    plan = replace(plan, extra=manifest.extra)
     size = manifest.config.block_size
     if size != plan.block_size:
         remarks.append(f"{directory} was begun in blocks of {size} runs, and keeps that size")

@@ -9,7 +9,7 @@ M = a = g = 1, so times are in sqrt(a/g), spins and rates in sqrt(g/a), energies
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from functools import partial
 
 import pyarrow as pa
@@ -155,6 +155,22 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
 }
 """Columns of `runs` in their order, by what they belong to."""
 
+STATE: tuple[pa.Field, ...] = (
+    *(
+        required(
+            f"omega_{x}", F64, RATE, f"initial angular velocity, component along the body's {x}"
+        )
+        for x in "xyz"
+    ),
+    *(
+        required(
+            f"u_{x}", F64, "1", f"initial vertical unit vector, component along the body's {x}"
+        )
+        for x in "xyz"
+    ),
+)
+"""Columns of `runs` launched from a full state, behind all others."""
+
 RECORD_PARTS: dict[str, tuple[str, ...]] = {
     "energy": ("gh",),
     "contact": ("reduced", "gh"),
@@ -220,7 +236,9 @@ REPEATING = frozenset({"case", "n_i", "omega_xy0", "type", "status", "near_tange
 """Columns of which few values fill many rows, so that a dictionary makes the file smaller."""
 
 
-def runs_schema(record: Collection[str] = (), model: str = "full") -> pa.Schema:
+def runs_schema(
+    record: Collection[str] = (), model: str = "full", extra: Iterable[pa.Field] = ()
+) -> pa.Schema:
     """Arrow schema of `runs`, with `unit` and `description` in each field's metadata.
 
     Parameters
@@ -229,6 +247,8 @@ def runs_schema(record: Collection[str] = (), model: str = "full") -> pa.Schema:
         Any words of `RECORD_PARTS`; their order does not matter.
     model
         ``full``, ``reduced`` or ``gh``.
+    extra
+        Columns that a sweep's own bodies and launches bring along.
 
     Raises
     ------
@@ -241,7 +261,7 @@ def runs_schema(record: Collection[str] = (), model: str = "full") -> pa.Schema:
         if model in RECORD_PARTS[part]:
             raise ConfigError(f"record: the model {model!r} has no {part!r} to record")
     asked = [part for part in RUNS if part not in RECORD_PARTS or part in record]
-    return pa.schema([column for part in asked for column in RUNS[part]])
+    return pa.schema([*(column for part in asked for column in RUNS[part]), *extra])
 
 
 def summary_schema() -> pa.Schema:
