@@ -194,9 +194,9 @@ def simulate(
     columns = body_columns(body)
     given = {"n_i": n_i, "omega_xy0": omega_xy0, "t_end": t_end}
     state = full_states(omega, u)
-    if state and (
-        twice := [name for name in ("n_i", "omega_xy0", "psi") if locals()[name] is not None]
-    ):
+    spin = {"n_i": n_i, "omega_xy0": omega_xy0, "psi": psi}
+    twice = [name for name, value in spin.items() if value is not None]
+    if state and twice:
         raise ConfigError(
             f"{' and '.join(twice)} given with a full state, which says the spin and the "
             "oscillation itself; keep omega and u, or n_i, omega_xy0 and psi"

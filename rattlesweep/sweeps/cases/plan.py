@@ -122,7 +122,7 @@ def make_plan(config: Config, base: Path | None = None, source: Source | None = 
         rows = source.bodies(0, np.arange(source.samples))
         assert rows.n_i is not None
         lost = (rows.n_i == 0) & (rows.t_end is None or ~np.isfinite(rows.t_end))
-        which = f" (row {np.argmax(lost) + 1} of the table)"
+        which = f" (row {np.argmax(lost) + 1} of the table)" if lost.any() else ""
         _check_launches(config, bool(extra), bool((rows.n_i == 0).any()), bool(lost.any()), which)
     elif config.launch is not None:
         n_i, omega_xy0, _ = spin_and_oscillation(config.launch.omega, config.launch.u)

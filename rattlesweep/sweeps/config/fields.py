@@ -210,7 +210,7 @@ SpinNumbers = Annotated[
 
 def _three(values: list[float]) -> list[float]:
     if len(values) != 3:
-        raise ValueError(f"a vector has three components, x, y, z, and not {len(values)}")
+        raise ValueError(f"{len(values)} components are no vector; give three, x, y, z")
     return values
 
 
