@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from rattlesweep.sweeps.engines.progress import Progress
 
-COMPILING = "compiling the kernel for this machine, once (about 20 s)"
+COMPILING = "compiling the kernel for this machine, once (about 15 s)"
 # Seconds after which a call from Python shows a bar: most are over by then.
 DELAY = 0.5
 

@@ -36,6 +36,23 @@ def test_a_terminal_sees_a_clock_that_ticks(monkeypatch: pytest.MonkeyPatch):
     assert shown.getvalue().split("\r")[-2].strip() == ""
 
 
+def test_two_at_a_time_have_one_clock_that_goes_on(monkeypatch: pytest.MonkeyPatch):
+    shown, bars = Terminal(), []
+    monkeypatch.setattr(sys, "stderr", shown)
+    made = progress.new_bar
+    monkeypatch.setattr(progress, "new_bar", lambda **how: bars.append(made(**how)) or bars[-1])
+    notice = progress.CompileNotice(tick=0.001)
+    with listening(notice):
+        with compiling("step"), compiling("search"):
+            assert len(bars) == 1
+            bars[0].start_t -= 3600
+            notice._spent = 3600.0
+        notice._spent = 3600.0
+        with compiling("later"):
+            assert len(bars) == 2
+    assert "1:00:00" in shown.getvalue().split(WORDS)[-1]
+
+
 def test_elsewhere_it_is_one_line_or_none(capfd: pytest.CaptureFixture[str]):
     notice = progress.CompileNotice()
     for listener in (notice, notice, None):

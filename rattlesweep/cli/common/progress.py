@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rattlesweep.cli.common.output import say
@@ -41,31 +41,53 @@ class Meter(Bar):
 
 
 class CompileNotice:
-    """Says that a kernel is being compiled: on a terminal with a clock, elsewhere in one line."""
+    """Says that kernels are being compiled: on a terminal with a clock, elsewhere in one line."""
 
     def __init__(self, tick: float = 1.0) -> None:
         self._tick, self._said = tick, False
+        self._lock = threading.Lock()
+        self._under_way, self._spent = 0, 0.0
+        self._end: Callable[[], float] | None = None
 
     @contextmanager
     def __call__(self, kernel: str) -> Iterator[None]:
-        """For as long as a kernel is being compiled."""
+        """For as long as a kernel, or a part of one, is being compiled; several have one clock."""
         if not sys.stderr.isatty():
-            if not self._said:
-                say(COMPILING)
-            self._said = True
+            with self._lock:
+                if not self._said:
+                    say(COMPILING)
+                self._said = True
             yield
             return
+        with self._lock:
+            self._under_way += 1
+            self._end = self._end or self._clock()
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._under_way -= 1
+                if self._end is not None and not self._under_way:
+                    self._spent, self._end = self._end(), None
+
+    def _clock(self) -> Callable[[], float]:
+        """Begin to tick; what ends it gives the seconds that the clock has shown."""
         ended = threading.Event()
-        with new_bar(bar_format=f"{COMPILING}: {{elapsed}}", leave=False) as bar:
+        bar = new_bar(bar_format=f"{COMPILING}: {{elapsed}}", leave=False)
+        start = time.monotonic() - self._spent
+        bar.start_t -= self._spent
+        bar.refresh()
 
-            def run() -> None:
-                while not ended.wait(self._tick):
-                    bar.refresh()
+        def run() -> None:
+            while not ended.wait(self._tick):
+                bar.refresh()
 
-            clock = threading.Thread(target=run, daemon=True)
-            clock.start()
-            try:
-                yield
-            finally:
-                ended.set()
-                clock.join()
+        def end() -> float:
+            ended.set()
+            clock.join()
+            bar.close()
+            return time.monotonic() - start
+
+        clock = threading.Thread(target=run, daemon=True)
+        clock.start()
+        return end
