@@ -7,12 +7,14 @@ from rattlesweep.api.closed import (
     modes,
     reversal_time_gh,
 )
+from rattlesweep.api.pages import Page
 from rattlesweep.api.single import Run, replay, simulate, trajectory
-from rattlesweep.api.sweeps import Sweep, load, sweep
+from rattlesweep.api.stored import Sweep
+from rattlesweep.api.sweeps import load, sweep
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.physics.theory import Modes
 
-__all__ = ["ConfigError", "GrowthRates", "Modes", "OutputError", "Rattleback", "Run", "Sweep",
-           "bondi_threshold", "growth_rates", "load", "modes", "replay", "reversal_time_gh",
-           "simulate", "sweep", "trajectory"]  # fmt: skip
+__all__ = ["ConfigError", "GrowthRates", "Modes", "OutputError", "Page", "Rattleback", "Run",
+           "Sweep", "bondi_threshold", "growth_rates", "load", "modes", "replay",
+           "reversal_time_gh", "simulate", "sweep", "trajectory"]  # fmt: skip

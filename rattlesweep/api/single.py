@@ -245,6 +245,7 @@ def trajectory(
     dt: float | None = None,
     steps: bool = False,
     times: Any = None,
+    from_time: float | None = None,
     method: str = "dop853",
     tol: float | None = None,
     dt_step: float | None = None,
@@ -263,6 +264,8 @@ def trajectory(
         One way to choose the rows: so many evenly from 0 to ``t_end`` (by default 2001, or 20 a
         period of the pitch if that is more), one every ``dt``, one per accepted step, or any
         increasing times; in ``sqrt(a/g)``.
+    from_time : float, optional
+        When the rows begin, in ``sqrt(a/g)``; the run begins at its launch all the same.
     method, tol, dt_step
         As for :func:`simulate`; not to be confused with ``dt``.
     e_p0, e_r0 : float, optional
@@ -294,7 +297,8 @@ def trajectory(
 
     integrator = _integrator(method, tol, dt_step)
     launch = Launch(body, n_i, omega_xy0, t_end, psi, model, integrator, e_p0, e_r0, omega, u)
-    return collect(Course(launch, channels=channels, rows=Rows(points, dt, steps, times)))
+    rows = Rows(points, dt, steps, times, from_time)
+    return collect(Course(launch, channels=channels, rows=rows))
 
 
 def replay(
@@ -308,6 +312,7 @@ def replay(
     dt: float | None = None,
     steps: bool = False,
     times: Any = None,
+    from_time: float | None = None,
 ) -> Trajectory:
     """Integrate a stored run again as a trajectory, proved to be the stored one bit for bit.
 
@@ -319,7 +324,7 @@ def replay(
         Which run: the columns of ``runs`` of these names.
     t_end : float, optional
         Horizon, in ``sqrt(a/g)``; by default the sweep's.
-    channels, points, dt, steps, times
+    channels, points, dt, steps, times, from_time
         As for :func:`trajectory`.
 
     Returns
@@ -344,7 +349,7 @@ def replay(
 
     source = Replay(Path(directory))
     run = source.find(case, sample)
-    rows = Rows(points, dt, steps, times)
+    rows = Rows(points, dt, steps, times, from_time)
     course = Course(source.prepare(run, t_end), channels=channels, rows=rows)
     source.prove(run)
     found = collect(course)

@@ -17,6 +17,7 @@ from rattlesweep.cli.common import command, options, say, types
     "rattlesweep plot out/steady --kind ratio --select n_i=-0.1,-0.3 --output ratio.pdf",
     "rattlesweep plot out/steady --kind scatter --x K_r --ylim 10,1e4",
     "rattlesweep plot out/map-theta-spin --select theta=0.84:0.99 --select n_i=-0.45:0",
+    "rattlesweep plot out/steady --kind times --where \"type = 'R' and t_r < 2 * t_rgh\"",
 )
 @options.directory
 @option("--kind", type=types.KINDS, help="What to draw; times are t_r, and ratio is t_r/t_rGH. By "
@@ -26,6 +27,7 @@ from rattlesweep.cli.common import command, options, say, types
         "t_r.")  # fmt: skip
 @option("--select", metavar="NAME=VALUES", multiple=True, help="Only these values, as in "
         "n_i=-0.3,-0.5 or theta=0.6:0.7; may be repeated.")  # fmt: skip
+@options.where
 @option("--log/--linear", default=None, help="Logarithmic or linear axes; by default by range.")
 @option("--xlim", type=types.LIMITS, help="Limits of the abscissa.")
 @option("--ylim", type=types.LIMITS, help="Limits of the ordinate.")
@@ -43,6 +45,7 @@ def plot(
     kind: str | None,
     x: str | None,
     select: tuple[str, ...],
+    where: str | None,
     dpi: float,
     style: Path | None,
     output: tuple[Path, ...],
@@ -58,7 +61,7 @@ def plot(
     from rattlesweep.study.style import save, styled
 
     with styled(style):
-        picture = read_picture(read_layout(directory), kind, x=x, select=select)
+        picture = read_picture(read_layout(directory), kind, x=x, select=select, where=where)
         name = picture.name
         paths = list(output) or [directory / f"{name}.{ending}" for ending in ("svg", "png")]
         figure = picture.figure(**looks)

@@ -13,9 +13,7 @@ from rattlesweep.cli.common.series import say_outcome
 from rattlesweep.errors import ConfigError
 
 if TYPE_CHECKING:
-    from rattlesweep.study.onerun.course import PreparedRun
     from rattlesweep.study.onerun.replay import StoredRun
-    from rattlesweep.sweeps.blocks.single import Launch
 
 
 @command(
@@ -30,6 +28,7 @@ if TYPE_CHECKING:
 @options.launch
 @options.t_end
 @option("--points", type=int, help="Number of rows.  [default: 20 per pitch period]")
+@options.from_time
 @options.integrator
 @options.title()
 @options.file("--output", ".html", required=True, help="An .html file.")
@@ -43,6 +42,7 @@ def show(
     launch: dict[str, Any],
     t_end: float | None,
     points: int | None,
+    from_time: float | None,
     integrator: dict[str, Any],
     title: str | None,
     output: Path,
@@ -61,27 +61,24 @@ def show(
 
     probe_directory(output.parent)
     stored: StoredRun | None = None
-    run: Launch | PreparedRun
     with Meter(quiet) as meter:
+        watch = meter.counting("integrating")
         if directory is not None:
             _refuse_a_launch(context)
             source = Replay(directory)
             pages.check_model(source.config.model)
             stored = source.select(**which)[0]
-            source.prove(stored)
-            run = source.prepare(stored, t_end)
-            kind = f", type {stored.type}" if stored.type else ""
-            name = f"{source.config.name}: {stored.name}{kind}"
+            course, scene, name = pages.course_of_stored(
+                source, stored, t_end=t_end, watch=watch, points=points, from_time=from_time
+            )
         else:
             if which:
                 raise ConfigError("--case, --sample and --where go with --from")
             launch = options.launched(launch)
             run = Launch(make_body(body), t_end=t_end, integrator=integrator, **launch)
             name = " ".join(["Rattleback", *([body["preset"]] if "preset" in body else [])])
-        course = pages.course_of(run, points, meter.counting("integrating"))
-        scene = pages.make_scene(course)
-    if stored is not None:
-        stored.check(course)
+            course = pages.course_of(run, points, watch, from_time=from_time)
+            scene = pages.make_scene(course)
     pages.save(scene, output, title or name, pages.describe(course))
     click.echo(output)
     if not quiet:

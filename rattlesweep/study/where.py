@@ -50,10 +50,13 @@ class Condition:
         For :meth:`pyarrow.Table.filter` and the like.
     columns : tuple of str
         Columns that it looks at.
+    text : str
+        As it was written.
     """
 
     expression: Any
     columns: tuple[str, ...]
+    text: str = ""
 
 
 def parse_condition(text: str, schema: pa.Schema, option: str = "--where") -> Condition:
@@ -81,7 +84,8 @@ def parse_condition(text: str, schema: pa.Schema, option: str = "--where") -> Co
         raise ConfigError(f"{option} {one_line(text.strip(), 200)}: {error}") from None
     except (MemoryError, RecursionError):
         raise ConfigError(f"{option} {one_line(text.strip(), 200)}: is nested too deep") from None
-    return Condition(expression, tuple(dict.fromkeys(translator.columns)))
+    columns = tuple(dict.fromkeys(translator.columns))
+    return Condition(expression, columns, one_line(text.strip(), 200))
 
 
 class _Unreadable(ValueError):

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import doctest
 import math
+import shutil
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +17,7 @@ import pyarrow as pa
 import pytest
 
 import rattlesweep as rs
-from rattlesweep.api import closed, single, sweeps
+from rattlesweep.api import closed, single, stored, sweeps
 from rattlesweep.errors import ConfigError, ConfigWarning
 from rattlesweep.study.report.page import make_report
 from rattlesweep.sweeps.inspect.verify import verify
@@ -42,13 +44,28 @@ def test_importing_the_package_loads_nothing_heavy():
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
-def test_the_examples_in_the_package_are_true():
-    attempted = 0
-    for module in (closed, single, sweeps):
+def test_the_examples_in_the_package_are_true(tmp_path, monkeypatch):
+    root = Path(__file__).parents[2]
+    shutil.copytree(root / "configs", tmp_path / "configs")
+    monkeypatch.chdir(tmp_path)
+    rs.sweep("configs/gh.yaml", threads=1)
+    silent = []
+    for module in (closed, single, stored, sweeps):
         result = doctest.testmod(module)
         assert result.failed == 0
-        attempted += result.attempted
-    assert attempted >= 16
+        own = [value for value in vars(module).values() if getattr(value, "__module__", "") ==
+               module.__name__]  # fmt: skip
+        for item in own:
+            members = [getattr(item, n) for n in vars(item) if isinstance(item, type)]
+            silent += [
+                each.__qualname__
+                for each in (item, *members)
+                if callable(each)
+                and not isinstance(each, type)
+                and not each.__name__.startswith("_")
+                and ">>>" not in (each.__doc__ or "")
+            ]
+    assert silent == []
     assert doctest.testmod(rs) == (0, 3)
 
 

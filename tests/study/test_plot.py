@@ -14,6 +14,7 @@ import oracle
 import pandas as pd
 import pytest
 from matplotlib.colors import to_rgb
+from refusal import assert_refused
 from test_run import invoke, tree
 from theory_mp import n_c1_squared
 
@@ -503,3 +504,24 @@ def test_spins_may_be_spaced_like_an_axis() -> None:
     ):
         with pytest.raises(ConfigError, match=words):
             parsed(n_i)
+
+
+def test_a_condition_chooses_the_runs_that_are_drawn(tmp_path: Path):
+    output = tmp_path / "out"
+    config = {"bodies": bodies(K_p=[0.5]), "spin": spin([0.1, 0.3]), "horizon": {"t": 200}}
+    done = rs.sweep(config, output=output)
+    where = "t_r < 2 * t_rgh and n_i > 0.2"
+    data, picture = tmp_path / "data.csv", tmp_path / "p.svg"
+    args = ("plot", output, "--kind", "scatter", "--data", data, "--output", picture)
+    assert invoke(*args, "--where", where).exit_code == 0
+    runs = done.runs[lambda r: (r.t_r < 2 * r.t_rgh) & (r.n_i > 0.2)]
+    assert 0 < len(runs) < done.runs.t_r.notna().sum()
+    assert sorted(pd.read_csv(data).t_r) == pytest.approx(sorted(runs.t_r))
+    assert "&lt; 2 * t_rgh" in picture.read_text()
+    before = tree(output)
+    for wrong, words in (("t_R < 3", "t_R is no column; did you mean t_r?"), ("", "is empty")):
+        refused = invoke("plot", output, "--where", wrong)
+        assert_refused(refused, 2, words)
+    nothing = invoke("plot", output, "--where", "t_r < 0")
+    assert_refused(nothing, 1, "holds no run of those selected")
+    assert tree(output) == before

@@ -194,3 +194,22 @@ def test_a_model_that_builds_on_another_has_channels_too():
     half = states * np.array([1, 1, 0.5, 0.5, 0.5])[:, None]
     expected = [full.energy.py_func(*y, *constants) for y in half.T]
     np.testing.assert_allclose(found.energy(*states, *constants), expected, rtol=1e-15)
+
+
+def test_rows_may_begin_late(sweep: Path, tmp_path: Path):
+    which = ["replay", sweep, "--case", 0, "--sample", 1, "--t-end", 30]
+    whole = invoke(*which, "--dt", 0.5).stdout.splitlines()
+    late = invoke(*which, "--dt", 0.5, "--from-time", 20)
+    assert late.exit_code == 0
+    assert late.stdout.splitlines() == [whole[0], *whole[41:]]
+    steps = invoke(*which, "--steps").stdout.splitlines()
+    kept = [line for line in steps[1:] if float(line.split(",")[0]) >= 20]
+    assert 0 < len(kept) < len(steps) - 1
+    assert invoke(*which, "--steps", "--from-time", 20).stdout.splitlines() == [steps[0], *kept]
+    few = invoke(*which, "--points", 3, "--from-time", 20).stdout.splitlines()
+    assert [line.split(",")[0] for line in few[1:]] == ["20", "25", "30"]
+    figure = tmp_path / "late.svg"
+    assert invoke(*which, "--from-time", 20, "--figure", figure).exit_code == 0
+    for bad in (-1, 30, "nan"):
+        refused = invoke(*which, "--from-time", bad)
+        assert_refused(refused, 2, f"from_time {bad}: rows begin at 0 or later, before t_end = 30")

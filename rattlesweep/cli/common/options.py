@@ -32,6 +32,9 @@ t_end = option(
 )
 
 
+from_time = option("--from-time", type=float, help="Begin the rows at this time, in sqrt(a/g).")
+
+
 def output(help: str = "Output directory; overrides the config's.", **settings: Any) -> Decorator:
     """The directory to write."""
     return option("-o", "--output", type=types.DIRECTORY, help=help, **settings)
@@ -123,17 +126,22 @@ integrator = Group(
 )  # fmt: skip
 rows = Group(
     "rows",
-    option("--points", type=int, help="Number of rows, evenly spaced from 0 to the horizon.  "
+    option("--points", type=int, help="Number of rows, evenly spaced up to the horizon.  "
            "[default: 2001, or 20 per pitch period if that is more]"),
     option("--dt", type=float, help="Spacing of the rows in time."),
     option("--steps", is_flag=True, help="One row per accepted step."),
+    from_time,
 )  # fmt: skip
+where = option(
+    "--where",
+    metavar="CONDITION",
+    help="Select runs by their columns: = != < <= > >=, in (...), is null, and, or, not.",
+)
 _which = (
     option("--case", type=int, help="Case of the run."),
     option("--sample", type=int, help="Sample of the run."),
-    option("--where", metavar="CONDITION",
-           help="Select runs by their columns: = != < <= > >=, in (...), is null, and, or, not."),
-)  # fmt: skip
+    where,
+)
 which_run = Group("which", *_which)
 which_runs = Group(
     "which",

@@ -56,7 +56,7 @@ def write_course(
             # Matplotlib is loaded for figures alone.
             from rattlesweep.study.onerun import figure as figures
 
-            course = figures.course_of(run, channels, watch)
+            course = figures.course_of(run, channels, watch, rows.from_time)
             figures.save(course, figure)
     return course
 

@@ -124,6 +124,7 @@ class Course:
         pitch = float(launches.modes.omega_p[0]) / (2 * math.pi)
         self.periods = t_end * pitch if self.model == "full" else 0.0
         self.times = rows.up_to(t_end, self.periods)
+        self._start = rows.from_time or 0.0
         needs = {channel.needs for channel in self.channels}
         if "reduced" in needs and launches.omega is not None:
             raise ConfigError("channels: the reduced model begins with a spin and an oscillation, "
@@ -194,9 +195,13 @@ class Course:
         follower = self._follower
         if self.times is None:
             assert isinstance(follower, Follower)
-            yield follower.launch()
-            while (found := follower.steps()).t.size or not follower.ended:
-                yield found
+            found = follower.launch()
+            while found.t.size or not follower.ended:
+                early = int(np.searchsorted(found.t, self._start))
+                if early < len(found.t):
+                    # What was not asked for has no rows.
+                    yield Samples(found.t[early:], found.y[early:], found.extra[early:])
+                found = follower.steps()
             return
         for begin in range(0, len(self.times), CHUNK):
             part = self.times[begin : begin + CHUNK]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -53,8 +54,9 @@ def course_of(
     run: Launch | PreparedRun,
     shown: Sequence[str] | None = None,
     watch: Callable[[float], None] | None = None,
+    from_time: float | None = None,
 ) -> Course:
-    """The run at the times and with the channels that its figure needs.
+    """The run at the times and with the channels that its figure needs, from a time on.
 
     ``shown`` are the channels to be drawn, by default what suits the model.  Energies of the
     reduced model ask for it beside the full one.
@@ -66,7 +68,12 @@ def course_of(
         names += ["n_gh"] * (model != "gh")
         if model == "full" and launch and (launch.e_p0, launch.e_r0) != (None, None):
             names.append("n_reduced")
-    return Course(run, channels=list(dict.fromkeys(names)), rows=ROWS, watch=watch)
+    return Course(
+        run,
+        channels=list(dict.fromkeys(names)),
+        rows=replace(ROWS, from_time=from_time),
+        watch=watch,
+    )
 
 
 def save(course: Course, path: Path) -> None:
@@ -106,7 +113,7 @@ def draw(columns: dict[str, Floats], course: Course, caption: str = "") -> Figur
     figure = new_figure(WIDTH, 1.1 + 1.85 * len(panels))
     axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     slower = float(course.launches.modes.omega_r[0])
-    width = round(2 * math.pi / slower / (t[-1] / (len(t) - 1)))
+    width = round(2 * math.pi / slower / ((t[-1] - t[0]) / (len(t) - 1)))
     for axis, panel in zip(axes, panels, strict=True):
         if panel == ("n",):
             _draw_spin(axis, columns, CURVES[course.model])
@@ -125,7 +132,7 @@ def draw(columns: dict[str, Floats], course: Course, caption: str = "") -> Figur
             unit = UNITS.get(CHANNELS[name].unit, f"${CHANNELS[name].unit}$")
             axis.set_ylabel(name + (f"  [{unit}]" if unit else ""))
     _finish(axes, course)
-    axes[-1].set_xlim(0, t[-1])
+    axes[-1].set_xlim(t[0], t[-1])
     axes[-1].set_xlabel(f"time  [{TIME}]")
     figure.align_ylabels(axes)
     if caption:
@@ -168,9 +175,10 @@ def _draw_oscillation(axis: Any, t: Floats, values: Floats, width: int) -> None:
 
 def _finish(axes: Any, course: Course) -> None:
     """Mark zero and the reversals; explain each kind of curve in the first panel that has it."""
-    times, word = course.reversals, "reversal"
+    since = 0.0 if course.times is None else float(course.times[:1][0])
+    times, word = [time for time in course.reversals if time >= since], "reversal"
     if not times:
-        times, word = course.zeros, "zero crossing"
+        times, word = [time for time in course.zeros if time >= since], "zero crossing"
     one = len(times) == 1
     text = f"{word} at " if one else f"{len(times)} {word}s, the first at "
     explained: set[str] = set()

@@ -18,11 +18,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class EvenTimes:
-    """``step * k / parts`` for ``k`` from 0 to ``count - 1``; made where they are sliced out."""
+    """``start + step * k / parts`` for ``k`` from 0 to ``count - 1``, made as they are sliced out.
+
+    None of them is after ``last``, by rounding.
+    """
 
     count: int
     step: float
     parts: int = 1
+    start: float = 0.0
+    last: float = math.inf
 
     def __len__(self) -> int:
         return self.count
@@ -30,7 +35,7 @@ class EvenTimes:
     def __getitem__(self, part: slice) -> Floats:
         k = np.arange(*part.indices(self.count), dtype=float)
         # One division, of exact whole numbers: the last of N points is the horizon itself.
-        return self.step * (k / self.parts)
+        return np.minimum(self.start + self.step * (k / self.parts), self.last)
 
 
 Times: TypeAlias = "EvenTimes | Floats"
@@ -50,6 +55,8 @@ class Rows:
         One per accepted step.
     times : array_like, optional
         Increasing times from 0 to the horizon, in ``sqrt(a/g)``.
+    from_time : float, optional
+        Time of the first row, where they are even, or before which there is none.
     per_period, least, most : int
         Rows in a period of the pitch if none of these is given, and how many at least and at most.
     """
@@ -58,6 +65,7 @@ class Rows:
     dt: float | None = None
     steps: bool = False
     times: Any = None
+    from_time: float | None = None
     per_period: int = 20
     least: int = 2001
     most: int | None = None
@@ -73,19 +81,27 @@ class Rows:
         given = [name for name, value in ways.items() if value is not None]
         if len(given) > 1:
             raise ConfigError(f"{' and '.join(given)} are both given; keep one of them")
+        start = float(self.from_time or 0.0)
+        if not 0 <= start < t_end:
+            raise ConfigError(
+                f"from_time {start:g}: rows begin at 0 or later, before t_end = {t_end:g}"
+            )
         if self.steps:
             return None
         if self.times is not None:
+            if self.from_time is not None:
+                raise ConfigError("times and from_time are both given; keep one of them")
             return _checked(self.times, t_end)
         if self.dt is not None:
-            return _spaced(self.dt, t_end)
+            return _spaced(self.dt, start, t_end)
         points = self.points
         if points is None:
+            periods *= (t_end - start) / t_end
             points = max(self.least, math.ceil(periods * self.per_period) + 1)
             points = points if self.most is None else min(points, self.most)
         if points < 2:
-            raise ConfigError(f"points {points}: at least 2 are wanted, the launch and the end")
-        return EvenTimes(points, t_end, points - 1)
+            raise ConfigError(f"points {points}: at least 2 are wanted, the first and the last")
+        return EvenTimes(points, t_end - start, points - 1, start, t_end)
 
 
 def _checked(times: Any, t_end: float) -> Floats:
@@ -97,11 +113,11 @@ def _checked(times: Any, t_end: float) -> Floats:
     return array
 
 
-def _spaced(dt: float, t_end: float) -> EvenTimes:
+def _spaced(dt: float, start: float, t_end: float) -> EvenTimes:
     if not (math.isfinite(dt) and dt > 0):
         raise ConfigError(f"dt {dt:g}: the distance of two rows must be positive")
     # A last row at the horizon, also where rounding has dt * k just above it.
-    count = math.floor(t_end / dt * (1 + 1e-15)) + 1
-    while dt * (count - 1) > t_end:
+    count = math.floor((t_end - start) / dt * (1 + 1e-15)) + 1
+    while start + dt * (count - 1) > t_end:
         count -= 1
-    return EvenTimes(count, dt)
+    return EvenTimes(count, dt, start=start)

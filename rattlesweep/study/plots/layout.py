@@ -14,6 +14,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.study.where import Condition, parse_condition
 from rattlesweep.sweeps.config.bodies import GridSource, SdSource
 from rattlesweep.sweeps.config.messages import not_one_of
 from rattlesweep.sweeps.config.schema import Config
@@ -89,6 +90,8 @@ class Layout:
         Targets, ``n_i``, ``omega_xy0``, as far as there are any, the first varying slowest.
     grid : tuple of Axis
         Axes of a grid of bodies; empty where a case's samples are a population.
+    where : Condition, optional
+        What the runs that are shown are to be like.
     """
 
     store: Store
@@ -96,6 +99,7 @@ class Layout:
     config: Config
     cases: tuple[Axis, ...]
     grid: tuple[Axis, ...]
+    where: Condition | None = None
 
     @cached_property
     def axes(self) -> dict[str, Axis]:
@@ -149,6 +153,12 @@ class Layout:
                 raise ConfigError(f"{option}: {name} cannot be chosen; nothing varies by case here")
             raise ConfigError(f"{option}: {not_one_of(name, self.axes)}")
         return self.axes[name]
+
+    def chosen(self, where: str | None) -> Layout:
+        """Of the runs for which a condition is true; None: of all."""
+        if where is None:
+            return self
+        return replace(self, where=parse_condition(where, self.manifest.schema))
 
     def select(self, texts: Sequence[str]) -> Layout:
         """What ``NAME=VALUE,VALUE`` or ``NAME=LOW:HIGH`` texts leave of it.
@@ -255,9 +265,18 @@ class Reader(Protocol):
 
 
 def read_rows(layout: Layout, *readers: Reader) -> None:
-    """Give all rows of complete blocks to some readers, in one pass over the files."""
+    """Give rows of complete blocks to some readers, in one pass over the files.
+
+    Of the rows that the layout's condition chooses, if it has one.
+    """
     names = [reader.columns for reader in readers]
+    if layout.where is not None:
+        names.append(layout.where.columns)
     columns = None if None in names else list(dict.fromkeys(n for own in names for n in own or ()))
     for rows in layout.store.iter_batches(columns, complete=True):
-        for reader in readers:
-            reader.add(rows)
+        parts = [rows]
+        if layout.where is not None:
+            parts = pa.Table.from_batches([rows]).filter(layout.where.expression).to_batches()
+        for part in parts:
+            for reader in readers:
+                reader.add(part)

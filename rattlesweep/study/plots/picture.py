@@ -111,7 +111,10 @@ class Picture(ABC):
         # What a selection has pinned is nowhere else in the picture.
         axes = self.layout.axes.values()
         pinned = ", ".join(value_text(a.name, float(a.values[0])) for a in axes if a.pinned)
-        head(figure, [line for line in (title, pinned) if line])
+        where = self.layout.where
+        # As it was written, with no formula in it.
+        condition = where.text.replace("$", "\\$") if where else ""
+        head(figure, [line for line in (title, pinned, condition) if line])
         return figure
 
     def _limit(self, figure: Figure, which: str, limits: tuple[float, float]) -> None:

@@ -59,11 +59,16 @@ def choose_picture(
 
 
 def read_picture(
-    layout: Layout, kind: str | None = None, *, x: str | None = None, select: Sequence[str] = ()
+    layout: Layout,
+    kind: str | None = None,
+    *,
+    x: str | None = None,
+    select: Sequence[str] = (),
+    where: str | None = None,
 ) -> Picture:
-    """As `choose_picture`, of all runs."""
-    picture = choose_picture(layout, kind, x=x, select=select)
-    read_rows(layout, picture)
+    """As `choose_picture`, of all runs, or of those for which a condition is true."""
+    picture = choose_picture(layout.chosen(where), kind, x=x, select=select)
+    read_rows(picture.layout, picture)
     return picture
 
 

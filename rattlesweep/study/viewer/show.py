@@ -21,7 +21,7 @@ import numpy as np
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.study.onerun.course import Course
-from rattlesweep.study.onerun.rows import Rows
+from rattlesweep.study.onerun.rows import EvenTimes, Rows
 from rattlesweep.sweeps.store.atomic import replace_file
 from rattlesweep.sweeps.store.provenance import package_version
 
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rattlesweep.study.onerun.course import PreparedRun
+    from rattlesweep.study.onerun.replay import Replay, StoredRun
     from rattlesweep.sweeps.blocks.single import Launch
 
     Floats = NDArray[np.float64]
@@ -89,8 +90,12 @@ def course_of(
     run: Launch | PreparedRun,
     points: int | None = None,
     watch: Callable[[float], None] | None = None,
+    *,
+    from_time: float | None = None,
 ) -> Course:
     """The run with the channels and the rows that its page needs, or so many ``points``.
+
+    The page begins at the launch, or at ``from_time`` in ``sqrt(a/g)``.
 
     Raises
     ------
@@ -99,11 +104,15 @@ def course_of(
     """
     if points is not None and not 2 <= points <= MOST_ROWS:
         raise ConfigError(f"--points {points}: 2 to {MOST_ROWS} go into a page")
-    rows = Rows(points, per_period=PER_PERIOD, least=FEWEST_ROWS, most=MOST_ROWS)
+    rows = Rows(
+        points, from_time=from_time, per_period=PER_PERIOD, least=FEWEST_ROWS, most=MOST_ROWS
+    )
     course = Course(run, channels=CHANNELS, rows=rows, watch=watch)
-    least = math.ceil(LEAST * course.periods) + 1
+    start = from_time or 0.0
+    shown = course.t_end - start
+    least = math.ceil(LEAST * course.periods * (shown / course.t_end)) + 1
     if points is None and least > MOST_ROWS:
-        longest = course.t_end * (MOST_ROWS - 1) / least
+        longest = start + shown * (MOST_ROWS - 1) / least
         raise ConfigError(
             f"t_end {course.t_end:g} is too long for one page; --t-end {math.floor(longest)} or "
             "less goes into it"
@@ -113,8 +122,8 @@ def course_of(
 
 def make_scene(course: Course) -> Scene:
     """Integrate a course of :func:`course_of`, not yet begun, and gather what its page shows."""
-    assert course.times is not None
-    step = course.t_end / (len(course.times) - 1)
+    assert isinstance(course.times, EvenTimes)
+    start, step = course.times.start, course.times.step / course.times.parts
     columns = course.columns()
     # A run that came to no good is shown as far as it has numbers.
     good = np.logical_and.reduce([np.isfinite(column) for column in columns.values()])
@@ -122,19 +131,20 @@ def make_scene(course: Course) -> Scene:
     if rows < 2:
         raise ConfigError(f"the run ends at t = {course.t:g}: {course.status.meaning}")
     columns = {name: column[:rows] for name, column in columns.items()}
-    t = step * np.arange(rows, dtype=np.float64)
+    t = start + step * np.arange(rows, dtype=np.float64)
     runs, body = course.launches, course.body
-    spin = runs.gh.spin(np.linspace(0, t[-1], THEORY_POINTS))
+    spin = runs.gh.spin(np.linspace(start, t[-1], THEORY_POINTS))
     rise = max(1.0, MARGIN * float(np.max(_rise(columns["u_x"], columns["u_y"], body))))
     first = course.zeros[0] if course.zeros else t[-1]
     about = {
         "body": body,
+        "start": start,
         "step": step,
         "rise": rise,
         "energy": float(columns["energy"][0]),
-        "reversals": course.reversals,
+        "reversals": [time for time in course.reversals if time >= start],
         "trail": TRAIL * 2 * math.pi / float(runs.modes.omega_r[0]),
-        "speed": min(FAST, max(SLOW, first / SECONDS)),
+        "speed": min(FAST, max(SLOW, (max(first, start) - start) / SECONDS)),
         "weights": _weights(body),
         "facts": _facts(course),
     }
@@ -243,6 +253,27 @@ def describe(course: Course) -> str:
     launch = f"n_i {course.launch['n_i']:g}, ω_xy0 {course.launch['omega_xy0']:g}"
     line = f"{body}, ξ {math.degrees(xi):.3g}°; {launch}; units M = a = g = 1"
     return line.replace("-", "−")
+
+
+def course_of_stored(
+    source: Replay,
+    stored: StoredRun,
+    *,
+    t_end: float | None = None,
+    watch: Callable[[float], None] | None = None,
+    **rows: Any,
+) -> tuple[Course, Scene, str]:
+    """A stored run, proved to be the stored one: its course, what its page shows, and its title.
+
+    ``rows`` are the ``points`` and the ``from_time`` of :func:`course_of`.
+    """
+    check_model(source.config.model)
+    source.prove(stored)
+    course = course_of(source.prepare(stored, t_end), watch=watch, **rows)
+    scene = make_scene(course)
+    stored.check(course)
+    kind = f", type {stored.type}" if stored.type else ""
+    return course, scene, f"{source.config.name}: {stored.name}{kind}"
 
 
 def save(scene: Scene, path: Path, title: str, subtitle: str) -> None:

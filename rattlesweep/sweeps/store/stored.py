@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rattlesweep.errors import ConfigError
+from rattlesweep.sweeps.config.bodies import TableSource
 from rattlesweep.sweeps.store.blockfile import Note
 from rattlesweep.sweeps.store.manifest import Manifest
 from rattlesweep.sweeps.store.provenance import identity
@@ -57,6 +58,9 @@ class Stored:
         from rattlesweep.sweeps.cases.plan import make_plan
 
         base = None if self.manifest.base is None else Path(self.manifest.base)
+        bodies = self.config.bodies
+        if isinstance(bodies, TableSource) and (self.directory / bodies.path).exists():
+            base = self.directory  # which may have moved since
         plan = make_plan(self.config, base)
         if identity(plan, base) != self.manifest.config_hash:
             raise ConfigError(

@@ -14,14 +14,15 @@
   const table = floats(D.table);
   const theory = floats(D.theory);
   const rows = table.length / width;
-  const tEnd = D.step * (rows - 1);
+  const tStart = D.start;
+  const tEnd = tStart + D.step * (rows - 1);
   const at = Object.fromEntries(names.map((name, k) => [name, k]));
 
   // Hermite's cubic through the rows, with slopes from four neighbours: what moves has no corners at
   // any speed, and slips twenty times less than with slopes from two.
   const row = new Float64Array(width);
   function sample(t, out = row, first = 0, last = width) {
-    const x = Math.min(Math.max(t / D.step, 0), rows - 1);
+    const x = Math.min(Math.max((t - tStart) / D.step, 0), rows - 1);
     const i = Math.min(Math.floor(x), Math.max(rows - 2, 0));
     const f = x - i;
     const f2 = f * f, f3 = f2 * f;
@@ -83,10 +84,11 @@
   const dark = matchMedia("(prefers-color-scheme: dark)");
   const SLOWEST = 1, FASTEST = 200;
   const state = {
-    t: 0, playing: false, speed: D.speed, follow: true, glass: false, frames: 0, busy: 0, longest: 0,
+    t: tStart, playing: false, speed: D.speed, follow: true, glass: false, frames: 0, busy: 0, longest: 0,
   };
   let dirty = true;
   const scene = makeScene(get("view"), { body: b, rise: D.rise, weights: D.weights, trail: D.trail,
+    start: tStart,
     changed: () => { dirty = true; } });
   if (scene.error) {
     get("message").textContent = scene.error;
@@ -103,6 +105,7 @@
   const bars = shares.map((name) => document.querySelector(`#bar .${name}`));
   const percents = shares.map((name) => get(`share-${name}`));
   const scrub = get("scrub");
+  scrub.min = tStart;
   scrub.max = tEnd;
   function write(out, text) { if (out.textContent !== text) out.textContent = text; }
   function numbers() {
@@ -142,7 +145,7 @@
     const { clientWidth: w, clientHeight: h } = get("chart");
     if (!w || !h) return;
     Object.assign(chart, { width: w, height: h,
-      x: (t) => box.left + (t / tEnd) * (w - box.left - box.right),
+      x: (t) => box.left + ((t - tStart) / (tEnd - tStart)) * (w - box.left - box.right),
       y: (n) => box.top + (0.5 - n / (2 * most)) * (h - box.top - box.bottom) });
     canvas.width = Math.round(w * ratio);
     canvas.height = Math.round(h * ratio);
@@ -162,9 +165,9 @@
       g.fillStyle = ink("soft");
       g.fillText(plain(k * step), box.left - 6, y);
     }
-    const tick = nice(tEnd, 4);
+    const tick = nice(tEnd - tStart, 4);
     g.textBaseline = "top";
-    for (let t = 0; t <= tEnd * 1.0001; t += tick) {
+    for (let t = Math.ceil(tStart / tick) * tick; t <= tEnd * 1.0001; t += tick) {
       const label = plain(t), half = g.measureText(label).width / 2;
       g.textAlign = "center";
       g.fillText(label, Math.min(chart.x(t), w - half), h - box.bottom + 8);
@@ -186,7 +189,7 @@
     const flush = (x) => { g.lineTo(x, chart.y(low)); g.lineTo(x, chart.y(high)); };
     for (let i = 0; i < rows; i++) {
       const value = table[i * width + at.n];
-      const x = Math.round(chart.x(i * D.step) * 2) / 2;
+      const x = Math.round(chart.x(tStart + i * D.step) * 2) / 2;
       if (x !== pixel) {
         if (pixel < 0) g.moveTo(x, chart.y(value)); else flush(pixel);
         pixel = x; low = high = value;
@@ -199,7 +202,7 @@
     g.setLineDash([5, 4]);
     g.lineWidth = 1.3;
     g.beginPath();
-    theory.forEach((value, k) => g.lineTo(chart.x((tEnd * k) / (theory.length - 1)), chart.y(value)));
+    theory.forEach((value, k) => g.lineTo(chart.x(tStart + ((tEnd - tStart) * k) / (theory.length - 1)), chart.y(value)));
     g.stroke();
   }
   function cursor(t, n) {
@@ -211,7 +214,7 @@
   const said = count === 0 ? "no reversal" : count === 1
     ? `reversal at ${plain(D.reversals[0])}` : `${count} reversals, the first at ${plain(D.reversals[0])}`;
   canvas.setAttribute("aria-label",
-    `Spin over time, from ${plain(table[at.n])} at the launch to time ${plain(tEnd)}: ${said}`);
+    `Spin over time, from ${plain(table[at.n])} at time ${plain(tStart)} to time ${plain(tEnd)}: ${said}`);
   if (count) {
     get("mark").hidden = false;
     get("mark").querySelector("span").textContent = said;
@@ -230,14 +233,14 @@
   const speedOf = (x) => SLOWEST * (FASTEST / SLOWEST) ** x;
   const show = (button, on) => button.setAttribute("aria-pressed", String(on));
   function setPlaying(on) {
-    if (on && state.t >= tEnd) state.t = 0;
+    if (on && state.t >= tEnd) state.t = tStart;
     state.playing = on;
     get("icon").setAttribute("d", on ? "M6 4h4v16H6zM14 4h4v16h-4z" : "M7 4l13 8-13 8z");
     get("play").setAttribute("aria-label", on ? "Pause" : "Play");
     dirty = true;
   }
   function goTo(t) {
-    state.t = Math.min(Math.max(t, 0), tEnd);
+    state.t = Math.min(Math.max(t, tStart), tEnd);
     dirty = true;
   }
   function setSpeed(speed) {
@@ -258,7 +261,7 @@
   get("reset").addEventListener("click", reset);
   const point = (e) => {
     const x = e.clientX - get("chart").getBoundingClientRect().left;
-    goTo((tEnd * (x - box.left)) / (chart.width - box.left - box.right));
+    goTo(tStart + ((tEnd - tStart) * (x - box.left)) / (chart.width - box.left - box.right));
   };
   get("chart").addEventListener("pointerdown", (e) => {
     get("chart").setPointerCapture(e.pointerId);
@@ -279,7 +282,7 @@
     } else if (e.key in arrows && (e.shiftKey || view)) scene.turn(...arrows[e.key]);
     else if ((e.key === "ArrowLeft" || e.key === "ArrowRight") && !speed) {
       goTo(state.t + arrows[e.key][0] * state.speed);
-    } else if (e.key === "Home" && !speed) goTo(0);
+    } else if (e.key === "Home" && !speed) goTo(tStart);
     else if (e.key === "End" && !speed) goTo(tEnd);
     else if (e.key === ",") setSpeed(state.speed / 1.25);
     else if (e.key === ".") setSpeed(state.speed * 1.25);

@@ -1,6 +1,6 @@
 "use strict";
 // What is drawn: the body's true shape, the plane, shadow and trace. Lengths are in units of a.
-function makeScene(canvas, { body, rise, weights, trail, changed }) {
+function makeScene(canvas, { body, rise, weights, trail, start, changed }) {
   const T = THREE;
   const nothing = () => {};
   const absent = (error) => ({ error, draw: nothing, resize: nothing, paint: nothing,
@@ -207,7 +207,7 @@ function makeScene(canvas, { body, rise, weights, trail, changed }) {
   const line = new Float64Array(2 * POINTS);
   const tint = new T.Color();
   function drawTrace(t, trace) {
-    const from = Math.max(0, t - trail);
+    const from = Math.max(start, t - trail);
     for (let k = 0; k < POINTS; k++) trace(from + ((t - from) * k) / (POINTS - 1), line, 2 * k);
     const half = 0.028 * short;
     let nx = 1, ny = 0;

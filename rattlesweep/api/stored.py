@@ -1,0 +1,345 @@
+"""A sweep that is on disk: its tables, pictures, pages and runs."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rattlesweep.api.arrays import to_frame
+from rattlesweep.api.pages import Page, plotted
+from rattlesweep.api.single import replay
+from rattlesweep.errors import ConfigError
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import pyarrow as pa
+    import xarray
+    from matplotlib.figure import Figure
+
+    from rattlesweep.study.onerun.course import Trajectory
+
+
+class Sweep:
+    """An output directory; tables are read when they are asked for.
+
+    Parameters
+    ----------
+    directory : path
+        Of a sweep, whole or still running.
+
+    Attributes
+    ----------
+    directory : Path
+    manifest : dict
+        The resolved config, its hash, versions, machine and times, as they were when it was opened.
+
+    Raises
+    ------
+    ConfigError
+        If it is no output directory.
+    """
+
+    def __init__(self, directory: str | Path) -> None:
+        from rattlesweep.sweeps.store.stored import open_stored
+
+        self.directory = Path(directory)
+        self._stored = open_stored(self.directory)
+        self.manifest: dict[str, Any] = self._stored.manifest.dump()
+        self._files: tuple[Any, ...] = ()
+        self._columns: dict[str, pa.ChunkedArray] = {}
+
+    @property
+    def runs(self) -> pd.DataFrame:
+        """One row a run: all columns of ``runs/*.parquet``; no rows before the first block."""
+        return self.read()
+
+    @property
+    def summary(self) -> pd.DataFrame:
+        """One row a case, with units in ``attrs``; of a sweep under way, of its blocks so far."""
+        from rattlesweep.sweeps.inspect.summary import summarise
+        from rattlesweep.sweeps.tables.cells import columns_for
+
+        store, manifest = self._stored.store, self._stored.manifest
+        if store.summary_path.exists():
+            return to_frame(store.read_summary())
+        return to_frame(summarise(store, manifest.cases, columns_for(manifest.config)))
+
+    def read(
+        self, columns: Sequence[str] | str | None = None, where: str | None = None
+    ) -> pd.DataFrame:
+        """Runs, some of their columns, those for which a condition is true.
+
+        Files are read once and every block is proved undamaged; as long as they stay as they are,
+        columns that were read before come from memory.
+
+        Parameters
+        ----------
+        columns : str or sequence of str, optional
+            Columns of ``runs``, in this order; by default all.
+        where : str, optional
+            A condition as in ``rattlesweep plot --where``: ``"type = 'SW' and K_r < 0.005"``.
+
+        Returns
+        -------
+        pandas.DataFrame
+            One row a run, in the order of cases and samples, with ``attrs["units"]`` and
+            ``attrs["descriptions"]``.
+
+        Raises
+        ------
+        ConfigError
+            If there is no such column, or the condition cannot be read.
+        OutputError
+            If a file cannot be read or is damaged.
+
+        Examples
+        --------
+        >>> import rattlesweep as rs
+        >>> sweep = rs.load("out/gh")
+        >>> slow = sweep.read(["n_i", "t_r"], where="t_r > 200")
+        >>> slow.t_r.round(2).tolist(), slow.attrs["units"]["t_r"]
+        ([809.86], 'sqrt(a/g)')
+        """
+        import pyarrow as pa
+
+        from rattlesweep.study.where import parse_condition
+        from rattlesweep.sweeps.config.messages import not_one_of
+
+        schema = self._stored.manifest.schema
+        names = schema.names if columns is None else columns
+        names = [names] if isinstance(names, str) else list(names)
+        for name in names:
+            if name not in schema.names:
+                raise ConfigError(f"columns: {not_one_of(str(name), schema.names)}")
+        condition = None if where is None else parse_condition(where, schema, "where")
+        needed = dict.fromkeys((*names, *(condition.columns if condition else ())))
+        found = self._cached(list(needed), schema)
+        fields = pa.schema([schema.field(name) for name in needed])
+        table = pa.Table.from_arrays([found[name] for name in needed], schema=fields)
+        if condition is not None:
+            table = table.filter(condition.expression)
+        return to_frame(table.select(names))
+
+    def _cached(self, names: list[str], schema: pa.Schema) -> dict[str, pa.ChunkedArray]:
+        """Columns of all blocks in place, read anew where files have changed."""
+        import pyarrow as pa
+
+        store = self._stored.store
+        indices = store.block_indices()
+        stats = [(index, store.block_path(index).stat()) for index in indices]
+        files = tuple((i, s.st_ino, s.st_mtime_ns, s.st_size) for i, s in stats)
+        if files != self._files:
+            self._files, self._columns = files, {}
+        if absent := [name for name in names if name not in self._columns]:
+            wanted = pa.schema(map(schema.field, absent))
+            tables = [store.read_block(index).table(absent) for index in indices]
+            table = pa.concat_tables([wanted.empty_table(), *tables])
+            self._columns |= dict(zip(absent, table.columns, strict=True))
+        return self._columns
+
+    def to_xarray(
+        self, columns: Sequence[str] | None = None, *, where: str | None = None
+    ) -> xarray.Dataset:
+        """Runs along what varies: one dimension for each axis of the sweep.
+
+        Needs xarray (``pip install 'rattlesweep[xarray]'``).
+
+        Parameters
+        ----------
+        columns : sequence of str, optional
+            Columns of ``runs``; by default all that hold one value a run.
+        where : str, optional
+            A condition as for :meth:`read`; other runs are missing.
+
+        Returns
+        -------
+        xarray.Dataset
+            Dimensions are the target ``K_p`` or ``K_r`` if there is one, ``n_i``, ``omega_xy0``,
+            and the axes of a grid of bodies by their names, else ``sample``; coordinates ascend.
+            Each variable has ``units`` and ``long_name``.  Runs that are not stored are NaN, or
+            empty words.  Beside an axis of targets, the bodies' own coefficient is ``K_r_body``.
+
+        Raises
+        ------
+        ConfigError
+            If an argument is wrong, or xarray is not installed.
+        OutputError
+            If there are no runs yet, or a file cannot be read.
+
+        Examples
+        --------
+        >>> import rattlesweep as rs
+        >>> runs = rs.load("out/gh").to_xarray(["t_r", "type"]).squeeze()
+        >>> runs.t_r.sel(n_i=-0.1).round(2).item(), runs.t_r.attrs["units"]
+        (809.86, 'sqrt(a/g)')
+        """
+        from rattlesweep.study.dataset import make_dataset
+        from rattlesweep.study.plots.layout import read_layout
+
+        return make_dataset(read_layout(self.directory).chosen(where), columns)
+
+    def plot(
+        self,
+        kind: str | None = None,
+        *,
+        x: str | None = None,
+        select: Mapping[str, Any] | Sequence[str] = (),
+        where: str | None = None,
+        path: str | Path | None = None,
+        **looks: Any,
+    ) -> Figure:
+        """Draw the sweep, as ``rattlesweep plot`` does.
+
+        Parameters
+        ----------
+        kind : str, optional
+            ``fractions``, ``times``, ``ratio``, ``map``, ``distribution`` or ``scatter``; by
+            default what suits the sweep.
+        x : str, optional
+            What goes along the abscissa: something that varies, or a column for a scatter.
+        select : mapping or sequence of str
+            Only these values, such as ``{"n_i": [-0.3, -0.5], "theta": "0.6:0.7"}``.
+        where : str, optional
+            A condition on the runs, as for :meth:`read`.
+        path : path, optional
+            An .svg, .png or .pdf file to write it to as well.
+        **looks
+            ``title``, ``log``, ``size`` in inches, ``xlim`` and ``ylim``.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            Shown by a notebook; ``savefig`` writes it.
+
+        Raises
+        ------
+        ConfigError
+            If the kind does not fit what varies, or an argument is wrong.
+        OutputError
+            If there is nothing to draw.
+
+        Examples
+        --------
+        >>> import rattlesweep as rs
+        >>> figure = rs.load("out/gh").plot("distribution", path="distribution.svg")
+        """
+        return plotted(self.directory, kind, x, select, where, path, looks)
+
+    def report(self, path: str | Path | None = None, *, title: str | None = None) -> Page:
+        """Write one self-contained HTML page about the sweep.
+
+        Parameters
+        ----------
+        path : path, optional
+            By default ``report.html`` in the directory.
+        title : str, optional
+
+        Returns
+        -------
+        Page
+            Its ``path``; a notebook shows the page.
+
+        Raises
+        ------
+        ConfigError, OutputError
+            If the sweep cannot be read, or the page cannot be written.
+
+        Examples
+        --------
+        >>> import rattlesweep as rs
+        >>> rs.load("out/gh").report().path.name
+        'report.html'
+        """
+        from rattlesweep.study.report.page import make_report
+        from rattlesweep.sweeps.store.atomic import replace_file
+
+        target = Path(path) if path is not None else self.directory / "report.html"
+        replace_file(target, make_report(self.directory, title))
+        return Page(target)
+
+    def replay(self, case: int, sample: int, **rows: Any) -> Trajectory:
+        """Integrate one of its runs again as a trajectory: :func:`rattlesweep.replay` of it.
+
+        Examples
+        --------
+        >>> import rattlesweep as rs
+        >>> path = rs.load("out/gh").replay(0, 0, channels=("t", "n"), points=5)
+        >>> path.reversals.round(2)
+        array([112.09])
+        """
+        return replay(self.directory, case, sample, **rows)
+
+    def show(
+        self,
+        case: int | None = None,
+        sample: int | None = None,
+        *,
+        where: str | None = None,
+        path: str | Path | None = None,
+        t_end: float | None = None,
+        from_time: float | None = None,
+        points: int | None = None,
+        title: str | None = None,
+    ) -> Page:
+        """Write a page on which the body of one of its runs rolls on the plane.
+
+        Parameters
+        ----------
+        case, sample : int, optional
+            Which run.
+        where : str, optional
+            Instead of these, a condition: the first run for which it is true.
+        path : path, optional
+            By default ``show-CASE-SAMPLE.html`` in the directory.
+        t_end, from_time : float, optional
+            Where it ends and begins, in ``sqrt(a/g)``; by default the sweep's horizon and 0.
+        points : int, optional
+            Number of rows.
+        title : str, optional
+
+        Returns
+        -------
+        Page
+            Its ``path``; a notebook shows the page.
+
+        Raises
+        ------
+        ConfigError
+            If there is no such run, its model has no body that moves, or an argument is wrong.
+        OutputError
+            If the run is not stored yet, or does not come out as stored, bit for bit.
+
+        Examples
+        --------
+        >>> import rattlesweep as rs
+        >>> rs.load("out/gh").show(0, 0, t_end=20).path.name
+        'show-0-0.html'
+        """
+        from rattlesweep.study.onerun.replay import Replay
+        from rattlesweep.study.viewer import show
+
+        source = Replay(self.directory)
+        run = source.select(case, sample, where)[0]
+        target = self.directory / f"show-{run.case}-{run.sample}.html"
+        target = target if path is None else Path(path)
+        course, scene, name = show.course_of_stored(
+            source, run, t_end=t_end, points=points, from_time=from_time
+        )
+        show.save(scene, target, title or name, show.describe(course))
+        return Page(target)
+
+    def __repr__(self) -> str:
+        """Name the directory and how far it is."""
+        return f"<Sweep {self.directory}: {self.manifest['runs']} runs, {self.manifest['state']}>"
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: the same, and the first cases of the summary."""
+        head = html.escape(
+            f"{self.manifest['name']}: {self.manifest['runs']:,} runs in {self.directory}, "
+            f"{self.manifest['state']}"
+        )
+        summary = self.summary.dropna(axis="columns", how="all")
+        table = summary.to_html(max_rows=10, index=False, float_format=lambda x: f"{x:.5g}")
+        return f"<div><strong>rattlesweep</strong> {head}{table}</div>"

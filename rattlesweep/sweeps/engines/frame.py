@@ -1,0 +1,70 @@
+"""A sweep of bodies that are in memory: their table is kept in the output directory."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pyarrow as pa
+
+from rattlesweep.errors import ConfigError
+from rattlesweep.sweeps.cases.table import COLUMNS, columns_of
+from rattlesweep.sweeps.config.load import parse_config
+from rattlesweep.sweeps.sense.sense import checked_plan
+from rattlesweep.sweeps.store.atomic import replace_file
+from rattlesweep.sweeps.store.output import examine
+from rattlesweep.sweeps.store.store import Store
+from rattlesweep.sweeps.tables.arrow import ContentHash, build_table, encode
+from rattlesweep.sweeps.tables.columns import STATE, runs_schema
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from rattlesweep.sweeps.cases.plan import Plan
+
+
+def keep_bodies(
+    bodies: pd.DataFrame, output: Path | None, keys: Mapping[str, Any]
+) -> tuple[Plan, Path, Path, list[str]]:
+    """Plan a sweep of the rows of a table and keep them in its directory.
+
+    Nothing is written there unless the whole sweep could begin.
+
+    Returns
+    -------
+    plan : Plan
+    directory : Path
+        Where the runs go.
+    base : Path
+        Where the table is.
+    doubts : list of str
+        Of :func:`rattlesweep.sweeps.sense.sense.checked_plan`.
+    """
+    if "bodies" in keys:
+        raise ConfigError("bodies: the DataFrame gives them already; leave the key out")
+    columns = columns_of(bodies, "bodies")
+    fields = {column.name: column for column in runs_schema(extra=STATE)}
+    schema = pa.schema([fields[name].with_nullable(True) for name in COLUMNS if name in columns])
+    table = build_table(columns, schema)
+    digest = ContentHash(schema)
+    digest.update(table)
+    # By its content: no other table is taken for it, wherever the sweep is looked at from.
+    name = f"bodies-{digest.hexdigest()[:16]}.parquet"
+    config = parse_config({**keys, "bodies": {"source": "table", "path": name}})
+    directory = output or Path(config.directory)
+    data = encode(table)
+    if (kept := directory / name).exists():
+        # Equal tables are not equal bytes for every version of Arrow.
+        data = kept.read_bytes()
+    with tempfile.TemporaryDirectory() as folder:
+        trial = Path(folder)
+        (trial / name).write_bytes(data)
+        plan, doubts = checked_plan(config, trial)
+        examine(plan, directory, trial)
+    store = Store(directory)
+    store.prepare()
+    if not kept.exists():
+        replace_file(kept, data)
+    return plan, directory, directory.resolve(), doubts

@@ -1,0 +1,252 @@
+"""A sweep as Python has it: tables, xarray, pictures, pages and runs of one directory."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import rattlesweep as rs
+from rattlesweep.sweeps.inspect.verify import verify
+from rattlesweep.sweeps.store.store import Store
+
+GH = rs.Rattleback.gh()
+PARAMETERS = ["alpha", "beta", "gamma", "theta", "phi", "xi"]
+
+
+@pytest.fixture(scope="module")
+def sd(tmp_path_factory: pytest.TempPathFactory) -> rs.Sweep:
+    """Two targets, two spins in descending order, five bodies each."""
+    config = {
+        "bodies": {"source": "sd", "samples": 5, "target": {"K_r": [0.1, 0.03], "rel_tol": 0.1}},
+        "spin": {"n_i": [0.3, -0.3], "omega_xy0": 0.1},
+        "horizon": {"t": 50},
+        "record": ["energy", "windows"],
+        "block_size": 7,
+    }
+    return rs.sweep(config, output=tmp_path_factory.mktemp("sd") / "out", threads=1)
+
+
+@pytest.fixture(scope="module")
+def grid(tmp_path_factory: pytest.TempPathFactory) -> rs.Sweep:
+    """A map of GH's body by two parameters and the spin."""
+    config = {
+        "bodies": {"source": "grid", "base": {"preset": "GH"},
+                   "axes": {"theta": [0.8, 0.6, 0.7], "minus_xi_deg": [1, 2]}},
+        "spin": {"n_i": [0.2, 0.4], "omega_xy0": 0.1},
+        "horizon": {"t": 40},
+    }  # fmt: skip
+    return rs.sweep(config, output=tmp_path_factory.mktemp("grid") / "out", threads=1)
+
+
+def test_read_chooses_columns_and_runs(sd: rs.Sweep):
+    everything = sd.read()
+    pd.testing.assert_frame_equal(everything, sd.runs)
+    assert len(everything) == 20
+    some = sd.read(["t_r", "case"], where="n_i > 0 and type = 'R'")
+    chosen = everything[(everything.n_i > 0) & (everything.type == "R")]
+    assert 0 < len(some) < 20
+    pd.testing.assert_frame_equal(some, chosen[["t_r", "case"]].reset_index(drop=True))
+    assert list(sd.read("theta")) == ["theta"]
+    assert some.attrs["units"] == {"t_r": "sqrt(a/g)", "case": "1"}
+    assert everything.attrs["units"]["energy_0"] == "M g a"
+    assert "first zero of the spin" in some.attrs["descriptions"]["t_r"]
+    assert sd.summary.attrs["units"]["t_r_mean"] == "sqrt(a/g)"
+
+
+def test_files_are_read_once_as_long_as_they_stay(sd: rs.Sweep, monkeypatch):
+    sweep, calls = rs.load(sd.directory), []
+    read = Store.read_block
+    monkeypatch.setattr(Store, "read_block", lambda *args: calls.append(args) or read(*args))
+    first = sweep.read(["t_r", "n_i"])
+    assert len(calls) == 3
+    # What a user does to a table stays with that table.
+    first.loc[:, "t_r"] = -1.0
+    assert not (sweep.read(["t_r"], where="n_i > 0").t_r == -1).any()
+    assert len(calls) == 3
+    sweep.read("theta")
+    assert len(calls) == 6
+    # A block that goes away, as in a sweep done anew, is noticed.
+    path = Store(sd.directory).block_path(2)
+    data = path.read_bytes()
+    path.unlink()
+    assert len(sweep.read("theta")) == 14
+    path.write_bytes(data)
+    assert len(sweep.read("theta")) == 20
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [(lambda s: s.read("t_R"), r'columns: "t_R" is not one of .*did you mean "t_r"\?'),
+     (lambda s: s.read(["t_r", 3]), 'columns: "3" is not one of'),
+     (lambda s: s.read(where="tpye = 'R'"), "where tpye = 'R': tpye is no column; did you mean"),
+     (lambda s: s.to_xarray(["window_amplitude"]), "holds several values a run; .read"),
+     (lambda s: s.to_xarray(["nothing"]), 'columns: "nothing" is not one of'),
+     (lambda s: s.to_xarray(where="t_r >"), "where t_r >: ends too early"),
+     (lambda s: s.plot("mpa"), "--kind"),
+     (lambda s: s.plot(colour="red"), "colour: unknown; the looks of a picture are title, log"),
+     (lambda s: s.plot(path="a.gif"), "path a.gif: the name must end in .svg, .png, .pdf"),
+     (lambda s: s.plot(select={"n_i": [0.7]}), r"--select n_i=0.7: n_i has no value 0.7"),
+     (lambda s: s.plot(where="n_i"), "n_i is no condition"),
+     (lambda s: s.replay(9, 0), "case 9: .* has the cases 0 to 3"),
+     (lambda s: s.replay(0, 0, from_time=60), "from_time 60: rows begin at 0 or later, before t_"),
+     (lambda s: s.show(), "which run"),
+     (lambda s: s.show(0, 0, from_time=-1), "from_time -1: rows begin at 0 or later"),
+     (lambda s: s.show(0, 0, t_end=-1), "t_end -1")],
+)  # fmt: skip
+def test_bad_arguments_get_a_sentence_and_nothing_is_written(sd: rs.Sweep, call, words):
+    before = sorted(sd.directory.rglob("*"))
+    with pytest.raises(rs.ConfigError, match=words):
+        call(sd)
+    assert sorted(sd.directory.rglob("*")) == before
+
+
+def test_a_map_is_a_dataset_of_its_axes(grid: rs.Sweep):
+    data = grid.to_xarray()
+    assert dict(data.sizes) == {"n_i": 2, "omega_xy0": 1, "theta": 3, "minus_xi_deg": 2}
+    assert data.theta.values.tolist() == [0.6, 0.7, 0.8]
+    assert (data.n_i.attrs["units"], data.minus_xi_deg.attrs["units"]) == ("sqrt(g/a)", "degree")
+    assert (data.t_r.attrs["units"], data.t_r.attrs["long_name"][:10]) == (
+        "sqrt(a/g)",
+        "first zero",
+    )
+    assert "M" in data.attrs["comment"]
+    assert {"theta", "n_i", "case", "sample"} & set(data.data_vars) == set()
+    rows = grid.read()
+    assert data.t_r.notnull().sum() == rows.t_r.notna().sum() > 0
+    for _, row in rows.iterrows():
+        here = data.sel(n_i=row.n_i, omega_xy0=0.1, theta=row.theta).sel(
+            minus_xi_deg=-np.degrees(row.xi), method="nearest"
+        )
+        assert here.n_steps.item() == row.n_steps
+        assert here.type.item() == row.type
+        assert here.xi.item() == row.xi
+    assert data.n_steps.dtype == np.int64
+    # What is not chosen is missing.
+    part = grid.to_xarray(["t_r", "type", "n_steps"], where="type = 'R'")
+    assert (part.type.values == "").sum() == (rows.type != "R").sum() > 0
+    assert part.n_steps.notnull().sum() == (rows.type == "R").sum()
+
+
+def test_random_bodies_are_a_dataset_of_samples(sd: rs.Sweep):
+    data = sd.to_xarray(["t_r", "K_r", "theta", "energy_0"])
+    assert dict(data.sizes) == {"K_r": 2, "n_i": 2, "omega_xy0": 1, "sample": 5}
+    assert data.K_r.values.tolist() == [0.03, 0.1]
+    assert abs(data.K_r_body / data.K_r - 1).max() <= 0.1
+    rows = sd.read(where="case = 1")  # the first target and the second spin
+    at = data.sel(K_r=0.1, n_i=-0.3, omega_xy0=0.1)
+    assert at.theta.values.tolist() == rows.theta.tolist()
+    pd.testing.assert_frame_equal(
+        at.t_r.to_dataframe()[["t_r"]].reset_index(drop=True), rows[["t_r"]]
+    )
+
+
+def test_without_xarray_a_sentence_says_what_to_install(grid: rs.Sweep, monkeypatch):
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    with pytest.raises(rs.ConfigError, match=r"needs xarray .*pip install 'rattlesweep\[xarray\]'"):
+        grid.to_xarray()
+
+
+def test_pictures_and_pages(sd: rs.Sweep, tmp_path: Path):
+    figure: Any = sd.plot("times", select={"K_r": [0.03, 0.1]}, path=tmp_path / "times.svg")
+    assert (tmp_path / "times.svg").read_text().startswith("<?xml")
+    assert figure._repr_png_()[:4] == b"\x89PNG"
+    condition = "type = 'R' and t_r < 2 * t_rgh"
+    some = sd.plot("times", where=condition, title="Some")
+    shown = [text.get_text() for text in some.findobj() if hasattr(text, "get_text")]
+    assert any("Some" in text and condition in text for text in shown)
+    page = sd.report(tmp_path / "report.html", title="Mine & yours")
+    assert page.path.stat().st_size > 10_000
+    assert Path(page) == tmp_path / "report.html"
+    shown_page = page._repr_html_()
+    assert shown_page.startswith('<iframe sandbox="allow-scripts"')
+    assert "Mine &amp;amp; yours" in shown_page
+    rolling = sd.show(0, 1, t_end=10, from_time=4, path=tmp_path / "roll.html", title="A run")
+    assert '"start": 4.0' in rolling.path.read_text()
+    path = sd.replay(0, 1, points=11, t_end=10, from_time=4)
+    assert path.table.t.tolist() == pytest.approx(np.linspace(4, 10, 11))
+    assert path.table.t.iloc[-1] == 10
+
+
+def test_a_notebook_shows_what_there_is(sd: rs.Sweep):
+    text = sd._repr_html_()
+    assert "20 runs" in text
+    assert str(sd.directory) in text
+    assert text.count("<tr") == 1 + 4
+    assert "fraction_SS" in text
+
+
+def test_the_summary_of_a_sweep_under_way(sd: rs.Sweep, tmp_path: Path):
+    import shutil
+
+    copy = tmp_path / "out"
+    shutil.copytree(sd.directory, copy)
+    (copy / "summary.parquet").unlink()
+    pd.testing.assert_frame_equal(rs.load(copy).summary, sd.summary)
+    Store(copy).block_path(2).unlink()
+    assert rs.load(copy).summary.runs.tolist() == [5, 5, 4, 0]
+
+
+# ------------------------------------------------------------------ bodies from memory
+
+
+BODIES = pd.DataFrame([vars(GH)] * 3).assign(theta=[0.6, 0.7, 0.8])
+KEYS: dict[str, Any] = {"spin": {"n_i": [0.2], "omega_xy0": 0.1}, "horizon": {"t": 30}}
+
+
+def test_a_sweep_of_a_table_in_memory(tmp_path: Path, monkeypatch):
+    output = tmp_path / "out"
+    done = rs.sweep(BODIES, output=output, threads=1, **KEYS)
+    pd.testing.assert_frame_equal(done.read(PARAMETERS), BODIES)
+    alone = rs.simulate(BODIES, n_i=0.2, omega_xy0=0.1, t_end=30)
+    pd.testing.assert_frame_equal(done.read(list(alone)), alone)
+    # The same bodies go on, other ones do not.
+    again = rs.sweep(BODIES, output=output, threads=1, **KEYS)
+    assert len(again.manifest["sessions"]) == 2
+    pd.testing.assert_frame_equal(again.runs, done.runs)
+    with pytest.raises(rs.ConfigError, match="another config"):
+        rs.sweep(BODIES.assign(phi=0.04), output=output, **KEYS)
+    assert len(list(output.glob("bodies-*.parquet"))) == 1
+    # The directory has all it needs, wherever it is.
+    moved = output.rename(tmp_path / "moved")
+    monkeypatch.chdir(tmp_path)
+    assert verify(moved, recompute=3).problems == []
+    assert rs.load("moved").replay(0, 1, points=2).t_end == 30
+
+
+def test_rows_may_say_how_they_are_launched(tmp_path: Path):
+    launched = BODIES.assign(n_i=[0.2, 0.3, -0.4], omega_xy0=0.1, t_end=[5.0, np.nan, 7.0])
+    done = rs.sweep(launched, output=tmp_path / "out", threads=1, horizon={"t": 6})
+    assert done.runs.t_end.tolist() == [5, 6, 7]
+    # The runs of a sweep are a table of bodies.
+    again = rs.sweep(done.runs, output=tmp_path / "again", threads=1)
+    pd.testing.assert_frame_equal(again.runs, done.runs)
+
+
+def test_bad_tables_leave_nothing(tmp_path: Path):
+    output = tmp_path / "out"
+    for bodies, keys, words in (
+        (BODIES.assign(theta=[0.6, 2, 0.8]), KEYS, "bodies: row 2: theta is 2"),
+        (BODIES.drop(columns="xi"), KEYS, "the column xi is missing"),
+        (BODIES, {**KEYS, "hroizon": {"t": 3}}, 'unknown key "hroizon"; did you mean "horizon"'),
+        (BODIES, {"horizon": {"t": 3}}, "spin: missing"),
+        (BODIES, {**KEYS, "bodies": {}}, "bodies: the DataFrame gives them already"),
+        (BODIES.iloc[:0], KEYS, "the table has no rows"),
+    ):
+        with pytest.raises(rs.ConfigError, match=words):
+            rs.sweep(bodies, output=output, **keys)
+    with pytest.raises(rs.ConfigError, match="spin: is given beside a config"):
+        rs.sweep({"bodies": {"source": "preset", "name": "GH"}}, output=output, **KEYS)
+    with pytest.raises(rs.ConfigError, match=r"threads: 1\.5"):
+        rs.sweep(BODIES, output=output, threads=1.5, **KEYS)  # type: ignore[arg-type]
+    other = tmp_path / "mine"
+    other.mkdir()
+    (other / "thesis.txt").write_text("all of it")
+    with pytest.raises(rs.ConfigError, match=r"what it holds .* is no sweep"):
+        rs.sweep(BODIES, output=other, **KEYS)
+    assert [path.name for path in other.iterdir()] == ["thesis.txt"]
+    assert not output.exists()
