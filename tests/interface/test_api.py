@@ -171,7 +171,7 @@ def test_step_has_one_name_and_its_old_one_still_works():
 
 @pytest.mark.parametrize(
     ("n_i", "omega", "words"),
-    [(0.0, 0.01, "n_i 0: the initial spin must be finite and not zero"),
+    [(0.0, 0.01, "n_i: a launch without spin, n_i = 0, has no time of reversal"),
      (math.inf, 0.01, "n_i inf: the initial spin must be finite"),
      (0.1, -1, "omega_xy0 -1: the oscillation must be finite and positive"),
      (0.1, 0.0, "omega_xy0 0: "), (0.1, math.nan, "omega_xy0 nan: ")],
