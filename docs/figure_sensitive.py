@@ -16,7 +16,8 @@ from rattlesweep.integrate.follow.trajectory import Follower
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics.steady import steady_modes
-from rattlesweep.sweeps.blocks.block import prepare_runs, take
+from rattlesweep.sweeps.blocks.block import prepare_runs
+from rattlesweep.sweeps.blocks.rows import take
 from rattlesweep.sweeps.cases.plan import make_plan
 from rattlesweep.sweeps.config.load import load_config
 

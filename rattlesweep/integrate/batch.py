@@ -6,7 +6,7 @@ import os
 import threading
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numba import config, get_num_threads, set_num_threads, threading_layer
@@ -191,6 +191,7 @@ def integrate(
     dt: float = DT,
     max_steps: int = MAX_STEPS,
     record: frozenset[str] = frozenset(),
+    cost: NDArray[Any] | None = None,
     threads: int | None = None,
     control: Control | None = None,
 ) -> Outcome:
@@ -213,6 +214,8 @@ def integrate(
         Steps after which a run is given up with status STEP_LIMIT.
     record : frozenset of str
         Extra observations, of :data:`RECORDS`.
+    cost : ndarray, optional
+        What the runs are expected to cost, in any unit; by default their horizons tell.
     threads : int, optional
         Threads; by default :func:`available_threads`.
     control : Control, optional
@@ -226,10 +229,11 @@ def integrate(
     runs = len(batch)
     threads = min(threads or available_threads(), most_threads()) if parallel() else 1
     control = control or Control()
-    cost = expected_cost(batch)
+    cost = expected_cost(batch) if cost is None else cost.astype(float)
     # Longest first, so that no thread begins a long run when the others are done.
     order = np.argsort(-cost, kind="stable")
-    control.total, control._runs = float(cost.sum()), runs
+    control.total = control._cost = float(cost.sum())
+    control._runs = runs
     control._progress = np.zeros((threads, 8))
     carried = WITH_TANGENT[model.name] if "lyapunov" in record else model
     result = np.full((runs, C.FIRST_STATE + model.n_state), np.nan)
@@ -250,7 +254,7 @@ def integrate(
         np.ascontiguousarray(batch.y0),
         np.ascontiguousarray(batch.constants),
         np.ascontiguousarray(batch.probe),
-        run_plans(batch, tableau, tol, dt),
+        run_plans(batch, tableau, tol, dt, cost),
         kernel_options(tableau, tol, dt, max_steps),
         flags,
         result,
@@ -297,7 +301,9 @@ def stride(tableau: Tableau) -> int:
     return 1 if tableau.adaptive else SUBSTEPS
 
 
-def run_plans(batch: Batch, tableau: Tableau, tol: float, dt: float) -> Floats:
+def run_plans(
+    batch: Batch, tableau: Tableau, tol: float, dt: float, cost: Floats | float = 0.0
+) -> Floats:
     """What a kernel must know of each run beside its body and launch, see ``columns.N_PLAN``."""
     plan = np.empty((len(batch), C.N_PLAN))
     plan[:, C.HORIZON] = batch.t_end
@@ -306,7 +312,7 @@ def run_plans(batch: Batch, tableau: Tableau, tol: float, dt: float) -> Floats:
     plan[:, C.RATE] = batch.rate
     angle = min(1.0, FIRST_STEP * tol ** (1 / tableau.order))
     plan[:, C.FIRST_STEP] = angle / batch.swing if tableau.adaptive else SUBSTEPS * dt
-    plan[:, C.COST] = expected_cost(batch)
+    plan[:, C.COST] = cost
     # How far the method leaves an extremum of the spin undecided, as a share of its swing.
     plan[:, C.FUZZ] = (
         1e3 * tol if tableau.adaptive else np.maximum(1e-9, (dt * batch.swing) ** tableau.order)

@@ -29,7 +29,7 @@ THREAD = "rattlesweep-kernel"
 
 @dataclass
 class Control:
-    """Link to a running kernel: hears how far it is and tells it to stop.
+    """Link to a running kernel, or several in turn: hears how far it is and tells it to stop.
 
     Attributes
     ----------
@@ -42,14 +42,34 @@ class Control:
     _progress: Floats = field(default_factory=lambda: np.zeros((1, 8)))
     _most: float = 0.0
     _runs: int = 0
+    # Expected cost of the runs of this kernel, runs of those before, what this one counts for.
+    _cost: float = 0.0
+    _begun: int = 0
+    _ended: int = 0
+    _span: tuple[float, float] = (0.0, 1.0)
+    _counts: tuple[bool, bool] = (True, True)
 
     def stop(self) -> None:
         """Ask the kernel to end; it does so within a few hundred steps."""
         self._shared[1] = 1
 
-    def of_companion(self) -> Control:
-        """One for a kernel that runs before this one's: with the same stop, but its own counts."""
-        return Control(_shared=self._shared)
+    def stage(self, low: float, high: float, *, begins: bool = False, ends: bool = False) -> None:
+        """Say that the next kernel is one of several for the same runs.
+
+        Parameters
+        ----------
+        low, high : float
+            The part of the whole work that it does, as shares from 0 to 1.
+        begins, ends : bool
+            Whether the runs that it takes up have then begun, and those that it ends are done.
+        """
+        self._begun, self._ended = self.runs_begun, self.runs_done
+        self._progress, self._cost, self._runs = np.zeros((1, 8)), 0.0, 0
+        self._span, self._counts = (low, high), (begins, ends)
+
+    def settle(self, runs: int) -> None:
+        """Count runs as done that no further kernel takes up."""
+        self._ended += runs
 
     @property
     def flag(self) -> NDArray[np.int64]:
@@ -65,20 +85,22 @@ class Control:
     def done(self) -> float:
         """Cost of what is done so far; it never falls."""
         # A run that has just ended counts twice until its thread looks at its lanes again.
-        now = min(self.total, float(self._progress[:, :2].sum()))
-        self._most = max(self._most, now)
-        return self._most
+        now = min(self._cost, float(self._progress[:, :2].sum()))
+        low, high = self._span
+        share = low + (high - low) * (now / self._cost if self._cost else 0.0)
+        self._most = max(self._most, share)
+        return self._most * self.total
 
     @property
     def runs_done(self) -> int:
         """Runs that have ended."""
-        return int(self._progress[:, 2].sum())
+        return self._ended + int(self._progress[:, 2].sum()) * self._counts[1]
 
     @property
     def runs_begun(self) -> int:
         """Runs that a lane has taken up; once the kernel is stopped, those not done are lost."""
         # Every lane that finds the queue empty counts on.
-        return min(int(self._shared[0]), self._runs)
+        return self._begun + min(int(self._shared[0]), self._runs) * self._counts[0]
 
 
 class Task(threading.Thread, Generic[T]):

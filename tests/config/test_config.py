@@ -12,6 +12,7 @@ import pytest
 from pydantic import Field, create_model
 
 from rattlesweep.errors import ConfigError
+from rattlesweep.integrate.defaults import MAX_STEPS
 from rattlesweep.sweeps.config.bodies import GridSource, SdSource
 from rattlesweep.sweeps.config.fields import Base
 from rattlesweep.sweeps.config.load import (
@@ -159,6 +160,28 @@ def test_an_accuracy_is_another_spelling_of_a_method_and_its_tol(word: str, tmp_
     description = config_json_schema()["$defs"]["Integrator"]["properties"]["accuracy"]
     assert f"{word}: {preset.words}" in description["description"]
     assert f"{preset.p99:.0e}" in preset.words
+
+
+@pytest.mark.parametrize("method", ["", "method: dop853, ", "method: verner98, "])
+def test_an_error_that_is_asked_for_replaces_tol(method: str, tmp_path: Path) -> None:
+    path = write(tmp_path, EXAMPLE)
+    asked = f"integrator={{{method}accuracy: {{t_r: 1.0e-6}}}}"
+    config = load_config(path, [asked])
+    data = resolved(config)
+    assert data["integrator"] == {
+        "method": config.integrator.method, "accuracy": {"t_r": 1e-6}, "max_steps": MAX_STEPS
+    }  # fmt: skip
+    assert data["record"] == ["error"]
+    assert config.parts == ["error", "tol"]
+    jsonschema.Draft202012Validator(config_json_schema()).validate(data)
+    again = parse_config(data)
+    assert again == config
+    # What is implied may be said.
+    for same in (again, load_config(path, [asked, "record=[error]"])):
+        assert physics_hash(same) == physics_hash(config)
+    others = ([], ["record=[error]"], [asked.replace("e-6", "e-7")])
+    hashes = {physics_hash(load_config(path, list(sets))) for sets in others}
+    assert len(hashes | {physics_hash(config)}) == 4
 
 
 def test_the_standard_accuracy_is_the_default_and_better_ones_are_better(tmp_path: Path) -> None:
@@ -369,6 +392,26 @@ BAD = {
      'c.yaml:14:14: integrator.accuracy: "drft" is not one of draft, standard, reference; did'),
     "accuracy and a method": (changed("method: dop853, tol: 1e-9", "method: rk4, accuracy: draft"),
      "c.yaml:14:27: integrator.accuracy: draft stands for a method and its tol, and"),
+    "an error and a tol": (changed("method: dop853, tol: 1e-9", "accuracy: {t_r: 1e-6}, tol: 1e-9"),
+     "c.yaml:14:37: integrator.tol: accuracy {t_r: 1e-06} stands in its place; keep one of the"),
+    "an error and a dt": (changed("method: dop853, tol: 1e-9", "dt: 0.1, accuracy: {t_r: 1e-6}"),
+     "c.yaml:14:14: integrator.dt: accuracy {t_r: 1e-06} stands in its place; keep one of the"),
+    "an error and fixed steps": (changed("method: dop853, tol: 1e-9",
+     "method: rk4, accuracy: {t_r: 1e-6}"),
+     "c.yaml:14:27: integrator.accuracy: rk4 has steps of one size, which follow no error; choose"),
+    "an error too small": (changed("method: dop853, tol: 1e-9", "accuracy: {t_r: 1e-15}"),
+     "c.yaml:14:25: integrator.accuracy.t_r: 1e-15 is out of range; it must be at least 1e-12"),
+    "an error that is none": (changed("method: dop853, tol: 1e-9", "accuracy: {t_r: 0.1}"),
+     "c.yaml:14:25: integrator.accuracy.t_r: 0.1 is out of range; it must be at most 0.001"),
+    "an error of what": (changed("method: dop853, tol: 1e-9", "accuracy: {}"),
+     "c.yaml:14:14: integrator.accuracy.t_r: the key is missing; add it"),
+    "an error of something else": (changed("method: dop853, tol: 1e-9", "accuracy: {tr: 1e-6}"),
+     'c.yaml:14:25: integrator.accuracy.tr: unknown key "tr"; did you mean "t_r"?'),
+    "an error by itself": (changed("method: dop853, tol: 1e-9", "accuracy: 1e-6"),
+     "c.yaml:14:14: integrator.accuracy: 1e-06 is a number; write {t_r: 1e-06} for the error"),
+    "an error of a closed form": (changed("method: dop853, tol: 1e-9", "accuracy: {t_r: 1e-6}")
+     .replace("model: full", "model: gh"),
+     "c.yaml:14:1: integrator: the model gh is a closed form whose t_r has no error to limit;"),
     "horizon without end": (changed("t_rgh: 5", "t_rgh: 1e300"),
      "c.yaml:13:11: horizon.t_rgh: 1e+300 is out of range; it must be at most 1e+30"),
     "no horizon": (changed("t_rgh: 5", ""),
@@ -532,6 +575,9 @@ def test_the_schema_is_one_and_describes_every_key() -> None:
         {"integrator": {"method": "euler"}},
         *({"integrator": {"accuracy": "draft", **other}}
           for other in ({"method": "rk4"}, {"tol": 1e-9}, {"dt": 0.1})),
+        *({"integrator": {"accuracy": {"t_r": 1e-6}, **other}}
+          for other in ({"method": "rk4"}, {"tol": 1e-9}, {"dt": 0.1})),
+        {"integrator": {"accuracy": {"t_r": 0.1}}},
     ],
 )  # fmt: skip
 def test_the_schema_refuses(changes: dict[str, object]) -> None:

@@ -1,4 +1,4 @@
-"""`record: [error]`: reversal times with their errors, types that are sure, and the same bits."""
+"""`record: [error]`, `accuracy: {t_r}`: reversal times with their errors, types that are sure."""
 
 from __future__ import annotations
 
@@ -11,10 +11,12 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pytest
 
-from rattlesweep.integrate.batch import Batch, Control, Outcome
+from rattlesweep.integrate.batch import Batch, Control, Outcome, integrate
 from rattlesweep.integrate.model import FULL, MODELS
 from rattlesweep.integrate.status import Status
+from rattlesweep.integrate.tableau import DOP853, METHODS
 from rattlesweep.physics import full
+from rattlesweep.study.onerun.course import Course
 from rattlesweep.study.onerun.replay import Replay
 from rattlesweep.sweeps.blocks import block as blocks
 from rattlesweep.sweeps.blocks import error
@@ -23,6 +25,7 @@ from rattlesweep.sweeps.cases.plan import Plan, make_plan
 from rattlesweep.sweeps.cases.shards import Shard
 from rattlesweep.sweeps.config.load import load_config
 from rattlesweep.sweeps.engines.run import run_sweep
+from rattlesweep.sweeps.forecast.pilot import Pilot
 from rattlesweep.sweeps.inspect.content_hash import content_hash
 from rattlesweep.sweeps.inspect.retype import retype
 from rattlesweep.sweeps.inspect.status import describe, status_of
@@ -40,6 +43,7 @@ SETS = (
     "spin.n_i=[-0.1, -0.5, 0.2]",
     "horizon={t_rgh: 5, t: 3000}",
 )
+GOAL = "integrator={accuracy: {t_r: 1.0e-7}}"
 COLUMNS = [column.name for column in RUNS["error"]]
 
 
@@ -55,6 +59,14 @@ def sweep(output: Path, *sets: str, **options: Any) -> Any:
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     output = tmp_path_factory.mktemp("whole") / "out"
     sweep(output, "block_size=7", threads=1)
+    return output
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A sweep whose reversal times are asked to be accurate."""
+    output = tmp_path_factory.mktemp("kept") / "out"
+    sweep(output, GOAL, "record=[]", "block_size=7", threads=1)
     return output
 
 
@@ -77,12 +89,16 @@ def outcome(t_r: float, y: Any, near: int = 0) -> Outcome:
     return Outcome(**values)
 
 
-def estimate(companion: Outcome, t_r: float = 100.0) -> float:
+def estimate(companion: Outcome, t_r: float = 100.0, before: float = 0.0) -> float:
     values: dict[str, Any] = {part.name: np.ones(1) for part in fields(Batch)}
     batch = Batch(**values | {"constants": np.array([BODY], float)})
     runs = outcome(t_r, STATE)
     fit = error.Fit(1.9, 100.0, 5.0, 0.01)
-    return float(error.relative_error(batch, FULL, runs, companion, 1e-3, 1e-9, fit)[0])
+    apart = error.how_far_apart(batch, FULL, runs, companion)
+    found = error.relative_error(
+        batch, runs, companion, apart, DOP853, (1e-9, 1e-6), np.array([before]), fit
+    )
+    return float(found[0])
 
 
 STATE = [0.3, 0.1, 0.2, 0.4, 0.0]
@@ -105,6 +121,13 @@ FAR = [2.0 * value for value in STATE]  # as far from it as it is from rest
 )
 def test_the_estimate(companion: Outcome, expected: float) -> None:
     assert estimate(companion) == pytest.approx(expected, rel=1e-9)
+
+
+def test_a_companion_that_had_parted_from_its_own_tells_less() -> None:
+    near = outcome(100.0 * (1 + 1e-4), STATE)
+    assert estimate(near, before=0.04) == pytest.approx(2e-9 + 5 * 0.1 * 0.04 * 1e-4, rel=1e-9)
+    assert estimate(near, before=1.0) == pytest.approx(2e-9 + 5 * 0.1 * 1e-4, rel=1e-9)
+    assert estimate(near, before=0.001) == estimate(near)
 
 
 def test_no_reversal_has_no_error() -> None:
@@ -215,29 +238,33 @@ def test_one_content_however_it_is_cut_and_mended(whole: Path, tmp_path: Path) -
         assert summary == (whole / "summary.parquet").read_bytes()
 
 
-@pytest.mark.parametrize("after", [0, 1])
-def test_a_stop_leaves_whole_rows(after: int, whole: Path, monkeypatch: Any) -> None:
-    """Asked for before the companions are integrated, or after it and before the runs are."""
-    plan, control = plan_of("block_size=24"), Control()
+@pytest.mark.parametrize(("goal", "after"), [("", 0), ("", 1), (GOAL, 0), (GOAL, 1), (GOAL, 2)])
+def test_a_stop_leaves_whole_rows(
+    goal: str, after: int, whole: Path, kept: Path, monkeypatch: Any
+) -> None:
+    """Asked for before the companions are integrated, the runs, or those that are done again."""
+    plan, control = plan_of("block_size=24", *([goal] if goal else [])), Control()
+    real, calls = error.integrate, []
 
-    def stopping(module: Any) -> None:
-        integrate = module.integrate
-
-        def stopped(*args: Any, **kwargs: Any) -> Outcome:
+    def stopping(*args: Any, **kwargs: Any) -> Outcome:
+        if len(calls) == after:
             control.stop()
-            found: Outcome = integrate(*args, **kwargs)
-            return found
+        calls.append(len(args[0]))
+        found: Outcome = real(*args, **kwargs)
+        return found
 
-        monkeypatch.setattr(module, "integrate", stopped)
-
-    stopping(blocks if after else error)
+    monkeypatch.setattr(error, "integrate", stopping)
     with pytest.raises(Interrupted) as stop:
         finish_block(plan.config, *prepare_block(plan, plan.block(0)), threads=1, control=control)
     assert stop.value.lost > 0
-    schema = runs_schema(["error"])
+    if after == 2:
+        # Those that need not be done again are there.
+        assert stop.value.columns is not None
+        assert stop.value.lost <= calls[2] < calls[1]
+        assert control.runs_done >= 24 - calls[2]
     if stop.value.columns is not None:
-        some = build_table(stop.value.columns, schema)
-        rows = rows_of(whole)
+        some = build_table(stop.value.columns, runs_schema(plan.config.parts))
+        rows = rows_of(kept if goal else whole)
         place = pc.add(pc.multiply(pc.cast(some["case"], pa.int64()), 8), some["sample"])
         assert some.equals(rows.take(place))
 
@@ -248,7 +275,7 @@ def test_a_run_whose_companion_was_cut_does_not_count() -> None:
     assert batch is not None
     found = blocks.run_batch(plan.config.model_copy(update={"record": []}), batch)
     cut = replace(found, status=np.array([Status.STOPPED]), stopped=True)
-    both = error.with_errors(plan.config, batch, found, cut)
+    both = error.with_errors(plan.config, batch, found, cut, (1e-9, 2e-6))
     assert both.status.tolist() == [Status.STOPPED]
     assert both.stopped
 
@@ -313,3 +340,152 @@ def test_replay_says_it_of_a_run(marked: Path) -> None:
     for run in found:
         assert f"t_r {run.t_r!r} +- {run.t_r_error:.2g} (sensitive) and type R as" in run.proof
     Replay(marked).prove(found[0])
+
+
+# ----------------------------------------------------------------------------- an error asked for
+
+
+@pytest.mark.parametrize(
+    ("goal", "expected"),
+    [
+        (1e-6, [1e-4, 3e-7, 3e-9, 3e-11]),
+        (1e-9, [6e-7, 3e-10, 3e-12, 3e-14]),
+        (1e-3, [1e-4, 1e-5, 1e-7, 1e-9]),
+        (1e-12, [6e-10, 3e-13, 1e-14]),
+    ],
+)
+def test_tolerances_for_an_error(goal: float, expected: list[float]) -> None:
+    settings = plan_of(f"integrator={{accuracy: {{t_r: {goal}}}}}").config.integrator
+    assert error.ladder(settings) == pytest.approx(expected, rel=1e-12)
+    assert len(error.prices(settings)) == len(expected)
+
+
+def test_runs_have_the_error_that_is_asked_for(kept: Path, whole: Path) -> None:
+    rows, plain = rows_of(kept).to_pandas(), rows_of(whole).to_pandas()
+    assert list(rows) == runs_schema(["error", "tol"]).names == [*plain, "tol"]
+    reversing = rows[rows["type"] == "R"]
+    assert (reversing["t_r_error"] <= 1e-7 * reversing["t_r"]).all()
+    # Each with a tolerance of its own, and fewer the tighter.
+    levels = rows["tol"].value_counts()
+    assert levels.index.tolist() == pytest.approx([3e-8, 3e-10, 3e-12])
+    # Against runs whose own error is a tenth of what is asked for.
+    better = plain["t_r_error"] < 1e-8 * plain["t_r"]
+    off = (rows["t_r"] / plain["t_r"] - 1).abs()[better]
+    assert len(off) >= 5
+    assert off.max() <= 1.1e-7
+    assert (rows["type"] == plain["type"]).all()
+
+
+def test_one_content_with_an_error_asked_for(kept: Path, tmp_path: Path) -> None:
+    expected = content_hash(kept)
+    for index in (1, 0):
+        sweep(tmp_path / "shards", GOAL, "block_size=3", shard=Shard(index, 2), threads=2 - index)
+    for limit in (300, 600, 100_000_000):
+        goal = f"integrator={{accuracy: {{t_r: 1e-7}}, max_steps: {limit}}}"
+        sweep(tmp_path / "limits", "block_size=24", goal, retry_failed=True)
+    for name in ("shards", "limits"):
+        assert content_hash(tmp_path / name) == expected
+        assert verify(tmp_path / name, recompute=24, seed=1).problems == []
+
+
+def test_replay_takes_the_tolerance_of_the_run(kept: Path) -> None:
+    replay = Replay(kept)
+    for level in ("tol > 1e-9", "tol < 1e-9"):
+        (run,) = replay.select(where=f"type = 'R' and {level}")
+        replay.prove(run)
+        course = Course(replay.prepare(run))
+        course.columns()
+        assert course.integrator["tol"] == run.tol
+        assert course.zeros[0] == run.t_r
+        run.check(course)
+
+
+def test_a_sensitive_run_is_done_again_and_marked(tmp_path: Path) -> None:
+    goal = "integrator={accuracy: {t_r: 1e-6}}"
+    plan = make_plan(load_config(CONFIG, [goal]))
+    columns = finish_block(plan.config, *prepare_runs(plan, np.array([0, 4]), np.array([1, 99])))
+    t_r, told = columns["t_r"], columns["t_r_error"]
+    assert columns["tol"] == pytest.approx([3e-7, 3e-11])
+    assert abs(t_r[1] - 2467.883536) <= told[1]
+    assert told[1] > 1e-6 * t_r[1]
+    assert told[0] <= 1e-6 * t_r[0]
+
+
+def test_a_run_that_fails_or_reverses_in_one_only_is_done_again() -> None:
+    plan = plan_of(GOAL)
+    _, batch = prepare_runs(plan, np.array([2]), np.array([0]))
+    assert batch is not None
+    told = blocks.run_batch(plan.config, batch)
+    assert isinstance(told, error.Estimated)
+    nothing, one = np.array([np.nan]), np.array([1.0])
+    for changes, again in (
+        ({"t_r": one, "t_r_error": one * 1e-8}, False),
+        ({"t_r": one, "t_r_error": one * 1e-6}, True),
+        ({"t_r": nothing, "t_r_error": nothing, "companion_t_r": one}, True),
+        ({"t_r": nothing, "t_r_error": nothing, "companion_t_r": nothing}, False),
+        ({"status": np.array([Status.ENERGY])}, True),
+        ({"status": np.array([Status.STEP_LIMIT])}, False),
+        ({"status": np.array([Status.STOPPED])}, False),
+    ):
+        assert error._to_be_done_again(replace(told, **changes), 1e-7).tolist() == [again]
+
+
+def test_progress_of_kernels_in_turn() -> None:
+    """Companions move it on, but begin and end no run; redone runs end late."""
+    control, seen, runs = Control(), [], []
+
+    def kernel(share: float, ended: int, begun: int = 0) -> None:
+        control.total = control._cost = 10.0
+        control._runs, control._shared[0] = 8, begun
+        control._progress = np.array([[10 * share, 0.0, ended]])
+        seen.append(control.done / control.total)
+        runs.append((control.runs_begun, control.runs_done))
+
+    control.stage(0.0, 0.2)
+    kernel(0.5, 3, 5)
+    kernel(1.0, 8, 9)
+    control.stage(0.2, 0.7, begins=True)
+    seen.append(control.done / control.total)
+    kernel(0.5, 3, 5)
+    kernel(1.0, 8, 9)
+    control.settle(6)
+    control.stage(0.7, 1.0)
+    kernel(1.0, 2, 2)
+    control.settle(2)
+    assert seen == pytest.approx([0.1, 0.2, 0.2, 0.45, 0.7, 1.0])
+    assert runs == [(0, 0), (0, 0), (5, 0), (8, 0), (8, 6)]
+    assert (control.runs_begun, control.runs_done) == (8, 8)
+
+
+def test_a_forecast_knows_what_an_error_costs() -> None:
+    prices = []
+    for sets in (["integrator={tol: 3.0e-8}", "record=[]"], [GOAL]):
+        pilot = Pilot(plan_of(*sets), threads=1)
+        pilot.run(0.5)
+        prices.append(pilot._price)
+    assert prices[0] == 1.0
+    assert 1.3 < prices[1] < 4.0
+
+
+@pytest.mark.slow
+def test_quickstart_keeps_its_promise() -> None:
+    """No run that is not marked is off by more: against order 9 at 1e-14."""
+    plan = make_plan(load_config(CONFIG, ["integrator={accuracy: {t_r: 1e-6}}"]))
+    numbers = np.divmod(np.arange(plan.runs), plan.samples)
+    _, batch = prepare_runs(plan, *numbers)
+    assert batch is not None
+    found = blocks.run_batch(plan.config, batch)
+    assert isinstance(found, error.Estimated)
+    true = integrate(batch, METHODS["verner98"], FULL, tol=1e-14).t_r
+    off = np.abs(found.t_r / true - 1)
+    marked = found.t_r_error > 1e-6 * found.t_r
+    known = np.isfinite(found.t_r)
+    assert known.sum() > 4800
+    assert marked.sum() < 100
+    assert not (known & ~marked & ~(off <= 1e-6)).any()
+    # One without a reversal that should have one does not say that it is sure.
+    sure = build_table(
+        blocks.columns_of(plan.config, prepare_runs(plan, *numbers)[0], batch, found),
+        runs_schema(plan.config.parts),
+    )["type_sure"].to_numpy()
+    assert not (np.isfinite(true) & ~known & sure).any()

@@ -39,6 +39,7 @@ class StoredRun:
     n_steps: int
     t_r_error: float | None = None
     type_sure: bool | None = None
+    tol: float | None = None
 
     @property
     def name(self) -> str:
@@ -180,7 +181,12 @@ class Replay:
             if not (np.isfinite(t_end) and t_end > 0):
                 raise ConfigError(f"t_end {t_end:g}: a finite, positive time is needed")
             launches = replace(launches, t_end=np.array([t_end]))
-        return self.config, launches, make_batch(launches, self.config.model)
+        config = self.config
+        if run.tol is not None:
+            # The one of several tolerances that the run was integrated with.
+            own = config.integrator.model_copy(update={"accuracy": None, "tol": run.tol})
+            config = config.model_copy(update={"integrator": own})
+        return config, launches, make_batch(launches, config.model)
 
 
 def _runs(table: pa.Table) -> list[StoredRun]:

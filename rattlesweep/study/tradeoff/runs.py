@@ -12,7 +12,8 @@ import numpy as np
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.task import Task
 from rattlesweep.study.tradeoff.scalar_rk4 import scalar_rk4
-from rattlesweep.sweeps.blocks.block import columns_of, load_kernel, run_batch, take
+from rattlesweep.sweeps.blocks.block import columns_of, load_kernel, run_batch
+from rattlesweep.sweeps.blocks.rows import take
 from rattlesweep.sweeps.cases.launches import full_batch, prepare, reduced_batch
 from rattlesweep.sweeps.cases.plan import make_plan
 from rattlesweep.sweeps.config.bodies import SdSource

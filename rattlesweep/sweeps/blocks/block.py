@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from dataclasses import fields, is_dataclass
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
@@ -17,7 +17,8 @@ from rattlesweep.integrate.model import WITH_TANGENT
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics.body import PARAMETERS
-from rattlesweep.sweeps.blocks.error import Estimated, integrate_companions, with_errors
+from rattlesweep.sweeps.blocks.error import Estimated, integrate_estimated
+from rattlesweep.sweeps.blocks.rows import take
 from rattlesweep.sweeps.cases.launches import Launches, make_batch, model_of, prepare
 from rattlesweep.sweeps.tables.arrow import ragged
 from rattlesweep.sweeps.tables.columns import RUNS
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
     from rattlesweep.sweeps.cases.plan import Block, Plan
     from rattlesweep.sweeps.config.schema import Config
 
-T = TypeVar("T")
 STATUS_WORDS = [status.label for status in Status]
 
 
@@ -45,16 +45,6 @@ class Interrupted(Exception):
     def __init__(self, columns: Mapping[str, Any] | None = None, lost: int = 0) -> None:
         super().__init__()
         self.columns, self.lost = columns, lost
-
-
-def take(values: T, rows: NDArray[Any]) -> T:
-    """Some rows of a dataclass of arrays over runs; what was not recorded stays so."""
-    if isinstance(values, np.ndarray):
-        return cast("T", values[rows] if len(values) else values)
-    if is_dataclass(values) and not isinstance(values, type):
-        parts = {part.name: take(getattr(values, part.name), rows) for part in fields(values)}
-        return cast("T", type(values)(**parts))
-    return values
 
 
 def load_kernel(config: Config) -> float:
@@ -122,7 +112,7 @@ def columns_of(
 ) -> Mapping[str, Any]:
     """Columns of runs, typed; without an outcome they are those of the closed form."""
     columns = _inputs(launches)
-    columns |= _closed_form(launches) if outcome is None else _measured(outcome, config.record)
+    columns |= _closed_form(launches) if outcome is None else _measured(outcome, config.parts)
     status = columns.pop("status_codes")
     ok = status == Status.OK
     codes = classify(ok, columns["t_r"], columns["amp_growth"], columns["n_departure"],
@@ -152,23 +142,22 @@ def run_batch(
     """Integrate the runs that have a horizon; the others get the status ``no_horizon``."""
     good = np.isfinite(batch.t_end) & (batch.t_end > 0)
     part = batch if good.all() else take(batch, good)
-    settings, control = config.integrator, control or Control()
-    companions = None
+    control = control or Control()
     if "error" in config.record:
-        companions = integrate_companions(config, part, threads, control)
-    outcome = integrate(
-        part,
-        METHODS[settings.method],
-        model_of(config),
-        tol=settings.tol or TOL,
-        dt=settings.dt or DT,
-        max_steps=settings.max_steps,
-        record=frozenset(config.record),
-        threads=threads,
-        control=control,
-    )
-    if companions is not None:
-        outcome = with_errors(config, part, outcome, companions)
+        outcome: Outcome = integrate_estimated(config, part, threads, control)
+    else:
+        settings = config.integrator
+        outcome = integrate(
+            part,
+            METHODS[settings.method],
+            model_of(config),
+            tol=settings.tol or TOL,
+            dt=settings.dt or DT,
+            max_steps=settings.max_steps,
+            record=frozenset(config.record),
+            threads=threads,
+            control=control,
+        )
     return outcome if good.all() else _spread(outcome, good)
 
 
@@ -222,14 +211,14 @@ def _closed_form(launches: Launches) -> dict[str, Any]:
     }
 
 
-def _measured(outcome: Outcome, record: list[Any]) -> dict[str, Any]:
+def _measured(outcome: Outcome, parts: list[str]) -> dict[str, Any]:
     names = ["t_end", "t_r", "n_end", "n_steps", "energy_drift", "amp_growth", "n_departure",
              "near_tangencies"]  # fmt: skip
-    for part in ("energy", "contact", "error"):
-        if part in record:
+    for part in ("energy", "contact", "error", "tol"):
+        if part in parts:
             # Whether a type is sure is not the kernel's to say.
             names += [column.name for column in RUNS[part] if column.name != "type_sure"]
     columns = {name: getattr(outcome, name) for name in names} | {"status_codes": outcome.status}
-    if "lyapunov" in record:
+    if "lyapunov" in parts:
         columns["lyapunov"], columns["lyapunov_late"] = exponents(outcome.growth)
     return columns

@@ -13,6 +13,13 @@ small), and in full once they have parted.  d alone is small by chance too often
 several components, is not.  G is one swing of the spin if an extremum of it touches zero within the
 tolerance (`near_tangencies`).
 
+`integrator: {accuracy: {t_r: ...}}` asks for an error instead.  Runs are then integrated at the
+loosest tolerance that gives it to most, with a companion still looser; those whose estimate is
+larger again, a hundred times tighter, with the run before as their companion; and once more.  What
+is left at the end keeps its large estimate.  A companion that had parted from its own may be near
+the run by chance, so T is then a tenth of (s' / PARTED)^2 at least, with s' the distance of those
+two.
+
 How far that holds is measured by ``benchmarks/errors.py``, which also finds the constants again
 after a change of the integrator; docs/sensitive.md says what the runs are that part.
 """
@@ -30,12 +37,14 @@ from rattlesweep.integrate.model import REDUCED
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics import full
+from rattlesweep.sweeps.blocks.rows import put, take
 from rattlesweep.sweeps.cases.launches import model_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rattlesweep.integrate.model import Model
+    from rattlesweep.integrate.tableau import Tableau
     from rattlesweep.sweeps.config.schema import Config, Integrator
 
     Floats = NDArray[np.float64]
@@ -66,6 +75,14 @@ TIGHTEST = 1e-14
 """Tolerance below which the error of a step is rounding."""
 PARTED = 0.2
 """Distance at which two runs have nothing to do with each other any more."""
+REMEMBERED = 0.1
+"""Least share of the difference that is carried over if the companion had parted from its own."""
+FIRST_RUNG, RUNG, RUNGS = 0.3, 1e-2, 3
+"""Tolerances for an error that is asked for: the first in its units, the ratio, how many."""
+LOOSEST_OF_LADDER = 1e-4
+"""Of the companions of the first: one that parts early tells best which runs are to be redone."""
+AGAIN = (0.4, 0.1)
+"""Expected cost of doing runs again, in units of doing all once at the first tolerance."""
 DIFFER = 10.0
 """Errors of what a type depends on, in units of the difference from the companion."""
 
@@ -80,12 +97,23 @@ class Estimated(Outcome):
         The columns of the same names.
     reversal_sure : ndarray of bool
         Whether a run that reverses does so before its horizon for any error of this size.
+    tol, companion_tol : ndarray
+        Tolerances of the run and its companion; NaN with a fixed step.
+    apart, companion_t_r : ndarray
+        Distance of the two states at their reversals, and the companion's reversal.
+    tries : ndarray of int64
+        Steps tried for each run in all, its companion's and those of looser attempts included.
     """
 
     t_r_error: Floats
     amp_growth_error: Floats
     n_departure_error: Floats
     reversal_sure: Flags
+    tol: Floats
+    companion_tol: Floats
+    apart: Floats
+    companion_t_r: Floats
+    tries: NDArray[np.int64]
 
 
 def companion_setting(method: str, value: float) -> float:
@@ -95,55 +123,107 @@ def companion_setting(method: str, value: float) -> float:
     return max(LEAST_LOOSER * value, min(LOOSER * value, LOOSEST))
 
 
-def scales(method: str, value: float) -> tuple[float, float]:
-    """Expected ratio of the errors of a run and its companion, and the tolerance of the run.
+def ladder(settings: Integrator) -> list[float]:
+    """Settings at which runs are integrated, in turn: a companion, the runs, and those that fail.
 
-    0 stands for the tolerance of a fixed step, whose errors do not add up at random.
+    Without an error that is asked for there are only the first two.
     """
-    tableau = METHODS[method]
-    if not tableau.adaptive:
-        return 2.0**-tableau.order, 0.0
-    return value / companion_setting(method, value), value
+    if settings.goal is None:
+        adaptive = METHODS[settings.method].adaptive
+        value = (settings.tol or TOL) if adaptive else (settings.dt or DT)
+        return [companion_setting(settings.method, value), value]
+    first = min(FIRST_RUNG * settings.goal, LOOSEST)
+    rungs = {max(first * RUNG**k, TIGHTEST) for k in range(RUNGS)}
+    return [min(LOOSER * first, LOOSEST_OF_LADDER), *sorted(rungs, reverse=True)]
 
 
-def companion_price(settings: Integrator) -> float:
-    """Expected cost of the companions, in units of that of the runs."""
-    tableau = METHODS[settings.method]
+def prices(settings: Integrator) -> list[float]:
+    """Expected cost of each step of the ladder, in units of the plain runs on the second."""
+    tableau, values = METHODS[settings.method], ladder(settings)
     if not tableau.adaptive:
-        return 0.5
-    ratio, _ = scales(settings.method, settings.tol or TOL)
+        return [0.5, 1.0]
     # The other tenth is lost in rejected steps: 40 to 45 % at 1e-9, 77 to 84 % at 1e-6.
-    return 1.1 * float(ratio ** (1.0 / tableau.order))
+    companion = 1.1 * float((values[1] / values[0]) ** (1.0 / tableau.order))
+    return [companion, 1.0, *AGAIN[: len(values) - 2]]
 
 
-def integrate_companions(
+def integrate_estimated(
     config: Config, batch: Batch, threads: int | None, control: Control
-) -> Outcome:
-    """Integrate the companions of runs.
+) -> Estimated:
+    """Integrate runs with their companions, and those whose error is too large again, tighter.
 
-    To be done before the runs themselves: whenever these are stopped, those that have ended have
-    their errors.  `control` stops it, but counts the runs alone.
+    The companions come first: whenever the runs are stopped, those that have ended have their
+    errors.  A run that is done again keeps nothing of what it was but a companion, so what becomes
+    of it depends on its own numbers alone.
     """
-    settings = config.integrator
-    return integrate(
-        batch,
-        METHODS[settings.method],
-        model_of(config),
-        tol=companion_setting(settings.method, settings.tol or TOL),
-        dt=companion_setting(settings.method, settings.dt or DT),
-        # A run that is done again under another limit must get the same error.
-        max_steps=max(settings.max_steps, MAX_STEPS),
-        threads=threads,
-        control=control.of_companion(),
-    )
+    settings, model = config.integrator, model_of(config)
+    tableau, values, goal = METHODS[settings.method], ladder(settings), settings.goal or np.inf
+    spans = np.cumsum([0.0, *prices(settings)])
+    spans /= spans[-1]
+
+    def attempt(k: int, part: Batch, cost: NDArray[Any] | None = None) -> Outcome:
+        final = len(values) == 2  # whether a run that ends is done
+        control.stage(*spans[k : k + 2], begins=k == 1, ends=k == 1 and final)
+        return integrate(
+            part,
+            tableau,
+            model,
+            **{"tol" if tableau.adaptive else "dt": values[k]},
+            # A run that is done again under another limit must get the same error.
+            max_steps=settings.max_steps if k else max(settings.max_steps, MAX_STEPS),
+            record=frozenset(config.record if k else ()),
+            cost=cost,
+            threads=threads,
+            control=control,
+        )
+
+    companions = attempt(0, batch)
+    # Where a run ends is known by now, so none is begun late and keeps lanes waiting.
+    runs = attempt(1, batch, companions.n_steps)
+    now = done = with_errors(config, batch, runs, companions, (values[1], values[0]))
+    rows, tries = np.arange(len(batch)), now.tries.copy()
+    for k in range(2, len(values)):
+        again = _to_be_done_again(now, goal)
+        if not again.any():
+            break
+        control.settle(int((~again & (now.status != Status.STOPPED)).sum()))
+        rows, batch, companions = rows[again], take(batch, again), take(runs, again)
+        before, runs = now.apart[again], attempt(k, batch, companions.n_steps)
+        now = with_errors(config, batch, runs, companions, (values[k], values[k - 1]), before)
+        put(now, done, rows)
+        tries[rows] += _tries(runs)
+    return replace(done, tries=tries, stopped=bool((done.status == Status.STOPPED).any()))
 
 
-def with_errors(config: Config, batch: Batch, runs: Outcome, companions: Outcome) -> Estimated:
-    """Add to the outcome of runs the errors that their companions tell."""
-    settings = config.integrator
-    ratio, tol = scales(settings.method, settings.tol or settings.dt or TOL)
-    fit = FITS.get(settings.method, Fit())
-    relative = relative_error(batch, model_of(config), runs, companions, ratio, tol, fit)
+def _tries(runs: Outcome) -> NDArray[np.int64]:
+    return runs.n_steps + runs.n_rejected
+
+
+def _to_be_done_again(runs: Estimated, goal: float) -> Flags:
+    """Runs that may come out otherwise, or at all, at a tighter tolerance."""
+    large = runs.t_r_error > goal * runs.t_r
+    missed = np.isnan(runs.t_r) & np.isfinite(runs.companion_t_r)
+    lost = ~np.isin(runs.status, (Status.OK, Status.STEP_LIMIT, Status.STOPPED))
+    again: Flags = ((large | missed) & (runs.status == Status.OK)) | lost
+    return again
+
+
+def with_errors(
+    config: Config,
+    batch: Batch,
+    runs: Outcome,
+    companions: Outcome,
+    settings: tuple[float, float],
+    before: Floats | float = 0.0,
+) -> Estimated:
+    """Add to the outcome of runs the errors that their companions tell.
+
+    `settings` are the tolerance or step of the runs and that of the companions, `before` how far
+    the companions had parted from their own (`Estimated.apart`), if they had any.
+    """
+    tableau, (value, looser) = METHODS[config.integrator.method], settings
+    apart = how_far_apart(batch, model_of(config), runs, companions)
+    relative = relative_error(batch, runs, companions, apart, tableau, settings, before)
     t_r_error = relative * runs.t_r
     ok = runs.status == Status.OK
     growth, departure = (
@@ -168,36 +248,52 @@ def with_errors(config: Config, batch: Batch, runs: Outcome, companions: Outcome
         amp_growth_error=growth,
         n_departure_error=departure,
         reversal_sure=(relative < 1.0) & (runs.t_r + t_r_error < batch.t_end),
+        tol=np.full(len(batch), value if tableau.adaptive else np.nan),
+        apart=apart,
+        companion_tol=np.full(len(batch), looser if tableau.adaptive else np.nan),
+        companion_t_r=companions.t_r,
+        tries=_tries(runs) + _tries(companions),
     )
+
+
+def how_far_apart(batch: Batch, model: Model, runs: Outcome, companions: Outcome) -> Floats:
+    """Distance of each run from its companion at their reversals; 1 where one has none."""
+    both = np.isfinite(runs.t_r) & np.isfinite(companions.t_r)
+    apart = np.ones(len(both))
+    apart[both] = distance(model, runs.y_end[both], companions.y_end[both], batch.constants[both])
+    return apart
 
 
 def relative_error(
     batch: Batch,
-    model: Model,
     runs: Outcome,
     companions: Outcome,
-    ratio: float,
-    tol: float,
-    fit: Fit,
+    apart: Floats,
+    tableau: Tableau,
+    settings: tuple[float, float],
+    before: Floats | float = 0.0,
+    fit: Fit | None = None,
 ) -> Floats:
     """Estimate of ``abs(t_r / true - 1)``, NaN where there is no ``t_r``.
 
-    `ratio` and `tol` are the two `scales`.
+    `apart` is :func:`how_far_apart`, the others are as in :func:`with_errors`.
     """
-    known = np.isfinite(runs.t_r)
-    both = known & np.isfinite(companions.t_r)
-    d, s = np.ones((2, len(known)))
-    d[both] = np.abs(companions.t_r[both] / runs.t_r[both] - 1.0)
-    s[both] = distance(model, runs.y_end[both], companions.y_end[both], batch.constants[both])
-    carried = np.maximum(ratio, np.minimum(1.0, (s / PARTED) ** 2))
+    fit = fit or FITS.get(tableau.name, Fit())
+    ratio = settings[0] / settings[1]
+    # Errors of fixed steps do not add up at random.
+    tol, ratio = (settings[0], ratio) if tableau.adaptive else (0.0, ratio**tableau.order)
+    difference = np.abs(companions.t_r / runs.t_r - 1.0)
+    d = np.where(np.isfinite(difference), difference, 1.0)
+    parted, had_parted = (np.minimum(1.0, (s / PARTED) ** 2) for s in (apart, np.asarray(before)))
+    carried = np.maximum(np.maximum(ratio, parted), REMEMBERED * had_parted)
     thousands = np.maximum(runs.n_steps, 1) / 1000.0
     grazing = runs.near_tangencies + companions.near_tangencies > 0
     estimate = (
         (fit.floor + fit.near * ratio) * max(tol, TIGHTEST)
-        + fit.slope * carried * (d + fit.share * s / np.sqrt(thousands))
+        + fit.slope * carried * (d + fit.share * apart / np.sqrt(thousands))
         + np.where(grazing, 2 * np.pi / batch.swing / runs.t_r, 0.0)
     )
-    return np.where(known, np.minimum(estimate, 1.0), np.nan)
+    return np.where(np.isfinite(runs.t_r), np.minimum(estimate, 1.0), np.nan)
 
 
 def distance(model: Model, y: Floats, other: Floats, constants: Floats) -> Floats:

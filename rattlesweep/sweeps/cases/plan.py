@@ -70,7 +70,7 @@ class Plan:
     @property
     def schema(self) -> pa.Schema:
         """Of its runs."""
-        return runs_schema(self.config.record, self.config.model, self.extra)
+        return runs_schema(self.config.parts, self.config.model, self.extra)
 
     @property
     def samples(self) -> int:
@@ -109,7 +109,7 @@ def make_plan(config: Config, base: Path | None = None, source: Source | None = 
         If the source cannot deliver, nothing says how to launch, the model and the recordings do
         not go together, or there would be too many blocks.
     """
-    runs_schema(config.record, config.model)
+    runs_schema(config.parts, config.model)
     source = source or make_source(config, base)
     targets: list[tuple[str | None, float | None]] = [(None, None)]
     if isinstance(config.bodies, SdSource) and config.bodies.target is not None:

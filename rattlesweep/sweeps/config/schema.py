@@ -4,12 +4,13 @@ import math
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Annotated, Any, Literal, NamedTuple, get_args
+from typing import Annotated, Any, Literal, NamedTuple, cast, get_args
 
 from pydantic import (
     ConfigDict,
     Discriminator,
     Field,
+    JsonValue,
     PrivateAttr,
     Tag,
     ValidationInfo,
@@ -84,6 +85,25 @@ Psi = Annotated[
 Record = Literal["energy", "contact", "windows", "lyapunov", "error"]
 
 
+class AccuracyGoal(Base):
+    """The error that the results may have."""
+
+    t_r: float = Field(ge=1e-12, le=1e-3)
+    """Relative error of the times of reversal. Each run is integrated as tightly as it takes until
+    its own estimate is below that; where none is, its t_r_error stays larger."""
+
+
+def _word_or_goal(value: Any) -> str:
+    return "AccuracyGoal" if isinstance(value, dict | AccuracyGoal) else "word"
+
+
+AccuracyWord = Literal["draft", "standard", "reference"]
+WordOrGoal = Annotated[
+    Annotated[AccuracyWord, Tag("word")] | Annotated[AccuracyGoal, Tag("AccuracyGoal")],
+    Discriminator(_word_or_goal),
+]
+
+
 class Spin(Base):
     """How bodies are launched. Every n_i is combined with every omega_xy0."""
 
@@ -149,6 +169,9 @@ class Horizon(Base):
         return self
 
 
+ADAPTIVE: list[JsonValue] = [name for name, tableau in METHODS.items() if tableau.adaptive]
+
+
 def _offer_methods(schema: dict[str, Any]) -> None:
     schema["enum"] = list(METHODS)
 
@@ -164,6 +187,8 @@ class Integrator(Base):
                         {"properties": {"accuracy": {"type": "null"}}},
                         {"properties": {"method": False, "tol": {"type": "null"},
                                         "dt": {"type": "null"}}},
+                        {"properties": {"accuracy": {"type": "object"}, "tol": {"type": "null"},
+                                        "method": {"enum": ADAPTIVE}, "dt": {"type": "null"}}},
                     ]
                 }
             }
@@ -172,6 +197,12 @@ class Integrator(Base):
 
     method: str = Field(default="dop853", json_schema_extra=_offer_methods)
     """Name of the method."""
+    accuracy: WordOrGoal | None = Field(
+        default=None,
+        description="Instead of method and tol, which are then those measured to give this "
+        f"accuracy: {'; '.join(f'{name}: {one.words}' for name, one in ACCURACIES.items())}. Or "
+        "instead of tol the error that t_r may have, {t_r: 1.0e-6}; implies record: [error].",
+    )
     tol: float | None = Field(
         default=None,
         ge=1e-15,
@@ -189,11 +220,11 @@ class Integrator(Base):
     )
     max_steps: int = Field(default=MAX_STEPS, ge=1, le=2**62)
     """Steps after which a run is given up."""
-    accuracy: Literal["draft", "standard", "reference"] | None = Field(
-        default=None,
-        description="Instead of method and tol, which are then those measured to give this "
-        f"accuracy: {'; '.join(f'{name}: {one.words}' for name, one in ACCURACIES.items())}.",
-    )
+
+    @property
+    def goal(self) -> float | None:
+        """Relative error that t_r may have, if that is what decides."""
+        return self.accuracy.t_r if isinstance(self.accuracy, AccuracyGoal) else None
 
     @model_validator(mode="before")
     @classmethod
@@ -208,16 +239,6 @@ class Integrator(Base):
         rest = {key: value for key, value in data.items() if key not in ("accuracy", "tol", "dt")}
         return {"method": ACCURACIES[word].method, "tol": ACCURACIES[word].tol} | rest
 
-    @field_validator("accuracy")
-    @classmethod
-    def _alone(cls, accuracy: str | None) -> str | None:
-        if accuracy is not None:
-            raise ValueError(
-                f"{accuracy} stands for a method and its tol, and method, tol or dt is given too; "
-                "keep the one or the other"
-            )
-        return None
-
     @field_validator("method")
     @classmethod
     def _known(cls, method: str) -> str:
@@ -225,13 +246,46 @@ class Integrator(Base):
             raise ValueError(not_one_of(method, METHODS))
         return method
 
+    @field_validator("accuracy", mode="before")
+    @classmethod
+    def _no_bare_number(cls, accuracy: Any) -> Any:
+        if isinstance(accuracy, int | float) and not isinstance(accuracy, bool):
+            raise ValueError(
+                f"{accuracy!r} is a number; write {{t_r: {accuracy!r}}} for the error that t_r "
+                f"may have, or one of {', '.join(ACCURACIES)}"
+            )
+        return accuracy
+
+    @field_validator("accuracy")
+    @classmethod
+    def _alone(cls, accuracy: Any, info: ValidationInfo) -> AccuracyGoal | None:
+        if isinstance(accuracy, str):
+            raise ValueError(
+                f"{accuracy} stands for a method and its tol, and method, tol or dt is given too; "
+                "keep the one or the other"
+            )
+        method = info.data.get("method")
+        if accuracy is not None and method is not None and method not in ADAPTIVE:
+            raise ValueError(
+                f"{method} has steps of one size, which follow no error; "
+                f"choose one of {', '.join(map(str, ADAPTIVE))}"
+            )
+        return cast("AccuracyGoal | None", accuracy)
+
     @field_validator("tol", "dt")
     @classmethod
     def _of_its_method(cls, value: float | None, info: ValidationInfo) -> float | None:
         """`tol` is for adaptive methods, `dt` for those of fixed step; each has its default."""
         method, key = info.data.get("method"), info.field_name
+        goal: AccuracyGoal | None = info.data.get("accuracy")
         if method is None:
             return value
+        if goal is not None:
+            if value is not None:
+                raise ValueError(
+                    f"accuracy {{t_r: {goal.t_r:g}}} stands in its place; keep one of the two"
+                )
+            return None
         if METHODS[method].adaptive == (key == "tol"):
             default = TOL if key == "tol" else DT
             return default if value is None else value
@@ -273,7 +327,9 @@ class Config(Base):
     """How states move."""
     classify: Classify = Field(default_factory=lambda: Classify())
     """Thresholds between types of runs."""
-    record: list[Record] = Field(default_factory=list, json_schema_extra={"uniqueItems": True})
+    record: list[Record] = Field(
+        default_factory=list, validate_default=True, json_schema_extra={"uniqueItems": True}
+    )
     """Extra columns; each costs time."""
     block_size: int = Field(default=4_000, ge=1, le=200_000)
     """Runs per block, that is, per output file."""
@@ -314,12 +370,28 @@ class Config(Base):
             )
         return spin
 
+    @field_validator("integrator")
+    @classmethod
+    def _of_what_is_integrated(cls, integrator: Integrator, info: ValidationInfo) -> Integrator:
+        if integrator.goal is not None and info.data.get("model") == "gh":
+            raise ValueError(
+                "the model gh is a closed form whose t_r has no error to limit; leave accuracy out"
+            )
+        return integrator
+
     @field_validator("record")
     @classmethod
-    def _once_and_in_order(cls, record: list[str]) -> list[str]:
+    def _once_and_in_order(cls, record: list[str], info: ValidationInfo) -> list[str]:
         if record:
             no_repeats(record)
-        return [name for name in get_args(Record) if name in record]
+        integrator = info.data.get("integrator")
+        implied = ["error"] if integrator is not None and integrator.goal is not None else []
+        return [name for name in get_args(Record) if name in record + implied]
+
+    @property
+    def parts(self) -> list[str]:
+        """Parts of the columns of `runs` that not every sweep has."""
+        return [*self.record, *(["tol"] if self.integrator.goal is not None else [])]
 
     @property
     def places(self) -> Places:

@@ -85,13 +85,13 @@ def measure(plan: Plan, pilot: Pilot) -> Footprint:
         if (count := len(columns["case"])) > 1:
             more = _encoded(columns, names, schema, count) - _encoded(columns, names, schema, 1)
             row += np.maximum(more, 0.0) / (count - 1)
-    if "error" in config.record:  # which the pilot leaves out
-        row[[0, 2]] += sum(column.type.bit_width / 8 for column in RUNS["error"])
+    for part in {"error", "tol"}.intersection(config.parts):  # which the pilot leaves out
+        row[[0, 2]] += sum(column.type.bit_width / 8 for column in RUNS[part])
     rows, at_once, blocks = len(launches.case), min(plan.block_size, plan.runs), plan.n_blocks
     kernel = 0
     if batch is not None:
         kernel = 8 * (C.FIRST_STATE + batch.y0.shape[1] + C.N_PLAN + C.N_COUNTS + 2)
-        kernel *= 1 + ("error" in config.record)
+        kernel *= 1 + len({"error", "tol"}.intersection(config.parts))
         kernel += 24 * N_WINDOWS * ("windows" in config.record)
     # Most is held with a block in the kernel, the next one prepared, for which as much again comes
     # and goes, and the one before being written.

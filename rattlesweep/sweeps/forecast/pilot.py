@@ -27,8 +27,9 @@ from rattlesweep.integrate.lanes.step import LANES
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.integrate.task import Task
-from rattlesweep.sweeps.blocks.block import columns_of, load_kernel, prepare_runs, run_batch, take
-from rattlesweep.sweeps.blocks.error import companion_price
+from rattlesweep.sweeps.blocks.block import columns_of, load_kernel, prepare_runs, run_batch
+from rattlesweep.sweeps.blocks.error import Estimated, ladder, prices
+from rattlesweep.sweeps.blocks.rows import take
 from rattlesweep.sweeps.cases.costs import SEED, expected_cost, some_runs
 from rattlesweep.sweeps.cases.launches import Launches, prepare
 from rattlesweep.sweeps.config.bodies import SdSource
@@ -125,9 +126,12 @@ class Pilot:
         settings = plan.config.integrator
         if "error" in plan.config.record:
             # Time is measured in turns of the runs alone; what their companions cost is known.
-            self._price += companion_price(settings)
+            self._price = sum(prices(settings))
             others = [part for part in plan.config.record if part != "error"]
-            self.config = plan.config.model_copy(update={"record": others})
+            if settings.goal is not None:
+                tol = ladder(settings)[1]
+                settings = settings.model_copy(update={"accuracy": None, "tol": tol})
+            self.config = plan.config.model_copy(update={"record": others, "integrator": settings})
         if not METHODS[settings.method].adaptive:
             dt = settings.dt or DT
             self._stretch = max(dt, PILOT_DT) / dt
@@ -177,6 +181,19 @@ class Pilot:
             known = self.high[self.drawn]
             able = (left - float(known.max())) * lanes / float(known.mean())
             count = int(min(able, 4 * len(self.drawn), KNOWN))
+        if self.plan.config.integrator.goal is not None and not self.cut:
+            self._price = self._price_of_goal() or self._price
+
+    def _price_of_goal(self) -> float | None:
+        """What runs cost until they have the error that is asked for, over their plain cost."""
+        rows = np.unique(self.drawn[:FIRST])
+        _, batch = prepare_runs(self.small, self.case[rows], self.sample[rows])
+        if batch is None:
+            return None
+        outcome = run_batch(self.plan.config, batch, threads=self.threads)
+        assert isinstance(outcome, Estimated)
+        plain = self.low[rows] / self.cost[rows]
+        return float((outcome.tries / self.cost[rows]).sum() / plain.sum())
 
     def _by_cost(self, count: int) -> Integers:
         """Rows in steps of equal cost: likely in proportion to it, and spread over the cases."""

@@ -360,7 +360,7 @@ class Manifest(_Part):
     @property
     def schema(self) -> pa.Schema:
         """Of its runs."""
-        return columns.runs_schema(self.config.record, self.config.model, self.extra)
+        return columns.runs_schema(self.config.parts, self.config.model, self.extra)
 
     def borders(self, index: int) -> tuple[int, int]:
         """Numbers of the runs of a block, from and up to."""

@@ -152,6 +152,8 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
         ),
         field("n_departure_error", F64, "1", "the same of n_departure"),
     ),
+    # Where `integrator.accuracy` asks for an error.
+    "tol": (field("tol", F64, "1", "tolerance at which the run was integrated"),),
 }
 """Columns of `runs` in their order, by what they belong to."""
 
@@ -177,8 +179,9 @@ RECORD_PARTS: dict[str, tuple[str, ...]] = {
     "windows": ("gh",),
     "lyapunov": ("gh",),
     "error": ("gh",),
+    "tol": ("gh",),
 }
-"""What `record` may ask for, with the models that cannot tell.
+"""What `record` may ask for, or the integrator, with the models that cannot tell.
 
 The reduced dynamics has no contact force, and the closed form no path to look at.
 """

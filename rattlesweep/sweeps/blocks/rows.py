@@ -1,0 +1,31 @@
+"""Some rows of dataclasses of arrays over runs: taken, and put back into their places."""
+
+from __future__ import annotations
+
+from dataclasses import fields, is_dataclass
+from typing import TYPE_CHECKING, Any, TypeVar, cast
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+T = TypeVar("T")
+
+
+def take(values: T, rows: NDArray[Any]) -> T:
+    """Some rows of a dataclass of arrays over runs; what was not recorded stays so."""
+    if isinstance(values, np.ndarray):
+        return cast("T", values[rows] if len(values) else values)
+    if is_dataclass(values) and not isinstance(values, type):
+        parts = {part.name: take(getattr(values, part.name), rows) for part in fields(values)}
+        return cast("T", type(values)(**parts))
+    return values
+
+
+def put(values: T, into: T, rows: NDArray[Any]) -> None:
+    """Write rows of one dataclass of arrays into those places of another of its kind."""
+    for part in fields(values):  # type: ignore[arg-type]
+        here = getattr(into, part.name)
+        if isinstance(here, np.ndarray) and len(here):
+            here[rows] = getattr(values, part.name)
