@@ -84,7 +84,7 @@ class Map(Counted):
             titles = ("most common type", r"mean $t_r/t_{rGH}$")
         code, ratio = self._codes(), self.grid(self.cells.ratio.means())
         norm, extend = _ratio_norm(ratio)
-        edges = _edges(x), _edges(y)
+        edges = self._edges()
         bondi = False
         for panel in panels:
             here: Any = (slice(None), slice(None), *panel.where)
@@ -102,9 +102,7 @@ class Map(Counted):
             else:
                 panel.axes.set_ylabel(label(y.name))
             bondi |= self._bondi(panel)
-            for which, axis, ends in zip("xy", (x, y), edges, strict=True):
-                scale_axis(panel.axes, which, axis.values, axis.logarithmic(log), axis.name)
-                getattr(panel.axes, f"set_{which}lim")(ends[0], ends[-1])
+            self._scale(panel, edges, log)
             if panel.row == 0:
                 panel.axes.set_title(titles[panel.part], fontsize="medium")
         figure.supxlabel(label(x.name), fontsize="medium")
@@ -115,6 +113,16 @@ class Map(Counted):
             if isinstance(norm, LogNorm):
                 plain_ticks(bar.ax, "y", (float(norm.vmin or 1), float(norm.vmax or 1)))
         self._legend(figure, set(np.unique(code)), bondi)
+
+    def _edges(self) -> tuple[Floats, Floats]:
+        """Borders of the cells along both axes."""
+        return _edges(self.axes[0]), _edges(self.axes[1])
+
+    def _scale(self, panel: Panel, edges: tuple[Floats, Floats], log: bool | None) -> None:
+        """Scales and ends of a panel's axes."""
+        for which, axis, ends in zip("xy", self.axes, edges, strict=False):
+            scale_axis(panel.axes, which, axis.values, axis.logarithmic(log), axis.name)
+            getattr(panel.axes, f"set_{which}lim")(ends[0], ends[-1])
 
     def _codes(self) -> Integers:
         """What each cell is, as a place in `CELLS`."""

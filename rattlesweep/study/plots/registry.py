@@ -10,12 +10,13 @@ from rattlesweep.study.plots.fractions import Fractions
 from rattlesweep.study.plots.layout import Layout, read_rows
 from rattlesweep.study.plots.map import SIDE, Map
 from rattlesweep.study.plots.picture import Picture
+from rattlesweep.study.plots.reversals import Reversals
 from rattlesweep.study.plots.scatter import Scatter, columns_of
 from rattlesweep.study.plots.times import Ratio, Times
 from rattlesweep.sweeps.config.messages import not_one_of
 
 KINDS: dict[str, type[Picture]] = {
-    kind.name: kind for kind in (Fractions, Times, Ratio, Map, Distribution, Scatter)
+    kind.name: kind for kind in (Fractions, Times, Ratio, Map, Reversals, Distribution, Scatter)
 }
 """Every kind of picture."""
 
@@ -73,10 +74,13 @@ def read_picture(
 
 
 def default_kind(layout: Layout) -> str:
-    """A map for two long axes, shares of types where bodies are many, else reversal times."""
+    """A map for two long axes, shares of types where bodies are many, else reversal times.
+
+    The map is of reversals where they are recorded.
+    """
     long = [name for name, count in layout.lengths.items() if count >= SIDE]
     if len(long) >= 2 and (layout.grid or not layout.population):
-        return Map.name
+        return Reversals.name if Reversals.fits(layout) else Map.name
     if max(layout.lengths.values(), default=1) < 2:
         return Distribution.name
     if layout.population and layout.config.spin is not None and min(layout.config.spin.n_i) < 0:

@@ -13,6 +13,7 @@ from rattlesweep.integrate.batch import Batch, Control, Outcome, integrate
 from rattlesweep.integrate.defaults import DT, TOL
 from rattlesweep.integrate.follow.lyapunov import exponents
 from rattlesweep.integrate.lanes.build import kernel
+from rattlesweep.integrate.lanes.columns import MOST_REVERSALS
 from rattlesweep.integrate.model import WITH_TANGENT
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
@@ -124,6 +125,11 @@ def columns_of(
         observed = columns["amp_growth"], columns["n_departure"]
         sure = sure_types(codes, outcome.reversal_sure, observed, errors, config.classify)
         columns["type_sure"] = pa.array(sure, mask=codes < 0)
+    if "reversals" in config.record and outcome is not None:
+        counted = np.where(ok, outcome.n_reversals, -1)
+        columns["n_reversals"] = pa.array(counted.astype(np.int32), mask=~ok)
+        for k, name in enumerate(("reversal_times", "spin_after")):
+            columns[name] = ragged(outcome.reversals[:, :, k], np.minimum(counted, MOST_REVERSALS))
     if "windows" in config.record and outcome is not None and batch is not None:
         filled = np.isfinite(outcome.windows[:, :, 0]).sum(axis=1)
         columns["window_t"] = batch.window

@@ -82,7 +82,7 @@ Psi = Annotated[
     | Annotated[Annotated[float, Field(ge=-360, le=360)], Tag("number")],
     Discriminator(_word_or_number),
 ]
-Record = Literal["energy", "contact", "windows", "lyapunov", "error"]
+Record = Literal["energy", "contact", "windows", "lyapunov", "error", "reversals"]
 
 
 class AccuracyGoal(Base):
@@ -330,7 +330,8 @@ class Config(Base):
     record: list[Record] = Field(
         default_factory=list, validate_default=True, json_schema_extra={"uniqueItems": True}
     )
-    """Extra columns; each costs time."""
+    """Extra columns; each costs time. With reversals runs go on behind their first one, to the
+    horizon."""
     block_size: int = Field(default=4_000, ge=1, le=200_000)
     """Runs per block, that is, per output file."""
     output: str | None = Field(default=None, min_length=1, pattern=r"^[^\x00]*$")
@@ -386,7 +387,14 @@ class Config(Base):
             no_repeats(record)
         integrator = info.data.get("integrator")
         implied = ["error"] if integrator is not None and integrator.goal is not None else []
-        return [name for name in get_args(Record) if name in record + implied]
+        found = [name for name in get_args(Record) if name in record + implied]
+        if {"error", "reversals"} <= set(found):
+            what = "integrator.accuracy of t_r" if implied else "error"
+            raise ValueError(
+                f"{what} compares runs at their first reversal, behind which reversals follows "
+                "them; keep one of the two"
+            )
+        return found
 
     @property
     def parts(self) -> list[str]:

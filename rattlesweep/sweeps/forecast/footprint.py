@@ -93,6 +93,7 @@ def measure(plan: Plan, pilot: Pilot) -> Footprint:
         kernel = 8 * (C.FIRST_STATE + batch.y0.shape[1] + C.N_PLAN + C.N_COUNTS + 2)
         kernel *= 1 + len({"error", "tol"}.intersection(config.parts))
         kernel += 24 * N_WINDOWS * ("windows" in config.record)
+        kernel += 16 * N_WINDOWS * ("reversals" in config.record)
     # Most is held with a block in the kernel, the next one prepared, for which as much again comes
     # and goes, and the one before being written.
     held = (min(blocks, 3) + 1) * (_bytes(launches) + _bytes(batch)) / rows

@@ -154,6 +154,22 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
     ),
     # Where `integrator.accuracy` asks for an error.
     "tol": (field("tol", F64, "1", "tolerance at which the run was integrated"),),
+    "reversals": (
+        field(
+            "n_reversals",
+            I32,
+            "1",
+            "reversals by t_end: times that the spin went from beyond a quarter of its first size "
+            "to beyond a quarter on the other side; without a first spin, of n_0",
+        ),
+        field("reversal_times", SERIES, TIME, "first zero of each of the first eight of these"),
+        field(
+            "spin_after",
+            SERIES,
+            RATE,
+            "largest size of the spin between each of these and the next, at any step",
+        ),
+    ),
 }
 """Columns of `runs` in their order, by what they belong to."""
 
@@ -180,6 +196,7 @@ RECORD_PARTS: dict[str, tuple[str, ...]] = {
     "lyapunov": ("gh",),
     "error": ("gh",),
     "tol": ("gh",),
+    "reversals": ("gh",),
 }
 """What `record` may ask for, or the integrator, with the models that cannot tell.
 

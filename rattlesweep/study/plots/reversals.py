@@ -1,0 +1,106 @@
+"""Maps of how often the spin reverses by the horizon."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from matplotlib import colormaps
+from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.patches import Patch
+
+from rattlesweep.study.plots.layout import Floats, Layout
+from rattlesweep.study.plots.map import CELLS, NO_REVERSAL, Map
+from rattlesweep.study.plots.panels import draw_panels, legend_above
+from rattlesweep.study.style import label
+from rattlesweep.sweeps.tables.cells import Moments, floats
+
+# So many numbers have a colour each; beyond, a colour is of more and more of them.
+SINGLE = 6
+COLUMN = "n_reversals"
+
+
+class Reversals(Map):
+    """Number of reversals by cell, the mean of several runs, one panel for each further value."""
+
+    name = "reversals"
+    caption = "Numbers of reversals by the horizon."
+
+    def __init__(self, layout: Layout, x: str | None) -> None:
+        super().__init__(layout, x)
+        self.columns = (*self.columns, COLUMN)
+        self.count = Moments(len(self.cells.runs))
+
+    @staticmethod
+    def fits(layout: Layout) -> bool:
+        """Where they are recorded, and there are two axes."""
+        return "reversals" in layout.config.record and Map.fits(layout)
+
+    def add(self, rows: pa.RecordBatch) -> None:
+        """Count more rows."""
+        super().add(rows)
+        cell = self.layout.cells(rows, self.axes)
+        count = floats(rows.column(COLUMN))
+        kept = (cell >= 0) & np.isfinite(count)
+        self.count.add(cell[kept], count[kept])
+
+    def table(self) -> pa.Table:
+        """One row a cell that holds runs."""
+        mean = self.count.means()[self.cells.runs > 0]
+        return super().table().append_column(
+            f"{COLUMN}_mean", pa.array(mean, from_pandas=True)
+        )  # fmt: skip
+
+    def size(self) -> tuple[float, float]:
+        """By the number of panels."""
+        return 6.4, float(np.clip(1.2 + 3.4 * np.prod(self.shape[2:]), 4.4, 14))
+
+    def draw(self, figure: Any, log: bool | None) -> None:
+        """Cells by their number, in steps of one while it is small."""
+        x, y, *rows = self.axes
+        panels = draw_panels(figure, rows, ())
+        mean, edges = self.grid(self.count.means()), self._edges()
+        borders = _borders(mean)
+        shades = colormaps["viridis"](np.linspace(0.1, 1, max(1, len(borders) - 2)))
+        norm = BoundaryNorm(np.array(borders) - 0.5, len(borders) - 1)
+        colours = ListedColormap([NO_REVERSAL, *shades][: len(borders) - 1])
+        kinds = [name for name in ("failed", "missing") if (self._lost() == name).any()]
+        for panel in panels:
+            here: Any = (slice(None), slice(None), *panel.where)
+            for name in kinds:
+                lost = np.ma.masked_where(self._lost()[here] != name, np.zeros(self.shape[:2]))
+                panel.axes.pcolormesh(*edges, lost.T, cmap=ListedColormap([CELLS[name][0]]),
+                                      rasterized=True)  # fmt: skip
+            shown = np.ma.masked_invalid(mean[here].T)
+            mesh = panel.axes.pcolormesh(*edges, shown, cmap=colours, norm=norm, rasterized=True)
+            panel.axes.set_ylabel(label(y.name))
+            self._scale(panel, edges, log)
+        figure.supxlabel(label(x.name), fontsize="medium")
+        bar = figure.colorbar(mesh, ax=[panel.axes for panel in panels], pad=0.03, aspect=30)
+        bar.set_ticks(
+            [(a + b - 1) / 2 for a, b in pairwise(borders)],
+            labels=[str(a) if b == a + 1 else f"{a} to {b - 1}" for a, b in pairwise(borders)],
+        )
+        bar.ax.tick_params(which="both", length=0)
+        several = self.cells.runs.max() > 1
+        bar.set_label("mean number of reversals" if several else "number of reversals")
+        if kinds:
+            handles = [Patch(facecolor=CELLS[k][0], label=CELLS[k][1], edgecolor="#555555",
+                             linewidth=0.5) for k in kinds]  # fmt: skip
+            legend_above(figure, handles, 1.9)
+
+    def _lost(self) -> Any:
+        """What a cell without a number is, in words."""
+        runs, ok = self.grid(self.cells.runs), self.grid(self.cells.ok)
+        return np.where(runs == 0, "missing", np.where(ok == 0, "failed", ""))
+
+
+def _borders(mean: Floats) -> list[int]:
+    """First numbers of the colours, and one behind the last."""
+    most = int(np.nanmax(mean, initial=0).round())
+    borders = list(range(min(most, SINGLE) + 1))
+    while (following := round(1.4 * borders[-1])) <= most and following > borders[-1]:
+        borders.append(following)
+    return [*borders, most + 1]
