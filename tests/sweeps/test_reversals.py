@@ -107,6 +107,10 @@ def test_with_a_fixed_step_and_the_reduced_model(model, tmp_path: Path):
     ("config", "words"),
     [
         ("record: [reversals, error]", "c.yaml:3:1: record: error compares runs at their first"),
+        (
+            "record: [reversals]\nintegrator: {accuracy: {t_r: 1e-6}}",
+            "record: integrator.accuracy of t_r compares runs at their first reversal, behind",
+        ),
         ("record: [reversals]\nmodel: gh", "record: the model 'gh' has no 'reversals' to record"),
     ],
 )
