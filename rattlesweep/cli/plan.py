@@ -48,5 +48,7 @@ def plan(
         say(f"warning: {doubt}")
     found = forecast(made, threads, budget=budget, shards=shards)
     click.echo(to_json(found.as_data()) if as_json else describe(found))
+    if made.stages:
+        say(f"note: that is at most; {made.stages_by} leaves runs out")
     for line in shortages(found.memory, found.bytes, output or Path(loaded.directory)):
         say(f"warning: {line}")

@@ -84,6 +84,8 @@ def run(
         if not session["fresh"]:
             examine(plan, directory, base)
         click.echo(describe(forecast(plan, threads, shards=shard.count if shard else None)))
+        if plan.stages:
+            say(f"note: that is at most; {plan.stages_by} leaves runs out")
         return DONE
     with Meter(quiet) as meter:
         result = run_sweep(

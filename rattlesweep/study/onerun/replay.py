@@ -117,7 +117,13 @@ class Replay:
             if not 0 <= value < count:
                 raise ConfigError(f"{name} {value}: {store.directory} has the {name}s 0 to "
                                   f"{count - 1}")  # fmt: skip
-        index = (case * plan.samples + sample) // plan.block_size
+        place = plan.place(case, sample)
+        if place is None:
+            raise OutputError(
+                f"case {case}, sample {sample} is not stored: {plan.stages_by} has left it out of "
+                f"{store.directory}"
+            )
+        index = plan.block_of(place)
         path = store.block_path(index)
         if not path.exists():
             raise OutputError(f"case {case}, sample {sample} is not stored yet: {path} is missing")
@@ -167,8 +173,8 @@ class Replay:
         OutputError
             It differs.
         """
-        number = np.array([run.case * self._plan.samples + run.sample])
-        for _, _, names in differing_rows(self._stored, number, threads):
+        place = np.array([self._plan.place(run.case, run.sample)])
+        for _, _, names in differing_rows(self._stored, place, threads):
             raise OutputError(
                 f"{run.name} comes out otherwise than stored, in {', '.join(names[:6])}"
                 f"{' and others' if len(names) > 6 else ''}; see rattlesweep verify"

@@ -62,7 +62,9 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
     summary = Summary(manifest.cases, store.runs, columns_for(manifest.config))
     facts = Facts()
     pictures = {kind: _chosen(layout, kind) for kind in _kinds(layout)}
-    digest = RowsHash(store.runs) if status.runs_done <= MOST_HASHED else None
+    digest = (
+        RowsHash(store.runs, bool(manifest.stages)) if status.runs_done <= MOST_HASHED else None
+    )
     readers: list[Reader] = [facts, summary, *([] if digest is None else [digest])]
     readers += [each for each in pictures.values() if isinstance(each, Picture)]
     read_rows(layout, *readers)

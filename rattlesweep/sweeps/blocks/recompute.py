@@ -24,7 +24,7 @@ AT_ONCE = 10_000
 def differing_rows(
     stored: Stored, numbers: NDArray[np.int64], threads: int | None = None
 ) -> Iterator[tuple[int, int, list[str]]]:
-    """Integrate stored runs again, given by their numbers, ascending; their blocks are in place.
+    """Integrate stored runs again, given by their places, ascending; their blocks are in place.
 
     Yields
     ------
@@ -36,12 +36,13 @@ def differing_rows(
     plan = stored.plan
     for start in range(0, len(numbers), AT_ONCE):
         part = numbers[start : start + AT_ONCE]
-        block, row = np.divmod(part, plan.block_size)
+        block = np.array([plan.block_of(place) for place in part.tolist()])
+        row = part - np.array([plan.block(index).first for index in block.tolist()])
         found = pa.concat_tables(
             stored.store.read_block(int(index)).table().take(pa.array(row[block == index]))
             for index in np.unique(block)
         )
-        case, sample = np.divmod(part, plan.samples)
+        case, sample = plan.runs_at(part)
         launches, batch = prepare_runs(plan, case, sample)
         task: Task[Mapping[str, Any]] = Task(
             lambda control, launches=launches, batch=batch: finish_block(  # type: ignore[misc]

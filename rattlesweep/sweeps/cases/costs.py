@@ -78,6 +78,12 @@ class Costs:
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
 
+    def following(self, plan: Plan) -> Costs:
+        """Those of a plan with more stages."""
+        costs = Costs(plan)
+        costs.of_cases = self.of_cases
+        return costs
+
     @cached_property
     def of_cases(self) -> Floats:
         """Expected cost of one run of each case, from a few samples spread over it."""
@@ -91,6 +97,8 @@ class Costs:
 
     def of(self, block: Block) -> float:
         """Expected cost of a block."""
+        if self._plan.stages:
+            return float(self.of_cases[self._plan.runs_of(block)[0]].sum())
         first, last = block.first // self._plan.samples, (block.stop - 1) // self._plan.samples
         cases = np.arange(first, last + 1)
         edges = np.clip(cases * self._plan.samples, block.first, block.stop)

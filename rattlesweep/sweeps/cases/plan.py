@@ -2,12 +2,13 @@
 
 A case is one combination of target, ``n_i`` and ``omega_xy0``; its runs are the samples of
 the source.  Runs are numbered case by case, and a block is a fixed slice of these numbers: its rows
-depend on the config and on the block's number alone.
+depend on the config and on the block's number alone.  A sweep that decides what to run next does so
+in stages (:mod:`rattlesweep.sweeps.cases.stages`), each with blocks of its own.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import TYPE_CHECKING
 
@@ -16,6 +17,7 @@ import numpy as np
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics.launch import spin_and_oscillation
 from rattlesweep.sweeps.cases.sources import Source, TableBodies, make_source
+from rattlesweep.sweeps.cases.stages import borders, make_stages, n_blocks
 from rattlesweep.sweeps.config.bodies import SdSource
 from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.tables.columns import STATE, runs_schema
@@ -45,7 +47,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Block:
-    """A slice of the run numbers, ``first <= run < stop``."""
+    """A slice of the runs by their places in the sweep, ``first <= place < stop``."""
 
     index: int
     first: int
@@ -59,13 +61,22 @@ class Block:
 
 @dataclass(frozen=True)
 class Plan:
-    """What a config comes to; `extra` are the columns that its bodies and launches bring along."""
+    """What a config comes to.
+
+    Attributes
+    ----------
+    extra : tuple of pa.Field
+        Columns that its bodies and launches bring along.
+    stages : tuple of ndarray of int64
+        Numbers of the runs of each stage that is known; empty where all runs are done in one.
+    """
 
     config: Config
     source: Source
     cases: tuple[Case, ...]
     block_size: int
     extra: tuple[pa.Field, ...] = ()
+    stages: tuple[NDArray[np.int64], ...] = ()
 
     @property
     def schema(self) -> pa.Schema:
@@ -79,23 +90,59 @@ class Plan:
 
     @property
     def runs(self) -> int:
-        """Number of runs of the sweep."""
-        return self.samples * len(self.cases)
+        """Number of runs of the sweep, as far as its stages are known."""
+        return sum(self.sizes)
+
+    @property
+    def sizes(self) -> list[int]:
+        """Runs of each stage."""
+        return [len(s) for s in self.stages] or [self.samples * len(self.cases)]
+
+    @property
+    def stages_by(self) -> str:
+        """The key of the config by which there are stages."""
+        return "bodies.refine" if self.config.stop is None else "stop"
+
+    @property
+    def whole(self) -> Plan:
+        """All runs that there may be, in one stage."""
+        return replace(self, stages=())
 
     @property
     def n_blocks(self) -> int:
         """Number of blocks."""
-        return -(-self.runs // self.block_size)
+        return n_blocks(self.sizes, self.block_size)
 
     def block(self, index: int) -> Block:
         """One block."""
-        size = self.block_size
-        return Block(index, index * size, min((index + 1) * size, self.runs))
+        return Block(index, *borders(self.sizes, self.block_size, index))
 
     def runs_of(self, block: Block) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Case and sample numbers of a block's runs."""
-        case, sample = np.divmod(np.arange(block.first, block.stop), self.samples)
+        return self.runs_at(np.arange(block.first, block.stop))
+
+    def runs_at(self, places: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Case and sample numbers of runs by their places in the sweep."""
+        numbers = np.concatenate(self.stages)[places] if self.stages else places
+        case, sample = np.divmod(numbers, self.samples)
         return case, sample
+
+    def place(self, case: int, sample: int) -> int | None:
+        """Place of a run in the sweep; None if it is not one of it."""
+        number = case * self.samples + sample
+        if not self.stages:
+            return number
+        found = np.flatnonzero(np.concatenate(self.stages) == number)
+        return int(found[0]) if len(found) else None
+
+    def block_of(self, place: int) -> int:
+        """Number of the block with the run at a place."""
+        index = 0
+        for runs in self.sizes:
+            if place < runs:
+                return index + place // self.block_size
+            index, place = index + -(-runs // self.block_size), place - runs
+        raise IndexError(place)
 
 
 def make_plan(config: Config, base: Path | None = None, source: Source | None = None) -> Plan:
@@ -143,7 +190,9 @@ def make_plan(config: Config, base: Path | None = None, source: Source | None = 
         Case(index, group, *target, *launch)
         for index, ((group, target), launch) in enumerate(groups)
     )
-    plan = Plan(config, source, cases, config.block_size, extra)
+    stages = make_stages(config, len(cases), source.samples)
+    first = () if stages is None else (stages.first(),)
+    plan = Plan(config, source, cases, config.block_size, extra, first)
     if plan.n_blocks > MAX_BLOCKS:
         raise ConfigError(
             f"block_size: {plan.runs} runs make {plan.n_blocks} blocks of {plan.block_size} runs, "

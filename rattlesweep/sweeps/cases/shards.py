@@ -7,6 +7,7 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.cases.costs import Costs
 
 if TYPE_CHECKING:
@@ -44,6 +45,15 @@ class Shard:
         return f"{self.index}/{self.count}"
 
 
+def refuse_stages(plan: Plan) -> None:
+    """Refuse to share out a sweep that decides what to run next."""
+    if plan.stages:
+        raise ConfigError(
+            f"{plan.stages_by}: what is run next depends on all runs before, so there are no "
+            "shares that know nothing of each other; use all cores, or --engine dask"
+        )
+
+
 def deal(plan: Plan, count: int, costs: Costs) -> list[list[Block]]:
     """Blocks of each of so many shares, in order.
 
@@ -53,6 +63,7 @@ def deal(plan: Plan, count: int, costs: Costs) -> list[list[Block]]:
     blocks = [plan.block(index) for index in range(plan.n_blocks)]
     if count == 1:
         return [blocks]
+    refuse_stages(plan)
     expected = [costs.of(block) for block in blocks]
     unit = max(expected) / 1e4 or 1.0
     weights = [max(1, round(cost / unit)) for cost in expected]

@@ -18,11 +18,13 @@ from rattlesweep.sweeps.config.fields import (
     meant,
     no_repeats,
 )
-from rattlesweep.sweeps.config.messages import out_of_range
+from rattlesweep.sweeps.config.messages import not_one_of, out_of_range
 
 Preset = Literal["GH"]
 MAX_BODIES = 10**12
 MAX_SOBOL = 2**30
+REFINED_BY = ("type", "t_r", "n_end", "t_end", "n_steps", "energy_drift", "n_departure",
+              "amp_growth", "lyapunov", "contact_ratio_max")  # fmt: skip
 
 
 class SdRanges(Base):
@@ -288,6 +290,27 @@ class Axes(Base):
         return {name: axis.values() if isinstance(axis, Spaced) else axis for name, axis in given}
 
 
+class Refine(Base):
+    """The axes are those of the finest grid: every 2^levels-th value is done first, then what lies
+    between where runs differ, halved level by level.
+    """
+
+    levels: int = Field(default=4, ge=1, le=16)
+    """Halvings from the coarse grid to the finest; fewer along axes of few values."""
+    by: str = "type"
+    """What must not differ within a cell: type, or a column with numbers, such as t_r, which must
+    not bend there."""
+    tol: float = Field(default=0.05, gt=0, lt=1)
+    """How far a number may lie off the line through its neighbours, relative; not for type."""
+
+    @field_validator("by")
+    @classmethod
+    def _is_a_column(cls, by: str) -> str:
+        if by not in REFINED_BY:
+            raise ValueError(not_one_of(by, REFINED_BY))
+        return by
+
+
 class GridSource(Base):
     """Every combination of some parameters' values, the others fixed."""
 
@@ -297,6 +320,8 @@ class GridSource(Base):
     """The body whose parameters are varied."""
     axes: Axes
     """Which parameters vary, over which values."""
+    refine: Refine | None = None
+    """Leave out runs between others of one type; null: every combination is run."""
 
     @field_validator("axes")
     @classmethod

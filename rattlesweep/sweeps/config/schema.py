@@ -305,6 +305,23 @@ class Classify(Base):
     """SW, unless SS, if n/n_i falls below 1 by more than this fraction at some time."""
 
 
+class Stop(Base):
+    """When there are enough samples. Cases that are not known well enough are given more, in whole
+    blocks, up to `bodies.samples`; where both are given, both must be met.
+    """
+
+    fraction: float | None = Field(default=None, gt=0, lt=0.5)
+    """Half the width of the 95 % interval of every type's share."""
+    t_r: float | None = Field(default=None, gt=0, lt=1)
+    """Half the width of the 95 % interval of the mean t_r of type R, relative to it."""
+
+    @model_validator(mode="after")
+    def _one_at_least(self) -> "Stop":
+        if self.fraction is None and self.t_r is None:
+            raise ValueError("neither fraction nor t_r is given; give one of them, or both")
+        return self
+
+
 class Config(Base):
     """A sweep: which bodies, launched how, integrated with what, and written where."""
 
@@ -314,6 +331,8 @@ class Config(Base):
     """All draws depend on this, the case and the sample."""
     bodies: Bodies
     """Where parameter sets come from."""
+    stop: Stop | None = None
+    """When there are enough samples; null: all of `bodies.samples`."""
     launch: State | None = None
     """The full state that bodies are launched from, instead of a spin."""
     spin: Spin | None = Field(default=None, validate_default=True)
@@ -347,6 +366,17 @@ class Config(Base):
         if not name.isprintable() or "/" in name or "\\" in name:
             raise ValueError("the name has a slash or a control character; write a plain word")
         return name
+
+    @field_validator("stop")
+    @classmethod
+    def _of_samples(cls, stop: Stop | None, info: ValidationInfo) -> Stop | None:
+        bodies = info.data.get("bodies")
+        if stop is not None and bodies is not None and bodies.source != "sd":
+            raise ValueError(
+                f"bodies of source {bodies.source} are no samples of which there could be more; "
+                "leave it out, or take source: sd"
+            )
+        return stop
 
     @field_validator("spin")
     @classmethod

@@ -18,7 +18,7 @@ import sys
 import threading
 import time
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -34,6 +34,7 @@ from rattlesweep.sweeps.store.atomic import reason, replace_file
 from rattlesweep.sweeps.store.manifest import Receipt
 from rattlesweep.sweeps.store.output import Output
 from rattlesweep.sweeps.store.provenance import identity, machine, versions
+from rattlesweep.sweeps.store.staged import Staged
 from rattlesweep.sweeps.store.store import Store
 
 if TYPE_CHECKING:
@@ -209,8 +210,13 @@ def _open(order: str) -> tuple[Output, int | None]:
         raise OutputError(
             f"{_me()} sees another table of bodies than the driver on {asked['host']}"
         )
+    store = Store(path.parent)
+    staged = Staged.of(store, plan.config, len(plan.cases), plan.samples, asked["hash"])
+    if staged is not None:
+        staged.advance()
+        plan = replace(plan, stages=tuple(staged.stages))
     retry = asked["retry_failed"]
-    return Output(Store(path.parent), plan, asked["hash"], None, [], retry), asked["threads"]
+    return Output(store, plan, asked["hash"], None, [], retry), asked["threads"]
 
 
 def in_place(output: Output, block: Block) -> Receipt | None:

@@ -72,7 +72,7 @@ class Remainder:
             limit = limit if file.note is None else file.note.max_steps
             old = with_types(file.table(), plan.config.classify)
             kept = old.filter(pc.equal(old.column("status"), "ok")) if output.retry_failed else old
-            left = ~np.isin(np.arange(block.first, block.stop), _numbers(kept, plan.samples))
+            left = ~np.isin(case * plan.samples + sample, _numbers(kept, plan.samples))
             case, sample = case[left], sample[left]
         return cls(output, block, old, limit, *prepare_runs(plan, case, sample))
 

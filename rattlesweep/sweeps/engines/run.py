@@ -79,9 +79,6 @@ def run_sweep(
         session.check_shared()
         result.remarks += session.output.remarks
         result.resumed_runs = session.kept
-        there = {block.index: block.rows for block in session.blocks}
-        there |= {block.index: session.begun.get(block.index, 0) for block in session.pending}
-        tracker = Tracker(session.costs, session.blocks, there, report)
         session.begin()
         try:
             session.forget(session.retype)
@@ -89,11 +86,15 @@ def run_sweep(
                 file = session.store.read_block(index)
                 receipt, _ = retype_block(session.store, index, file, plan.config.classify)
                 session.wrote(index, receipt)
-            job = Job(session, tracker, result, threads, deadline)
+            job = Job(session, _tracker(session, report), result, threads, deadline)
             job.tick()
-            if session.pending:
-                engine(job)
-                job.tick()
+            while True:
+                if session.pending:
+                    engine(job)
+                    job.tick()
+                if result.stopped is not None or not session.advance():
+                    break
+                job.tracker = _tracker(session, report)
             _sum_up(session, result)
         except BaseException as error:
             result.runs = session.runs
@@ -105,6 +106,12 @@ def run_sweep(
             raise
         _end(session, result, start, "complete" if result.stopped is None else "stopped")
     return result
+
+
+def _tracker(session: Session, report: Callable[[Progress], None]) -> Tracker:
+    there = {block.index: block.rows for block in session.blocks}
+    there |= {block.index: session.begun.get(block.index, 0) for block in session.pending}
+    return Tracker(session.costs, session.blocks, there, report)
 
 
 def _end(session: Session, result: Result, start: float, state: str) -> None:

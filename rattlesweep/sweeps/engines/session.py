@@ -26,6 +26,7 @@ from rattlesweep.sweeps.store.manifest import (
 )
 from rattlesweep.sweeps.store.output import Output, examine, put_in_order
 from rattlesweep.sweeps.store.provenance import now, table_files
+from rattlesweep.sweeps.store.staged import Staged
 from rattlesweep.sweeps.store.store import Store
 from rattlesweep.sweeps.tables.arrow import same_schema
 
@@ -72,6 +73,7 @@ class Session:
     retype: list[int] = field(default_factory=list)
     retry: list[int] = field(default_factory=list)
     kept: int = 0
+    staged: Staged | None = None
     # Blocks about to be written anew: the manifest is to have no receipt of them.
     _forgotten: set[int] = field(default_factory=set)
     _due: float = 0.0
@@ -105,7 +107,25 @@ class Session:
     # ------------------------------------------------------------ what is there
 
     def scan(self) -> None:
-        """Read every block of the share, and sort out what is left to do.
+        """Read every block of the share, and sort out what is left to do; errors as `_scan`."""
+        self._scan(self.blocks)
+
+    def advance(self) -> bool:
+        """Go on to what is to be done next; whether there is anything."""
+        if self.staged is None or not self.staged.advance():
+            return False
+        known = len(self.blocks)
+        plan = replace(self.plan, stages=tuple(self.staged.stages))
+        self.output = replace(self.output, plan=plan)
+        self.costs = self.costs.following(plan)
+        self.blocks += [plan.block(index) for index in range(known, plan.n_blocks)]
+        self.pending = []
+        self._scan(self.blocks[known:])
+        self.store.update_manifest(lambda manifest: manifest.have_stages(plan), self._blank)
+        return True
+
+    def _scan(self, blocks: list[Block]) -> None:
+        """Read blocks, and sort out what is left to do.
 
         Raises
         ------
@@ -116,7 +136,7 @@ class Session:
         """
         schema = self.plan.schema
         known = self.output.manifest.receipts if self.output.manifest else {}
-        for block in self.blocks:
+        for block in blocks:
             try:
                 found = self.store.read_block(block.index)
             except DamagedError:
@@ -188,6 +208,7 @@ class Session:
 
         def change(manifest: Manifest) -> None:
             manifest.state, manifest.config = "running", config
+            manifest.have_stages(self.plan)
             # Of files that were not found as they were written.
             lost = (block.index for block in self.pending if block.index not in self.receipts)
             manifest.forget(lost)
@@ -353,11 +374,21 @@ def open_session(
                 "it without --shard, or merge the shares and do so there"
             )
         output = replace(output, retry_failed=retry_failed)
+        plan, sweep = output.plan, output.hash_
+        staged = Staged.of(output.store, plan.config, len(plan.cases), plan.samples, sweep)
+        if staged is not None:
+            if retry_failed:
+                raise ConfigError(
+                    f"--retry-failed: {plan.stages_by} has chosen the runs by what came out, "
+                    "failed ones too; repeat them in another output"
+                )
+            staged.advance()
+            output = replace(output, plan=replace(plan, stages=tuple(staged.stages)))
         output.remarks.extend(put_in_order(output))
         costs = Costs(output.plan)
         shares = deal(output.plan, 1 if shard is None else shard.count, costs)
         blocks = shares[0 if shard is None else shard.index]
-        yield Session(output, base, shard, threads, costs, blocks)
+        yield Session(output, base, shard, threads, costs, blocks, staged=staged)
 
 
 def _grown(output: Output, base: Path | None, half: bool) -> Output:

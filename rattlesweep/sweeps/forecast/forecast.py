@@ -14,7 +14,7 @@ from rattlesweep.integrate.defaults import DT
 from rattlesweep.integrate.lanes.step import LANES
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.sweeps.cases.costs import SEED, Costs
-from rattlesweep.sweeps.cases.shards import deal
+from rattlesweep.sweeps.cases.shards import deal, refuse_stages
 from rattlesweep.sweeps.forecast.footprint import Footprint, measure
 from rattlesweep.sweeps.forecast.pilot import Pilot
 from rattlesweep.text import align
@@ -97,7 +97,9 @@ def forecast(
         On Ctrl-C; the kernel is stopped first.
     """
     begin = time.perf_counter()
-    threads = threads or available_threads()
+    if shards is not None:
+        refuse_stages(plan)
+    plan, threads = plan.whole, threads or available_threads()
     pilot = Pilot(plan, min(threads, available_threads()))
     pilot.run(max(0.25 * budget, 0.9 * budget - (time.perf_counter() - begin)))
     paper = measure(plan, pilot)

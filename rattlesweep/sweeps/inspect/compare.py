@@ -17,6 +17,7 @@ import pyarrow.parquet as pq
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps.config.load import differences, physics_part, resolved
 from rattlesweep.sweeps.store.atomic import streamed_file
+from rattlesweep.sweeps.store.staged import refuse_stages
 from rattlesweep.sweeps.store.stored import Stored, open_stored
 from rattlesweep.sweeps.tables import columns
 from rattlesweep.sweeps.tables.columns import F64, I32, I64, TEXT, TIME
@@ -278,6 +279,8 @@ def compare(
         A block is damaged, or there are no runs yet.
     """
     one, other = open_stored(a), open_stored(b)
+    for stored in (one, other):
+        refuse_stages(stored.manifest, stored.directory, "another directory has others")
     if changes := differences(_runs(one), _runs(other)):
         raise _not_same(one, other, "; ".join(changes[:3]))
     left, right = _Side(one), _Side(other)

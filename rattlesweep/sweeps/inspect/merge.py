@@ -17,6 +17,7 @@ from rattlesweep.sweeps.store.atomic import probe_directory
 from rattlesweep.sweeps.store.locks import hold
 from rattlesweep.sweeps.store.manifest import Manifest, SessionRecord
 from rattlesweep.sweeps.store.provenance import command_line, now
+from rattlesweep.sweeps.store.staged import refuse_stages
 from rattlesweep.sweeps.store.store import Store
 from rattlesweep.sweeps.store.stored import Stored, open_stored
 from rattlesweep.sweeps.tables.cells import columns_for
@@ -89,6 +90,8 @@ def merge(
         A block is damaged, or sources contradict each other.
     """
     shares = [open_stored(path) for path in sources]
+    for share in shares:
+        refuse_stages(share.manifest, share.directory, "there are no shares of it to merge")
     _check_config(shares)
     if any(share.directory.resolve() == output.resolve() for share in shares):
         raise ConfigError(f"--output {output}: is one of the directories to be merged; give a new")

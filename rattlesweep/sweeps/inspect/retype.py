@@ -16,6 +16,7 @@ from rattlesweep.sweeps.inspect.summary import Summary
 from rattlesweep.sweeps.store.locks import hold
 from rattlesweep.sweeps.store.manifest import Classified, Manifest, Receipt
 from rattlesweep.sweeps.store.provenance import now
+from rattlesweep.sweeps.store.staged import refuse_stages
 from rattlesweep.sweeps.store.store import Store
 from rattlesweep.sweeps.store.stored import Stored, open_stored
 from rattlesweep.sweeps.tables.types import with_types
@@ -57,7 +58,9 @@ def retype(directory: Path, overrides: Sequence[str] = ()) -> Retyped:
 
     `overrides` are ``classify.KEY=VALUE`` texts over the directory's own thresholds.
     """
-    _changed_config(open_stored(directory), overrides)  # before anything is made there
+    stored = open_stored(directory)
+    refuse_stages(stored.manifest, directory, "its types cannot change")
+    _changed_config(stored, overrides)  # before anything is made there
     with hold(directory) as alone:
         stored = open_stored(directory)
         store, manifest = stored.store, stored.manifest

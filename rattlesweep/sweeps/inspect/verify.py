@@ -131,6 +131,12 @@ def verify(
             f"{store.runs}: {_listed(verdict.missing)} of a sweep that is said to be complete "
             "is missing"
         )
+    staged = stored.staged if complete and not verdict.problems else None
+    if staged is not None and not (staged.done and [*map(len, staged.stages)] == manifest.sizes):
+        verdict.problems.append(
+            f"{store.manifest_path} has other stages than the runs ask for; `rattlesweep run` goes "
+            "on from there"
+        )
     if complete and not verdict.problems:
         verdict.problems += _check_summary(stored, summary.table())
     if recompute:
@@ -188,9 +194,9 @@ def _faults(
     samples = manifest.samples
     sample = rows.column("sample").to_numpy()
     numbers = rows.column("case").to_numpy().astype(np.int64) * samples + sample
-    all_runs = np.arange(wanted.first, wanted.stop)
+    all_runs = stored.numbers(index)
     # A stopped session leaves some of them, in their order.
-    some = all_runs[np.isin(all_runs, numbers)]
+    some = numbers if all_runs is None else all_runs[np.isin(all_runs, numbers)]
     if not np.array_equal(numbers, some) or not ((sample >= 0) & (sample < samples)).all():
         yield "has runs missing, double or out of order"
     yield from _bad_values(rows)

@@ -46,7 +46,7 @@ class Sample:
 
 def sample_runs(plan: Plan) -> Sample:
     """Runs that stand for those of a sweep: all if they are few, else `RUNS` from all over it."""
-    bodies = plan.config.bodies
+    plan, bodies = plan.whole, plan.config.bodies
     if isinstance(bodies, SdSource):
         plan = replace(plan, source=DrawnBodies(bodies))
     size = min(plan.runs, RUNS)
@@ -54,7 +54,7 @@ def sample_runs(plan: Plan) -> Sample:
     words = f"the {size} runs" if size == plan.runs else f"{size} of the {plan.runs} runs"
     if isinstance(bodies, SdSource):
         words = f"{size} runs drawn from the ranges"
-    return Sample(prepare(plan, *np.divmod(runs, plan.samples)), words)
+    return Sample(prepare(plan, *plan.runs_at(runs)), words)
 
 
 class DrawnBodies:

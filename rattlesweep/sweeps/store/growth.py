@@ -75,6 +75,8 @@ def growth(manifest: Manifest, plan: Plan, hash_: str) -> tuple[Growth | None, s
     what = "; ".join(differences(theirs, ours)[:3]) or "the table of bodies has changed"
     if differences(_fixed(theirs), _fixed(ours)) or isinstance(plan.config.bodies, TableSource):
         return None, what
+    if plan.stages:
+        return None, f"{what}; a sweep that decides what to run does not grow"
     if plan.samples < manifest.samples:
         return None, f"{what}; there can be more samples, but not fewer"
     places = {_key(case): case.index for case in plan.cases}

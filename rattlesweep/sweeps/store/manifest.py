@@ -30,6 +30,7 @@ from pydantic import (
 )
 
 from rattlesweep.errors import ConfigError, DamagedError, one_line
+from rattlesweep.sweeps.cases.stages import borders, n_blocks
 from rattlesweep.sweeps.config.bodies import SdSource, TableSource
 from rattlesweep.sweeps.config.load import override_config, resolved
 from rattlesweep.sweeps.config.schema import Config
@@ -212,6 +213,7 @@ class Manifest(_Part):
     `config` has the block size that the directory was begun with, `config_hash` is that of what
     determines the numbers (:func:`rattlesweep.sweeps.store.provenance.identity`), `base` is where
     the relative path of a table of bodies starts. There are receipts of complete blocks only.
+    `stages` has the runs of each stage known so far, of a sweep that decides what to run next.
     `growing` says that the blocks are still those of a smaller sweep.
     """
 
@@ -226,6 +228,7 @@ class Manifest(_Part):
     samples: Count
     runs: Count
     blocks: Count
+    stages: list[Count] | None = None
     versions: Versions
     machine: Machine
     started: Time
@@ -275,9 +278,9 @@ class Manifest(_Part):
         bodies = self.config.bodies
         if isinstance(bodies, SdSource) and self.samples != bodies.samples:
             raise ValueError("its samples are not those of its config")
-        if self.runs != self.samples * len(self.cases):
-            raise ValueError("its runs are not cases times samples")
-        if self.blocks != -(-self.runs // self.config.block_size):
+        if self.runs != sum(self.sizes):
+            raise ValueError("its runs are not cases times samples, or those of its stages")
+        if self.blocks != n_blocks(self.sizes, self.config.block_size):
             raise ValueError("its blocks are not those of its runs")
         return self
 
@@ -317,6 +320,8 @@ class Manifest(_Part):
         extra: dict[str, Any] = {}
         if plan.extra:
             extra["columns"] = [ExtraColumn.of(field) for field in plan.extra]
+        if plan.stages:
+            extra["stages"] = plan.sizes
         return cls(
             format=FORMAT,
             name=plan.config.name,
@@ -353,6 +358,11 @@ class Manifest(_Part):
         return data | {"receipts": {str(index): receipt for index, receipt in receipts}}
 
     @property
+    def sizes(self) -> list[int]:
+        """Runs of each stage; of a sweep that has none, all of them."""
+        return self.stages or [self.samples * len(self.cases)]
+
+    @property
     def extra(self) -> tuple[pa.Field, ...]:
         """Columns of its runs that their bodies and launches bring along."""
         return tuple(column.field for column in self.columns)
@@ -363,9 +373,13 @@ class Manifest(_Part):
         return columns.runs_schema(self.config.parts, self.config.model, self.extra)
 
     def borders(self, index: int) -> tuple[int, int]:
-        """Numbers of the runs of a block, from and up to."""
-        size = self.config.block_size
-        return index * size, min((index + 1) * size, self.runs)
+        """Places of the runs of a block, from and up to."""
+        return borders(self.sizes, self.config.block_size, index)
+
+    def have_stages(self, plan: Plan) -> None:
+        """Have the stages of a plan, as far as it knows them."""
+        if plan.stages:
+            self.stages, self.runs, self.blocks = plan.sizes, plan.runs, plan.n_blocks
 
     def forget(self, indices: Iterable[int]) -> None:
         """Drop the receipts of blocks that are about to be replaced."""

@@ -71,7 +71,7 @@ def examine(plan: Plan, directory: Path, base: Path | None) -> Output:
     except DamagedError as error:
         remarks.append(f"{error}; it is rebuilt from the blocks")
     if manifest is None:
-        if blocks:
+        if blocks and not plan.stages:
             plan = replace(plan, block_size=_block_size(store, blocks, hash_, plan))
         return Output(store, plan, hash_, None, remarks)
     theirs, ours = resolved(manifest.config), resolved(plan.config)
@@ -124,12 +124,14 @@ def put_in_order(output: Output) -> list[str]:
     store, plan, remarks = output.store, output.plan, []
     for path in store.strays(plan.n_blocks):
         note = _note(path)
+        if plan.stages and note and note.sweep == output.hash_ and block_number(path.name):
+            continue  # of a stage that is not known again yet
         if note is None or note.sweep != output.hash_:
             if block_number(path.name) is not None:
                 raise OutputError(f"{path} is no block of this sweep; move it elsewhere")
             remarks.append(f"{path} is no block of this sweep, but readers take it for one")
             continue
-        block = plan.block(note.first // plan.block_size)
+        block = plan.block(plan.block_of(note.first))
         place = store.block_path(block.index)
         with explained(f"cannot use {store.runs}"):
             if (note.first, note.stop) != (block.first, block.stop):

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.config.bodies import TableSource
 from rattlesweep.sweeps.store.blockfile import Note
 from rattlesweep.sweeps.store.manifest import Manifest
 from rattlesweep.sweeps.store.provenance import identity
+from rattlesweep.sweeps.store.staged import Staged
 from rattlesweep.sweeps.store.store import Store
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from rattlesweep.sweeps.cases.plan import Plan
     from rattlesweep.sweeps.config.schema import Config
 
@@ -46,6 +51,25 @@ class Stored:
         return Note.of(manifest.config, manifest.config_hash, manifest.borders(index))
 
     @cached_property
+    def staged(self) -> Staged | None:
+        """What it has decided so far; None if it does all runs."""
+        manifest = self.manifest
+        staged = Staged.of(
+            self.store, manifest.config, len(manifest.cases), manifest.samples, manifest.config_hash
+        )
+        if staged is not None:
+            staged.advance()
+        return staged
+
+    def numbers(self, index: int) -> NDArray[np.int64] | None:
+        """Numbers of the runs of a block; None where stages before it are not whole."""
+        first, stop = self.manifest.borders(index)
+        if self.staged is None:
+            return np.arange(first, stop)
+        numbers = np.concatenate(self.staged.stages)
+        return numbers[first:stop] if stop <= len(numbers) else None
+
+    @cached_property
     def plan(self) -> Plan:
         """What its runs can be had again from.
 
@@ -67,7 +91,7 @@ class Stored:
                 f"{self.directory}: its table of bodies has changed, so its runs cannot be had "
                 "again"
             )
-        return plan
+        return plan if self.staged is None else replace(plan, stages=tuple(self.staged.stages))
 
 
 def open_stored(directory: Path | str) -> Stored:

@@ -1,0 +1,223 @@
+"""`stop`: samples case by case until each is known; what is decided depends on nothing else."""
+
+from __future__ import annotations
+
+import random
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+from refusal import assert_refused
+
+from rattlesweep.cli import main
+from rattlesweep.errors import ConfigError
+from rattlesweep.sweeps.blocks.block import finish_block, prepare_runs
+from rattlesweep.sweeps.cases.plan import make_plan
+from rattlesweep.sweeps.cases.shards import Shard
+from rattlesweep.sweeps.cases.stages import FIRST, make_stages
+from rattlesweep.sweeps.config.load import parse_config
+from rattlesweep.sweeps.engines import local
+from rattlesweep.sweeps.engines.job import Job
+from rattlesweep.sweeps.engines.run import run_sweep
+from rattlesweep.sweeps.inspect.content_hash import content_hash
+from rattlesweep.sweeps.inspect.retype import retype
+from rattlesweep.sweeps.inspect.verify import verify
+from rattlesweep.sweeps.tables.arrow import build_table
+from rattlesweep.sweeps.tables.cells import Cells, wilson
+from rattlesweep.sweeps.tables.columns import runs_schema
+
+CONFIG: dict[str, Any] = {
+    "seed": 5,
+    "bodies": {"source": "sd", "samples": 4000},
+    "stop": {"fraction": 0.03},
+    "spin": {"n_i": [-0.1, -0.4, 0.2], "omega_xy0": 0.01},
+    "model": "gh",
+    "horizon": {"t": 2000},
+    "block_size": 150,
+}
+
+
+def sweep(output: Path, config: dict[str, Any] = CONFIG, **options: Any) -> Any:
+    return run_sweep(make_plan(parse_config(config)), output, **options)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    output = tmp_path_factory.mktemp("enough") / "out"
+    sweep(output)
+    return output
+
+
+def test_every_case_is_known_well_enough_and_no_case_long_before(whole):
+    assert verify(whole, recompute=30).problems == []
+    summary = pd.read_parquet(whole / "summary.parquet")
+    runs = pd.read_parquet(whole / "runs")
+    assert len(set(summary.runs)) > 1
+    assert (summary.runs >= FIRST).all()
+    assert (summary.runs % CONFIG["block_size"] == 0).all()
+    for case, own in runs.groupby("case"):
+        # The samples of a case are the first ones, whatever the others have.
+        assert own["sample"].sort_values().tolist() == list(range(len(own)))
+        for kind in ("R", "SS", "SW", "unclassified"):
+            low, high = wilson((own.type == kind).sum(), len(own))
+            assert (high - low) / 2 <= 0.03, (case, kind)
+        fewer = own[own["sample"] < len(own) / 1.5]
+        if len(fewer) >= FIRST:
+            parts = [wilson((fewer.type == kind).sum(), len(fewer)) for kind in ("R", "SW")]
+            assert max(high - low for low, high in parts) / 2 > 0.03
+
+
+def test_mean_times_known_well_enough(tmp_path):
+    sweep(tmp_path, CONFIG | {"stop": {"t_r": 0.05}, "bodies": {"source": "sd", "samples": 6000}})
+    runs = pd.read_parquet(tmp_path / "runs")
+    for _, own in runs.groupby("case"):
+        assert 1.96 * own.t_r.sem() / own.t_r.mean() <= 0.05
+        assert FIRST <= len(own) < 6000
+
+
+def test_no_more_than_the_samples(tmp_path):
+    result = sweep(tmp_path, CONFIG | {"stop": {"fraction": 0.03, "t_r": 1e-4}})
+    assert result.runs == 12_000
+    assert verify(tmp_path).problems == []
+
+
+def test_the_rows_are_those_of_the_sweep_without_it(whole, tmp_path):
+    sweep(tmp_path, {key: value for key, value in CONFIG.items() if key != "stop"})
+    keys = ["case", "sample"]
+    some = pd.read_parquet(whole / "runs").set_index(keys).sort_index()
+    every = pd.read_parquet(tmp_path / "runs").set_index(keys)
+    pd.testing.assert_frame_equal(some, every.loc[some.index])
+
+
+class Stop(Exception):
+    """The engine has had enough."""
+
+
+def test_stopped_again_and_again_in_any_order_with_harm(whole, tmp_path):
+    dice = random.Random(3)
+
+    def some(job: Job) -> None:
+        dice.shuffle(job.session.pending)
+        del job.session.pending[dice.randint(1, 6) :]
+        local.work_off(job)
+        raise Stop
+
+    for trial in range(200):
+        try:
+            sweep(tmp_path, engine=some)
+        except Stop:
+            blocks = sorted((tmp_path / "runs").iterdir())
+            if trial % 4 == 1:
+                (tmp_path / "manifest.json").unlink()
+            if trial % 5 == 2:
+                blocks[0].write_bytes(blocks[0].read_bytes()[:-5])
+            if trial % 7 == 3:
+                dice.choice(blocks).unlink()
+        else:
+            break
+    else:
+        pytest.fail("it does not end")
+    assert trial > 5
+    assert verify(tmp_path).problems == []
+    assert content_hash(tmp_path) == content_hash(whole)
+    assert (tmp_path / "summary.parquet").read_bytes() == (whole / "summary.parquet").read_bytes()
+
+
+def test_what_was_decided_is_verified(whole, tmp_path):
+    """A directory that stopped too early is not taken for complete."""
+    import json
+    import shutil
+
+    from rattlesweep.sweeps.store import sealed
+
+    shutil.copytree(whole, tmp_path / "out")
+    path = tmp_path / "out" / "manifest.json"
+    said = sealed.load(path.read_bytes())
+    last = said["stages"].pop()
+    gone = -(-last // CONFIG["block_size"])
+    said["runs"], said["blocks"] = said["runs"] - last, said["blocks"] - gone
+    for index in range(said["blocks"], said["blocks"] + gone):
+        (tmp_path / "out" / "runs" / f"block-{index:06d}.parquet").unlink()
+        del said["receipts"][str(index)]
+    path.write_bytes(sealed.dump(said))
+    assert json.loads(path.read_text())["state"] == "complete"
+    assert any("other stages" in problem for problem in verify(tmp_path / "out").problems)
+    sweep(tmp_path / "out")
+    assert content_hash(tmp_path / "out") == content_hash(whole)
+
+
+@pytest.mark.parametrize(
+    ("change", "options", "words"),
+    [
+        ({}, {"shard": Shard(0, 2)}, "there are no shares"),
+        ({}, {"retry_failed": True}, "has chosen the runs"),
+        ({"block_size": 100}, {}, "block_size: 150 against 100"),
+        ({"classify": {"sw_departure": 0.1}}, {}, "classify.sw_departure"),
+        ({"bodies": {"source": "sd", "samples": 5000}}, {}, "does not grow"),
+    ],
+)
+def test_what_would_change_decisions_is_refused(change, options, words, whole):
+    before = content_hash(whole)
+    with pytest.raises(ConfigError, match=words):
+        sweep(whole, CONFIG | change, **options)
+    with pytest.raises(ConfigError, match="its types cannot change"):
+        retype(whole, ["classify.sw_departure=0.1"])
+    assert content_hash(whole) == before
+    assert verify(whole).problems == []
+
+
+WRONG = {
+    "stop: {}": "stop: neither fraction nor t_r is given",
+    "stop: {fraction: 0.7}": "stop.fraction: 0.7 is out of range; it must be below 0.5",
+    "stop: {t_r: 0}": "stop.t_r: 0 is out of range; it must be above 0",
+    "stop: {frac: 0.1}": 'stop.frac: unknown key "frac"',
+    "stop: 0.1": "stop: 0.1 is given here; write a mapping",
+}
+
+
+@pytest.mark.parametrize("line", WRONG)
+def test_bad_keys_are_told_with_their_place(line, tmp_path):
+    path = tmp_path / "c.yaml"
+    path.write_text(f"bodies: {{source: sd}}\n{line}\nspin: {{n_i: -0.1, omega_xy0: 0.01}}\n")
+    result = CliRunner().invoke(main, ["run", str(path), "--output", str(tmp_path / "out")])
+    assert_refused(result, 2, WRONG[line])
+    assert f"{path}:2:" in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_only_what_is_drawn_can_be_enough(tmp_path):
+    with pytest.raises(ConfigError, match="stop: bodies of source preset are no samples"):
+        parse_config(CONFIG | {"bodies": {"source": "preset", "name": "GH"}})
+
+
+def stopped(seed: int) -> Cells:
+    """Runs of a sweep in memory, by case."""
+    small = {"stop": {"fraction": 0.03}, "block_size": 50, "seed": seed}
+    plan = make_plan(parse_config(CONFIG | small))
+    decide, cells = make_stages(plan.config, 3, plan.samples), Cells(3)
+    assert decide is not None
+    numbers = decide.first()
+    while len(numbers):
+        launches, batch = prepare_runs(plan, *np.divmod(numbers, plan.samples))
+        columns = finish_block(plan.config, launches, batch)
+        for rows in build_table(columns, runs_schema(model="gh")).to_batches():
+            decide.add(rows)
+            cells.add(rows, rows.column("case").to_numpy().astype(np.int64))
+        numbers = decide.next()
+    return cells
+
+
+@pytest.mark.slow
+def test_what_is_promised_holds_in_95_of_100_sweeps():
+    """Stopping by what came out may not make it look better known than it is."""
+    bodies = {"source": "sd", "samples": 2**18, "draw": "sobol"}
+    plan = make_plan(parse_config(CONFIG | {"bodies": bodies, "stop": None}))
+    launches, batch = prepare_runs(plan, *np.divmod(np.arange(plan.runs), plan.samples))
+    t_r = finish_block(plan.config, launches, batch)["t_r"].reshape(3, -1)
+    true = np.isfinite(t_r).mean(axis=1)
+    found = [stopped(1000 + seed) for seed in range(500)]
+    shares = np.array([cells.types["R"] / cells.ok for cells in found])
+    assert (np.mean(np.abs(shares - true) <= 0.03, axis=0) >= 0.94).all()
