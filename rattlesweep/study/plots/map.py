@@ -10,6 +10,7 @@ from matplotlib.colors import BoundaryNorm, ListedColormap, LogNorm, Normalize
 from matplotlib.patches import Patch
 
 from rattlesweep.errors import ConfigError
+from rattlesweep.study.boundaries import Boundaries, boundaries
 from rattlesweep.study.plots.bondi import threshold
 from rattlesweep.study.plots.counts import Counted
 from rattlesweep.study.plots.layout import Axis, Floats, Integers, Layout
@@ -22,6 +23,7 @@ from rattlesweep.study.plots.panels import (
     scale_axis,
 )
 from rattlesweep.study.style import FAILED, MISSING, TYPE_STYLE, label
+from rattlesweep.sweeps.config.bodies import GridSource
 
 # From this many values on along both sides, a grid is a map.
 SIDE = 8
@@ -82,7 +84,7 @@ class Map(Counted):
         titles = ("type", r"$t_r/t_{rGH}$")
         if self.cells.runs.max() > 1:
             titles = ("most common type", r"mean $t_r/t_{rGH}$")
-        code, ratio = self._codes(), self.grid(self.cells.ratio.means())
+        code, ratio = self.shown()
         norm, extend = _ratio_norm(ratio)
         edges = self._edges()
         bondi = False
@@ -112,6 +114,9 @@ class Map(Counted):
             bar.set_label(r"$t_r/t_{rGH}$ of runs that reverse")
             if isinstance(norm, LogNorm):
                 plain_ticks(bar.ax, "y", (float(norm.vmin or 1), float(norm.vmax or 1)))
+        for panel, found in zip((p for p in panels if not p.part), self.boundaries(), strict=True):
+            if np.isfinite(found.exponent):
+                panel.axes.set_title(found.symbols, loc="right", fontsize="x-small")
         self._legend(figure, set(np.unique(code)), bondi)
 
     def _edges(self) -> tuple[Floats, Floats]:
@@ -123,6 +128,30 @@ class Map(Counted):
         for which, axis, ends in zip("xy", self.axes, edges, strict=False):
             scale_axis(panel.axes, which, axis.values, axis.logarithmic(log), axis.name)
             getattr(panel.axes, f"set_{which}lim")(ends[0], ends[-1])
+
+    def shown(self) -> tuple[Integers, Floats]:
+        """Codes and ratios of all cells; of those that a refined map has left out, as inferred."""
+        code, ratio = self._codes(), self.grid(self.cells.ratio.means())
+        bodies = self.layout.config.bodies
+        if isinstance(bodies, GridSource) and bodies.refine is not None:
+            for row in np.ndindex(*code.shape[2:]):
+                here = (slice(None), slice(None), *row)
+                code[here], ratio[here] = _inferred(code[here], ratio[here])
+        return code, ratio
+
+    def boundaries(self) -> list[Boundaries]:
+        """How ragged the boundaries between types are, in each row of panels."""
+        code, _ = self.shown()
+        rows = np.ndindex(*code.shape[2:])
+        return [boundaries(code[(slice(None), slice(None), *row)]) for row in rows]
+
+    def words(self) -> str:
+        """How much is shown, and what its boundaries are like."""
+        bodies, lines = self.layout.config.bodies, [super().words()]
+        if isinstance(bodies, GridSource) and bodies.refine is not None:
+            lines[0] += f" of {self.layout.manifest.samples * len(self.layout.manifest.cases):,}"
+        lines += [found.words for found in self.boundaries() if np.isfinite(found.exponent)]
+        return "; ".join(lines)
 
     def _codes(self) -> Integers:
         """What each cell is, as a place in `CELLS`."""
@@ -175,6 +204,23 @@ class Map(Counted):
         if bondi:
             handles.append(entry(BONDI_LABEL, color="#000000", linestyle="-", linewidth=1.3))
         legend_above(figure, handles, 1.9)
+
+
+def _inferred(code: Integers, ratio: Floats) -> tuple[Integers, Floats]:
+    """Types and ratios with those of the nearest run, or between runs, where none was done."""
+    from scipy.interpolate import LinearNDInterpolator
+    from scipy.ndimage import distance_transform_edt
+
+    missing = code == CODES["missing"]
+    if not missing.any() or missing.all():
+        return code, ratio
+    nearest = tuple(distance_transform_edt(missing, return_distances=False, return_indices=True))
+    code, near = code[nearest], ratio[nearest]
+    wanted, known = missing & (code == CODES["R"]), ~missing & np.isfinite(ratio)
+    if wanted.any() and all(len(np.unique(place)) > 1 for place in np.nonzero(known)):
+        between = LinearNDInterpolator(np.argwhere(known), ratio[known])(np.argwhere(wanted))
+        near[wanted] = np.where(np.isfinite(between), between, near[wanted])
+    return code, np.where(missing & (code != CODES["R"]), np.nan, near)
 
 
 def _edges(axis: Axis) -> Floats:

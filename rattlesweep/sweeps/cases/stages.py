@@ -19,6 +19,7 @@ import pyarrow as pa
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.config.bodies import GridSource
 from rattlesweep.sweeps.tables.cells import COLUMNS, Cells, codes, floats, wilson
+from rattlesweep.sweeps.tables.columns import runs_schema
 from rattlesweep.sweeps.tables.types import TYPES
 
 if TYPE_CHECKING:
@@ -150,6 +151,11 @@ class Refining:
             raise ConfigError(
                 f"bodies.refine: no axis has {FEWEST} values or more, so there is nothing to leave "
                 "out; the axes are those of the finest grid"
+            )
+        if refine.by not in runs_schema(config.record, config.model).names:
+            raise ConfigError(
+                f"bodies.refine.by: there is no column {refine.by} in these runs; have it "
+                "recorded, or take another"
             )
         if (points := int(np.prod(self.shape, dtype=float))) > MOST_POINTS:
             raise ConfigError(

@@ -291,12 +291,11 @@ class Axes(Base):
 
 
 class Refine(Base):
-    """The axes are those of the finest grid: every 2^levels-th value is done first, then what lies
-    between where runs differ, halved level by level.
-    """
+    """A coarse grid first, then, level by level, only what lies between runs that differ."""
 
     levels: int = Field(default=4, ge=1, le=16)
-    """Halvings from the coarse grid to the finest; fewer along axes of few values."""
+    """Halvings from the coarse grid, every 2^levels-th value, to the finest, which the axes and the
+    spins are; fewer along axes of few values."""
     by: str = "type"
     """What must not differ within a cell: type, or a column with numbers, such as t_r, which must
     not bend there."""

@@ -306,9 +306,7 @@ class Classify(Base):
 
 
 class Stop(Base):
-    """When there are enough samples. Cases that are not known well enough are given more, in whole
-    blocks, up to `bodies.samples`; where both are given, both must be met.
-    """
+    """When there are enough samples; a case has them when all that is given is met."""
 
     fraction: float | None = Field(default=None, gt=0, lt=0.5)
     """Half the width of the 95 % interval of every type's share."""
@@ -332,7 +330,9 @@ class Config(Base):
     bodies: Bodies
     """Where parameter sets come from."""
     stop: Stop | None = None
-    """When there are enough samples; null: all of `bodies.samples`."""
+    stop: Stop | None = None
+    """Cases are given more samples, in whole blocks, until each has enough or all of
+    `bodies.samples`; null: all at once."""
     launch: State | None = None
     """The full state that bodies are launched from, instead of a spin."""
     spin: Spin | None = Field(default=None, validate_default=True)
