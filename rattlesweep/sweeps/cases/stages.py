@@ -9,6 +9,7 @@ slices of these and do not cross stages.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from itertools import product
 from typing import TYPE_CHECKING, Protocol
@@ -141,9 +142,9 @@ class Refining:
     def __init__(self, config: Config, refine: Refine) -> None:
         bodies, spin = config.bodies, config.spin
         assert isinstance(bodies, GridSource)
-        assert spin is not None
-        lengths = {"n_i": len(spin.n_i), "omega_xy0": len(spin.omega_xy0)}
-        lengths |= {name: len(values) for name, values in bodies.axes.values().items()}
+        spins = {} if spin is None else {"n_i": spin.n_i, "omega_xy0": spin.omega_xy0}
+        axes = bodies.axes.values()
+        lengths = {name: len(values) for name, values in (spins | axes).items()}
         self.names = tuple(lengths)
         self.shape = tuple(lengths.values())
         self.strides = strides(self.shape, refine.levels)
@@ -157,12 +158,12 @@ class Refining:
                 f"bodies.refine.by: there is no column {refine.by} in these runs; have it "
                 "recorded, or take another"
             )
-        if (points := int(np.prod(self.shape, dtype=float))) > MOST_POINTS:
+        if (points := math.prod(self.shape)) > MOST_POINTS:
             raise ConfigError(
                 f"bodies.refine: the finest grid has {points} points; at most {MOST_POINTS} are "
                 "possible"
             )
-        self._samples = int(np.prod(self.shape[2:], dtype=np.int64))
+        self._samples = math.prod(map(len, axes.values()))
         self._by, self._tol = refine.by, refine.tol
         self.columns = tuple(dict.fromkeys(("case", "sample", "type", "status", refine.by)))
         # -1: not known. By another column than type: whether it has a value.

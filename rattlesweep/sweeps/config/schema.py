@@ -330,7 +330,6 @@ class Config(Base):
     bodies: Bodies
     """Where parameter sets come from."""
     stop: Stop | None = None
-    stop: Stop | None = None
     """Cases are given more samples, in whole blocks, until each has enough or all of
     `bodies.samples`; null: all at once."""
     launch: State | None = None
