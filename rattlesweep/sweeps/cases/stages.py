@@ -133,8 +133,8 @@ class Stopping:
 class Refining:
     """A grid of every 2^levels-th value, halved where the runs in and around a cell differ.
 
-    A cell is refined if the runs known of it, its border included, are not of one type, or if a
-    column bends there: what is found on the border of a cell refines its neighbour, so that
+    A cell is refined if the runs known of it, its border included, are not of one type, or if the
+    column that is asked for bends there: what is found on the border of a cell refines its neighbour, so that
     boundaries are followed to their ends. Axes of few values are done whole, each of these a
     picture of its own.
     """
@@ -166,7 +166,7 @@ class Refining:
         self._samples = math.prod(map(len, axes.values()))
         self._by, self._tol = refine.by, refine.tol
         self.columns = tuple(dict.fromkeys(("case", "sample", "type", "status", refine.by)))
-        # -1: not known. By another column than type: whether it has a value.
+        # -1: not known.
         self.code = np.full(self.shape, -1, np.int8)
         self.value = np.full(self.shape if refine.by != "type" else (0,), np.nan)
 
@@ -182,12 +182,9 @@ class Refining:
         case, sample = (rows.column(n).to_numpy().astype(np.int64) for n in ("case", "sample"))
         number = case * self._samples + sample
         ok = codes(rows.column("status"), ("ok",)) == 0
-        if self._by == "type":
-            code = codes(rows.column("type"), TYPES)
-        else:
-            self.value.ravel()[number] = value = floats(rows.column(self._by))
-            code = np.isfinite(value).astype(np.int64)
-        self.code.ravel()[number] = np.where(ok, code, len(TYPES))
+        self.code.ravel()[number] = np.where(ok, codes(rows.column("type"), TYPES), len(TYPES))
+        if self._by != "type":
+            self.value.ravel()[number] = floats(rows.column(self._by))
 
     def next(self) -> Integers:
         """The points between those of the cells, of any size, that are to be halved."""

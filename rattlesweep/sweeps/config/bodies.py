@@ -297,8 +297,8 @@ class Refine(Base):
     """Halvings from the coarse grid, every 2^levels-th value, to the finest, which the axes and the
     spins are; fewer along axes of few values."""
     by: str = "type"
-    """What must not differ within a cell: type, or a column with numbers, such as t_r, which must
-    not bend there."""
+    """What must not differ within a cell: type, or besides it a column with numbers, such as t_r,
+    which must not bend there."""
     tol: float = Field(default=0.05, gt=0, lt=1)
     """How far a number may lie off the line through its neighbours, relative; not for type."""
 
