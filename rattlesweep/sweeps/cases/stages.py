@@ -134,9 +134,9 @@ class Refining:
     """A grid of every 2^levels-th value, halved where the runs in and around a cell differ.
 
     A cell is refined if the runs known of it, its border included, are not of one type, or if the
-    column that is asked for bends there: what is found on the border of a cell refines its neighbour, so that
-    boundaries are followed to their ends. Axes of few values are done whole, each of these a
-    picture of its own.
+    column that is asked for bends there: what is found on the border of a cell refines its
+    neighbour, so that boundaries are followed to their ends. Axes of few values are done whole,
+    each of these a picture of its own.
     """
 
     def __init__(self, config: Config, refine: Refine) -> None:
