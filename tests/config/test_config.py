@@ -300,7 +300,7 @@ BAD = {
     "unknown key": (changed("samples: 1000", "sampels: 1000"),
      'c.yaml:5:3: bodies.sampels: unknown key "sampels"; did you mean "samples"?'),
     "unknown key like no other": (changed("model: full", "zzz: full"),
-     'c.yaml:12:1: zzz: unknown key "zzz"; the keys allowed here are name, seed, bodies, stop, launch, '),
+     'c.yaml:12:1: zzz: unknown key "zzz"; the keys allowed here are name, seed, bodies, stop, '),
     "unknown key drawn out": (changed("tol: 1e-9", "tolerance: 1e-9"),
      'c.yaml:14:30: integrator.tolerance: unknown key "tolerance"; did you mean "tol"?'),
     "key of a deeper section": (changed("samples: 1000", "theta: [0.6, 0.95]"),
