@@ -150,7 +150,8 @@ class Map(Counted):
         bodies, lines = self.layout.config.bodies, [super().words()]
         if isinstance(bodies, GridSource) and bodies.refine is not None:
             lines[0] += f" of {self.layout.manifest.samples * len(self.layout.manifest.cases):,}"
-        lines += [found.words for found in self.boundaries() if np.isfinite(found.exponent)]
+        if self.name == Map.name:
+            lines += [found.words for found in self.boundaries() if np.isfinite(found.exponent)]
         return "; ".join(lines)
 
     def _codes(self) -> Integers:

@@ -24,7 +24,7 @@ Preset = Literal["GH"]
 MAX_BODIES = 10**12
 MAX_SOBOL = 2**30
 REFINED_BY = ("type", "t_r", "n_end", "t_end", "n_steps", "energy_drift", "n_departure",
-              "amp_growth", "lyapunov", "contact_ratio_max")  # fmt: skip
+              "amp_growth", "lyapunov", "contact_ratio_max", "n_reversals")  # fmt: skip
 
 
 class SdRanges(Base):
