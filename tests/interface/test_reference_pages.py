@@ -1,0 +1,162 @@
+"""The pages of docs/ that are written from the schema and the columns are current and true."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from ruamel.yaml import YAML
+from test_run import invoke
+
+from rattlesweep.sweeps.cases.plan import make_plan
+from rattlesweep.sweeps.config.load import config_json_schema, load_config, parse_config
+from rattlesweep.sweeps.tables.columns import RUNS, SUMMARY
+
+ROOT = Path(__file__).parents[2]
+SCRIPT = ROOT / "docs" / "make_reference.py"
+
+
+def script() -> Any:
+    spec = importlib.util.spec_from_file_location("make_reference", SCRIPT)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_pages_are_current():
+    done = subprocess.run(
+        [sys.executable, SCRIPT, "--check"], capture_output=True, text=True, check=False
+    )
+    assert done.stderr == ""
+    assert done.returncode == 0
+
+
+def test_a_page_that_is_old_is_told(tmp_path: Path, monkeypatch, capsys):
+    module = script()
+    monkeypatch.setattr(module, "DOCS", tmp_path)
+    monkeypatch.setattr(sys, "argv", ["make_reference.py"])
+    assert module.main() == 0
+    text = (tmp_path / "columns.md").read_text()
+    assert text == (ROOT / "docs" / "columns.md").read_text()
+    (tmp_path / "columns.md").write_text(text.replace("first zero", "last zero"))
+    monkeypatch.setattr(sys, "argv", ["make_reference.py", "--check"])
+    assert module.main() == 1
+    assert "not current: columns.md; run python docs/make_reference.py" in capsys.readouterr().err
+    assert "last zero" in (tmp_path / "columns.md").read_text()
+
+
+def test_every_key_and_every_column_is_there():
+    text = (ROOT / "docs" / "config.md").read_text()
+    schema = config_json_schema()
+    sections = [schema, *(m for n, m in schema["$defs"].items() if not n.endswith("space"))]
+    for model in sections:
+        for name, key in model["properties"].items():
+            assert f"| `{name}` |" in text, name
+            assert key["description"].rstrip(".").replace("<", "&lt;") in text, name
+    page = (ROOT / "docs" / "columns.md").read_text()
+    for column in (*SUMMARY, *(column for part in RUNS.values() for column in part)):
+        words = column.metadata[b"description"].decode().replace("<", "&lt;")
+        assert f"| `{column.name}` | " in page
+        assert words in page
+
+
+GH = {"source": "preset", "name": "GH"}
+SPIN = {"n_i": 0.1, "omega_xy0": 0.01}
+# Sections by their headings, each with what else a config of it must have, by key where it differs.
+AROUND: dict[str, dict[str, Any]] = {
+    "bodies": {"source": "sd"},
+    "bodies.target": {"rel_tol": {"K_r": 0.1}, "max_draws": {"K_r": 0.1}},
+    "bodies.base, with alpha": {
+        "alpha": 13.04, "beta": 1.522, "gamma": 12.28, "theta": 0.6, "phi": 0.03,
+    },
+    "bodies.base, with gamma": {"gamma": 12.28, "f_sd": 0.1, "theta": 0.6, "phi": 0.03},
+    "integrator": {"dt": {"method": "rk4"}},
+    "launch": {"u": {"omega": [0, 0.1, 1]}},
+    "spin": SPIN,
+}  # fmt: skip
+
+
+def test_every_example_is_valid():
+    text, yaml, tried = (ROOT / "docs" / "config.md").read_text(), YAML(typ="safe"), 0
+    for part in text.split("\n## ")[1:]:
+        title = part.splitlines()[0]
+        path = title.split(",")[0].split(".") if not title.startswith("Keys of") else []
+        if title.startswith("A table"):
+            continue
+        for name, example in re.findall(r"^\| `(\w+)` \|.*\| `([^`]*)` \|$", part, re.MULTILINE):
+            around: Any = next(
+                (v for k, v in AROUND.items() if title == k or (k in title and "," in k)), {}
+            )
+            if name in around and isinstance(around[name], dict):
+                around = around[name]
+            elif any(isinstance(value, dict) for value in around.values()):
+                around = {}
+            section = {**around, name: yaml.load(example)}
+            if "with alpha" in title or "with gamma" in title:
+                section = section if "xi" in name else {**section, "xi": -0.03}
+            config: dict[str, Any] = {"bodies": dict(GH), "spin": dict(SPIN)}
+            if path[:1] == ["launch"] or name == "launch":
+                del config["spin"]
+                config["horizon"] = {"t": 10}
+            inner = config
+            for key in path:
+                inner = inner.setdefault(key, {})
+            inner.update(section)
+            if path[:1] == ["bodies"]:
+                source = next(
+                    (s for s in ("sd", "preset", "table", "grid") if f"source: {s}" in title),
+                    {"ranges": "sd", "target": "sd", "overrides": "preset"}.get(path[-1], "grid"),
+                )
+                rest: dict[str, Any] = {
+                    "sd": {}, "preset": {"name": "GH"}, "table": {"path": "bodies.csv"},
+                    "grid": {"base": {"preset": "GH"}, "axes": {"theta": [0.7]}},
+                }[source]  # fmt: skip
+                if name == "f_sd" and path[-1] == "axes":
+                    rest = {"base": {"gamma": 12, "f_sd": 0.1, "theta": 0.6, "phi": 0.03, "xi": -1}}
+                mine = {k: v for k, v in config["bodies"].items() if k not in ("source", "name")}
+                if path == ["bodies"] and name in ("source", "name"):
+                    mine[name] = section[name]
+                config["bodies"] = {**rest, **mine, "source": source}
+            parse_config(config)
+            tried += 1
+    assert tried >= 65
+
+
+def test_the_config_at_the_head_and_the_table_run(tmp_path: Path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    text = (ROOT / "docs" / "config.md").read_text()
+    (head,) = re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)
+    (tmp_path / "head.yaml").write_text(head)
+    assert make_plan(load_config("head.yaml")).runs == 27_000
+    (csv,) = re.findall(r"```csv\n(.*?)```", text, re.DOTALL)
+    (tmp_path / "bodies.csv").write_text(csv)
+    (tmp_path / "table.yaml").write_text(
+        "bodies: {source: table, path: bodies.csv}\nhorizon: {t: 50}\noutput: out/one\n"
+    )
+    assert invoke("run", "table.yaml").exit_code == 0
+    (tmp_path / "again.yaml").write_text(
+        "bodies: {source: table, path: out/one/runs}\nhorizon: {t: 50}\noutput: out/two\n"
+    )
+    assert invoke("run", "again.yaml").exit_code == 0
+
+
+@pytest.mark.parametrize("page", sorted(p.name for p in (ROOT / "docs").glob("*.md")))
+def test_links_between_pages_lead_somewhere(page: str):
+    text = (ROOT / "docs" / page).read_text()
+    for target in re.findall(r"\]\(([^)#\s]+)(#[^)\s]*)?\)", text):
+        path, anchor = target
+        if "://" in path:
+            continue
+        file = (ROOT / "docs" / path).resolve()
+        assert file.exists(), f"{page}: {path}"
+        if anchor and file.suffix == ".md":
+            heads = re.findall(r"^#+ (.*)$", file.read_text(), re.MULTILINE)
+            slugs = {re.sub(r"[^\w\- ]", "", h.lower()).strip().replace(" ", "-") for h in heads}
+            assert anchor[1:] in slugs, f"{page}: {path}{anchor}"
