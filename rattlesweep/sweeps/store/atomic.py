@@ -18,7 +18,7 @@ from rattlesweep.errors import OutputError
 # A leading dot and another ending: no `*.parquet` or `*.json` pattern matches, and readers that
 # take a whole directory skip hidden files.
 _TEMPORARY = re.compile(
-    r"\.(probe|manifest\.json|summary\.parquet|block-\d+\.parquet)\.[0-9a-f]{8}\.tmp"
+    r"\.(probe|manifest\.json|(summary|block-\d+|bodies-[0-9a-f]+)\.parquet)\.[0-9a-f]{8}\.tmp"
 )
 
 
