@@ -45,6 +45,7 @@ EXAMPLES = {
     "tol": 1.0e-9,
     "dt": 0.002,
     "accuracy": "standard",
+    "t_r": 1.0e-6,
     "K_r": [0.01, 0.03, 0.1],
     "K_p": 0.5,
     "alpha": 13.04,

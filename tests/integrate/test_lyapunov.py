@@ -4,6 +4,7 @@ import kernels
 import numpy as np
 import oracle
 import pandas as pd
+import pyarrow.parquet as pq
 import pytest
 from mpmath import mp
 from scipy.integrate import solve_ivp
@@ -17,6 +18,10 @@ from rattlesweep.integrate.model import FULL, REDUCED
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import DOP853, METHODS, RK4
 from rattlesweep.physics import full, reduced, steady, tangent, theory
+from rattlesweep.sweeps.blocks import block
+from rattlesweep.sweeps.inspect.content_hash import content_hash
+from rattlesweep.sweeps.inspect.verify import verify
+from rattlesweep.sweeps.store.store import Store
 from rattlesweep.sweeps.tables.chaos import LEAST_GROWTH, is_chaotic
 
 GH = oracle.GH
@@ -322,9 +327,56 @@ def test_chaotic_and_almost_periodic_runs_of_a_sweep(tmp_path):
     runs = rs.sweep(config, output=tmp_path / "out").runs
     wobbling = runs[runs.type == "SW"]
     chaotic = is_chaotic(wobbling.lyapunov_late, wobbling.t_end)
+    assert wobbling.chaotic.tolist() == chaotic.tolist()
     assert 0.05 < chaotic.mean() < 0.6
     assert wobbling.lyapunov_late[chaotic].between(1e-4, 0.1).all()
     assert not is_chaotic(runs.lyapunov_late, runs.t_end)[runs.type == "SS"].any()
+
+
+def test_directories_of_before_the_column_have_it_all_the_same(tmp_path, monkeypatch):
+    config = {
+        "bodies": {"source": "sd", "samples": 6},
+        "spin": {"n_i": [-0.5], "omega_xy0": [0.1]},
+        "horizon": {"t": 100},
+        "record": ["lyapunov"],
+        "block_size": 4,
+    }
+    output = tmp_path / "out"
+    now = rs.sweep(config, output=output).runs
+    digest = content_hash(output)
+    store = Store(output)
+
+    def age(keep: int = 4) -> None:
+        """Make the blocks, of the second one so many rows, what an earlier version wrote."""
+        receipts = {}
+        for index in (0, 1):
+            file = store.read_block(index)
+            rows = file.table().drop_columns(["chaotic"]).slice(0, keep if index else 4)
+            receipts[index] = store.write_block(index, rows, file.note)
+        whole = keep >= 2
+        store.update_manifest(
+            lambda m: setattr(m, "receipts", receipts if whole else {0: receipts[0]})
+        )
+
+    age()
+    assert "chaotic" not in pq.read_schema(store.block_path(0)).names
+    old = rs.load(output)
+    pd.testing.assert_frame_equal(old.runs, now)
+    pd.testing.assert_frame_equal(old.read(["chaotic", "n_i"]), now[["chaotic", "n_i"]])
+    assert len(old.read(where="chaotic = false")) == (now.chaotic == False).sum()  # noqa: E712
+    assert content_hash(output) == digest
+    assert verify(output, recompute=6).problems == []
+    # It goes on without integrating, and what other readers see is then complete.
+    with monkeypatch.context() as patch:
+        patch.setattr(block, "integrate", lambda *args, **kwargs: pytest.fail("integrated"))
+        pd.testing.assert_frame_equal(rs.sweep(config, output=output).runs, now)
+    assert "chaotic" in pq.read_schema(store.block_path(0)).names
+    assert content_hash(output) == digest
+    assert verify(output).problems == []
+    # So does a block of which there is a part.
+    age(keep=1)
+    pd.testing.assert_frame_equal(rs.sweep(config, output=output).runs, now)
+    assert verify(output, recompute=6).problems == []
 
 
 @pytest.mark.parametrize("model", ["full", pytest.param("reduced", marks=pytest.mark.slow)])
@@ -336,7 +388,7 @@ def test_a_sweep_records_it_when_asked(model, tmp_path):
     asked = {**config, "model": model, "record": ["lyapunov"]}
     runs = rs.sweep(asked, output=tmp_path / "asked").runs
     plain = rs.sweep({**asked, "record": []}, output=tmp_path / "plain").runs
-    assert [c for c in runs if c not in plain] == ["lyapunov", "lyapunov_late"]
+    assert [c for c in runs if c not in plain] == ["lyapunov", "lyapunov_late", "chaotic"]
     pd.testing.assert_frame_equal(runs[list(plain)], plain)
     assert np.isfinite(runs.lyapunov).all()
     if model == "full":
@@ -369,6 +421,7 @@ def test_runs_that_fail_or_have_no_horizon_are_null(tmp_path):
     runs = rs.sweep(config, output=tmp_path / "out").runs
     assert runs.status.tolist() == ["ok", "no_horizon"]
     assert runs.lyapunov.notna().tolist() == [True, False]
+    assert runs.chaotic.tolist() == [False, None]
     coarse = {**config, "integrator": {"method": "dop853", "max_steps": 20}}
     runs = rs.sweep(coarse, output=tmp_path / "coarse").runs
     assert runs.status[0] == Status.STEP_LIMIT.label

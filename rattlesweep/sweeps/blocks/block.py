@@ -22,6 +22,7 @@ from rattlesweep.sweeps.blocks.error import Estimated, integrate_estimated
 from rattlesweep.sweeps.blocks.rows import take
 from rattlesweep.sweeps.cases.launches import Launches, make_batch, model_of, prepare
 from rattlesweep.sweeps.tables.arrow import ragged
+from rattlesweep.sweeps.tables.chaos import chaotic_column
 from rattlesweep.sweeps.tables.columns import RUNS
 from rattlesweep.sweeps.tables.types import TYPES, classify, sure_types
 
@@ -226,5 +227,7 @@ def _measured(outcome: Outcome, parts: list[str]) -> dict[str, Any]:
             names += [column.name for column in RUNS[part] if column.name != "type_sure"]
     columns = {name: getattr(outcome, name) for name in names} | {"status_codes": outcome.status}
     if "lyapunov" in parts:
-        columns["lyapunov"], columns["lyapunov_late"] = exponents(outcome.growth)
+        columns["lyapunov"], late = exponents(outcome.growth)
+        columns["lyapunov_late"] = late
+        columns["chaotic"] = chaotic_column(late, outcome.t_end)
     return columns

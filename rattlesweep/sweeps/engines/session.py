@@ -58,7 +58,8 @@ class Session:
         By the numbers of pending blocks of which there are rows already: how many need not be
         integrated.
     retype, retry : list of int
-        Numbers of complete blocks with types of other thresholds, and with failed runs to do again.
+        Numbers of complete blocks with types of other thresholds, or of before a column that their
+        rows tell, and with failed runs to do again.
     """
 
     output: Output
@@ -165,7 +166,9 @@ class Session:
             seconds = None if old is None else old.seconds
             self.receipts[block.index] = found.receipt.took(seconds)
             self.kept += block.rows
-            if found.note.classify != wanted.classify:
+            if found.note.classify != wanted.classify or (
+                found.lacks_columns and self.shard is None
+            ):
                 self.retype.append(block.index)
             if retry:
                 self.retry.append(block.index)

@@ -24,6 +24,12 @@ from rattlesweep.sweeps.store.atomic import read_file, reason
 from rattlesweep.sweeps.store.manifest import Receipt
 from rattlesweep.sweeps.tables.arrow import NOTE, open_hashed, read_rows
 from rattlesweep.sweeps.tables.cells import is_sensitive
+from rattlesweep.sweeps.tables.chaos import (
+    columns_to_read,
+    lacks_chaotic,
+    with_chaotic,
+    with_chaotic_field,
+)
 
 COUNTED = ("status", "t_r", "t_r_error", "type_sure")
 MOST_BYTES = 1 << 32
@@ -135,8 +141,13 @@ class BlockFile:
 
     @property
     def schema(self) -> pa.Schema:
-        """Names, types and units of its columns."""
-        return self._file.schema_arrow
+        """Names, types and units of its columns, with those that its rows tell."""
+        return with_chaotic_field(self._file.schema_arrow)
+
+    @property
+    def lacks_columns(self) -> bool:
+        """Whether it is of before a column that its rows tell, and that `table` adds."""
+        return lacks_chaotic(self._file.schema_arrow)
 
     @property
     def complete(self) -> bool:
@@ -146,7 +157,9 @@ class BlockFile:
     def table(self, columns: Sequence[str] | None = None) -> pa.Table:
         """Its rows."""
         with reading(self.path):
-            return read_rows(self._file, columns)
+            wanted = columns_to_read(columns, self._file.schema_arrow)
+            rows = with_chaotic(read_rows(self._file, wanted))
+        return rows if columns is None else rows.select(list(dict.fromkeys(columns)))
 
 
 def read_block_file(path: Path) -> BlockFile:

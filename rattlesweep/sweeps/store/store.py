@@ -42,6 +42,7 @@ from rattlesweep.sweeps.store.blockfile import (
 from rattlesweep.sweeps.store.locks import manifest_lock
 from rattlesweep.sweeps.store.manifest import Manifest, Receipt
 from rattlesweep.sweeps.tables.arrow import encode_hashed, open_sealed, read_rows
+from rattlesweep.sweeps.tables.chaos import columns_to_read, with_chaotic, with_chaotic_field
 
 # Seconds for which another process may have a half-written file in its hands.
 YOUNG = 3600.0
@@ -208,11 +209,16 @@ class Store:
                 note = Note.load(file)
                 if complete and note and not note.is_whole(file.metadata.num_rows):
                     continue
-                if absent := sorted(set(columns or ()).difference(file.schema_arrow.names)):
+                schema = with_chaotic_field(file.schema_arrow)
+                if absent := sorted(set(columns or ()).difference(schema.names)):
                     raise OutputError(f"{self.block_path(index)} has no column {', '.join(absent)}")
                 # One row group at a time: ParquetFile.iter_batches holds a whole block.
+                wanted = columns_to_read(columns or None, file.schema_arrow)
                 for group in range(file.num_row_groups):
-                    yield from file.read_row_group(group, columns and list(columns)).to_batches()
+                    rows = with_chaotic(file.read_row_group(group, wanted))
+                    yield from (
+                        rows.select([*dict.fromkeys(columns)]) if columns else rows
+                    ).to_batches()
 
     @contextlib.contextmanager
     def _streamed(self, index: int) -> Iterator[pq.ParquetFile]:

@@ -134,6 +134,13 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
             RATE,
             "the same over the second half of the run; null: too short to tell",
         ),
+        field(
+            "chaotic",
+            FLAG,
+            "1",
+            "whether a small difference grows by more than e^10 in the second half: "
+            "lyapunov_late * t_end / 2 > 10; null: too short to tell",
+        ),
     ),
     "error": (
         field(
