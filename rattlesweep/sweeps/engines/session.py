@@ -58,8 +58,8 @@ class Session:
         By the numbers of pending blocks of which there are rows already: how many need not be
         integrated.
     retype, retry : list of int
-        Numbers of complete blocks with types of other thresholds, or of before a column that their
-        rows tell, and with failed runs to do again.
+        Numbers of complete blocks with types of other thresholds or columns of before, and with
+        failed runs to do again.
     """
 
     output: Output
@@ -163,12 +163,10 @@ class Session:
             if not found.complete:
                 self.kept += self.begun[block.index]
                 continue
-            seconds = None if old is None else old.seconds
-            self.receipts[block.index] = found.receipt.took(seconds)
+            self.receipts[block.index] = found.receipt.took(None if old is None else old.seconds)
             self.kept += block.rows
-            if found.note.classify != wanted.classify or (
-                found.lacks_columns and self.shard is None
-            ):
+            aged = found.lacks_columns and self.shard is None
+            if aged or found.note.classify != wanted.classify:
                 self.retype.append(block.index)
             if retry:
                 self.retry.append(block.index)
