@@ -58,5 +58,7 @@ def replay(
         run.check(course)
         if not quiet:
             say(run.proof)
+            if cause := source.cause(run):
+                say(cause)
         codes.append(say_outcome(course, quiet))
     return max(codes)

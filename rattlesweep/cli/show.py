@@ -84,6 +84,8 @@ def show(
     if not quiet:
         if stored is not None:
             say(stored.proof)
+            if cause := dict(scene.about["facts"]).get("sensitive"):
+                say(cause)
         say(f"{len(scene.t)} rows, {output.stat().st_size / 1e6:.1f} MB")
     return say_outcome(course, quiet)
 

@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pytest
+from test_run import invoke
 
 from rattlesweep.integrate.batch import Batch, Control, Outcome, integrate
 from rattlesweep.integrate.model import FULL, MODELS
@@ -17,7 +18,11 @@ from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import DOP853, METHODS
 from rattlesweep.physics import full
 from rattlesweep.study.onerun.course import Course
-from rattlesweep.study.onerun.replay import Replay
+from rattlesweep.study.onerun.replay import Replay, cause_of
+from rattlesweep.study.plots.fractions import UNSURE
+from rattlesweep.study.plots.layout import read_layout
+from rattlesweep.study.plots.registry import read_picture
+from rattlesweep.study.style import styled
 from rattlesweep.sweeps.blocks import block as blocks
 from rattlesweep.sweeps.blocks import error
 from rattlesweep.sweeps.blocks.block import Interrupted, finish_block, prepare_block, prepare_runs
@@ -340,6 +345,72 @@ def test_replay_says_it_of_a_run(marked: Path) -> None:
     for run in found:
         assert f"t_r {run.t_r!r} +- {run.t_r_error:.2g} (sensitive) and type R as" in run.proof
     Replay(marked).prove(found[0])
+
+
+def test_types_that_are_not_sure_are_hatched(marked: Path, whole: Path) -> None:
+    pale: dict[Path, list[float]] = {}
+    for directory in (marked, whole):
+        with styled():
+            figure = read_picture(read_layout(directory), "fractions").figure()
+        patches = [patch for axes in figure.axes for patch in axes.patches]
+        pale[directory] = [p.get_height() for p in patches if p.get_hatch() == UNSURE["hatch"]]
+    rows = rows_of(marked).to_pandas()
+    cells = rows[rows["status"] == "ok"].groupby(["case", "type"])
+    expected = cells["type_sure"].apply(lambda sure: (sure == False).sum())  # noqa: E712
+    ok = rows[rows["status"] == "ok"].groupby("case").size()
+    shares = sorted(expected[expected > 0] / ok[expected[expected > 0].index.get_level_values(0)])
+    assert sorted(h for h in pale[marked] if h > 0) == pytest.approx(shares)
+    assert len(shares) > 0
+    assert not any(pale[whole])
+
+
+@pytest.mark.parametrize(
+    ("changes", "n_i", "words"),
+    [
+        ({"grazes": 1, "t_r_error": 6.0}, -0.5, "it grazes zero: an extremum of its spin so near"),
+        ({"grazes": 3, "t_r_error": 6.0}, 0.5, "it grazes zero: 3 extrema of its spin so near"),
+        # A zero that is a swing off does not explain more than that.
+        ({"grazes": 1, "t_r_error": 900.0, "apart": 1.5}, -0.5, "a delayed loss of stability: "),
+        ({"companion_t_r": np.nan}, -0.5, "it may not reverse: at tol 2e-06 it does not"),
+        (
+            {"apart": 1.2, "t_r_error": 90.0}, -0.5,
+            "a delayed loss of stability: at tol 2e-06 it reverses at 95 instead of 100, with "
+            "states that are 1.2 of the oscillation apart, grown 6e+05-fold from that tol",
+        ),
+        ({"apart": 1.2, "t_r_error": 90.0}, 0.5, "chaos: at tol 2e-06 it reverses at 95 instead"),
+        (
+            {"apart": 1.2, "t_r_error": 90.0, "companion_tol": np.nan}, 0.5,
+            "chaos: in steps twice as long it reverses at 95 instead of 100, with states that are "
+            "1.2 of the oscillation apart",
+        ),
+        ({"apart": 0.01}, -0.5, "errors in proportion to the tolerance, which a tighter one"),
+    ],
+)  # fmt: skip
+def test_causes_in_words(changes: dict[str, float], n_i: float, words: str) -> None:
+    told = {"t_r_error": 1.0, "companion_t_r": 95.0, "companion_tol": 2e-6, "apart": 0.0,
+            "grazes": 0, **changes}  # fmt: skip
+    base = outcome(100.0, STATE)
+    rest: dict[str, Any] = {part.name: np.array([np.nan]) for part in fields(error.Estimated)}
+    rest |= {part.name: getattr(base, part.name) for part in fields(Outcome)}
+    found = error.Estimated(**rest | {name: np.array([value]) for name, value in told.items()})
+    said = cause_of(found, 4.0, n_i)
+    assert said.startswith(words)
+    assert "nan" not in said
+
+
+def test_the_command_line_says_the_cause(marked: Path, tmp_path: Path) -> None:
+    where = ["--where", "t_r_error > 0.01 * t_r and type_sure = true"]
+    (run,) = Replay(marked).select(where=where[1])
+    cause = Replay(marked).cause(run)
+    assert f"{run.name}: " in cause
+    shown = invoke("replay", marked, *where, "--output", tmp_path / "a.csv", "--points", 9)
+    assert cause in shown.stderr
+    page = tmp_path / "a.html"
+    shown = invoke("show", "--from", marked, *where, "--output", page, "--points", 300)
+    assert cause in shown.stderr
+    assert '["sensitive", "' in page.read_text()
+    (quiet,) = Replay(marked).select(where="t_r_error < 0.000001 * t_r")
+    assert Replay(marked).cause(quiet) == ""
 
 
 # ----------------------------------------------------------------------------- an error asked for

@@ -13,6 +13,8 @@ import pyarrow.compute as pc
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.integrate.model import MODELS
 from rattlesweep.study.where import parse_condition
+from rattlesweep.sweeps.blocks.block import run_batch
+from rattlesweep.sweeps.blocks.error import PARTED, Estimated
 from rattlesweep.sweeps.blocks.recompute import differing_rows
 from rattlesweep.sweeps.cases.launches import make_batch, prepare
 from rattlesweep.sweeps.store.stored import open_stored
@@ -180,6 +182,18 @@ class Replay:
                 f"{' and others' if len(names) > 6 else ''}; see rattlesweep verify"
             )
 
+    def cause(self, run: StoredRun) -> str:
+        """Why a run is sensitive, in a line with its numbers; empty if it is not, or not told."""
+        if run.t_r is None or run.t_r_error is None or not is_sensitive(run.t_r_error, run.t_r):
+            return ""
+        launches = prepare(self._plan, np.array([run.case]), np.array([run.sample]))
+        batch = make_batch(launches, self.config.model)
+        assert batch is not None
+        found = run_batch(self.config, batch, threads=1)
+        assert isinstance(found, Estimated)
+        swing = 2 * np.pi / float(batch.swing[0])
+        return f"{run.name}: {cause_of(found, swing, float(launches.n_i[0]))}"
+
     def prepare(self, run: StoredRun, t_end: float | None = None) -> PreparedRun:
         """The run for a :class:`Course`, to ``t_end`` in ``sqrt(a/g)`` or the sweep's horizon."""
         launches = prepare(self._plan, np.array([run.case]), np.array([run.sample]))
@@ -193,6 +207,38 @@ class Replay:
             own = config.integrator.model_copy(update={"accuracy": None, "tol": run.tol})
             config = config.model_copy(update={"integrator": own})
         return config, launches, make_batch(launches, config.model)
+
+
+def cause_of(found: Estimated, swing: float, n_i: float) -> str:
+    """Why the error of the only run of an outcome is large: what its companion did.
+
+    `swing` is how long the spin takes to swing once; docs/sensitive.md tells of each kind.
+    """
+    looser, apart, grazes = (
+        getattr(found, name)[0] for name in ("companion_tol", "apart", "grazes")
+    )
+    other, t_r = found.companion_t_r[0], found.t_r[0]
+    at = "in steps twice as long" if np.isnan(looser) else f"at tol {looser:.2g}"
+    instead = f"{at} it reverses at {other:.8g} instead of {t_r:.8g}"
+    # A zero that was missed or found too much is a swing off; what is more has other reasons.
+    if grazes and found.t_r_error[0] <= 2 * swing:
+        extrema = "an extremum" if grazes == 1 else f"{grazes} extrema"
+        return (
+            f"it grazes zero: {extrema} of its spin so near zero that the tolerance cannot tell "
+            f"whether it reversed there; {instead}"
+        )
+    if np.isnan(other):
+        return f"it may not reverse: {at} it does not"
+    if apart >= PARTED:
+        kind = "a delayed loss of stability" if n_i < 0 else "chaos"
+        grown = "" if np.isnan(looser) else f", grown {apart / looser:.0e}-fold from that tol"
+        return (
+            f"{kind}: {instead}, with states that are {apart:.2g} of the oscillation apart{grown}"
+        )
+    return (
+        f"errors in proportion to the tolerance, which a tighter one makes smaller: {instead}, "
+        f"with states that are {apart:.1e} of the oscillation apart"
+    )
 
 
 def _runs(table: pa.Table) -> list[StoredRun]:

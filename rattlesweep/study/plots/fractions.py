@@ -11,11 +11,14 @@ from rattlesweep.study.plots.counts import Counted
 from rattlesweep.study.plots.layout import Floats, Layout
 from rattlesweep.study.plots.panels import draw_panels, legend_above, scale_axis
 from rattlesweep.study.plots.picture import abscissa
-from rattlesweep.study.style import TYPE_STYLE, label
+from rattlesweep.study.style import INK, TYPE_STYLE, label
 from rattlesweep.sweeps.tables.cells import share, wilson
 
 # With fewer values along the axis, areas between them say nothing: bars.
 FEWEST_FOR_AREAS = 4
+UNSURE_LABEL = "type not sure"
+UNSURE: dict[str, Any] = {"facecolor": "#FFFFFFB0", "edgecolor": INK, "hatch": "xxxxxx",
+                          "linewidth": 0, "label": UNSURE_LABEL}  # fmt: skip
 BONDI_LABEL = r"$|n_{c1}| < |n_i|$ above (Bondi)"
 
 
@@ -68,11 +71,11 @@ class Fractions(Counted):
             for name, mark in TYPE_STYLE.items():
                 own = share(self.grid(self.cells.types[name])[here], ok[here])[seen]
                 style = {"facecolor": mark.colour, "hatch": mark.hatch, "linewidth": 0}
-                if self.side_by_side():
-                    panel.axes.bar(at[seen], own, 0.7, below, label=mark.label, **style)
-                else:
-                    panel.axes.fill_between(at[seen], below, below + own, label=mark.label, **style)
+                self._stack(panel.axes, at[seen], below, own, label=mark.label, **style)
                 below = below + own
+                unsure = share(self.grid(self.cells.unsure_types[name])[here], ok[here])[seen]
+                if unsure.any():
+                    self._stack(panel.axes, at[seen], below - unsure, unsure, **UNSURE)
             self._intervals(panel.axes, here, at)
             if np.isfinite(bondi).any():
                 panel.axes.plot(at, 1 - bondi[here], "k^", ms=4, mec="white", mew=0.5, zorder=5,
@@ -86,10 +89,23 @@ class Fractions(Counted):
                 panel.axes.set_xlim(x.values[0], x.values[-1])
         figure.supxlabel(label(x.name), fontsize="medium")
         figure.supylabel("share of bodies", fontsize="medium")
-        handles, words = panels[0].axes.get_legend_handles_labels()
+        every = [panel.axes.get_legend_handles_labels() for panel in panels]
+        known = {word: handle for handles, words in every
+                 for handle, word in zip(handles, words, strict=True)}  # fmt: skip
+        handles, words = list(known.values()), list(known)
         # Marks come last, whatever order they were drawn in.
-        order = sorted(range(len(words)), key=lambda place: words[place] == BONDI_LABEL)
+        last = ("", UNSURE_LABEL, BONDI_LABEL)
+        order = sorted(
+            range(len(words)), key=lambda k: last.index(words[k]) if words[k] in last else 0
+        )
         legend_above(figure, [handles[place] for place in order], 1.75)
+
+    def _stack(self, axes: Any, at: Floats, below: Floats, own: Floats, **style: Any) -> None:
+        """Lay shares on those below."""
+        if self.side_by_side():
+            axes.bar(at, own, 0.7, below, **style)
+        else:
+            axes.fill_between(at, below, below + own, **style)
 
     def _intervals(self, axes: Any, here: Any, at: Floats) -> None:
         """Wilson's interval of each border between areas, itself a share of the runs."""

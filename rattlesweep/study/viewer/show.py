@@ -120,8 +120,11 @@ def course_of(
     return course
 
 
-def make_scene(course: Course) -> Scene:
-    """Integrate a course of :func:`course_of`, not yet begun, and gather what its page shows."""
+def make_scene(course: Course, cause: str = "") -> Scene:
+    """Integrate a course of :func:`course_of`, not yet begun, and gather what its page shows.
+
+    `cause` says of a stored run why its reversal is sensitive, if it is.
+    """
     assert isinstance(course.times, EvenTimes)
     start, step = course.times.start, course.times.step / course.times.parts
     columns = course.columns()
@@ -146,7 +149,7 @@ def make_scene(course: Course) -> Scene:
         "trail": TRAIL * 2 * math.pi / float(runs.modes.omega_r[0]),
         "speed": min(FAST, max(SLOW, (max(first, start) - start) / SECONDS)),
         "weights": _weights(body),
-        "facts": _facts(course),
+        "facts": _facts(course, cause),
     }
     return Scene(t, {name: columns[name] for name in COLUMNS}, spin, rise, about)
 
@@ -173,7 +176,7 @@ def _weights(b: dict[str, float]) -> list[tuple[float, float, float]]:
     return [(r_x, 0, radius), (-r_x, 0, radius), (0, r_y, radius), (0, -r_y, radius)]
 
 
-def _facts(course: Course) -> list[tuple[str, str]]:
+def _facts(course: Course, cause: str) -> list[tuple[str, str]]:
     """What there is to know of the run, in words."""
     b, launch, m = course.body, course.launch, course.launches.modes
     method = ", ".join(f"{value:g}" if isinstance(value, float) else str(value)
@@ -194,6 +197,8 @@ def _facts(course: Course) -> list[tuple[str, str]]:
     ]
     if course.zeros != course.reversals:
         lines.insert(-2, ("zero crossings", _listed(course.zeros, course.t)))
+    if cause:
+        lines.append(("sensitive", cause))
     if course.observer.warning:
         lines.append(("beware", course.observer.warning))
     # Exponents keep the hyphen that programs read.
@@ -270,7 +275,7 @@ def course_of_stored(
     check_model(source.config.model)
     source.prove(stored)
     course = course_of(source.prepare(stored, t_end), watch=watch, **rows)
-    scene = make_scene(course)
+    scene = make_scene(course, source.cause(stored))
     stored.check(course)
     kind = f", type {stored.type}" if stored.type else ""
     return course, scene, f"{source.config.name}: {stored.name}{kind}"

@@ -101,6 +101,8 @@ class Estimated(Outcome):
         Tolerances of the run and its companion; NaN with a fixed step.
     apart, companion_t_r : ndarray
         Distance of the two states at their reversals, and the companion's reversal.
+    grazes : ndarray of int64
+        Undecided extrema (`near_tangencies`) of the two.
     tries : ndarray of int64
         Steps tried for each run in all, its companion's and those of looser attempts included.
     """
@@ -113,6 +115,7 @@ class Estimated(Outcome):
     companion_tol: Floats
     apart: Floats
     companion_t_r: Floats
+    grazes: NDArray[np.int64]
     tries: NDArray[np.int64]
 
 
@@ -252,6 +255,7 @@ def with_errors(
         apart=apart,
         companion_tol=np.full(len(batch), looser if tableau.adaptive else np.nan),
         companion_t_r=companions.t_r,
+        grazes=runs.near_tangencies + companions.near_tangencies,
         tries=_tries(runs) + _tries(companions),
     )
 

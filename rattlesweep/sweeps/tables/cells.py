@@ -103,8 +103,8 @@ class Cells:
         Of all runs that have one.
     t_r_error : Moments
         Of runs of type R that have one.
-    sensitive, unsure
-        Runs of type R whose error is large, and runs whose type is not sure.
+    sensitive, unsure_types
+        Runs of type R whose error is large, and runs of each of `TYPES` whose type is not sure.
     has_errors : bool
         Whether any rows told them.
     """
@@ -113,9 +113,10 @@ class Cells:
         self.runs, self.ok, self.steady, self.bondi, self.near_tangencies = (
             np.zeros(cells, np.int64) for _ in range(5)
         )
-        self.sensitive, self.unsure = (np.zeros(cells, np.int64) for _ in range(2))
+        self.sensitive = np.zeros(cells, np.int64)
         self.has_errors = False
         self.types = {name: np.zeros(cells, np.int64) for name in TYPES}
+        self.unsure_types = {name: np.zeros(cells, np.int64) for name in TYPES}
         self.t_r, self.ratio, self.t_rgh, self.t_r_error = (Moments(cells) for _ in range(4))
 
     def add(self, rows: pa.RecordBatch, cell: Integers) -> None:
@@ -153,7 +154,14 @@ class Cells:
             marked = reversed_ & np.isfinite(error)
             self.t_r_error.add(cell[marked], error[marked])
             np.add.at(self.sensitive, cell[marked & is_sensitive(error, t_r)], 1)
-            np.add.at(self.unsure, cell[floats(rows.column("type_sure"))[kept] == 0], 1)
+            unsure = floats(rows.column("type_sure"))[kept] == 0
+            for code, name in enumerate(TYPES):
+                np.add.at(self.unsure_types[name], cell[unsure & (kind == code)], 1)
+
+    @property
+    def unsure(self) -> Integers:
+        """Runs whose type is not sure."""
+        return np.stack([*self.unsure_types.values()]).sum(axis=0)
 
     @property
     def failed(self) -> Integers:
