@@ -34,6 +34,7 @@ from rattlesweep.sweeps.blocks.block import finish_block, run_batch
 from rattlesweep.sweeps.cases.launches import full_batch, prepare, reduced_batch
 from rattlesweep.sweeps.cases.plan import make_plan
 from rattlesweep.sweeps.config.load import load_config
+from rattlesweep.sweeps.config.schema import Integrator
 from rattlesweep.sweeps.store.store import Store
 from rattlesweep.sweeps.tables.arrow import build_table
 from rattlesweep.sweeps.tables.columns import runs_schema
@@ -81,6 +82,15 @@ def integration(samples: int) -> tuple[list[Part], Any, Any, dict[str, Any]]:
                 len(batch),
             )
         )
+    goal = Integrator.model_validate({"accuracy": {"t_r": 1e-6}})
+    changed = config.model_copy(update={"integrator": goal, "record": ["error"]})
+    parts.append(
+        Part(
+            "accuracy t_r 1e-6",
+            lambda changed=changed: finish_block(changed, launches, batch, threads=1),
+            runs,
+        )
+    )
     reduced = config.model_copy(update={"model": "reduced"})
     closed = config.model_copy(update={"model": "gh"})
     small = reduced_batch(launches)

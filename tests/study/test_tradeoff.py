@@ -7,6 +7,8 @@ import math
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -23,7 +25,7 @@ from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.study.style import styled
 from rattlesweep.study.tradeoff import figure
 from rattlesweep.study.tradeoff import settings as tradeoff
-from rattlesweep.study.tradeoff.measure import measure
+from rattlesweep.study.tradeoff.measure import measure, promise_kept
 from rattlesweep.study.tradeoff.reference import independent_reversal, make_reference
 from rattlesweep.study.tradeoff.runs import draw
 from rattlesweep.study.tradeoff.settings import (
@@ -31,6 +33,7 @@ from rattlesweep.study.tradeoff.settings import (
     DEFAULT,
     FULL,
     PLAIN,
+    PROMISE,
     QUICK,
     REFERENCES,
     Setting,
@@ -68,7 +71,7 @@ SMALL_SCOPE = replace(
     confirm=100.0,
 )
 # One kernel, the yardstick and the closed form; the slow suite has all, and two reference methods.
-FEW = (PLAIN, *tradeoff.settings(["dop853"]), CLOSED_FORM)
+FEW = (PLAIN, *tradeoff.settings(["dop853"]), PROMISE, CLOSED_FORM)
 DOP853 = REFERENCES[1]
 FEW_SCOPE = replace(SMALL_SCOPE, settings=FEW, references=(DOP853, DOP853))
 
@@ -119,7 +122,7 @@ def test_the_command_writes_a_table_and_a_figure(tmp_path):
     result = tradeoff_command(small(tmp_path), *options)
     assert result.exit_code == 0, result.stderr
     assert "12 runs" in result.stdout
-    for row in ("plain rk4 dt 0.002", "dop853 tol 1e-9", "gh"):
+    for row in ("plain rk4 dt 0.002", "dop853 tol 1e-9", "dop853 accuracy 1e-6", "gh"):
         assert any(line.startswith(row) for line in result.stdout.splitlines()), row
     advice = result.stdout[result.stdout.index("cheapest setting") :].splitlines()
     assert [line.split()[0] for line in advice[2:]] == ["0.001", "1e-6", "1e-9", "1e-12"]
@@ -132,6 +135,10 @@ def test_the_command_writes_a_table_and_a_figure(tmp_path):
     assert [*zip(table["model"].to_pylist(), table["method"].to_pylist(), strict=True)] == [
         (setting.model, setting.method) for setting in FEW
     ]
+    promised = table["setting"].to_pylist().index("accuracy")
+    kept, marked = table["kept"].to_pylist(), table["marked"].to_pylist()
+    assert (kept.pop(promised), marked.pop(promised)) == (1.0, 0.0)
+    assert not any(value is not None for value in (*kept, *marked))
     for name in ("us_per_unit", "us_per_run", "speedup"):
         assert min(table[name].to_pylist()) > 0
     picture = imread(out / "tradeoff.png")
@@ -286,6 +293,18 @@ def test_equal_figures_have_equal_bytes(study, tmp_path, monkeypatch):
     for kind in ("svg", "png"):
         one, two = (tmp_path / name / f"tradeoff.{kind}" for name in ("one", "two"))
         assert one.read_bytes() == two.read_bytes()
+
+
+def test_a_promise_is_kept_by_runs_that_do_not_say_otherwise():
+    both = np.array([True, True, True, True, False])
+    t_r = np.array([1 + 1e-7, 1 + 1e-5, 1 + 1e-5, np.nan, 2.0])
+    told = np.array([1e-7, 1e-7, 1e-4, np.nan, 1e-7])
+    solution = SimpleNamespace(t_r=np.ones(5))
+    reference: Any = SimpleNamespace(both=both, solution=solution)
+    found: Any = SimpleNamespace(t_r=t_r, t_r_error=told)
+    index = np.arange(5)
+    assert promise_kept(PROMISE, found, reference, index) == {"kept": 0.5, "marked": 0.5}
+    assert math.isnan(promise_kept(FEW[1], found, reference, index)["kept"])
 
 
 def test_runs_too_long_for_a_setting_are_no_error(tmp_path):

@@ -231,7 +231,7 @@ def cause_of(found: Estimated, swing: float, n_i: float) -> str:
         return f"it may not reverse: {at} it does not"
     if apart >= PARTED:
         kind = "a delayed loss of stability" if n_i < 0 else "chaos"
-        grown = "" if np.isnan(looser) else f", grown {apart / looser:.0e}-fold from that tol"
+        grown = "" if np.isnan(looser) else f", {apart / looser:.0e} times that tol"
         return (
             f"{kind}: {instead}, with states that are {apart:.2g} of the oscillation apart{grown}"
         )

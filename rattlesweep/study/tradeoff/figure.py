@@ -29,11 +29,12 @@ STYLE: dict[str, tuple[str, str, tuple[int, int, str]]] = {
 }
 # Of a method without an entry.
 SPARE = tuple((*look, (6, 3, "left")) for look in ((ORANGE, "v"), (SKY, "P"), (GREY, "X")))
-# What stands alone: plain RK4, and the models without the full dynamics.
+# What stands alone: plain RK4, the models without the full dynamics, an error that is asked for.
 SINGLES = {
     "full": ("x", "plain scalar rk4, dt 0.002", (8, -3, "left")),
     "reduced": ("*", "reduced", (-8, -3, "right")),
     "gh": ("h", "gh", (-8, -3, "right")),
+    "accuracy": ("p", "accuracy {t_r: 1e-6}", (8, 6, "left")),
 }
 # Abscissas of the panels, the large one first; all but the last are logarithmic.
 LABELS = {
@@ -71,7 +72,7 @@ def draw(rows: pd.DataFrame, caption: str = "") -> Figure:
     for name in [*LABELS][:-1]:
         # What a logarithmic axis can show.
         rows[name] = rows[name].where(np.isfinite(rows[name]) & (rows[name] > 0))
-    single = (rows.model != "full") | (rows.method == "plain")
+    single = (rows.model != "full") | (rows.method == "plain") | (rows.setting == "accuracy")
     spare = iter(SPARE * len(rows))
     for method, own in rows[~single].groupby("method", sort=False):
         colour, shape, place = STYLE.get(str(method)) or next(spare)
@@ -83,8 +84,9 @@ def draw(rows: pd.DataFrame, caption: str = "") -> Figure:
         prefix = "" if own.setting.iloc[0] == "tol" else "dt "
         words = [prefix + number(value) for value in own.value]
         _annotate(main, own, words, place, color=colour, fontsize=7.5)
-    for model, own in rows[single].groupby("model", sort=False):
-        shape, word, place = SINGLES[str(model)]
+    which = rows.model.where(rows.setting != "accuracy", "accuracy")
+    for name_of, own in rows[single].groupby(which, sort=False):
+        shape, word, place = SINGLES[str(name_of)]
         for name in ("error_median", "error_p99", "type_flips"):
             axes = panels[name]
             size = {"markersize": 8 if axes is main else 6}

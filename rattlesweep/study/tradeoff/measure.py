@@ -119,7 +119,8 @@ def measure(
                 "us_per_unit": 1e6 * cost.seconds,
                 "us_per_run": 1e6 * cost.seconds * mean,
                 "speedup": yardstick / cost.seconds,
-                **_errors(runs.solve(setting, index, threads=threads), reference, index),
+                **_errors(found := runs.solve(setting, index, threads=threads), reference, index),
+                **promise_kept(setting, found, reference, index),
             }
         )
     apart = reference.apart
@@ -234,6 +235,22 @@ def _affordable(
     order = np.random.default_rng(0).permutation(np.flatnonzero(price <= most / 200))
     kept = order[np.cumsum(price[order]) <= most]
     return np.sort(good[kept])
+
+
+def promise_kept(
+    setting: Setting, found: Solution, reference: Reference, index: NDArray[np.intp]
+) -> dict[str, float]:
+    """How far an error that was asked for is kept."""
+    if setting.name != "accuracy":
+        return {"kept": np.nan, "marked": np.nan}
+    both = reference.both[index]
+    t_r, told = found.t_r[both], found.t_r_error[both]
+    error = np.abs(t_r / reference.solution.t_r[index][both] - 1)
+    held = told <= setting.value * t_r
+    return {
+        "kept": float((error <= setting.value)[held].mean()) if held.any() else np.nan,
+        "marked": float((~held).mean()) if len(held) else np.nan,
+    }
 
 
 def _errors(found: Solution, reference: Reference, index: NDArray[np.intp]) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.task import Task
 from rattlesweep.study.tradeoff.scalar_rk4 import scalar_rk4
 from rattlesweep.sweeps.blocks.block import columns_of, load_kernel, run_batch
+from rattlesweep.sweeps.blocks.error import Estimated
 from rattlesweep.sweeps.blocks.rows import take
 from rattlesweep.sweeps.cases.launches import full_batch, prepare, reduced_batch
 from rattlesweep.sweeps.cases.plan import make_plan
@@ -49,6 +50,8 @@ class Solution:
         Relative change of energy.
     tries : float
         Steps tried in all, accepted or not.
+    t_r_error : ndarray
+        What the runs say of the error of ``t_r``; NaN where they say nothing.
     """
 
     t_r: Floats
@@ -58,6 +61,7 @@ class Solution:
     n_end: Floats
     drift: Floats
     tries: float
+    t_r_error: Floats
 
 
 @dataclass(frozen=True)
@@ -115,8 +119,12 @@ class Runs:
             ).wait()
         columns = columns_of(config, take(self.launches, index), batch, outcome)
         ok = columns["status"][0] == Status.OK
-        steps = None if outcome is None else outcome.n_steps + outcome.n_rejected
         nothing = np.full(len(index), np.nan)
+        tries = 0.0
+        if isinstance(outcome, Estimated):
+            tries = float(outcome.tries.sum())
+        elif outcome is not None:
+            tries = float((outcome.n_steps + outcome.n_rejected).sum())
         return Solution(
             t_r=np.where(ok, columns["t_r"], np.nan),
             t_end=columns["t_end"],
@@ -124,12 +132,16 @@ class Runs:
             ok=ok,
             n_end=columns["n_end"],
             drift=nothing if outcome is None else np.abs(outcome.energy_drift),
-            tries=0.0 if steps is None else float(steps.sum()),
+            tries=tries,
+            t_r_error=columns.get("t_r_error", nothing),
         )
 
     def _config(self, setting: Setting) -> Config:
         integrator = type(self.config.integrator).model_validate(setting.integrator)
-        return self.config.model_copy(update={"model": setting.model, "integrator": integrator})
+        record = ["error"] if integrator.goal is not None else []
+        return self.config.model_copy(
+            update={"model": setting.model, "integrator": integrator, "record": record}
+        )
 
 
 def _plain(batch: Batch, dt: float) -> Solution:
@@ -137,7 +149,7 @@ def _plain(batch: Batch, dt: float) -> Solution:
     t_r, nothing = scalar_rk4(batch), np.full(len(batch), np.nan)
     t_end = np.where(np.isnan(t_r), batch.t_end, t_r)
     types, ok = np.full(len(batch), -2), np.ones(len(batch), dtype=bool)
-    return Solution(t_r, t_end, types, ok, nothing, nothing, float(t_end.sum()) / dt)
+    return Solution(t_r, t_end, types, ok, nothing, nothing, float(t_end.sum()) / dt, nothing)
 
 
 def draw(config: Config, base: Path | None, *, samples: int | None, least: int) -> Runs:

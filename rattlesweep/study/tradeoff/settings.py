@@ -43,7 +43,10 @@ class Setting:
     @property
     def integrator(self) -> dict[str, Any]:
         """As in a config."""
-        return {} if self.method == "none" else {"method": self.method, self.name: self.value}
+        if self.method == "none":
+            return {}
+        value = {"t_r": self.value} if self.name == "accuracy" else self.value
+        return {"method": self.method, self.name: value}
 
     @property
     def stages(self) -> int:
@@ -56,6 +59,7 @@ REFERENCES = tuple(Setting("full", method, "tol", 1e-13) for method in ("verner9
 PLAIN = Setting("full", "plain", "dt", DT)
 REDUCED = Setting("reduced", "dop853", "tol", 1e-9)
 CLOSED_FORM = Setting("gh", "none")
+PROMISE = Setting("full", "dop853", "accuracy", 1e-6)
 
 
 def settings(methods: Collection[str]) -> list[Setting]:
@@ -104,9 +108,9 @@ class Scope:
     confirm: float = 4000.0
 
 
-FULL = Scope((PLAIN, *settings(METHODS), REDUCED, CLOSED_FORM))
+FULL = Scope((PLAIN, *settings(METHODS), PROMISE, REDUCED, CLOSED_FORM))
 QUICK = Scope(
-    (PLAIN, *settings([s.method for s in REFERENCES]), CLOSED_FORM),
+    (PLAIN, *settings([s.method for s in REFERENCES]), PROMISE, CLOSED_FORM),
     least=300, rounds=2, horizon=500.0, stages=1e8, scalar_stages=2e7, cost_stages=1e7,
     confirm=400.0,
 )  # fmt: skip

@@ -27,7 +27,7 @@ SCHEMA = pa.schema(
     [
         required("model", TEXT, "1", "full, reduced or gh"),
         required("method", TEXT, "1", "integrator; plain: scalar RK4, one run after another"),
-        required("setting", TEXT, "1", "tol, dt, or none"),
+        required("setting", TEXT, "1", "tol, dt, accuracy (of t_r), or none"),
         field("value", F64, "1", "value of the setting; dt in sqrt(a/g)"),
         required("runs", I64, "1", "runs integrated for the errors"),
         required("reversing", I64, "1", "runs among them whose reference reverses"),
@@ -42,6 +42,9 @@ SCHEMA = pa.schema(
         field("share_above_1e_6", F64, "1", "share of runs off by more than 1e-6, or without t_r"),
         required("missed", I64, "1", "runs with a reversal in the reference and none here"),
         required("false", I64, "1", "runs with a reversal here and none in the reference"),
+        field("kept", F64, "1", "share of runs within the accuracy that is promised, of those "
+              "that are not marked; null: none is"),
+        field("marked", F64, "1", "share of runs that say that they may not be within it"),
         field("type_flips", F64, "1", "share of runs with another type"),
         field("energy_drift_median", F64, "1", "median change of energy, relative"),
         field("energy_drift_max", F64, "1", "largest change of energy, relative"),
@@ -123,6 +126,8 @@ COLUMNS: tuple[tuple[str, str, Callable[[Any], str]], ...] = (
     ("error of", "median", lambda row: number(row.error_median)),
     ("t_r", "99 %", lambda row: number(row.error_p99)),
     ("share", "> 1e-6", lambda row: f"{100 * row.share_above_1e_6:.2f} %"),
+    ("promise", "kept",
+     lambda row: "-" if math.isnan(row.kept) else f"{100 * row.kept:.2f} %"),
     ("", "missed", lambda row: str(row.missed)),
     ("", "false", lambda row: str(row.false)),
     ("other", "type",

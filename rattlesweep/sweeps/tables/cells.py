@@ -161,7 +161,8 @@ class Cells:
     @property
     def unsure(self) -> Integers:
         """Runs whose type is not sure."""
-        return np.stack([*self.unsure_types.values()]).sum(axis=0)
+        total: Integers = np.sum([*self.unsure_types.values()], axis=0)
+        return total
 
     @property
     def failed(self) -> Integers:
