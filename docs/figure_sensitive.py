@@ -1,6 +1,7 @@
 """The picture of docs/sensitive.md: where the error of one reversal time comes from.
 
 python docs/figure_sensitive.py docs/sensitive.png
+python docs/figure_sensitive.py worst    # the last columns of its table
 """
 
 import sys
@@ -15,7 +16,7 @@ from rattlesweep.integrate.batch import integrate
 from rattlesweep.integrate.follow.trajectory import Follower
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import METHODS
-from rattlesweep.physics.steady import steady_modes
+from rattlesweep.physics.steady import growth, steady_modes
 from rattlesweep.sweeps.blocks.block import prepare_runs
 from rattlesweep.sweeps.blocks.rows import take
 from rattlesweep.sweeps.cases.plan import make_plan
@@ -25,6 +26,8 @@ CONFIG = Path(__file__).resolve().parent.parent / "configs" / "quickstart.yaml"
 CASE, SAMPLE = 4, 99
 # Its reversal time in double-double arithmetic (benchmarks/errors.py --worst).
 TRUE = 2467.883536
+WORST = ((4, 349), (4, 158), (4, 361), (3, 361), (4, 99), (4, 207), (4, 31), (3, 349), (4, 219),
+         (4, 278))  # fmt: skip
 TOLS = {1e-6: "#D55E00", 1e-9: "#0072B2", 1e-12: "#009E73"}
 KICKS = {1e-13: "#009E73", 1e-11: "#56B4E9", 1e-9: "#0072B2"}
 
@@ -100,5 +103,28 @@ def main(target: str) -> None:
     figure.savefig(Path(target), dpi=150)
 
 
+def worst() -> None:
+    """Print by how much the pitch decays, how fast its error then grows, and when."""
+    plan, width = make_plan(load_config(CONFIG, [])), 40
+    for case, sample in WORST:
+        _, one = prepare_runs(plan, np.array([case]), np.array([sample]))
+        assert one is not None
+        t_r = integrate(one, METHODS["verner98"], FULL, tol=1e-14, threads=1).t_r[0]
+        times = np.arange(0.0, int(t_r) - 5)
+        exact, y = path(one, 1e-15, times), path(one, 1e-9, times)
+        p, q, a, b, c = exact.T
+        n = -(p * a + q * b + c) / np.sqrt(1 + p * p + q * q)
+        decay = growth(one.constants[0][:, None], n)[0].sum()
+        upto = min(len(y), len(exact))
+        apart = envelope(pitch(one, y[:upto] - exact[:upto], exact[:upto]))
+        size = envelope(np.linalg.norm(exact[:upto, :4], axis=1))
+        rate = np.log(apart[width:] / apart[:-width]) / width
+        # In the end, and before it is as large as the rest.
+        late = (times[: len(rate)] > 0.8 * t_r) & (apart[width:] < 0.3 * size[width:])
+        at = np.flatnonzero(late)[np.argmax(rate[late])]
+        when = (at + width / 2) / t_r
+        print(f"{case}, {sample}: e^{decay:.0f}, then {rate[at]:.2f} at {when:.2f}")
+
+
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    worst() if sys.argv[1:] == ["worst"] else main(*sys.argv[1:])
