@@ -398,7 +398,7 @@ def test_causes_in_words(changes: dict[str, float], n_i: float, words: str) -> N
     assert "nan" not in said
 
 
-def test_the_command_line_says_the_cause(marked: Path, tmp_path: Path) -> None:
+def test_the_command_line_says_the_cause(marked: Path, whole: Path, tmp_path: Path) -> None:
     where = ["--where", "t_r_error > 0.01 * t_r and type_sure = true"]
     (run,) = Replay(marked).select(where=where[1])
     cause = Replay(marked).cause(run)
@@ -409,8 +409,8 @@ def test_the_command_line_says_the_cause(marked: Path, tmp_path: Path) -> None:
     shown = invoke("show", "--from", marked, *where, "--output", page, "--points", 300)
     assert cause in shown.stderr
     assert '["sensitive", "' in page.read_text()
-    (quiet,) = Replay(marked).select(where="t_r_error < 0.000001 * t_r")
-    assert Replay(marked).cause(quiet) == ""
+    (quiet,) = Replay(whole).select(where="t_r_error < 0.000001 * t_r")
+    assert Replay(whole).cause(quiet) == ""
 
 
 # ----------------------------------------------------------------------------- an error asked for
