@@ -24,6 +24,7 @@ from importlib import import_module
 from typing import Any
 
 import numba
+from numba.core.compiler_lock import global_compiler_lock
 
 from rattlesweep.integrate.cache import PACKAGE, KernelCache
 from rattlesweep.integrate.compiling import compiling
@@ -192,7 +193,9 @@ def loaded(example: Example, *names: Any) -> Any:
 def _load(example: Example, names: tuple[Any, ...]) -> Any:
     compiled, arguments = example(*names)
     signature, context, store = signature_of(arguments), compiled.targetctx, compiled._cache
-    context.refresh()
+    # Numba's own registries are read by one thread at a time.
+    with global_compiler_lock:
+        context.refresh()
     name = store.name(signature, context)
     if store.get(name) is None:
         with store.locked(name):
