@@ -84,9 +84,10 @@ def draw(rows: pd.DataFrame, caption: str = "") -> Figure:
         prefix = "" if own.setting.iloc[0] == "tol" else "dt "
         words = [prefix + number(value) for value in own.value]
         _annotate(main, own, words, place, color=colour, fontsize=7.5)
-    which = rows.model.where(rows.setting != "accuracy", "accuracy")
-    for name_of, own in rows[single].groupby(which, sort=False):
-        shape, word, place = SINGLES[str(name_of)]
+    alone = rows[single]
+    names = np.where(alone.setting == "accuracy", "accuracy", alone.model)
+    for single_name, own in alone.groupby(names, sort=False):
+        shape, word, place = SINGLES[str(single_name)]
         for name in ("error_median", "error_p99", "type_flips"):
             axes = panels[name]
             size = {"markersize": 8 if axes is main else 6}
