@@ -421,7 +421,7 @@ def test_the_command_line_says_the_cause(marked: Path, whole: Path, tmp_path: Pa
     [
         (1e-6, [1e-4, 3e-7, 3e-9, 3e-11]),
         (1e-9, [6e-7, 3e-10, 3e-12, 3e-14]),
-        (1e-3, [1e-4, 1e-5, 1e-7, 1e-9]),
+        (1e-3, [1e-4, 1e-6, 1e-8, 1e-10]),
         (1e-12, [6e-10, 3e-13, 1e-14]),
     ],
 )
