@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import threading
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -67,6 +67,10 @@ class Batch:
         Modulus of the launch's spin, or of what stands for it where there is none.
     tapped : ndarray of bool
         Launched without spin: zeros of it count once it has passed :data:`PLATEAU_SHARE` of scale.
+    settled : ndarray, optional
+        Oscillation (its square in :attr:`Model.error`) from which on it only decays: where it has
+        come down to this, and its amplitude never grew, a run ends after a window.  0 is never;
+        empty, too, for all runs.
     """
 
     y0: Floats
@@ -80,6 +84,7 @@ class Batch:
     first_mark: Floats
     scale: Floats
     tapped: NDArray[np.bool_]
+    settled: Floats = field(default_factory=lambda: np.zeros(0))
 
     def __len__(self) -> int:
         """Return the number of runs."""
@@ -182,6 +187,13 @@ def _threads(threads: int, control: Control) -> Iterator[bool]:
         lock.release()
 
 
+def has_settled(batch: Batch, outcome: Outcome) -> NDArray[np.bool_]:
+    """Which runs ended before their horizon, at :attr:`Batch.settled`."""
+    ended = (outcome.t_end < batch.t_end) & np.isnan(outcome.t_r)
+    settled: NDArray[np.bool_] = ended & (outcome.status == Status.OK)
+    return settled
+
+
 def integrate(
     batch: Batch,
     tableau: Tableau,
@@ -197,7 +209,8 @@ def integrate(
 ) -> Outcome:
     """Integrate every run to its first reversal, or to its horizon.
 
-    It is to the horizon if it does not reverse, and for all if reversals are recorded.
+    It is to the horizon if it does not reverse, and for all if reversals are recorded; less far
+    once it has settled.
 
     Parameters
     ----------
@@ -320,6 +333,7 @@ def run_plans(
     plan[:, C.FIRST_MARK] = batch.first_mark
     plan[:, C.FAR] = PLATEAU_SHARE * batch.scale
     plan[:, C.TAPPED] = batch.tapped
+    plan[:, C.SETTLED] = batch.settled if len(batch.settled) else 0.0
     return plan
 
 

@@ -21,6 +21,10 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
     Complexes = NDArray[np.complex128]
 
+# Of the way, in n^2, from the steady spin to its threshold: spins at which both modes must decay.
+POSSIBLE = (0.0, 0.25, 0.5)
+MOST_SLOPE = 0.1
+
 
 def matrix(constants: Floats, n: ArrayLike) -> Floats:
     """Matrix of the linear system.
@@ -97,3 +101,83 @@ def growth(constants: Floats, n: ArrayLike) -> tuple[Floats, Floats]:
     """Growth rates of the pitch and the roll amplitude at any spin, in ``sqrt(g/a)``."""
     found = steady_modes(constants, n)
     return found.pitch.real, found.roll.real
+
+
+def transient_growth(constants: Floats, n: ArrayLike) -> Floats:
+    """Bound of how far the energy of an oscillation rises before it decays, 1 or more.
+
+    Modes that are not orthogonal take energy from each other: of ``dx/dt = A x`` with eigenvectors
+    ``V`` and no growing mode, ``|x(t)|^2 <= cond(V)^2 |x(0)|^2`` (Trefethen and Embree, Spectra and
+    Pseudospectra, 2005, sec. 14).  The norm is that of :func:`full.oscillation`, in which each mode
+    has length 1.
+
+    Parameters
+    ----------
+    constants : ndarray, shape (6, ...)
+    n : array_like
+        Steady spin, in ``sqrt(g/a)``.
+    """
+    ix, iy = constants[:2]
+    norm = np.zeros((*np.shape(ix), 4, 4))
+    norm[..., :2, :2] = _curvature(constants)
+    norm[..., 2, 2], norm[..., 3, 3] = ix + 1, iy + 1
+    root = np.swapaxes(np.linalg.cholesky(norm), -1, -2)
+    _, vectors = np.linalg.eig(root @ matrix(constants, n) @ np.linalg.inv(root))
+    sizes = np.linalg.svd(vectors, compute_uv=False)
+    with np.errstate(divide="ignore"):
+        bound: Floats = (sizes[..., 0] / sizes[..., -1]) ** 2
+    return bound
+
+
+def settled_oscillation(constants: Floats, n_0: Floats, n_c: Floats, rate: Floats) -> Floats:
+    """Oscillation from which on a run only decays towards its steady spin; 0 where none is safe.
+
+    All energy that a run has is spin in the end, ``n_0``, if the oscillation decays.  At this
+    energy the steady spin is a fixed point; around it the equations are odd in the oscillation, so
+    that what linear theory leaves out is of third order.  Decay is certain while
+
+    - both modes decay, the pitch twice as fast as the roll at least, at every spin that the
+      oscillation's energy may still lead to: down to half-way, in ``n^2``, from ``n_0`` to the
+      threshold ``n_c``;
+    - the energy that the oscillation may rise to, by :func:`transient_growth`, leads no farther,
+      and is not enough to lean the body by a slope of ``1/sqrt(2)`` in the direction easiest to;
+    - now that slope is 0.1 at most: the amplitude of a mode is known to its square.
+
+    Docs/types.md says how far on the safe side this is.
+
+    Parameters
+    ----------
+    constants : ndarray, shape (6, runs)
+    n_0 : ndarray
+        Spin that would hold all the energy, with its sign.
+    n_c : ndarray
+        Threshold of stability (:func:`theory.bondi_threshold`), with its sign; NaN where there is
+        none.
+    rate : ndarray
+        Least rate that counts as decay, positive, in ``sqrt(g/a)``.
+
+    Returns
+    -------
+    ndarray
+        As :func:`full.oscillation` measures it, twice an energy, in ``M g a``.
+    """
+    settled = np.zeros(len(n_0))
+    place = np.flatnonzero((n_0 * n_c > 0) & (np.abs(n_0) > np.abs(n_c)) & np.isfinite(rate))
+    constants, n_0, n_c, rate = constants[:, place], n_0[place], n_c[place], rate[place]
+    square = n_0**2 - n_c**2
+    certain = np.ones(len(place), dtype=bool)
+    for share in POSSIBLE:
+        pitch, roll = growth(constants, np.copysign(np.sqrt(n_0**2 - share * square), n_0))
+        certain &= (pitch < 2 * roll) & (roll < -rate)
+    constants, square, place = constants[:, certain], square[certain], place[certain]
+    lean = np.linalg.eigvalsh(_curvature(constants))[..., 0]
+    later = POSSIBLE[-1] * np.minimum(constants[2] * square, lean)
+    rise = transient_growth(constants, n_0[certain])
+    settled[place] = np.minimum(later / rise, MOST_SLOPE**2 * lean)
+    return settled
+
+
+def _curvature(constants: Floats) -> Floats:
+    """Matrix ``C``, shape (..., 2, 2): what a slope ``(p, q)`` costs, twice the energy."""
+    _, _, _, cxx, cxy, cyy = constants
+    return np.stack([np.stack([cxx, cxy], -1), np.stack([cxy, cyy], -1)], -2)

@@ -119,7 +119,7 @@ def test_defaults_are_table_one_and_the_papers_own_step() -> None:
         "model": "full",
         "horizon": {"t_rgh": 5},
         "integrator": {"method": "dop853", "tol": 1e-9, "max_steps": 100_000_000},
-        "classify": {"ss_growth": 1e-3, "sw_departure": 0.05},
+        "classify": {"ss_growth": 1e-3, "sw_departure": 0.05, "early": False},
         "record": [],
         "block_size": 4_000,
         "output": "out/sweep",
@@ -235,8 +235,11 @@ def test_the_hash_is_of_the_physics_alone(tmp_path: Path) -> None:
     path = write(tmp_path, EXAMPLE)
     base = physics_hash(load_config(path))
     same = ["name=x", "output=y", "classify.ss_growth=0.5", "spin.psi=relevant", "block_size=5"]
-    assert physics_hash(load_config(path, same)) == base
-    for other in ("seed=1", "integrator.tol=1e-8", "record=[energy]", "model=gh"):
+    assert physics_hash(load_config(path, [*same, "classify.early=false"])) == base
+    early = physics_hash(load_config(path, ["classify.early=true"]))
+    assert physics_hash(load_config(path, ["classify={early: true, ss_growth: 0.5}"])) == early
+    for other in ("seed=1", "integrator.tol=1e-8", "record=[energy]", "model=gh",
+                  "classify.early=true"):  # fmt: skip
         assert physics_hash(load_config(path, [other])) != base
     energy_first = load_config(path, ["record=[energy, contact]"])
     assert physics_hash(energy_first) == physics_hash(
@@ -335,6 +338,15 @@ BAD = {
      "c.yaml:5:3: bodies.samples: nothing (null) is given here; write a whole number"),
     "list for a mapping": (changed("classify: {}", "classify: []"),
      "c.yaml:15:1: classify: a list is given here; write a mapping"),
+    "early of the closed form": (changed("model: full", "model: gh").replace(
+        "classify: {}", "classify: {early: true}"),
+     "c.yaml:15:1: classify: early is for the model full, and the model gh has no stable spin by "
+     "which a run could be certain to be SS; leave early out"),
+    "early and exponents": (changed("classify: {}", "classify: {early: true}").replace(
+        "record: []", "record: [lyapunov]"),
+     "c.yaml:16:1: record: lyapunov is the exponent of a run up to its horizon, and "),
+    "yes for true": (changed("classify: {}", "classify: {early: yes}"),
+     'c.yaml:15:12: classify.early: "yes" (text) is given here; write true or false'),
     "number for text": (changed("output: out/steady-kr-quick", "output: 12"),
      "c.yaml:17:1: output: 12 is a number; put it in quotes to make it text"),
     "fraction of a sample": (changed("samples: 1000", "samples: 1.5"),

@@ -89,9 +89,8 @@ def reduced_batch(body, n_i, e_p, e_r, t_end=1000.0):
 
 def take(runs, which):
     """The runs ``which`` of a batch, in that order."""
-    return batch.Batch(
-        **{name: np.ascontiguousarray(getattr(runs, name)[which]) for name in vars(runs)}
-    )
+    parts = {name: value[which] if len(value) else value for name, value in vars(runs).items()}
+    return batch.Batch(**{name: np.ascontiguousarray(value) for name, value in parts.items()})
 
 
 def join(*batches):

@@ -183,6 +183,97 @@ def test_probes_see_one_mode_alone(n):
                 assert abs(abs(probe @ flow @ start) - wanted) < noise
 
 
+def energy_norm(constants):
+    """Root of the matrix of `full.oscillation`, for one body."""
+    ix, iy, _, cxx, cxy, cyy = constants
+    norm = np.diag([cxx, cyy, ix + 1, iy + 1])
+    norm[0, 1] = norm[1, 0] = cxy
+    for start in np.random.default_rng(1).normal(size=(3, 4)):
+        assert start @ norm @ start == pytest.approx(
+            full.oscillation.py_func(*start, ix, iy, cxx, cxy, cyy), rel=1e-14
+        )
+    return np.linalg.cholesky(norm).T
+
+
+def test_no_decaying_oscillation_rises_above_the_bound_of_its_growth():
+    """The largest gain there is, by the norm of the exponential of the matrix."""
+    n_c1 = theory.bondi_threshold(*SD[:5])
+    found = []
+    for body, n in zip(SD.T, 1.2 * n_c1, strict=True):
+        if np.isnan(n):
+            continue
+        constants = full.constants(*body)
+        root = energy_norm(constants)
+        bound = float(steady.transient_growth(constants, n))
+        matrix = root @ steady.matrix(constants, n) @ np.linalg.inv(root)
+        gains = [np.linalg.norm(expm(matrix * t), 2) ** 2 for t in np.linspace(0, 60, 600)]
+        found.append(max(gains) / bound)
+    assert len(found) > 10
+    # Not above, and not so far below that it says nothing.
+    assert 0.1 < max(found) < 1
+
+
+def test_oscillations_settle_where_every_spin_they_may_lead_to_is_stable():
+    constants, n_c1 = full.constants(*SD), theory.bondi_threshold(*SD[:5])
+    slow = np.full(SD.shape[1], 1e-12)
+    there = np.isfinite(n_c1)
+    assert 10 < there.sum() < len(there)
+    for part in (-1.5, 0.5, 1.0):  # the unsteady direction, below the threshold, at it
+        assert np.all(steady.settled_oscillation(constants, part * n_c1, n_c1, slow) == 0)
+    found = steady.settled_oscillation(constants, 1.5 * n_c1, n_c1, slow)
+    assert np.array_equal(found > 0, there)
+    # What it may rise to takes half of the way to the threshold, or leans the body by a slope of
+    # sqrt(1/2) in the direction of the least curvature; now it is a slope of 0.1.
+    rise = steady.transient_growth(constants[:, there], 1.5 * n_c1[there])
+    way = constants[2, there] * 1.25 * n_c1[there] ** 2
+    lean = (1 - SD[3, there]) / SD[3, there]
+    most = np.minimum(np.minimum(way, lean) / 2 / rise, lean / 100)
+    np.testing.assert_allclose(found[there], most, rtol=1e-9)
+    # The mirror image has the same, in the other direction; one alone the same bits.
+    mirrored = full.constants(*SD[:5], -SD[5])
+    again = steady.settled_oscillation(mirrored, -1.5 * n_c1, -n_c1, slow)
+    np.testing.assert_allclose(again, found, rtol=1e-9)
+    alone = [
+        steady.settled_oscillation(constants[:, [k]], 1.5 * n_c1[[k]], n_c1[[k]], slow[[k]])[0]
+        for k in range(len(found))
+    ]
+    assert np.array_equal(alone, found)
+    # A decay that is not fast enough is none.
+    constants, n_c1 = constants[:, there], n_c1[there]
+    rates = -np.maximum(*steady.growth(constants, np.sqrt(1.625) * n_c1))  # half-way
+    for factor in (0.99, 1.01):
+        fast = steady.settled_oscillation(constants, 1.5 * n_c1, n_c1, factor * rates)
+        assert np.all((fast > 0) == (factor < 1))
+
+
+def test_a_second_threshold_beyond_the_first_is_seen():
+    """Of a body whose roll stops oscillating at a larger spin (`physics.theory`)."""
+    rng = np.random.default_rng(27)
+    bodies = any_body(4000, int(rng.integers(1000)))
+    bodies[5] = -np.abs(bodies[5])
+    n_c1 = theory.bondi_threshold(*bodies[:5])
+    n_0 = 3.0 * n_c1
+    constants = full.constants(*bodies)
+    some = np.isfinite(n_c1)
+    unstable = np.zeros(len(some), bool)
+    unstable[some] = np.maximum(*steady.growth(constants[:, some], n_0[some])) > 0
+    assert unstable.sum() > 100
+    found = steady.settled_oscillation(constants, n_0, n_c1, np.full(len(n_0), 1e-12))
+    assert np.all(found[unstable] == 0)
+    assert (found > 0).sum() > 100
+
+
+def test_what_linear_theory_leaves_out_is_odd():
+    """So that it is of third order: half a turn about the axis changes signs, and nothing else."""
+    rng = np.random.default_rng(28)
+    for body in BODIES:
+        constants = full.constants(*body)
+        p, q, a, b, c = rng.normal(size=5) / 3
+        one, other = full.rhs(p, q, a, b, c, *constants), full.rhs(-p, -q, -a, -b, c, *constants)
+        assert np.array_equal(other[:4], -np.array(one[:4]))
+        assert one[4] == other[4]
+
+
 def test_growth_where_the_roll_no_longer_oscillates():
     body = (7.9, 2.96, 6.45, 0.978, 0.8636, -0.5516)
     found = steady.growth(full.constants(*body), -3.92)

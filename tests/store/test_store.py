@@ -160,7 +160,7 @@ def test_a_threshold_younger_than_a_block_had_its_default(store: Store) -> None:
 
     found = loaded()
     assert found is not None
-    assert found.classify == Classify(ss_growth=0.5).model_dump()
+    assert found.classify == Classify(ss_growth=0.5).thresholds
     assert loaded(classify=None) is None
 
 

@@ -427,7 +427,8 @@ def test_name_output_thresholds_and_threads_may_differ(tmp_path):
     pd.testing.assert_frame_equal(
         after.drop(columns="type"), before.drop(columns="type"), check_exact=True
     )
-    assert manifest(output)["config"]["classify"] == {"ss_growth": 1e-9, "sw_departure": 0.5}
+    thresholds = {"ss_growth": 1e-9, "sw_departure": 0.5}
+    assert manifest(output)["config"]["classify"] == thresholds | {"early": False}
     summary = pd.read_parquet(output / "summary.parquet")
     share = (after.type == "SW").groupby(after.case).mean()
     np.testing.assert_allclose(summary.fraction_SW, share)
@@ -475,7 +476,8 @@ def test_types_follow_their_thresholds_and_come_back(mixed, tmp_path):
         for kind in ("R", "SS", "SW", "unclassified"):
             share = (after.type == kind).groupby(after.case).mean()
             np.testing.assert_allclose(summary[f"fraction_{kind}"], share)
-        assert manifest(output)["config"]["classify"] == {"ss_growth": ss, "sw_departure": sw}
+        thresholds = {"ss_growth": ss, "sw_departure": sw}
+        assert manifest(output)["config"]["classify"] == thresholds | {"early": False}
         last = seen[-1] if seen else before.type
         changes = int((after.type != last).sum())
         assert f"{changes} runs have changed their type" in result.stderr
@@ -509,11 +511,12 @@ def test_thresholds_of_classify_are_not_put_back_in_silence(tmp_path):
     assert "`rattlesweep run` would put back those of the config" in result.stderr
     said = manifest(output)
     assert said["config"]["classify"] == own | {"sw_departure": 0.25}
-    assert said["classified"]["config"] == own
-    assert said["classified"]["now"] == own | {"sw_departure": 0.25}
+    thresholds = {key: value for key, value in own.items() if key != "early"}
+    assert said["classified"]["config"] == thresholds
+    assert said["classified"]["now"] == thresholds | {"sw_departure": 0.25}
     # Once more: the config's are those of the config, and not those of the time before.
     invoke("classify", output, "--set", "classify.sw_departure=0.5")
-    assert manifest(output)["classified"]["config"] == own
+    assert manifest(output)["classified"]["config"] == thresholds
     result = run("quickstart.yaml", output, *sets)
     assert "had types by the thresholds of `rattlesweep classify`" in result.stderr
     assert "classify.sw_departure: 0.5 against 0.05" in result.stderr
@@ -533,6 +536,8 @@ def test_thresholds_of_classify_are_not_put_back_in_silence(tmp_path):
         ("classify.sw_departure=2", "2 is out of range; it must be below 1"),
         ("classify.ss_growth=0", "0 is out of range; it must be above 0"),
         ("classify.ss_growth", "is not KEY=VALUE"),
+        ("classify.early=true", "early: it decides when runs end, which takes their integration"),
+        ("classify.early=1", "1 is given here; write true or false"),
         ("classify.ss_growth=big", '"big" (text) is given here; write a number'),
     ],
 )

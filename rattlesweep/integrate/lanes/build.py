@@ -41,6 +41,7 @@ TEMPLATES = (
     runs.compare,
     runs.close_window,
     runs.pass_marks,
+    runs.settled,
     runs.start,
     runs.idle,
     runs.stay,

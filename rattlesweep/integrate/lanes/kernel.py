@@ -49,6 +49,7 @@ from rattlesweep.integrate.lanes.runs import (
     see_contact,
     see_side,
     see_zero,
+    settled,
     start,
     stay,
 )
@@ -299,6 +300,7 @@ def work(thread, parts, w, shared, order, y0, constants, probe, plan, options,
                     ended = True
                 if move == TAKE and not ended and t >= lane[R.NEXT]:
                     pass_marks(lane, t, run, windows, record)
+                    ended = settled(lane, plan[run, C.SETTLED])
                 if ended:
                     lane[R.STEPS] += 1.0
                     finish(lane, status, reversal, t, run, result, counts, windows, record)

@@ -41,6 +41,11 @@ def lane_contact(lane, row):
     raise NotImplementedError
 
 
+def lane_oscillation(lane, row):
+    """Square of the oscillation that step errors are compared with."""
+    raise NotImplementedError
+
+
 def lane_rhs(lane):
     """Derivative at the state Y into F; returns the spin and its rate."""
     raise NotImplementedError
@@ -87,6 +92,16 @@ def pass_marks(lane, t, run, windows, record):
             close_window(lane, run, windows, record)
             lane[R.MARK] = 1e290
         lane[R.NEXT] = min(lane[R.MARK], lane[R.WINDOW_END])
+
+
+def settled(lane, most):
+    """Whether the amplitude never grew in two windows or more, and all oscillation is `most`.
+
+    Not within the first window: the last comparison there is after any short time.
+    """
+    if most == 0.0 or lane[R.WINDOW_NO] < 2.0 or lane[R.GROWTH] > 1.0 or lane[R.T_ZERO] >= 0.0:
+        return False
+    return lane_oscillation(lane, Y1) <= most
 
 
 def reach_border(lane):

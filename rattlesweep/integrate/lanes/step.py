@@ -316,6 +316,11 @@ def lane_energy(lane, row):
 def lane_contact(lane, row):
     return contact(*(state(lane, row * {lanes}) + constants(lane, 0)))
 
+def lane_oscillation(lane, row):
+    y = state(lane, row * {lanes})
+    _, oscillation = error(*(y + y + constants(lane, 0)))
+    return oscillation
+
 def lane_rhs(lane):
     q = given(lane, 0)
     f = rhs(*q)
@@ -328,8 +333,8 @@ def lane_rhs(lane):
 def compile_lane_functions(model: Model, lanes: int = LANES) -> dict[str, Callable[..., Any]]:
     """Compiled small functions that depend on the model's number of components, by name.
 
-    ``lane_energy``, ``lane_contact`` and ``lane_rhs`` look at one lane, ``w[l::lanes]``;
-    ``advance`` moves all lanes to the end of their step.
+    ``lane_energy``, ``lane_contact``, ``lane_oscillation`` and ``lane_rhs`` look at one lane,
+    ``w[l::lanes]``; ``advance`` moves all lanes to the end of their step.
     """
     at, n = Layout.of(model), model.n_state
     constants = cells(at.constants, model.n_constants)
@@ -340,6 +345,7 @@ def compile_lane_functions(model: Model, lanes: int = LANES) -> dict[str, Callab
         "spin_rate": model.spin_rate,
         "energy": model.energy,
         "contact": model.contact,
+        "error": model.error,
         "state": gather(cells(0, n), lanes),
         "constants": gather(constants, lanes),
         "given": gather(cells(at.y, n) + constants, lanes),
@@ -349,7 +355,7 @@ def compile_lane_functions(model: Model, lanes: int = LANES) -> dict[str, Callab
     }
     exec(LANE_SOURCE.format(lanes=lanes, n=n), namespace)
     compiled = {}
-    for name in ("advance", "lane_energy", "lane_contact", "lane_rhs"):
+    for name in ("advance", "lane_energy", "lane_contact", "lane_oscillation", "lane_rhs"):
         function = namespace[name]
         function.__name__ = function.__qualname__ = f"{name}_{model.name}_{lanes}"
         compiled[name] = njit(fastmath=FASTMATH, **INNER)(function)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
-from rattlesweep.integrate.batch import Batch, Control, Outcome, integrate
+from rattlesweep.integrate.batch import Batch, Control, Outcome, has_settled, integrate
 from rattlesweep.integrate.defaults import DT, TOL
 from rattlesweep.integrate.follow.lyapunov import exponents
 from rattlesweep.integrate.lanes.build import kernel
@@ -20,7 +20,13 @@ from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.sweeps.blocks.error import Estimated, integrate_estimated
 from rattlesweep.sweeps.blocks.rows import take
-from rattlesweep.sweeps.cases.launches import Launches, make_batch, model_of, prepare
+from rattlesweep.sweeps.cases.launches import (
+    Launches,
+    ending_early,
+    make_batch,
+    model_of,
+    prepare,
+)
 from rattlesweep.sweeps.tables.arrow import ragged
 from rattlesweep.sweeps.tables.chaos import chaotic_column
 from rattlesweep.sweeps.tables.columns import RUNS
@@ -77,7 +83,10 @@ def prepare_runs(
 ) -> tuple[Launches, Batch | None]:
     """The same for any runs, given by (case, sample) in the order of their cases."""
     launches = prepare(plan, case, sample)
-    return launches, make_batch(launches, plan.config.model)
+    batch = make_batch(launches, plan.config.model)
+    if batch is not None and plan.config.classify.early:
+        batch = ending_early(batch, launches)
+    return launches, batch
 
 
 def finish_block(
@@ -117,6 +126,11 @@ def columns_of(
     columns |= _closed_form(launches) if outcome is None else _measured(outcome, config.parts)
     status = columns.pop("status_codes")
     ok = status == Status.OK
+    if config.classify.early and batch is not None and outcome is not None:
+        # In the end all of its energy is spin.
+        spin = np.sqrt(2 * outcome.energy_0 / launches.bodies.gamma)
+        spin = np.copysign(spin, launches.n_i)
+        columns["n_end"] = np.where(has_settled(batch, outcome), spin, columns["n_end"])
     codes = classify(ok, columns["t_r"], columns["amp_growth"], columns["n_departure"],
                      config.classify)  # fmt: skip
     columns["type"] = (codes, list(TYPES))

@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from rattlesweep.integrate.batch import Batch, Control, Outcome, integrate
+from rattlesweep.integrate.batch import Batch, Control, Outcome, has_settled, integrate
 from rattlesweep.integrate.defaults import DT, MAX_STEPS, TOL
 from rattlesweep.integrate.model import REDUCED
 from rattlesweep.integrate.status import Status
@@ -230,13 +230,14 @@ def with_errors(
     relative = relative_error(batch, runs, companions, apart, tableau, settings, before)
     t_r_error = relative * runs.t_r
     ok = runs.status == Status.OK
-    growth, departure = (
-        np.where(ok, DIFFER * np.abs(one - other), np.nan)
-        for one, other in (
-            (runs.amp_growth, companions.amp_growth),
-            (runs.n_departure, companions.n_departure),
-        )
+    # Of a run that has settled, amp_growth lies between what it was and 0.
+    (low, high), (low_other, high_other) = (
+        (out.amp_growth, np.where(has_settled(batch, out), 0.0, out.amp_growth))
+        for out in (runs, companions)
     )
+    between = np.maximum(0.0, np.maximum(low - high_other, low_other - high))
+    growth = np.where(ok, DIFFER * between, np.nan)
+    departure = np.where(ok, DIFFER * np.abs(runs.n_departure - companions.n_departure), np.nan)
     # A companion that failed has numbers, but says nothing; one that reversed says R.
     departure[companions.status != Status.OK] = np.nan
     # Where a stop has kept a companion from its end, the run has not been either.

@@ -12,7 +12,7 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import N_WINDOWS, Batch
 from rattlesweep.integrate.model import MODELS
 from rattlesweep.physics import full, launch, reduced, theory
-from rattlesweep.physics.steady import steady_modes
+from rattlesweep.physics.steady import settled_oscillation, steady_modes
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -29,6 +29,10 @@ if TYPE_CHECKING:
 WINDOW_PERIODS = 2.0
 # Within the first window, amplitudes are compared first after this many periods.
 MARK_PERIODS = 8.0
+# A mode counts as one that decays if its amplitude falls by this share by the horizon.
+LEAST_DECAY = 0.01
+# Up to this share from the initial spin its probes tell pitch from roll well enough for that.
+MOST_APART = 0.02
 
 
 @dataclass(frozen=True)
@@ -160,6 +164,15 @@ def make_batch(launches: Launches, model: str) -> Batch | None:
     if model == "gh":
         return None
     return reduced_batch(launches) if model == "reduced" else full_batch(launches)
+
+
+def ending_early(batch: Batch, launches: Launches) -> Batch:
+    """A batch of the full dynamics whose runs end as soon as they are certain to be of type SS."""
+    n_0 = np.copysign(launches.gh.n_0, launches.n_i)
+    rate = LEAST_DECAY / launches.t_end
+    settled = settled_oscillation(batch.constants.T, n_0, launches.n_c1, rate)
+    near = np.abs(n_0) <= (1 + MOST_APART) * np.abs(launches.n_i)
+    return replace(batch, settled=np.where(near, settled, 0.0))
 
 
 def full_batch(launches: Launches) -> Batch:

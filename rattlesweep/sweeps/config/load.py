@@ -110,13 +110,16 @@ def resolved(config: Config) -> dict[str, Any]:
 def physics_part(data: Mapping[str, Any]) -> dict[str, Any]:
     """What of a resolved config determines the stored numbers.
 
-    The limit of steps is left out: runs that did not reach it are the same under a higher one.
+    The limit of steps is left out: runs that did not reach it are the same under a higher one. Of
+    `classify` only `early` counts, which ends runs.
     """
     # What decides which runs there are: the types behind it, and the steps in which it is asked.
     staged = {"stop": ("classify", "block_size"), "refine": ("classify",)}
     kept = [key for name, keys in staged.items() if name in data or name in data["bodies"]
             for key in keys]  # fmt: skip
     part = {key: value for key, value in data.items() if key in kept or key not in NOT_PHYSICS}
+    if data.get("classify", {}).get("early"):
+        part.setdefault("classify", {"early": True})
     part["integrator"] = {k: v for k, v in part["integrator"].items() if k != "max_steps"}
     return part
 

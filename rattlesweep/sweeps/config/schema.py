@@ -296,13 +296,21 @@ class Integrator(Base):
 
 
 class Classify(Base):
-    """Thresholds between the types of runs that do not reverse."""
+    """Thresholds between the types of runs that do not reverse; whether certain ones end early."""
 
     ss_growth: float = Field(default=1e-3, gt=0)
     """SS if the amplitude of the relevant oscillation in a window of time never exceeds its
     smallest value in earlier windows by more than this fraction."""
     sw_departure: float = Field(default=0.05, gt=0, lt=1)
     """SW, unless SS, if n/n_i falls below 1 by more than this fraction at some time."""
+    early: bool = False
+    """Whether a run ends as soon as linear stability and its energy make it certain that it is SS,
+    by any ss_growth; for the model full."""
+
+    @property
+    def thresholds(self) -> dict[str, float]:
+        """What decides between types of runs that are stored."""
+        return {"ss_growth": self.ss_growth, "sw_departure": self.sw_departure}
 
 
 class Stop(Base):
@@ -424,6 +432,28 @@ class Config(Base):
                 "them; keep one of the two"
             )
         return found
+
+    @field_validator("classify")
+    @classmethod
+    def _early_where_stable(cls, classify: Classify, info: ValidationInfo) -> Classify:
+        model = info.data.get("model", "full")
+        if classify.early and model != "full":
+            raise ValueError(
+                f"early is for the model full, and the model {model} has no stable spin by which a "
+                "run could be certain to be SS; leave early out"
+            )
+        return classify
+
+    @field_validator("record")
+    @classmethod
+    def _not_of_a_part(cls, record: list[str], info: ValidationInfo) -> list[str]:
+        classify = info.data.get("classify")
+        if "lyapunov" in record and classify is not None and classify.early:
+            raise ValueError(
+                "lyapunov is the exponent of a run up to its horizon, and classify.early ends runs "
+                "before; leave one of them out"
+            )
+        return record
 
     @property
     def parts(self) -> list[str]:

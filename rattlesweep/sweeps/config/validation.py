@@ -20,6 +20,7 @@ ALIKE_ELSEWHERE = 0.8
 _WANTED = {
     "float_type": "a number",
     "float_parsing": "a number",
+    "bool_type": "true or false",
     "int_type": "a whole number",
     "int_from_float": "a whole number",
     "int_parsing": "a whole number",

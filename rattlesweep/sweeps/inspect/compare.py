@@ -322,7 +322,8 @@ def _runs(stored: Stored) -> dict[str, Any]:
     """What determines which runs there are, however they are integrated."""
     config, manifest = stored.config, stored.manifest
     data = physics_part(resolved(config))
-    data = {key: value for key, value in data.items() if key not in ("integrator", "record")}
+    how = ("integrator", "record", "classify")
+    data = {key: value for key, value in data.items() if key not in how}
     # A table may have moved; what it says is compared row by row.
     data["bodies"] = {key: value for key, value in data["bodies"].items() if key != "path"}
     return data | {"cases": len(manifest.cases), "samples": manifest.samples}

@@ -49,7 +49,7 @@ def retype_block(
     The manifest is to have no receipt of it before.
     """
     rows = with_types(file.table(), thresholds)
-    note = file.note and replace(file.note, classify=thresholds.model_dump())
+    note = file.note and replace(file.note, classify=thresholds.thresholds)
     return store.write_block(index, rows, note), rows
 
 
@@ -65,7 +65,7 @@ def retype(directory: Path, overrides: Sequence[str] = ()) -> Retyped:
         stored = open_stored(directory)
         store, manifest = stored.store, stored.manifest
         config = _changed_config(stored, overrides)
-        thresholds, before = resolved(config)["classify"], resolved(stored.config)["classify"]
+        thresholds, before = config.classify.thresholds, stored.config.classify.thresholds
         own = manifest.classified.config if manifest.classified else before
         store.remove_stale_temporaries(alone)
         notes = {index: store.glance(index)[0] for index in stored.present()}
@@ -112,7 +112,13 @@ def _changed_config(stored: Stored, overrides: Sequence[str]) -> Config:
                 f"--set {text}: only keys of classify can change without integrating, such as "
                 "classify.sw_departure=0.1"
             )
-    return override_config(resolved(stored.config), overrides)
+    config = override_config(resolved(stored.config), overrides)
+    if config.classify.early != stored.config.classify.early:
+        raise ConfigError(
+            "--set classify.early: it decides when runs end, which takes their integration; run "
+            "the config again with it, into another directory"
+        )
+    return config
 
 
 def _differing(before: pa.ChunkedArray, after: pa.ChunkedArray) -> int:

@@ -18,7 +18,6 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from rattlesweep.errors import DamagedError, OutputError
-from rattlesweep.sweeps.config.load import resolved
 from rattlesweep.sweeps.config.schema import Classify, Config
 from rattlesweep.sweeps.store.atomic import read_file, reason
 from rattlesweep.sweeps.store.manifest import Receipt
@@ -92,8 +91,7 @@ class Note:
     @classmethod
     def of(cls, config: Config, sweep: str, borders: tuple[int, int]) -> Note:
         """What the block of these runs has to say."""
-        thresholds = resolved(config)["classify"]
-        return cls(sweep, *borders, thresholds, config.integrator.max_steps)
+        return cls(sweep, *borders, config.classify.thresholds, config.integrator.max_steps)
 
     @classmethod
     def load(cls, file: pq.ParquetFile) -> Note | None:
@@ -101,7 +99,7 @@ class Note:
         try:
             note = json.loads((file.schema_arrow.metadata or {}).get(NOTE, b""))
             # A threshold younger than the file had its default.
-            return cls(**note | {"classify": Classify().model_dump() | note["classify"]})
+            return cls(**note | {"classify": Classify().thresholds | note["classify"]})
         except (ValueError, TypeError, KeyError):
             return None
 

@@ -80,7 +80,12 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
         field("t_r", F64, TIME, "first zero of the spin; null: none by t_end"),
         field("type", TEXT, "1", "R, SS, SW or unclassified; null where status is not ok"),
         required("status", TEXT, "1", "ok, or a word for what went wrong"),
-        field("n_end", F64, RATE, "spin at t_end"),
+        field(
+            "n_end",
+            F64,
+            RATE,
+            "spin at t_end; of a run that classify.early has ended, where it settles",
+        ),
         required("n_steps", I64, "1", "accepted steps of the integrator"),
         field("energy_drift", F64, "1", "relative change of energy at t_end"),
     ),
