@@ -23,7 +23,8 @@ from rattlesweep.integrate.defaults import TOL
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
-from rattlesweep.sweeps.blocks.block import prepare_runs, take
+from rattlesweep.sweeps.blocks.block import prepare_runs
+from rattlesweep.sweeps.blocks.rows import take
 from rattlesweep.sweeps.cases.plan import make_plan
 from rattlesweep.sweeps.config.load import load_config
 from rattlesweep.sweeps.tables.types import TYPES, classify

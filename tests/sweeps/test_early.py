@@ -14,6 +14,7 @@ from test_run import invoke
 
 import rattlesweep as rs
 from rattlesweep.integrate.batch import most_threads
+from rattlesweep.physics import theory
 from rattlesweep.study.onerun.course import Course
 from rattlesweep.study.onerun.replay import Replay
 from rattlesweep.sweeps.cases.plan import make_plan
@@ -201,3 +202,32 @@ def test_many_runs(tmp_path: Path) -> None:
     assert early.type.equals(full.type)
     assert (full.amp_growth[ended(early, full)] <= 0).all()
     assert early.n_steps.sum() < 0.9 * full.n_steps.sum()
+
+
+@pytest.mark.slow
+def test_bodies_of_any_kind(tmp_path: Path) -> None:
+    """Any inertia and surface, near the threshold and far beyond, oscillations of all sizes."""
+    rng, count = np.random.default_rng(5), 12_000
+    beta = rng.uniform(1.05, 4, count)
+    alpha = beta + rng.uniform(0.05, 8, count)
+    gamma = rng.uniform(alpha - beta, alpha + beta - 2)
+    theta = rng.uniform(0.3, 0.98, count)
+    phi = theta * rng.uniform(0.01, 0.9, count)
+    n_c1 = theory.bondi_threshold(alpha, beta, gamma, theta, phi)
+    columns = {
+        **{"alpha": alpha, "beta": beta, "gamma": gamma, "theta": theta, "phi": phi},
+        "xi": -rng.uniform(0.01, 0.8, count),
+        "n_i": n_c1 * np.exp(rng.uniform(np.log(0.98), np.log(2.5), count)),
+        "omega_xy0": 10 ** rng.uniform(-3, -0.3, count),
+    }
+    table = pd.DataFrame(columns)[n_c1 > -3]
+    table.to_csv(tmp_path / "bodies.csv", index=False)
+    bodies = {"source": "table", "path": str(tmp_path / "bodies.csv")}
+    config = {"bodies": bodies, "horizon": {"t_rgh": 5, "t": 50_000.0}}
+    full = rs.sweep(config, output=tmp_path / "full").runs
+    early = rs.sweep(config | {"classify": {"early": True}}, output=tmp_path / "early").runs
+    some = ended(early, full)
+    assert len(full) > 9_000
+    assert some.sum() > 0.3 * len(full)
+    assert early.type.equals(full.type)
+    assert (full.amp_growth[some] <= 0).all()
