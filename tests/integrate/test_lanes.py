@@ -375,9 +375,11 @@ def test_runs_that_settle_are_the_same_in_any_company():
 def test_recording_changes_nothing_else():
     runs = mixed(70)
     extra = ("energy_drift_max", "contact_ratio_max", "contact_normal_min", "windows", "growth")
+    # With reversals, runs go on behind the first.
+    others = tuple(name for name in RECORDS if name != "reversals")
     for method in (DOP853, RK4):
         plain = integrate(runs, method, FULL, dt=0.01)
-        for record in (*RECORDS, RECORDS):
+        for record in (*others, others):
             names = frozenset([record] if isinstance(record, str) else record)
             out = integrate(runs, method, FULL, dt=0.01, record=names)
             kernels.assert_same(out, plain, skip=extra)
