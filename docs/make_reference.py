@@ -58,6 +58,8 @@ EXAMPLES = {
     "xi_deg": -1.72,
     "minus_xi_deg": 1.72,
     # Of whole sections.
+    "stop": {"fraction": 0.01},
+    "refine": {"levels": 4, "by": "type"},
     "bodies": {"source": "preset", "name": "GH"},
     "launch": {"omega": [0.0, 0.01, -0.1]},
     "spin": {"n_i": -0.3, "omega_xy0": 0.01},
