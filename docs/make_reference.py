@@ -59,6 +59,9 @@ EXAMPLES = {
     "minus_xi_deg": 1.72,
     # Of whole sections.
     "stop": {"fraction": 0.01},
+    "fraction": 0.01,
+    "by": "type",
+    "levels": 4,
     "refine": {"levels": 4, "by": "type"},
     "bodies": {"source": "preset", "name": "GH"},
     "launch": {"omega": [0.0, 0.01, -0.1]},
