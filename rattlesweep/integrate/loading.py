@@ -210,7 +210,8 @@ def together(*wanted: tuple[Any, ...]) -> list[Any]:
     """Kernels of several examples, each with its names: :func:`loaded`, side by side."""
     if all(each in _there for each in wanted):
         return [_there[each] for each in wanted]
-    return side_by_side([partial(_one, each) for each in wanted], len(wanted))
+    # No more threads than processes: none would begin one when it hears of a Ctrl-C.
+    return side_by_side([partial(_one, each) for each in wanted], AT_ONCE)
 
 
 def _one(wanted: tuple[Any, ...], control: object) -> Any:
