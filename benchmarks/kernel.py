@@ -1,15 +1,21 @@
 """Speed of the lane kernels against plain scalar code, in one run on one machine.
 
-    python benchmarks/kernel.py [--lanes] [--quick]
+    python benchmarks/kernel.py [--lanes | --throughput] [--quick]
 
 Both batches are GH launched at random spins.  *equal*: every run has the same horizon.  *mixed*:
 horizons spread as in a sweep of shell-dumbbell bodies, the longest thirty times the shortest.  No
 run reverses within its horizon, so that all methods integrate the same time.  Measurements of all
 kernels are interleaved and repeated; the tables show medians.
+
+``--throughput`` prints the table of docs/accuracy.md: steps tried and accepted in the mix of
+``configs/steady.yaml``, and what share of the processor's fused multiply-adds they are.  Operations
+are counted in the machine code of the step for one lane, products and fused ones: both take the
+same units.  The peak is measured, as a loop of nothing else.
 """
 
 import os
 import platform
+import re
 import statistics
 import sys
 import time
@@ -19,10 +25,12 @@ import click
 import llvmlite
 import numba
 import numpy as np
+import peer_work
 from numba import njit, prange, set_num_threads
 
 from rattlesweep.integrate.batch import Batch, integrate
 from rattlesweep.integrate.lanes import rows as R
+from rattlesweep.integrate.lanes.atomics import widest_vectors
 from rattlesweep.integrate.lanes.step import LANES, Layout, compile_attempt
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.processor import compiled_for
@@ -247,12 +255,94 @@ def _many(attempt):
     return many
 
 
+# In machine code: products, fused or not, of so many doubles.
+PRODUCT = re.compile(r"^\s+v?(?:mul|fn?m(?:add|sub)\d*)([sp])d\s.*%([xyz])mm", re.M)
+DOUBLES = {"x": 2, "y": 4, "z": 8}
+# Short chains: a long one leaves the units waiting for its sum.
+CHAIN, CELLS = 8, 64
+
+
+def products(tableau):
+    """Products in one step of a method for one lane; 0 where the machine code is not x86's."""
+    step = compile_attempt(tableau, FULL, 1)
+    step.compile("void(float64[::1], float64)")
+    (code,) = step.inspect_asm().values()
+    found = PRODUCT.findall(code)
+    return sum(1 if width == "s" else DOUBLES[register] for width, register in found)
+
+
+def peak(repeats):
+    """Fused multiply-adds a second that one thread can do, of doubles in whole vectors."""
+    names = {"widest_vectors": widest_vectors}
+    chain = "\n".join(["            s = s * x + y"] * CHAIN)
+    exec(
+        f"def many(w, calls, x, y):\n    widest_vectors()\n    for _ in range(calls):\n"
+        f"        for l in range({CELLS}):\n            s = w[l]\n{chain}\n            w[l] = s\n",
+        names,
+    )
+    many = njit(fastmath=full.FASTMATH, nogil=True)(names["many"])
+    w, calls = np.ones(CELLS), 1_000_000
+    many(w, 1, 0.5, 0.5)
+    seconds = []
+    for _ in range(repeats):
+        begin = time.process_time()
+        many(w, calls, 0.5, 0.5)
+        seconds.append(time.process_time() - begin)
+    return CHAIN * CELLS * calls / min(seconds)
+
+
+THROUGHPUT = [
+    ("dop853", 1e-6), ("dop853", 1e-9), ("dop853", 1e-12), ("verner98", 1e-9), ("dopri5", 1e-9)
+]  # fmt: skip
+
+
+def show_throughput(quick):
+    """Steps of a real mix of runs, as a table for the docs."""
+    heading()
+    repeats = 3 if quick else 7
+    runs = peer_work.draw(6 if quick else 60)
+    threads = (1, 2) if numba.config.NUMBA_NUM_THREADS > 1 else (1,)
+    top = peak(repeats)
+    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan")
+    click.echo(f"{len(runs)} runs, medians of {repeats}, load {load:.1f}; one thread can do "
+               f"{top / 1e9:.1f}e9 fused multiply-adds a second\n")  # fmt: skip
+    click.echo("| method, `tol` | tried, million/s | accepted, million/s | rejected | products a "
+               "step | of the FMA peak | 2 threads over 1 |")  # fmt: skip
+    click.echo("|---|---|---|---|---|---|---|")
+    for method, tol in THROUGHPUT:
+        seconds, spent = {count: [] for count in threads}, []
+        for repeat in range(repeats + 1):
+            for count in threads:
+                begin, cpu = time.perf_counter(), time.process_time()
+                out = integrate(runs, METHODS[method], FULL, tol=tol, threads=count)
+                if repeat:
+                    seconds[count].append(time.perf_counter() - begin)
+                    spent.append(time.process_time() - cpu) if count == 1 else None
+        # Of the processor's time, which is what it takes on an idle machine too.
+        one = statistics.median(spent)
+        accepted, rejected = int(out.n_steps.sum()), int(out.n_rejected.sum())
+        tried = accepted + rejected
+        count = products(METHODS[method])
+        gain = (
+            f"{statistics.median(seconds[1]) / statistics.median(seconds[2]):.2f}"
+            if 2 in seconds
+            else ""
+        )
+        click.echo(
+            f"| `{method}`, {tol:.0e} | {tried / one / 1e6:.1f} | {accepted / one / 1e6:.1f} "
+            f"| {rejected / tried:.1%} | {count or ''} "
+            f"| {f'{count * tried / one / top:.0%}' if count else ''} | {gain} |"
+        )
+
+
 @click.command()
 @click.option("--lanes", "by_lanes", is_flag=True, help="The step alone, by number of lanes.")
+@click.option("--throughput", is_flag=True, help="Steps and share of the peak, as Markdown.")
 @click.option("--quick", is_flag=True, help="Shorter and fewer measurements.")
-def main(by_lanes: bool, quick: bool) -> None:
+def main(by_lanes: bool, throughput: bool, quick: bool) -> None:
     """Measure the lane kernels against plain scalar code."""
-    (show_lanes if by_lanes else show_kernels)(quick)
+    show = show_lanes if by_lanes else show_throughput if throughput else show_kernels
+    show(quick)
 
 
 if __name__ == "__main__":
