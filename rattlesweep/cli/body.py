@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 import click
@@ -13,6 +14,8 @@ from rattlesweep.text import align
 @command(
     "One run",
     "rattlesweep body --preset GH",
+    "rattlesweep body --mass 85g --height 1cm --inertia '60,900,920,-20 g cm^2' "
+    "--radii '50,1.5 cm' --n-i 60rpm",
     "rattlesweep body --gamma 10 --f-sd 0.1 --theta 0.8 --phi 0.05 --xi-deg -3 --json",
 )
 @options.body
@@ -21,14 +24,22 @@ from rattlesweep.text import align
 def body(body: dict[str, Any], spin: dict[str, Any], as_json: bool) -> None:
     """Print derived quantities of one body: modes, torque coefficients, thresholds, reversal times.
 
-    The spin and the oscillation, in sqrt(g/a), matter for the reversal times only.
+    The spin and the oscillation, in sqrt(g/a), matter for the reversal times only. Of a body given in
+    SI units all is printed in both, with g = 9.81 m/s^2.
     """
-    from rattlesweep.study.derived import derived, make_body
+    from rattlesweep.study.derived import derived, in_units_of, make_body
 
-    values = derived(make_body(body), **spin)
+    made = make_body(body)
+    values = derived(made, **in_units_of(made.units, spin))
     if as_json:
-        click.echo(to_json({q.name: q.value for q in values}))
+        si = {q.name: dict(zip(("value", "unit"), q.in_si, strict=True)) for q in values if q.in_si}
+        units = {} if made.units is None else {"units": asdict(made.units), "si": si}
+        click.echo(to_json({q.name: q.value for q in values} | units))
         return
-    numbers = ["none" if q.value is None else f"{q.value:.10g}" for q in values]
-    lines = [(q.name, n, q.unit, q.description) for q, n in zip(values, numbers, strict=True)]
-    click.echo(align(lines, "<><"))
+    lines = []
+    for q in values:
+        number = "none" if q.value is None else f"{q.value:.10g}"
+        shown = ("", "") if q.in_si is None else (f"{q.in_si[0]:.5g}", q.in_si[1])
+        sized = () if made.units is None else shown
+        lines.append((q.name, number, q.unit, *sized, q.description))
+    click.echo(align(lines, "<><" if made.units is None else "<><><"))

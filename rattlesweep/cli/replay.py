@@ -40,10 +40,12 @@ def replay(
     Each run is first integrated as in the sweep, and its row is checked against the stored one, bit
     for bit; so is the first reversal of the series. Exits with 1 if any differs.
     """
+    from rattlesweep.study.derived import in_units_of
     from rattlesweep.study.onerun.replay import Replay, targets
     from rattlesweep.study.onerun.rows import Rows
     from rattlesweep.sweeps.store.atomic import probe_directory
 
+    in_units_of(None, {"t_end": t_end})
     source = Replay(directory)
     runs = source.select(**which)
     outputs = targets(output, runs, "--output", printed=figure is None)

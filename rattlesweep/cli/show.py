@@ -53,7 +53,7 @@ def show(
     It needs a browser but no network. Play, pause, change the speed, drag to look around; the page
     lists its keys.
     """
-    from rattlesweep.study.derived import make_body
+    from rattlesweep.study.derived import in_units_of, make_body
     from rattlesweep.study.onerun.replay import Replay
     from rattlesweep.study.viewer import show as pages
     from rattlesweep.sweeps.blocks.single import Launch
@@ -65,6 +65,7 @@ def show(
         watch = meter.counting("integrating")
         if directory is not None:
             _refuse_a_launch(context)
+            in_units_of(None, {"t_end": t_end})
             source = Replay(directory)
             pages.check_model(source.config.model)
             stored = source.select(**which)[0]
@@ -74,8 +75,9 @@ def show(
         else:
             if which:
                 raise ConfigError("--case, --sample and --where go with --from")
-            launch = options.launched(launch)
-            run = Launch(make_body(body), t_end=t_end, integrator=integrator, **launch)
+            made = make_body(body)
+            start = in_units_of(made.units, options.launched(launch) | {"t_end": t_end})
+            run = Launch(made, integrator=integrator, **start)
             name = " ".join(["Rattleback", *([body["preset"]] if "preset" in body else [])])
             course = pages.course_of(run, points, watch, from_time=from_time)
             scene = pages.make_scene(course)

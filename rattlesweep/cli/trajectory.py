@@ -39,6 +39,7 @@ def trajectory(
     output: Path | None,
     figure: Path | None,
     quiet: bool,
+    t_end: float | None,
     **rest: Any,
 ) -> int:
     """Integrate one launch, past its reversals, and write it as a time series.
@@ -48,13 +49,15 @@ def trajectory(
     quarter of its initial value to beyond a quarter of it on the other side; of a launch without
     spin (--n-i 0), a quarter of the spin that would hold all its energy.
     """
-    from rattlesweep.study.derived import make_body
+    from rattlesweep.study.derived import in_units_of, make_body
     from rattlesweep.study.onerun.rows import Rows
     from rattlesweep.sweeps.blocks.single import Launch
     from rattlesweep.sweeps.store.atomic import probe_directory
 
-    run = Launch(make_body(body), **options.launched(launch), **rest)
+    made = make_body(body)
+    start = in_units_of(made.units, options.launched(launch) | {"t_end": t_end})
+    run = Launch(made, **start, **rest)
     for path in filter(None, (output, figure)):
         probe_directory(path.parent)
     course = write_course(run, channels, Rows(**rows), output, figure, quiet)
-    return say_outcome(course, quiet)
+    return say_outcome(course, quiet, None if made.units is None else made.units.time)

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, TypeVar
+from dataclasses import dataclass, field, fields, replace
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+from rattlesweep.physics import si
+from rattlesweep.physics.si import Units
+
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
     from numpy.typing import ArrayLike, NDArray
 
@@ -35,6 +38,9 @@ class Rattleback:
         Principal curvatures at the bottom, in ``1/a``; ``0 < phi < theta < 1``.
     xi : float
         Skew angle in radians, in (-pi/2, 0); positive for the mirror image.
+    units : Units, optional
+        What the units are in SI units, of a body that was given in them; it is equal to one
+        without.
 
     Raises
     ------
@@ -48,9 +54,10 @@ class Rattleback:
     theta: float
     phi: float
     xi: float
+    units: Units | None = field(default=None, compare=False, repr=False, kw_only=True)
 
     def __post_init__(self) -> None:
-        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        values = {f.name: getattr(self, f.name) for f in fields(self) if f.compare}
         for _, sentence in violations(**values):
             raise ValueError(sentence)
 
@@ -68,9 +75,95 @@ class Rattleback:
             raise ValueError(f"f_sd is {f_sd:g}; it must lie between 0 and 0.5")
         return cls(*shell_dumbbell(gamma, f_sd), gamma, theta, phi, xi)
 
+    @classmethod
+    def from_si(
+        cls,
+        *,
+        mass: float | str,
+        inertia: Sequence[float] | Sequence[Sequence[float]],
+        height: float | str,
+        radii: Sequence[float | str],
+        axes_angle: float | str = 0.0,
+        c: float | str | None = None,
+        gravity: float | str = si.GRAVITY,
+        z_up: bool = False,
+    ) -> Rattleback:
+        """A body from its mass, its lengths and its inertia in SI units, which it keeps in `units`.
+
+        Parameters
+        ----------
+        mass : float
+            In kg; this and the other numbers may be texts with a unit, such as ``"85 g"``.
+        inertia : 3 x 3 matrix or sequence
+            Tensor of inertia about the centre of mass in kg m^2: the matrix, or its entries ``(ixx,
+            iyy, izz, ixy, ixz, iyz)``, of which the last three may be left out.  Off the diagonal
+            stands ``ixy = -sum(m x y)``.  The z axis is vertical, x and y are any.
+        height : float
+            Of the centre of mass over the point of contact, ``a``, in m.
+        radii : two floats
+            Principal radii of curvature at the bottom, in m; those of an ellipsoid with horizontal
+            semi-axes ``p, q`` and vertical one ``c`` are ``p^2/c, q^2/c``.
+        axes_angle : float
+            Angle in radians from the x axis towards the y axis to the direction along which the
+            surface bends by the first of them.
+        c : float, optional
+            Vertical semi-axis of an ellipsoid, in m; without it the bottom is a paraboloid.
+        gravity : float
+            In m/s^2.
+        z_up : bool
+            Whether the z axis points up, as CAD programs have it; here it points down, so that
+            seen from above y is clockwise from x.
+
+        Raises
+        ------
+        ValueError
+            If no rigid body is so, or it cannot stand.
+
+        Examples
+        --------
+        >>> import rattlesweep as rs
+        >>> stone = rs.Rattleback.from_si(
+        ...     mass=0.085, height=0.01, radii=(0.5, 0.015), axes_angle=0.03,
+        ...     inertia=(6.0e-6, 9.0e-5, 9.2e-5),
+        ... )
+        >>> round(stone.alpha, 2), round(stone.xi, 2), round(stone.units.time, 4)
+        (11.59, 0.03, 0.0319)
+        """
+        measured = {
+            name: si.number(value, kind, name)
+            for name, value, kind in (
+                ("mass", mass, "mass"),
+                ("height", height, "length"),
+                ("gravity", gravity, "acceleration"),
+            )
+        }
+        for name, value in measured.items():
+            if not (math.isfinite(value) and value > 0):
+                raise ValueError(f"{name} is {value:g}; it must be positive")
+        if len(radii) != 2:
+            raise ValueError(f"radii: two are needed, and not {len(radii)}")
+        lengths = [si.number(radius, "length", "radii") for radius in radii]
+        for radius in lengths:
+            if not (math.isfinite(radius) and radius > measured["height"]):
+                raise ValueError(
+                    f"radii: {radius:g} m is not above the height {measured['height']:g} m, so "
+                    "the body would tip over"
+                )
+        tensor = np.array(si.components(inertia))
+        angle = si.number(axes_angle, "angle", "axes_angle")
+        if z_up:
+            # Seen from the other side.
+            tensor[3], angle = -tensor[3], -angle
+        found = si.parameters(measured["mass"], tensor, measured["height"], lengths, angle)
+        values: dict[str, Any] = {name: float(value) for name, value in found.items()}
+        if c is not None:
+            values["c"] = si.number(c, "length", "c") / measured["height"]
+        units = Units(measured["mass"], measured["height"], measured["gravity"])
+        return cls(**values, units=units)
+
     def mirrored(self) -> Rattleback:
         """Reflection in the x-z plane: the steady and the unsteady direction change places."""
-        return Rattleback(self.alpha, self.beta, self.gamma, self.theta, self.phi, -self.xi)
+        return replace(self, xi=-self.xi)
 
 
 def shell_dumbbell(gamma: T, f_sd: T) -> tuple[T, T]:

@@ -3,25 +3,39 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import full, steady, theory
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.physics.launch import direction, garcia_hubbard
+from rattlesweep.units import SI
+
+if TYPE_CHECKING:
+    from rattlesweep.physics.si import Units
 
 FREQUENCY, TIME = "sqrt(g/a)", "sqrt(a/g)"
 
 
+SPINS = ("n_c1", "n_i", "n_0")
+"""Quantities that people tell in turns a minute."""
+SI_NAMES = ("mass", "height", "inertia", "radii")
+
+
 @dataclass(frozen=True)
 class Quantity:
-    """A number with its unit and what it is; None where there is none."""
+    """A number with its unit and what it is; None where there is none.
+
+    ``in_si`` is the same with an SI unit, of a body that was given in such.
+    """
 
     name: str
     value: float | None
     unit: str
     description: str
+    in_si: tuple[float, str] | None = None
 
 
 def make_body(given: dict[str, Any]) -> Rattleback:
@@ -33,6 +47,8 @@ def make_body(given: dict[str, Any]) -> Rattleback:
         given["xi"] = math.radians(given.pop("xi_deg"))
     preset = given.pop("preset", None)
     try:
+        if measured := {*SI_NAMES, "axes_angle", "z_up"} & given.keys():
+            return _from_si(given, preset, measured)
         if preset is not None:
             if "f_sd" in given:
                 raise ConfigError("--f-sd does not go with --preset; give alpha and beta instead")
@@ -53,6 +69,45 @@ def make_body(given: dict[str, Any]) -> Rattleback:
         raise
     except ValueError as error:
         raise ConfigError(str(error)) from None
+
+
+def _from_si(given: dict[str, Any], preset: str | None, measured: set[str]) -> Rattleback:
+    """Body from the options in SI units."""
+    given = given | ({} if preset is None else {"preset": preset})
+    others = [name for name in given if name not in {*SI_NAMES, "axes_angle", "z_up"}]
+    if others:
+        raise ConfigError(
+            f"{_options(others)} given beside {_options(measured)}; keep a body in SI units or one "
+            "without"
+        )
+    if missing := [name for name in SI_NAMES if name not in given]:
+        raise ConfigError(f"{_options(missing)} missing; a body in SI units has all of "
+                          f"{_options(SI_NAMES)}")  # fmt: skip
+    return Rattleback.from_si(**given)
+
+
+def _options(names: Iterable[str]) -> str:
+    return ", ".join(f"--{name.replace('_', '-')}" for name in sorted(names))
+
+
+def in_units_of(units: Units | None, given: dict[str, Any]) -> dict[str, Any]:
+    """Spins and times in the units of a body, where some are in SI units.
+
+    Raises
+    ------
+    ConfigError
+        The body was not given in such.
+    """
+    found = dict(given)
+    for name, value in given.items():
+        if isinstance(value, SI):
+            if units is None:
+                raise ConfigError(
+                    f"{_options([name])} has a unit, but the body has no size; give it with "
+                    f"{_options(SI_NAMES)}, or a number in {TIME if name == 't_end' else FREQUENCY}"
+                )
+            found[name] = value / units.time if name == "t_end" else value * units.time
+    return found
 
 
 def check_launch(
@@ -103,7 +158,13 @@ def derived(body: Rattleback, n_i: float, omega_xy0: float) -> list[Quantity]:
         ("growth_pitch_exact", pitch, FREQUENCY, "growth rate of the pitch at n_i"),
         ("growth_roll_exact", roll, FREQUENCY, "growth rate of the roll at n_i"),
     ]
-    return [
-        Quantity(name, float(value) if math.isfinite(float(value)) else None, unit, text)
-        for name, value, unit, text in rows
-    ]
+    sizes = {} if b.units is None else b.units.sizes
+    found = []
+    for name, number, unit, text in rows:
+        value = float(number) if math.isfinite(float(number)) else None
+        size, si_unit = sizes.get(unit, (math.nan, ""))
+        if name in SPINS:
+            size, si_unit = size * 30 / math.pi, "rpm"
+        in_si = (value * size, si_unit) if value is not None and unit in sizes else None
+        found.append(Quantity(name, value, unit, text, in_si))
+    return found

@@ -28,8 +28,9 @@ threads = option("-j", "--threads", type=types.Threads(), help="Number of thread
 as_json = option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
 quiet = option("-q", "--quiet", is_flag=True, help="No progress, closing words or warning.")
 t_end = option(
-    "--t-end", type=float, help="Horizon, in sqrt(a/g); by default 5 t_rGH, or that of the sweep."
-)
+    "--t-end", type=types.DURATION,
+    help="Horizon, in sqrt(a/g), or as in 20s; by default 5 t_rGH, or that of the sweep.",
+)  # fmt: skip
 
 
 from_time = option("--from-time", type=float, help="Begin the rows at this time, in sqrt(a/g).")
@@ -89,16 +90,28 @@ body = Group(
     option("--phi", type=float, help="Smaller principal curvature, in 1/a."),
     option("--xi", type=float, help="Skew angle in radians."),
     option("--xi-deg", type=float, help="Skew angle in degrees."),
-)
+    option("--mass", type=types.MASS, help="Instead of all these in SI units: mass, as in 85g."),
+    option("--height", type=types.LENGTH, help="Height of the centre of mass over the contact."),
+    option("--inertia", type=types.INERTIA,
+           help="Tensor of inertia about the centre of mass, as in '2,16,17,-0.2 kg cm^2'."),
+    option("--radii", type=types.RADII,
+           help="Principal radii of curvature at the bottom, as in '50,1.5 cm'."),
+    option("--axes-angle", type=types.ANGLE,
+           help="Angle from the x axis of --inertia to the direction of the first of --radii."),
+    option("--z-up", is_flag=True, default=None, help="The z axis of --inertia points up."),
+)  # fmt: skip
 spin = Group(
     "spin",
-    option("--n-i", type=float, default=0.1, help="Initial spin, in sqrt(g/a)."),
-    option("--omega-xy0", type=float, default=0.01, help="Initial oscillation, in sqrt(g/a)."),
-)
+    option("--n-i", type=types.SPIN, default=0.1,
+           help="Initial spin, in sqrt(g/a), or as in 60rpm."),
+    option("--omega-xy0", type=types.SPIN, default=0.01,
+           help="Initial oscillation, in sqrt(g/a)."),
+)  # fmt: skip
 launch = Group(
     "launch",
-    option("--n-i", type=float, help="Initial spin, in sqrt(g/a).  [default: 0.1]"),
-    option("--omega-xy0", type=float,
+    option("--n-i", type=types.SPIN,
+           help="Initial spin, in sqrt(g/a), or as in 60rpm.  [default: 0.1]"),
+    option("--omega-xy0", type=types.SPIN,
            help="Initial oscillation, in sqrt(g/a).  [default: 0.01]"),
     option("--psi", type=types.PSI, metavar="DIRECTION",
            help="Direction of the oscillation: relevant, pitch, roll, or degrees.  "

@@ -69,10 +69,15 @@ def _into_a_file() -> bool:
         return False
 
 
-def say_outcome(course: Course, quiet: bool) -> int:
-    """Say what became of a run; the exit code."""
+def say_outcome(course: Course, quiet: bool, second: float | None = None) -> int:
+    """Say what became of a run; the exit code.
+
+    `second` is the unit of time in seconds, of a body that was given in SI units.
+    """
     if not quiet:
         text = _times(course.reversals, "reversal")
+        if second is not None and course.reversals:
+            text += f" ({', '.join(f'{t * second:.4g} s' for t in course.reversals[:8])})"
         if course.zeros != course.reversals:
             text += f" ({_times(course.zeros, 'zero crossing')})"
         say(f"{text}; {course.n_steps} steps to t = {course.t:g}")

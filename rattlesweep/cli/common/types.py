@@ -7,6 +7,7 @@ import pkgutil
 import unicodedata
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from rattlesweep.durations import seconds_of
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.integrate import check_settings
 from rattlesweep.integrate.tableau import METHODS as TABLEAUS
+from rattlesweep.units import SI, quantities, quantity
 
 
 def _flag(param: click.Parameter | None) -> str:
@@ -115,6 +117,22 @@ def _vector(text: str) -> tuple[float, float, float]:
     return x, y, z
 
 
+def _measured(kind: str) -> Callable[[str], float]:
+    """A plain number, in the body's units, or one with a unit, in SI units."""
+
+    def read(text: str) -> float:
+        try:
+            return float(text)
+        except ValueError:
+            return SI(quantity(text, kind))
+
+    return read
+
+
+def _inertia(text: str) -> list[float]:
+    return quantities(text, "moment of inertia", 3, 4, 5, 6)
+
+
 def _names(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(",") if name.strip())
 
@@ -165,6 +183,13 @@ SLURM_TIME = Grammar("time", "rattlesweep.sweeps.engines.slurm:limit_of")
 SLURM_MEMORY = Grammar("size", "rattlesweep.sweeps.engines.slurm:memory_of")
 SIZE = Grammar("w,h", _size)
 LIMITS = Grammar("low,high", _limits)
+MASS = Grammar("mass", partial(quantity, kind="mass"))
+LENGTH = Grammar("length", partial(quantity, kind="length"))
+RADII = Grammar("r1,r2 unit", lambda text: quantities(text, "length", 2))
+INERTIA = Grammar("ixx,iyy,izz,ixy unit", _inertia)
+ANGLE = Grammar("angle", partial(quantity, kind="angle"))
+SPIN = Grammar("spin", _measured("spin"))
+DURATION = Grammar("time", _measured("time"))
 VECTOR = Grammar("x,y,z", _vector)
 NAMES = Grammar("a,b,...", _names)
 DIRECTORY = Grammar("dir", _directory)

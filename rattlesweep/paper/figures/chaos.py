@@ -70,7 +70,7 @@ def thinned_out(runs: pd.DataFrame, most: int) -> pd.DataFrame:
 
 def launch_of(run: pd.Series) -> Launch:
     """Launch of a run of the sweep."""
-    body = Rattleback(**{name: float(run[name]) for name in PARAMETERS})
+    body = Rattleback(*(float(run[name]) for name in PARAMETERS))
     return Launch(body, n_i=float(run["n_i"]), omega_xy0=float(run["omega_xy0"]), t_end=1.0)
 
 
