@@ -81,8 +81,12 @@ def quantities(text: str, kind: str, *counts: int) -> list[float]:
         raise ValueError(f"is no number with a unit; {article} {kind} is needed, such as {example}")
     values = [float(value) for value in found[1].split(",")]
     if len(values) not in counts:
-        wanted = " or ".join(map(str, counts))
-        raise ValueError(f"has {len(values)} numbers; {wanted} are needed, with one unit behind")
+        *more, last = map(str, counts)
+        wanted = f"{', '.join(more)} or {last}" if more else last
+        verb, plural = ("is" if wanted == "1" else "are"), ("" if len(values) == 1 else "s")
+        raise ValueError(
+            f"has {len(values)} number{plural}; {wanted} {verb} needed, with one unit behind"
+        )
     if not found[2]:
         raise ValueError(f"has no unit; {article} {kind} is needed, such as {example}")
     size, powers = _unit(found[2])

@@ -24,8 +24,8 @@ from rattlesweep.text import align
 def body(body: dict[str, Any], spin: dict[str, Any], as_json: bool) -> None:
     """Print derived quantities of one body: modes, torque coefficients, thresholds, reversal times.
 
-    The spin and the oscillation, in sqrt(g/a), matter for the reversal times only. Of a body given in
-    SI units all is printed in both, with g = 9.81 m/s^2.
+    The spin and the oscillation, in sqrt(g/a), matter for the reversal times only. Of a body given
+    in SI units all is printed in both, with g = 9.81 m/s^2.
     """
     from rattlesweep.study.derived import derived, in_units_of, make_body
 

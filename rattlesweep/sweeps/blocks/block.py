@@ -124,6 +124,8 @@ def columns_of(
     """Columns of runs, typed; without an outcome they are those of the closed form."""
     columns = _inputs(launches)
     columns |= _closed_form(launches) if outcome is None else _measured(outcome, config.parts)
+    if launches.second is not None:
+        columns["t_r_s"] = columns["t_r"] * launches.second
     status = columns.pop("status_codes")
     ok = status == Status.OK
     if config.classify.early and batch is not None and outcome is not None:
@@ -202,12 +204,20 @@ def _inputs(launches: Launches) -> dict[str, Any]:
     for name in ("omega", "u"):
         if (vectors := getattr(launches, name)) is not None:
             state |= {f"{name}_{x}": vectors[:, k] for k, x in enumerate("xyz")}
-    return state | {
-        **{name: getattr(launches, name) for name in own},
-        **{name: getattr(launches.bodies, name) for name in (*PARAMETERS, "f_sd")},
-        **{name: getattr(launches.modes, name) for name in ("omega_p", "omega_r", "K_p", "K_r")},
-        **{name: getattr(launches.gh, name) for name in ("n_0", "t_rgh")},
-    }
+    if launches.second is not None:
+        state["n_i_rpm"] = launches.n_i / launches.second * 30 / np.pi
+    return (
+        state
+        | launches.carried
+        | {
+            **{name: getattr(launches, name) for name in own},
+            **{name: getattr(launches.bodies, name) for name in (*PARAMETERS, "f_sd")},
+            **{
+                name: getattr(launches.modes, name) for name in ("omega_p", "omega_r", "K_p", "K_r")
+            },
+            **{name: getattr(launches.gh, name) for name in ("n_0", "t_rgh")},
+        }
+    )
 
 
 def _closed_form(launches: Launches) -> dict[str, Any]:

@@ -17,6 +17,8 @@ def take(values: T, rows: NDArray[Any]) -> T:
     """Some rows of a dataclass of arrays over runs; what was not recorded stays so."""
     if isinstance(values, np.ndarray):
         return cast("T", values[rows] if len(values) else values)
+    if isinstance(values, dict):
+        return cast("T", {name: take(part, rows) for name, part in values.items()})
     if is_dataclass(values) and not isinstance(values, type):
         parts = {part.name: take(getattr(values, part.name), rows) for part in fields(values)}
         return cast("T", type(values)(**parts))

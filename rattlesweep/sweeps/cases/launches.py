@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,11 +13,16 @@ from rattlesweep.integrate.batch import N_WINDOWS, Batch
 from rattlesweep.integrate.model import MODELS
 from rattlesweep.physics import full, launch, reduced, theory
 from rattlesweep.physics.steady import settled_oscillation, steady_modes
+from rattlesweep.sweeps.tables.columns import MEASURED
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import pyarrow as pa
     from numpy.typing import NDArray
 
     from rattlesweep.integrate.model import Model
+    from rattlesweep.sweeps.cases.measured import Measured
     from rattlesweep.sweeps.cases.plan import Plan
     from rattlesweep.sweeps.cases.sources import Bodies
     from rattlesweep.sweeps.config.schema import Config, Horizon
@@ -40,7 +45,9 @@ class Launches:
     """Runs that are ready to go; arrays over runs.
 
     `gh` is the spin as Garcia and Hubbard have it; `t_end` the horizon, not finite where it cannot
-    be told; `omega` and `u` are full states, of shape (runs, 3), None where launches are none.
+    be told; `omega` and `u` are full states, of shape (runs, 3), None where launches are none;
+    `second` is the unit of time in seconds, None where it is not stored, and `carried` has columns
+    that the runs get from a table.
     """
 
     case: NDArray[np.int64]
@@ -55,6 +62,8 @@ class Launches:
     t_end: Floats
     omega: Floats | None = None
     u: Floats | None = None
+    second: Floats | None = None
+    carried: dict[str, NDArray[Any]] = field(default_factory=dict)
 
     @property
     def tapped(self) -> NDArray[np.bool_]:
@@ -85,7 +94,20 @@ def prepare(plan: Plan, case: NDArray[np.int64], sample: NDArray[np.int64]) -> L
         psi = bodies.psi
     else:
         psi = launch.direction(modes, n_i, spin.psi if spin is not None else "relevant")
-    return with_theory(case, sample, bodies, n_i, omega_xy0, psi, modes, plan.config.horizon)
+    horizon = plan.config.horizon
+    found = with_theory(case, sample, bodies, n_i, omega_xy0, psi, modes, horizon)
+    measured = getattr(plan.source, "measured", None)
+    return found if measured is None else _measured(found, measured, plan.extra)
+
+
+def _measured(launches: Launches, measured: Measured, fields: Sequence[pa.Field]) -> Launches:
+    """With what the runs get of a table's own columns: those that are `fields`."""
+    names = {field.name for field in fields}
+    sample = launches.sample
+    carried = {name: of[sample] for name, of in measured.carried.items() if name in names}
+    told = measured.second is not None and MEASURED[0].name in names
+    second = measured.second[sample] if told and measured.second is not None else None
+    return replace(launches, carried=carried, second=second)
 
 
 def with_theory(

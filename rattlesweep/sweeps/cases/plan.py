@@ -185,6 +185,8 @@ def make_plan(config: Config, base: Path | None = None, source: Source | None = 
             "spin: missing; the table has no columns n_i and omega_xy0, so the config must "
             "give spin.n_i and spin.omega_xy0"
         )
+    if isinstance(source, TableBodies) and source.measured is not None:
+        extra += source.measured.fields
     groups = product(enumerate(targets), launches)
     cases = tuple(
         Case(index, group, *target, *launch)

@@ -28,6 +28,7 @@ from rattlesweep.sweeps.config.schema import Config
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from rattlesweep.sweeps.cases.measured import Measured
     from rattlesweep.sweeps.cases.quasi import Sequence
 
     Floats = NDArray[np.float64]
@@ -93,7 +94,7 @@ def make_source(config: Config, base: Path | None = None) -> Source:
     if isinstance(bodies, TableSource):
         from rattlesweep.sweeps.cases.table import read_table
 
-        return TableBodies(read_table(bodies.path, base))
+        return TableBodies(*read_table(bodies.path, base))
     return _grid(bodies)
 
 
@@ -212,8 +213,8 @@ def _grid(source: GridSource) -> GridBodies:
 class TableBodies:
     """Bodies from the rows of a table."""
 
-    def __init__(self, columns: dict[str, Floats]) -> None:
-        self._columns = columns
+    def __init__(self, columns: dict[str, Floats], measured: Measured | None = None) -> None:
+        self._columns, self.measured = columns, measured
         self.samples = len(columns["alpha"])
         # Whether the rows say how they are launched.
         self.has_launch = "n_i" in columns

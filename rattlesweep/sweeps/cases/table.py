@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,15 +16,22 @@ from numpy.typing import NDArray
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.physics.body import PARAMETERS, violations
 from rattlesweep.physics.launch import spin_and_oscillation
+from rattlesweep.sweeps.cases.measured import (
+    INPUT,
+    Measured,
+    own_columns,
+    without_units,
+)
 from rattlesweep.sweeps.config.fields import MAX_SPEED, MAX_TIME
 from rattlesweep.sweeps.config.schema import unit
+from rattlesweep.sweeps.tables.columns import MEASURED
 
 Floats = NDArray[np.float64]
 
 LAUNCH = ("n_i", "omega_xy0")
 OMEGA, U = ("omega_x", "omega_y", "omega_z"), ("u_x", "u_y", "u_z")
-NULLABLE = ("t_end", "psi", "f_sd", "t_r")
-COLUMNS = (*PARAMETERS, *LAUNCH, *OMEGA, *U, *NULLABLE)
+NULLABLE = ("t_end", "psi", "f_sd", "t_r", "t_end_s")
+COLUMNS = (*PARAMETERS, *LAUNCH, *OMEGA, *U, *NULLABLE[:4])
 # Of an output table, both the full state and the spin it has are there; so far may they differ.
 SPIN_SLACK = 1e-9
 
@@ -52,7 +60,7 @@ def check_value(name: str, values: Floats) -> tuple[int, str] | None:
     return None
 
 
-def read_table(path: str, base: Path | None = None) -> dict[str, Floats]:
+def read_table(path: str, base: Path | None = None) -> tuple[dict[str, Floats], Measured]:
     """Read bodies from a file, or from a directory of Parquet files such as ``runs``.
 
     Parameters
@@ -64,11 +72,13 @@ def read_table(path: str, base: Path | None = None) -> dict[str, Floats]:
 
     Returns
     -------
-    dict
-        Columns ``alpha .. xi``; ``n_i``, ``omega_xy0`` and ``psi`` where the table has a launch,
+    columns : dict
+        ``alpha .. xi``; ``n_i``, ``omega_xy0`` and ``psi`` where the table has a launch,
         and ``omega_x .. u_z`` where it is a full state, which says the others;
         ``t_end`` where it has one, NaN for rows that have a ``t_r``: in an output table the
         ``t_end`` of a run that reversed is its result, not its horizon.
+    measured : Measured
+        What else belongs to the rows.
 
     Raises
     ------
@@ -90,7 +100,10 @@ def read_table(path: str, base: Path | None = None) -> dict[str, Floats]:
     except Exception as error:  # pandas and pyarrow raise many kinds
         reason = one_line(str(error).split("\n")[0] or type(error).__name__, 200)
         raise ConfigError(f"{where}: cannot be read as a table ({reason})") from None
-    return columns_of(frame, where)
+    found = own_columns(frame, (*COLUMNS, *INPUT), where)
+    columns, second = _columns_and_second(frame, where)
+    more = () if second is None else MEASURED
+    return columns, replace(found, second=second, fields=(*found.fields, *more))
 
 
 def columns_of(frame: pd.DataFrame, where: str) -> dict[str, Floats]:
@@ -98,7 +111,15 @@ def columns_of(frame: pd.DataFrame, where: str) -> dict[str, Floats]:
 
     `where` is what a complaint begins with.
     """
+    return _columns_and_second(frame, where)[0]
+
+
+def _columns_and_second(frame: pd.DataFrame, where: str) -> tuple[dict[str, Floats], Floats | None]:
+    """And the unit of time in seconds, where it is known."""
     _check_repeats(frame.columns.tolist(), where)
+    if not len(frame):
+        raise ConfigError(f"{where}: the table has no rows; give at least one body")
+    frame, second = without_units(frame, lambda name: _numbers(frame[name], name, where), where)
     for name in PARAMETERS:
         if name not in frame.columns:
             wanted = " ".join(PARAMETERS)
@@ -114,8 +135,6 @@ def columns_of(frame: pd.DataFrame, where: str) -> dict[str, Floats]:
         raise ConfigError(
             f"{where}: {lone[0]} stands alone; give both n_i and omega_xy0, or neither"
         )
-    if not len(frame):
-        raise ConfigError(f"{where}: the table has no rows; give at least one body")
     columns = {}
     for name in (name for name in COLUMNS if name in frame.columns):
         if (kind := frame[name].dtype).kind not in "iufO":
@@ -129,7 +148,7 @@ def columns_of(frame: pd.DataFrame, where: str) -> dict[str, Floats]:
         columns |= launched_from(columns, where)
     if "n_i" not in columns or not np.isfinite(columns.get("psi", np.array(np.nan))).all():
         columns.pop("psi", None)
-    return columns
+    return columns, second
 
 
 def launched_from(columns: dict[str, Floats], where: str) -> dict[str, Floats]:
@@ -172,25 +191,28 @@ def _read_csv(file: Path, where: str) -> pd.DataFrame:
     names = frame.iloc[0].tolist()
     _check_repeats(names, where)
     frame = frame.iloc[1:]
-    return pd.DataFrame({n: frame[names.index(n)] for n in COLUMNS if n in names}, frame.index)
+    named = [name for name in names if isinstance(name, str) and name.strip()]
+    return pd.DataFrame({n: frame[names.index(n)] for n in named}, frame.index)
 
 
 def _read_parquet(file: Path, where: str) -> pd.DataFrame:
     data = pq.ParquetDataset(file)
     _check_repeats(data.schema.names, where)
-    names = [name for name in COLUMNS if name in data.schema.names]
-    for name in names:
+    names = []
+    for name in data.schema.names:
         kind = data.schema.field(name).type
         inner = kind.value_type if pa.types.is_dictionary(kind) else kind
         # Text may hold numbers; pandas would make some of times, truth values and bytes too.
-        if not any(is_kind(inner) for is_kind in NUMBERS):
+        if any(is_kind(inner) for is_kind in NUMBERS):
+            names.append(name)
+        elif name in (*COLUMNS, *INPUT):
             raise ConfigError(f"{where}: the column {name} is of type {kind}; numbers are wanted")
     table = data.read(columns=names)
     return pd.DataFrame({name: table.column(name).to_pandas() for name in names})
 
 
 def _check_repeats(names: list[str], where: str) -> None:
-    for name in COLUMNS:
+    for name in dict.fromkeys(names):
         if names.count(name) > 1:
             raise ConfigError(
                 f"{where}: there are {names.count(name)} columns {name}; keep one of them"

@@ -201,6 +201,12 @@ STATE: tuple[pa.Field, ...] = (
 )
 """Columns of `runs` launched from a full state, behind all others."""
 
+MEASURED: tuple[pa.Field, ...] = (
+    field("t_r_s", F64, "s", "first zero of the spin; null: none by t_end"),
+    required("n_i_rpm", F64, "rpm", "initial spin, positive = unsteady direction"),
+)
+"""Columns of `runs` of bodies whose size in SI units is known."""
+
 RECORD_PARTS: dict[str, tuple[str, ...]] = {
     "energy": ("gh",),
     "contact": ("reduced", "gh"),

@@ -1,0 +1,173 @@
+"""Tables in SI units, and columns of a table that are carried through to the runs."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from refusal import assert_refused
+from test_run import invoke
+
+import rattlesweep as rs
+from rattlesweep.sweeps.cases import table
+
+STONES = pd.DataFrame(
+    {
+        "stone": ["grey", "red, long", "green"],
+        "number": [7, 12, 3],
+        "code": ["007", "012", "003"],
+        "hardness": [5.5, 6.0, 6.25],
+        "mass_kg": [1.0, 0.5, 0.25],
+        "height_m": [0.01, 0.012, 0.02],
+        "ixx_kg_m2": [2e-4, 1.2e-4, 1e-4],
+        "iyy_kg_m2": [16e-4, 10e-4, 12e-4],
+        "izz_kg_m2": [17e-4, 10.5e-4, 12.5e-4],
+        "ixy_kg_m2": [-0.2e-4, -0.1e-4, -0.3e-4],
+        "r1_m": [2.0, 1.0, 1.5],
+        "r2_m": [0.045, 0.03, 0.05],
+        "n_i_rpm": [60.0, -50.0, 30.0],
+        "omega_xy0_rpm": [6.0, 20.0, 5.0],
+        "t_end_s": [4.0, 6.0, 5.0],
+    }
+)
+PLAIN = "alpha,beta,gamma,theta,phi,xi"
+ROW = "13.04,1.522,12.28,0.82,0.036,-0.03"
+
+
+def sweep(path: Path, output: Path, **rest: Any) -> pd.DataFrame:
+    config = {"bodies": {"source": "table", "path": str(path)}, **rest}
+    return rs.sweep(config, output=output).runs
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_bodies_and_launches_in_si_units(tmp_path: Path, ending: str):
+    path = tmp_path / f"stones.{ending}"
+    if ending == "csv":
+        STONES.to_csv(path, index=False)
+    else:
+        STONES.astype({"stone": "category"}).to_parquet(path)
+    runs = sweep(path, tmp_path / "out")
+    for run, given in zip(runs.itertuples(), STONES.itertuples(), strict=True):
+        body = rs.Rattleback.from_si(
+            mass=given.mass_kg, height=given.height_m, radii=(given.r1_m, given.r2_m),
+            inertia=(given.ixx_kg_m2, given.iyy_kg_m2, given.izz_kg_m2, given.ixy_kg_m2),
+        )  # fmt: skip
+        second = math.sqrt(given.height_m / 9.81)
+        assert [run.alpha, run.theta, run.xi] == pytest.approx(
+            [body.alpha, body.theta, body.xi], rel=1e-12
+        )
+        assert run.n_i == pytest.approx(given.n_i_rpm * math.pi / 30 * second, rel=1e-12)
+        assert run.n_i_rpm == pytest.approx(given.n_i_rpm, rel=1e-12)
+        one = rs.simulate(
+            body, n_i=run.n_i, omega_xy0=given.omega_xy0_rpm * math.pi / 30 * second,
+            t_end=given.t_end_s / second,
+        )  # fmt: skip
+        assert (run.type, np.isnan(run.t_r)) == (one.type, one.t_r is None)
+        if one.t_r is not None:
+            assert run.t_r == pytest.approx(one.t_r, rel=1e-7)
+            assert run.t_r_s == pytest.approx(run.t_r * second, rel=1e-14)
+    assert runs.t_r_s.notna().any()
+    kept = ["stone", "number", "hardness", "mass_kg", "height_m"]
+    pd.testing.assert_frame_equal(runs[kept], STONES[kept], check_dtype=False)
+    # Leading zeros are a name, and no number.
+    assert runs.code.tolist() == STONES.code.tolist()
+    assert str(runs.number.dtype) == "int64"
+    # An output table is a table, in whatever units it came.
+    again = sweep(tmp_path / "out" / "runs", tmp_path / "again", horizon={"t": 1e4})
+    pd.testing.assert_frame_equal(again[kept], runs[kept])
+    same = runs.t_r.notna()
+    # Which windows there are goes by the horizon.
+    again, runs = again.drop(columns="amp_growth"), runs.drop(columns="amp_growth")
+    pd.testing.assert_frame_equal(again[same], runs[same], check_exact=True)
+
+
+def test_commands_know_the_columns_of_a_table(tmp_path: Path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    STONES.to_csv("stones.csv", index=False)
+    Path("c.yaml").write_text(
+        "bodies: {source: table, path: stones.csv}\nblock_size: 2\noutput: out\n"
+    )
+    assert invoke("run", "c.yaml", "-q").exit_code == 0
+    found = invoke("replay", "out", "--where", "stone = 'grey' and number < 8", "--points", "2")
+    assert found.exit_code == 0, found.stderr
+    assert invoke("verify", "out", "--recompute", "3").exit_code == 0
+    assert invoke("plan", "c.yaml", "--budget", "0.1s").exit_code == 0
+    assert invoke("plot", "out", "--kind", "scatter", "--x", "hardness").exit_code == 0
+    for k in (0, 1):
+        share = ("--output", f"s{k}", "--shard", f"{k}/2", "-q")
+        assert invoke("run", "c.yaml", *share).exit_code == 0
+    assert invoke("merge", "s0", "s1", "--output", "m").exit_code == 0
+    runs = rs.load("out").runs
+    pd.testing.assert_frame_equal(rs.load("m").runs, runs)
+    # Again, and once its manifest is lost.
+    assert invoke("run", "c.yaml", "-q").exit_code == 0
+    Path("out/manifest.json").unlink()
+    assert invoke("run", "c.yaml", "-q").exit_code == 0
+    pd.testing.assert_frame_equal(rs.load("out").runs, runs)
+    assert invoke("status", "out").exit_code == 0
+
+
+def test_a_directory_begun_without_the_columns_keeps_its_runs(tmp_path: Path, monkeypatch):
+    """As one of an earlier version, which left out what it did not know."""
+    monkeypatch.chdir(tmp_path)
+    Path("t.csv").write_text(f"stone,{PLAIN}\ngrey,{ROW}\nred,{ROW}\n")
+    config = {
+        "bodies": {"source": "table", "path": "t.csv"},
+        "spin": {"n_i": 0.3, "omega_xy0": [0.1, 0.2]}, "horizon": {"t": 20}, "block_size": 3,
+    }  # fmt: skip
+    with monkeypatch.context() as before:
+        before.setattr(table, "own_columns", lambda *_: table.Measured())
+        old = rs.sweep(config, output="out").runs
+    assert "stone" not in old
+    first, last = sorted(Path("out/runs").iterdir())
+    stamp = first.stat().st_mtime_ns
+    last.unlink()
+    pd.testing.assert_frame_equal(rs.sweep(config, output="out").runs, old)
+    assert first.stat().st_mtime_ns == stamp
+
+
+def test_xi_in_degrees_and_the_unit_of_time_alone(tmp_path: Path):
+    path = tmp_path / "t.csv"
+    path.write_text(
+        f"{PLAIN.replace('xi', 'xi_deg')},height_m\n13.04,1.522,12.28,0.82,0.036,-1.72,0.02\n"
+    )
+    spin = {"n_i": 0.3, "omega_xy0": 0.1}
+    runs = sweep(path, tmp_path / "out", spin=spin)
+    assert runs.xi[0] == -math.radians(1.72)
+    assert runs.t_r_s[0] == pytest.approx(runs.t_r[0] * math.sqrt(0.02 / 9.81), rel=1e-14)
+    assert runs.n_i_rpm[0] == pytest.approx(0.3 / math.sqrt(0.02 / 9.81) * 30 / math.pi)
+
+
+SI = ",".join(name for name in STONES if name.endswith(("kg", "_m", "m2")))
+SI_ROW = "1,0.01,2e-4,16e-4,17e-4,-2e-5,2,0.045"
+BAD = {
+    "no radius": (f"{SI.replace(',r2_m', '')}\n1,0.01,2e-4,16e-4,17e-4,-2e-5,2\n",
+                  "the column r2_m is missing; a body in SI units has mass_kg height_m"),
+    "both ways": (f"{SI},theta\n{SI_ROW},0.2\n", "the columns theta and ixx_kg_m2 say the same"),
+    "both angles": (f"{PLAIN},xi_deg\n{ROW},-2\n", "the columns xi and xi_deg say the same; keep"),
+    "no height": (f"{PLAIN},n_i_rpm\n{ROW},60\n", "n_i_rpm needs the unit of time; add the colu"),
+    "negative": (f"{SI}\n{SI_ROW}\n{SI_ROW.replace('1,0.01', '1,-0.01')}\n",
+                 "row 2: height_m is -0.01; it must be positive"),
+    "impossible": (f"{SI}\n{SI_ROW.replace('17e-4', '27e-4')}\n", "row 1: no body has this inert"),
+    "text": (f"{SI}\n{SI_ROW.replace('0.045', '45 mm')}\n", "row 1: r2_m is '45 mm'; a finite"),
+    "two spins": (f"{PLAIN},n_i,omega_xy0,n_i_rpm,height_m\n{ROW},0.1,0.1,60,0.01\n",
+                  "row 1: n_i is 0.1, and n_i_rpm comes to 0.200607; keep one of the columns"),
+    "name of a result": (f"{PLAIN},type\n{ROW},granite\n", "the column type has the name of a res"),
+    "twice": (f"{PLAIN},stone,stone\n{ROW},a,b\n", "there are 2 columns stone; keep one of them"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_a_bad_table_is_refused_in_one_line(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    text, words = BAD[name]
+    Path("t.csv").write_text(text)
+    Path("c.yaml").write_text(
+        "bodies: {source: table, path: t.csv}\nspin: {n_i: 0.1, omega_xy0: 0.1}\n"
+    )
+    assert_refused(invoke("run", "c.yaml"), 2, words)
+    assert not Path("out").exists()
