@@ -64,6 +64,10 @@ EXAMPLES = {
     "levels": 4,
     "refine": {"levels": 4, "by": "type"},
     "bodies": {"source": "preset", "name": "GH"},
+    "stop": {"fraction": 0.01},
+    "fraction": 0.01,
+    "refine": {"levels": 4},
+    "levels": 4,
     "launch": {"omega": [0.0, 0.01, -0.1]},
     "spin": {"n_i": -0.3, "omega_xy0": 0.01},
     "horizon": {"t_rgh": 5},
@@ -109,6 +113,12 @@ columns, if there are any, replace parts of the config row by row; what no colum
 | `psi`, beside these | `spin.psi` | radians |
 | `omega_x omega_y omega_z u_x u_y u_z` | `spin`: a full state | `sqrt(g/a)`; 1 |
 | `t_end` (empty: the config's) | `horizon` | `sqrt(a/g)` |
+| `xi_deg` | `xi` | degrees |
+
+In SI units a body is `mass_kg height_m ixx_kg_m2 iyy_kg_m2 izz_kg_m2 r1_m r2_m`, and perhaps `ixy_kg_m2 axes_angle_deg gravity_m_s2`, as
+`rs.Rattleback.from_si` takes them ([stones.md](stones.md)); a launch is `n_i_rpm omega_xy0_rpm`, and `t_end_s` a horizon. Where there is a
+`height_m`, be the body in SI units or not, the runs have `t_r_s` and `n_i_rpm` too. Columns of any other name are carried through to the runs:
+words, whole numbers and numbers, such as the name of a stone. A name that is that of a result is refused.
 
 ```csv
 alpha,beta,gamma,theta,phi,xi,n_i,omega_xy0,t_end
@@ -135,6 +145,7 @@ PARTS = {
     "result": "Result",
     "observation": "What the types are told by",
     "STATE": "Launches from a full state",
+    "MEASURED": "Bodies of a known size",
 }
 
 TYPES_TABLE = """## Types
