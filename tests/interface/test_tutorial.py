@@ -25,9 +25,10 @@ def blocks(page: str, language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
 
 
-def test_the_tutorial_from_install_to_a_map(here: Path):
+def execute(page: str) -> int:
+    """Do what the shell blocks of a page say; how many commands that are."""
     commands = 0
-    for block in blocks("tutorial.md", "sh"):
+    for block in blocks(page, "sh"):
         heredoc = re.compile(r"^python - <<'PYTHON'\n(.*?)^PYTHON\n", re.MULTILINE | re.DOTALL)
         for place, part in enumerate(heredoc.split(block)):
             if place % 2:
@@ -38,11 +39,30 @@ def test_the_tutorial_from_install_to_a_map(here: Path):
                 assert program == "rattlesweep"
                 result = invoke(*args)
                 assert result.exit_code == 0, line + result.stderr
+                print(result.stdout + result.stderr)
                 commands += 1
-    assert commands >= 12
+    return commands
+
+
+def test_the_tutorial_from_install_to_a_map(here: Path):
+    assert execute("tutorial.md") >= 12
     wanted = {"unsteady.parquet", "unsteady.svg", "steady.csv", "steady.svg", "rattleback.html",
               "fractions.png", "wobble.parquet", "wobble.svg", "first.html", "map.png"}  # fmt: skip
     assert all((here / name).stat().st_size > 500 for name in wanted)
+
+
+def test_from_a_ruler_and_a_scale_to_seconds(here: Path, capsys: pytest.CaptureFixture[str]):
+    """What the page shows is what its commands print, but for last digits and numbers of steps."""
+
+    def plain(text: str) -> str:
+        text = re.sub(r"\d+ steps", "N steps", text)
+        return re.sub(r"-?\d+\.\d{6,}", lambda number: f"{float(number[0]):.6g}", text)
+
+    assert execute("own_stone.md") == 5
+    shown = plain(capsys.readouterr().out)
+    for block in blocks("own_stone.md", "text"):
+        for line in plain(block).splitlines():
+            assert line == "..." or line in shown, line
 
 
 def test_the_python_page(here: Path):

@@ -57,6 +57,11 @@ SMALL = {
     "map_theta_spin.yaml": ("bodies.axes={theta: [0.7, 0.9]}", "spin.n_i=[-0.3, 0.3]"),
     "million.yaml": ("bodies.samples=1", "bodies.target.rel_tol=0.05"),
     "quickstart.yaml": ("bodies.samples=4",),
+    "reversals.yaml": (
+        "bodies.axes={minus_xi_deg: [1, 2]}",
+        "spin.n_i=[-0.3, 0.3]",
+        "horizon.t=99",
+    ),
     "steady.yaml": ("bodies.samples=1", "bodies.target.rel_tol=0.05"),
     "unsteady.yaml": ("bodies.samples=2", "bodies.target.rel_tol=0.05"),
 }
