@@ -105,6 +105,8 @@ def test_every_example_is_valid():
             if path[:1] == ["launch"] or name == "launch":
                 del config["spin"]
                 config["horizon"] = {"t": 10}
+            if path[:1] == ["stop"] or name == "stop":
+                config["bodies"] = {"source": "sd", "samples": 100}
             inner = config
             for key in path:
                 inner = inner.setdefault(key, {})
