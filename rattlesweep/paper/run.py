@@ -84,7 +84,6 @@ def reproduce(
             tables[name] = ws.load_or_make(name, figure, progress)
     with parts.part("claims"):
         claims = judge(tables, theory=THEORY in names)
-        ws.finish_drawing()
     ws.record |= {
         "quick": sizes != FULL,
         "settings": asdict(sizes) | {n: resolved(sweep_config(n, sizes)) for n in sweeps},

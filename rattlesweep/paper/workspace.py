@@ -21,7 +21,6 @@ import pyarrow as pa
 from matplotlib.figure import Figure as Drawing
 
 from rattlesweep.errors import DamagedError, OutputError
-from rattlesweep.integrate.task import Task
 from rattlesweep.paper.settings import Sizes, sweep_config
 from rattlesweep.study.style import encode as picture
 from rattlesweep.study.style import styled
@@ -37,7 +36,7 @@ Tables = Mapping[str, pa.Table]
 # Told the share that is done and a few words; may raise to stop the work.
 Progress = Callable[[float, str], None]
 
-RECORD, DPI, KINDS = "paper.json", 150, ("svg", "png")
+RECORD, DPI = "paper.json", 150
 # Columns that say how a run was launched.
 LAUNCH = ("alpha", "beta", "gamma", "theta", "phi", "xi", "n_i", "omega_xy0", "psi")
 PACKAGE = Path(__file__).resolve().parents[1]
@@ -125,8 +124,6 @@ class Workspace:
         empty: dict[str, Any] = {"format": 1, "figures": {}, "sweeps": {}}
         self.record = empty | _read(directory / RECORD)
         self._sweeps: dict[str, StoredRuns] = {}
-        # One at a time: the style is that of the process.
-        self._drawing: Task[None] | None = None
 
     def save(self) -> None:
         """Write the record."""
@@ -154,22 +151,14 @@ class Workspace:
             tables = figure.data(self, progress)
             for part, table in tables.items():
                 replace_file(self.directory / f"{name}_{part}.parquet", encode(table))
-            # It names only what is there; pictures that are not are drawn from it.
+            self._draw(name, figure, tables)
+            # Last: it names only what is there.
             entry = {"key": self._figures_key(), "tables": list(tables)}
             self.record["figures"][name] = entry
-            for kind in KINDS:
-                (self.directory / f"{name}.{kind}").unlink(missing_ok=True)
             self.save()
-        if not all((self.directory / f"{name}.{kind}").exists() for kind in KINDS):
-            self.finish_drawing()
-            self._drawing = Task(lambda _: self._draw(name, figure, tables))
+        elif not all((self.directory / f"{name}.{kind}").exists() for kind in ("svg", "png")):
+            self._draw(name, figure, tables)
         return tables
-
-    def finish_drawing(self) -> None:
-        """Wait for the pictures of the last figure: they are drawn while the next is computed."""
-        drawing, self._drawing = self._drawing, None
-        if drawing is not None:
-            drawing.wait()
 
     def _draw(self, name: str, figure: Figure, tables: Tables) -> None:
         for kind, data in pictures(figure, tables).items():
