@@ -111,6 +111,10 @@ def test_with_a_fixed_step_and_the_reduced_model(model, tmp_path: Path):
             "record: [reversals]\nintegrator: {accuracy: {t_r: 1e-6}}",
             "record: integrator.accuracy of t_r compares runs at their first reversal, behind",
         ),
+        (
+            "record: [reversals]\nclassify: {early: true}",
+            "c.yaml:3:1: record: reversals are those of a run up to its horizon, and classify.ea",
+        ),
         ("record: [reversals]\nmodel: gh", "record: the model 'gh' has no 'reversals' to record"),
     ],
 )

@@ -448,11 +448,13 @@ class Config(Base):
     @classmethod
     def _not_of_a_part(cls, record: list[str], info: ValidationInfo) -> list[str]:
         classify = info.data.get("classify")
-        if "lyapunov" in record and classify is not None and classify.early:
-            raise ValueError(
-                "lyapunov is the exponent of a run up to its horizon, and classify.early ends runs "
-                "before; leave one of them out"
-            )
+        whole = {"lyapunov": "is the exponent", "reversals": "are those"}
+        for name in (name for name in whole if name in record):
+            if classify is not None and classify.early:
+                raise ValueError(
+                    f"{name} {whole[name]} of a run up to its horizon, and classify.early ends "
+                    "runs before; leave one of them out"
+                )
         return record
 
     @property
