@@ -383,7 +383,7 @@ def test_types_that_are_not_sure_are_hatched(marked: Path, whole: Path) -> None:
             "chaos: in steps twice as long it reverses at 95 instead of 100, with states that are "
             "1.2 of the oscillation apart",
         ),
-        ({"apart": 0.01}, -0.5, "errors in proportion to the tolerance, which a tighter one"),
+        ({"apart": 0.01}, -0.5, "errors that a tighter tolerance makes smaller: at tol 2e-06"),
     ],
 )  # fmt: skip
 def test_causes_in_words(changes: dict[str, float], n_i: float, words: str) -> None:

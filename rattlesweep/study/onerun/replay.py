@@ -236,7 +236,7 @@ def cause_of(found: Estimated, swing: float, n_i: float) -> str:
             f"{kind}: {instead}, with states that are {apart:.2g} of the oscillation apart{grown}"
         )
     return (
-        f"errors in proportion to the tolerance, which a tighter one makes smaller: {instead}, "
+        f"errors that a tighter tolerance makes smaller: {instead}, "
         f"with states that are {apart:.1e} of the oscillation apart"
     )
 
