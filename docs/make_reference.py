@@ -4,7 +4,7 @@
 
 With ``--check`` nothing is written, and the exit code is 1 if a page is not current; a test does
 that.  What a key, a column or a status means is said where it is defined, so a new one appears here
-by itself; one whose example cannot be its default needs a line in ``EXAMPLES``.
+by itself; one whose example is dull gets a line in ``EXAMPLES``.
 """
 
 # ruff: noqa: E501 - lines of Markdown
@@ -45,7 +45,15 @@ EXAMPLES = {
     "tol": 1.0e-9,
     "dt": 0.002,
     "accuracy": "standard",
-    "t_r": 1.0e-6,
+    "t_r": 0.02,
+    "integrator.accuracy.t_r": 1.0e-6,
+    "bodies.refine.tol": 0.1,
+    "fraction": 0.01,
+    "levels": 4,
+    "by": "type",
+    "c": 0.5,
+    "sigma": 0.001,
+    "rolling": 0.001,
     "K_r": [0.01, 0.03, 0.1],
     "K_p": 0.5,
     "alpha": 13.04,
@@ -68,6 +76,7 @@ EXAMPLES = {
     "spin": {"n_i": -0.3, "omega_xy0": 0.01},
     "horizon": {"t_rgh": 5},
     "integrator": {"accuracy": "standard"},
+    "stop": {"fraction": 0.01},
     "classify": {"sw_departure": 0.1},
     "ranges": {"theta": [0.7, 0.9]},
     "target": {"K_r": 0.03},
@@ -237,13 +246,23 @@ def example_of(path: str, name: str, key: dict[str, Any]) -> Any:
         return {"linspace": [float(f"{0.9 * EXAMPLES[name]:.3g}"), EXAMPLES[name], 20]}
     if key.get("type") == "array" and "default" in key:
         return key["default"]
-    if name in EXAMPLES:
-        return EXAMPLES[name]
+    own = f"{path.split(',')[0]}.{name}"
+    if own in EXAMPLES or name in EXAMPLES:
+        return EXAMPLES.get(own, EXAMPLES.get(name))
     if "enum" in key:
         return key["enum"][-1]
-    if key.get("default") is None:
+    if key.get("default") is not None:
+        return key["default"]
+    if inner := references(key):
+        model = config_json_schema()["$defs"][inner[0]]
+        names = model.get("required") or list(model["properties"])[:1]
+        return {n: example_of(inner[0], n, model["properties"][n]) for n in names}
+    if found := [each for way in ("anyOf", "oneOf") for each in key.get(way, ())]:
+        return example_of(path, name, found[0])
+    low = key.get("minimum", key.get("exclusiveMinimum"))
+    if low is None:
         raise SystemExit(f"{path}: {name} needs an example: add one to EXAMPLES in {__file__}")
-    return key["default"]
+    return (low + key.get("maximum", key.get("exclusiveMaximum", low + 2))) / 2
 
 
 def kind_of(key: dict[str, Any]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import importlib.util
 import re
 import subprocess
@@ -13,6 +14,7 @@ import pytest
 from ruamel.yaml import YAML
 from test_run import invoke
 
+import rattlesweep as rs
 from rattlesweep.sweeps.cases.plan import make_plan
 from rattlesweep.sweeps.config.load import config_json_schema, load_config, parse_config
 from rattlesweep.sweeps.tables.columns import RUNS, SUMMARY
@@ -67,66 +69,48 @@ def test_every_key_and_every_column_is_there():
         assert words in page
 
 
-GH = {"source": "preset", "name": "GH"}
-SPIN = {"n_i": 0.1, "omega_xy0": 0.01}
-# Sections by their headings, each with what else a config of it must have, by key where it differs.
-AROUND: dict[str, dict[str, Any]] = {
-    "bodies": {"source": "sd"},
-    "bodies.target": {"rel_tol": {"K_r": 0.1}, "max_draws": {"K_r": 0.1}},
-    "bodies.base, with alpha": {
-        "alpha": 13.04, "beta": 1.522, "gamma": 12.28, "theta": 0.6, "phi": 0.03,
-    },
-    "bodies.base, with gamma": {"gamma": 12.28, "f_sd": 0.1, "theta": 0.6, "phi": 0.03},
-    "integrator": {"dt": {"method": "rk4"}},
-    "launch": {"u": {"omega": [0, 0.1, 1]}},
-    "spin": SPIN,
-}  # fmt: skip
+# What a config is with, so that a key of a section can be tried; the first with which it is valid.
+GRID = {"source": "grid", "base": {"preset": "GH"}, "axes": {"theta": [0.7, 0.8]}}
+SD = {"source": "sd", "target": {"K_r": 0.1}}
+DUMBBELL = {"gamma": 12, "f_sd": 0.1, "theta": 0.6, "phi": 0.03, "xi": -0.1}
+EXPLICIT = {"alpha": 13, "beta": 1.5, "gamma": 12, "theta": 0.6, "phi": 0.03, "xi": -0.1}
+SPIN = {"spin": {"n_i": 0.1, "omega_xy0": 0.01}}
+AROUND: tuple[dict[str, Any], ...] = (
+    {"bodies": {"source": "preset", "name": "GH"}, **SPIN},
+    {"bodies": SD, **SPIN},
+    {"bodies": {"source": "sd", "target": {}}, **SPIN},
+    {"bodies": {"source": "sd"}, **SPIN},
+    {"bodies": GRID, **SPIN},
+    {"bodies": {**GRID, "base": DUMBBELL}, **SPIN},
+    {"bodies": {**GRID, "base": {**DUMBBELL, "xi": None}}, **SPIN},
+    {"bodies": {**GRID, "base": EXPLICIT}, **SPIN},
+    {"bodies": {**GRID, "base": {**EXPLICIT, "xi": None}}, **SPIN},
+    {"bodies": {"source": "table", "path": "bodies.csv"}, **SPIN},
+    {"bodies": GRID, "launch": {"omega": [0, 0.1, 1]}, "horizon": {"t": 10}},
+    {"bodies": GRID, **SPIN, "integrator": {"method": "rk4"}},
+)
 
 
 def test_every_example_is_valid():
     text, yaml, tried = (ROOT / "docs" / "config.md").read_text(), YAML(typ="safe"), 0
     for part in text.split("\n## ")[1:]:
         title = part.splitlines()[0]
-        path = title.split(",")[0].split(".") if not title.startswith("Keys of") else []
-        if title.startswith("A table"):
-            continue
+        path = [] if title.startswith("Keys of") else title.split(",")[0].split(".")
         for name, example in re.findall(r"^\| `(\w+)` \|.*\| `([^`]*)` \|$", part, re.MULTILINE):
-            around: Any = next(
-                (v for k, v in AROUND.items() if title == k or (k in title and "," in k)), {}
-            )
-            if name in around and isinstance(around[name], dict):
-                around = around[name]
-            elif any(isinstance(value, dict) for value in around.values()):
-                around = {}
-            section = {**around, name: yaml.load(example)}
-            if "with alpha" in title or "with gamma" in title:
-                section = section if "xi" in name else {**section, "xi": -0.03}
-            config: dict[str, Any] = {"bodies": dict(GH), "spin": dict(SPIN)}
-            if path[:1] == ["launch"] or name == "launch":
-                del config["spin"]
-                config["horizon"] = {"t": 10}
-            if path[:1] == ["stop"] or name == "stop":
-                config["bodies"] = {"source": "sd", "samples": 100}
-            inner = config
-            for key in path:
-                inner = inner.setdefault(key, {})
-            inner.update(section)
-            if path[:1] == ["bodies"]:
-                source = next(
-                    (s for s in ("sd", "preset", "table", "grid") if f"source: {s}" in title),
-                    {"ranges": "sd", "target": "sd", "overrides": "preset"}.get(path[-1], "grid"),
-                )
-                rest: dict[str, Any] = {
-                    "sd": {}, "preset": {"name": "GH"}, "table": {"path": "bodies.csv"},
-                    "grid": {"base": {"preset": "GH"}, "axes": {"theta": [0.7]}},
-                }[source]  # fmt: skip
-                if name == "f_sd" and path[-1] == "axes":
-                    rest = {"base": {"gamma": 12, "f_sd": 0.1, "theta": 0.6, "phi": 0.03, "xi": -1}}
-                mine = {k: v for k, v in config["bodies"].items() if k not in ("source", "name")}
-                if path == ["bodies"] and name in ("source", "name"):
-                    mine[name] = section[name]
-                config["bodies"] = {**rest, **mine, "source": source}
-            parse_config(config)
+            said = []
+            for around in AROUND:
+                config = copy.deepcopy(around)
+                inner = config
+                for key in path:
+                    inner = inner.setdefault(key, {})
+                inner[name] = yaml.load(example)
+                try:
+                    parse_config(config)
+                    break
+                except rs.ConfigError as error:
+                    said.append(str(error))
+            else:
+                pytest.fail(f"{title}: {name}: {example}: {said}")
             tried += 1
     assert tried >= 65
 
