@@ -310,7 +310,7 @@ class Classify(Base):
     @property
     def thresholds(self) -> dict[str, float]:
         """What decides between types of runs that are stored."""
-        return {"ss_growth": self.ss_growth, "sw_departure": self.sw_departure}
+        return self.model_dump(exclude={"early"})
 
 
 class Stop(Base):
