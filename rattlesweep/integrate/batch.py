@@ -304,7 +304,7 @@ def integrate(
         windows=windows[:, :, :3] if seen else np.zeros((0, N_WINDOWS, 3)),
         growth=windows[:, :, turned:] if width > turned else np.zeros((0, N_WINDOWS, 2)),
         n_reversals=counts[:, C.REVERSALS],
-        reversals=windows[:, : C.MOST_REVERSALS, seen:turned],
+        reversals=windows[: runs if turned > seen else 0, : C.MOST_REVERSALS, seen:turned],
         stopped=bool((counts[:, C.STATUS] == Status.STOPPED).any()),
     )
 
