@@ -383,6 +383,11 @@ class Config(Base):
                 f"bodies of source {bodies.source} are no samples of which there could be more; "
                 "leave it out, or take source: sd"
             )
+        if stop is not None and getattr(bodies, "draw", None) == "saltelli":
+            raise ValueError(
+                "samples of draw: saltelli come seven at a time, and say less than as many others "
+                "of when there are enough; leave it out, or take draw: sobol"
+            )
         return stop
 
     @field_validator("spin")
