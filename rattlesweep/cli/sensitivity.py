@@ -12,8 +12,8 @@ from rattlesweep.cli.common.output import MOST_ROWS
 
 @command(
     "Sweeps",
-    "rattlesweep sensitivity out/unsteady",
-    "rattlesweep sensitivity out/design --figure indices.svg --json",
+    "rattlesweep sensitivity out/design",
+    "rattlesweep sensitivity out/design --json --figure indices.svg",
 )
 @options.directory
 @options.file("--figure", ".svg", ".png", ".pdf", help="Plot to an .svg, .png or .pdf file.")

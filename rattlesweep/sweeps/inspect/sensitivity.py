@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 PARAMETERS = tuple(SdRanges.model_fields)
 """Of bodies, as they are drawn."""
 TIMES = ("t_r", "log10 t_r")
+QUANTITIES = (*TIMES, *(f"P({name})" for name in TYPES))
 REPLICATES = 500
 FEWEST = 64
 """Values from which on indices are told."""
@@ -161,7 +162,7 @@ def _of_values(
         done = together * runs.shape[1]
         runs = runs[:, np.isfinite(runs).all(axis=0)]
         used = runs.shape[1]
-        if used < FEWEST or np.ptp(runs[-1]) == 0:
+        if used < FEWEST or np.ptp(runs[:2] if designed else runs[1]) == 0:
             continue
         estimate = from_design if designed else from_bins
         random = np.random.default_rng(_SEED)
@@ -181,8 +182,8 @@ def from_design(f_a: Floats, f_b: Floats, f_ab: Floats) -> tuple[float, float]:
     """
     both = np.concatenate([f_a, f_b])
     variance = both.var()
-    if variance == 0:
-        return np.nan, np.nan
+    if variance == 0:  # of a few runs drawn again
+        return 0.0, 0.0
     # A constant does not count, but adds to the error of the product.
     first = np.mean((f_b - both.mean()) * (f_ab - f_a)) / variance
     return float(first), float(np.mean((f_a - f_ab) ** 2) / 2 / variance)
@@ -207,7 +208,7 @@ def from_bins(place: Floats, y: Floats) -> tuple[float, float]:
     """The same from bins; the variance of the means is less what they vary by chance."""
     variance, at = y.var(ddof=1), place.astype(np.int64)
     if variance == 0:
-        return np.nan, np.nan
+        return 0.0, np.nan
     off = y - y.mean()
     counts = np.bincount(at)
     kept = counts > 1
