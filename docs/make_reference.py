@@ -77,10 +77,6 @@ EXAMPLES = {
     "ranges": {"theta": [0.7, 0.9]},
     "target": {"K_r": 0.03},
     "overrides": {"theta": 0.82},
-    "stop": {"fraction": 0.01},
-    "fraction": 0.01,
-    "refine": {"levels": 4, "by": "type"},
-    "draw": "sobol",
     "base": {"preset": "GH"},
     "axes": {"theta": {"linspace": [0.6, 0.99, 200]}},
 }
