@@ -120,6 +120,10 @@ def in_pairs(function: Any) -> Any:
     assert isinstance(written, ast.FunctionDef)
     written.decorator_list = []
     names = {"add": add, "sub": sub, "mul": mul, "div": div, "sqrt": root}
+    globals_ = function.py_func.__globals__
+    for name in function.py_func.__code__.co_names:
+        if hasattr(globals_.get(name), "py_func"):
+            names[name] = in_pairs(globals_[name])
     exec(compile(ast.fix_missing_locations(Pairs().visit(tree)), "<pairs>", "exec"), names)
     return njit(names[written.name])
 

@@ -48,9 +48,6 @@ EXAMPLES = {
     "t_r": 0.02,
     "integrator.accuracy.t_r": 1.0e-6,
     "bodies.refine.tol": 0.1,
-    "c": 0.5,
-    "sigma": 0.001,
-    "rolling": 0.001,
     "K_r": [0.01, 0.03, 0.1],
     "K_p": 0.5,
     "alpha": 13.04,
@@ -62,7 +59,12 @@ EXAMPLES = {
     "xi": -0.03,
     "xi_deg": -1.72,
     "minus_xi_deg": 1.72,
+    "surface": "paraboloid",
+    "c": 2.0,
+    "sigma": 0.003,
+    "rolling": 0.001,
     # Of whole sections.
+    "dissipation": {"sigma": 0.003},
     "stop": {"fraction": 0.01},
     "fraction": 0.01,
     "by": "type",
@@ -149,6 +151,13 @@ PARTS = {
     "MEASURED": "Bodies of a known size",
 }
 
+ELSEWHERE = {
+    "tol": "`integrator: {accuracy: {t_r: ...}}`",
+    "surface": "`bodies: {surface: ellipsoid}`",
+    "dissipation": "`dissipation`",
+}
+"""Parts that another key than `record` asks for."""
+
 TYPES_TABLE = """## Types
 
 | word | meaning |
@@ -157,6 +166,7 @@ TYPES_TABLE = """## Types
 | `SS` | steady spinning: the relevant oscillation decayed monotonically |
 | `SW` | the spin visibly left its plateau and wobbles |
 | `unclassified` | the oscillation grew, yet the spin had not visibly changed by the horizon |
+| `D` | dead: with dissipation, no reversal, and hardly any energy left |
 
 The thresholds behind "monotonically" and "visibly" are keys of [classify](config.md#classify); [types.md](types.md) has the evidence.
 """
@@ -242,9 +252,9 @@ def example_of(path: str, name: str, key: dict[str, Any]) -> Any:
         return {"linspace": [float(f"{0.9 * EXAMPLES[name]:.3g}"), EXAMPLES[name], 20]}
     if key.get("type") == "array" and "default" in key:
         return key["default"]
-    own = f"{path.split(',')[0]}.{name}"
-    if own in EXAMPLES or name in EXAMPLES:
-        return EXAMPLES.get(own, EXAMPLES.get(name))
+    chosen = EXAMPLES.get(f"{path.split(',')[0]}.{name}", EXAMPLES.get(name))
+    if chosen is not None and chosen in key.get("enum", [chosen]):
+        return chosen
     if "enum" in key:
         return key["enum"][-1]
     if key.get("default") is not None:
@@ -344,7 +354,8 @@ def columns_page() -> str:
     for name, fields in asked.items():
         models = columns.RECORD_PARTS[name]
         note = f"Not with `model: {'` or `'.join(models)}`.\n\n" if models else ""
-        parts.append(f"### `record: [{name}]`\n\n{note}{fields_table(fields)}\n")
+        words = ELSEWHERE.get(name, f"`record: [{name}]`")
+        parts.append(f"### {words}\n\n{note}{fields_table(fields)}\n")
     parts.append(f"## `summary`\n\n{fields_table(columns.SUMMARY)}\n")
     words = [(f"`{status.label}`", status.meaning) for status in Status]
     parts.append(TYPES_TABLE)

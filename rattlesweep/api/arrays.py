@@ -43,7 +43,8 @@ def body_columns(bodies: Bodies) -> dict[str, Floats]:
         If one of them is no body, or cannot exist.
     """
     if isinstance(bodies, Rattleback):
-        return {name: np.array(getattr(bodies, name), float) for name in PARAMETERS}
+        names = PARAMETERS if bodies.c is None else (*PARAMETERS, "c")
+        return {name: np.array(getattr(bodies, name), float) for name in names}
     if isinstance(bodies, Mapping) or is_frame(bodies):
         import pandas as pd
 
@@ -68,9 +69,11 @@ def body_columns(bodies: Bodies) -> dict[str, Floats]:
         if not isinstance(body, Rattleback):
             raise ConfigError(f"bodies[{place}]: {_kind(body)} is no Rattleback")
     shape = (len(flat),) if array is None else array.shape
+    names = (*PARAMETERS, "c") if any(body.c is not None for body in flat) else PARAMETERS
+    # None is NaN then.
     return {
         name: np.array([getattr(body, name) for body in flat], float).reshape(shape)
-        for name in PARAMETERS
+        for name in names
     }
 
 
@@ -143,7 +146,7 @@ def broadcast(arrays: Mapping[str, Floats]) -> tuple[dict[str, Floats], tuple[in
         whole = np.broadcast_arrays(*arrays.values())
     except ValueError:
         of_bodies = {"bodies": arrays[PARAMETERS[0]]}
-        rest = {name: a for name, a in arrays.items() if name not in (*PARAMETERS, "f_sd")}
+        rest = {name: a for name, a in arrays.items() if name not in (*PARAMETERS, "f_sd", "c")}
         shapes = ", ".join(f"{name} {array.shape}" for name, array in (of_bodies | rest).items())
         raise ConfigError(f"the shapes do not go together: {shapes}") from None
     return dict(zip(arrays, whole, strict=True)), whole[0].shape

@@ -78,6 +78,8 @@ def simulate(
     tol: float | None = ...,
     dt_step: float | None = ...,
     dt: float | None = ...,
+    sigma: float = ...,
+    rolling: float = ...,
     threads: int | None = ...,
     progress: bool | None = ...,
 ) -> Run: ...
@@ -96,6 +98,8 @@ def simulate(
     tol: float | None = ...,
     dt_step: float | None = ...,
     dt: float | None = ...,
+    sigma: float = ...,
+    rolling: float = ...,
     threads: int | None = ...,
     progress: bool | None = ...,
 ) -> Run | pd.DataFrame: ...
@@ -113,6 +117,8 @@ def simulate(
     tol: float | None = None,
     dt_step: float | None = None,
     dt: float | None = None,
+    sigma: float = 0.0,
+    rolling: float = 0.0,
     threads: int | None = None,
     progress: bool | None = None,
 ) -> Run | pd.DataFrame:
@@ -144,6 +150,8 @@ def simulate(
         dt`` of the config's ``integrator``, with its defaults.
     dt
         Former name of ``dt_step``; in :func:`trajectory` it is the distance of two rows.
+    sigma, rolling : float
+        Torque ``-sigma omega``, in ``M a^2 sqrt(g/a)``; lever of a rolling resistance, in ``a``.
     threads : int, optional
         Threads of the kernel; by default one for each processor.  The results do not depend on it.
     progress : bool, optional
@@ -209,14 +217,13 @@ def simulate(
     if state:
         columns |= launched_from(columns, "launch")
     launch = Launch(
-        Rattleback.gh(),
-        # Replaced by those of the rows, like the body.
-        n_i=1.0,
-        omega_xy0=1.0,
-        psi=psi if isinstance(psi, str) else "relevant",
+        # But for the surface, replaced by those of the rows.
+        Rattleback.kl() if "c" in columns else Rattleback.gh(),
+        n_i=1.0, omega_xy0=1.0, psi=psi if isinstance(psi, str) else "relevant",
         model=model,
         integrator=_integrator(method, tol, dt_step),
-    )
+        sigma=sigma, rolling=rolling,
+    )  # fmt: skip
     plan = plan_of(launch, TableBodies(columns))
     with Bar.of_call(progress) as bar, listening(bar.compiling):
         table = integrate_plan(plan, threads if shape else 1, bar.counting(f"{plan.runs} runs"))
@@ -251,6 +258,8 @@ def trajectory(
     dt_step: float | None = None,
     e_p0: float | None = None,
     e_r0: float | None = None,
+    sigma: float = 0.0,
+    rolling: float = 0.0,
 ) -> Trajectory:
     """Integrate one launch to ``t_end``, past its reversals, and give it as a table.
 
@@ -266,8 +275,8 @@ def trajectory(
         increasing times; in ``sqrt(a/g)``.
     from_time : float, optional
         When the rows begin, in ``sqrt(a/g)``; the run begins at its launch all the same.
-    method, tol, dt_step
-        As for :func:`simulate`; not to be confused with ``dt``.
+    method, tol, dt_step, sigma, rolling
+        As for :func:`simulate`; ``dt_step`` is not to be confused with ``dt``.
     e_p0, e_r0 : float, optional
         Energies of pitch and roll with which the reduced model begins, in ``M g a``; by default
         the launch's, where one of them is zero.
@@ -296,7 +305,9 @@ def trajectory(
     from rattlesweep.sweeps.blocks.single import Launch
 
     integrator = _integrator(method, tol, dt_step)
-    launch = Launch(body, n_i, omega_xy0, t_end, psi, model, integrator, e_p0, e_r0, omega, u)
+    launch = Launch(
+        body, n_i, omega_xy0, t_end, psi, model, integrator, e_p0, e_r0, omega, u, sigma, rolling
+    )
     rows = Rows(points, dt, steps, times, from_time)
     return collect(Course(launch, channels=channels, rows=rows))
 

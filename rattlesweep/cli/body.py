@@ -20,8 +20,10 @@ from rattlesweep.text import align
 )
 @options.body
 @options.spin
+@options.dissipation
 @options.as_json
-def body(body: dict[str, Any], spin: dict[str, Any], as_json: bool) -> None:
+def body(body: dict[str, Any], spin: dict[str, Any], dissipation: dict[str, Any],
+         as_json: bool) -> None:  # fmt: skip
     """Print derived quantities of one body: modes, torque coefficients, thresholds, reversal times.
 
     The spin and the oscillation, in sqrt(g/a), matter for the reversal times only. Of a body given
@@ -30,7 +32,7 @@ def body(body: dict[str, Any], spin: dict[str, Any], as_json: bool) -> None:
     from rattlesweep.study.derived import derived, in_units_of, make_body
 
     made = make_body(body)
-    values = derived(made, **in_units_of(made.units, spin))
+    values = derived(made, **in_units_of(made.units, spin), **dissipation)
     if as_json:
         si = {q.name: dict(zip(("value", "unit"), q.in_si, strict=True)) for q in values if q.in_si}
         units = {} if made.units is None else {"units": asdict(made.units), "si": si}

@@ -73,7 +73,7 @@ def _of_sweep(config: Config) -> Kernels:
 
 def _all() -> Kernels:
     """Those of the trade-off study, of the paper and of trajectories."""
-    from rattlesweep.integrate.follow.kernels import ATTITUDE, aside_kernel, march_kernel
+    from rattlesweep.integrate.follow.kernels import ATTITUDES, aside_kernel, march_kernel
     from rattlesweep.integrate.tableau import DOP853, METHODS
     from rattlesweep.sweeps.config.load import parse_config
 
@@ -85,5 +85,5 @@ def _all() -> Kernels:
     method = DOP853.name
     for model in ("full", "reduced"):
         yield f"trajectory {method} {model}", partial(march_kernel, method, model)
-    for model in ("full", "reduced", ATTITUDE.name):
+    for model in ("full", "reduced", ATTITUDES["full"].name):
         yield f"rows {method} {model}", partial(aside_kernel, method, model)

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 @options.which_run
 @options.body
 @options.launch
+@options.dissipation
 @options.t_end
 @option("--points", type=int, help="Number of rows.  [default: 20 per pitch period]")
 @options.from_time
@@ -40,6 +41,7 @@ def show(
     which: dict[str, Any],
     body: dict[str, Any],
     launch: dict[str, Any],
+    dissipation: dict[str, Any],
     t_end: float | None,
     points: int | None,
     from_time: float | None,
@@ -77,7 +79,7 @@ def show(
                 raise ConfigError("--case, --sample and --where go with --from")
             made = make_body(body)
             start = in_units_of(made.units, options.launched(launch) | {"t_end": t_end})
-            run = Launch(made, integrator=integrator, **start)
+            run = Launch(made, integrator=integrator, **start, **dissipation)
             name = " ".join(["Rattleback", *([body["preset"]] if "preset" in body else [])])
             course = pages.course_of(run, points, watch, from_time=from_time)
             scene = pages.make_scene(course)
@@ -94,7 +96,12 @@ def show(
 
 def _refuse_a_launch(context: click.Context) -> None:
     """Complain of a body or a launch beside `--from`."""
-    for name in (*options.body.names, *options.launch.names, *options.integrator.names):
+    for name in (
+        *options.body.names,
+        *options.launch.names,
+        *options.dissipation.names,
+        *options.integrator.names,
+    ):
         if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
             option = "--" + name.replace("_", "-")
             raise ConfigError(f"{option} does not go with --from: the sweep says what the run was")

@@ -20,6 +20,7 @@ from rattlesweep.cli.common.series import say_outcome, write_course
 )
 @options.body
 @options.launch
+@options.dissipation
 @options.t_end
 @options.rows
 @options.channels
@@ -34,6 +35,7 @@ from rattlesweep.cli.common.series import say_outcome, write_course
 def trajectory(
     body: dict[str, Any],
     launch: dict[str, Any],
+    dissipation: dict[str, Any],
     rows: dict[str, Any],
     channels: tuple[str, ...] | None,
     output: Path | None,
@@ -56,7 +58,7 @@ def trajectory(
 
     made = make_body(body)
     start = in_units_of(made.units, options.launched(launch) | {"t_end": t_end})
-    run = Launch(made, **start, **rest)
+    run = Launch(made, **start, **dissipation, **rest)
     for path in filter(None, (output, figure)):
         probe_directory(path.parent)
     course = write_course(run, channels, Rows(**rows), output, figure, quiet)

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from rattlesweep.physics import full, reduced, tangent
+from rattlesweep.integrate.cache import specialise
+from rattlesweep.physics import full, reduced, stone, tangent
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -53,7 +54,10 @@ class Model:
         ``error(*e, *y, *q)``: square of the step error ``e``, and of the oscillation that it is
         compared with.
     energy, contact : callable
-        ``energy(*y, *q)``; ``contact(*y, *q)``, normal and tangential force.
+        ``energy(*y, *q)``, which is conserved: with friction, less its work;
+        ``contact(*y, *q)``, normal and tangential force.
+    touch : callable, optional
+        How the body touches the plane, as :func:`rattlesweep.physics.full.paraboloid`.
     tangent : Tangent, optional
         The tangent that a run carries with it; by default it carries none.
     """
@@ -69,6 +73,7 @@ class Model:
     error: Callable[..., Any]
     energy: Callable[..., Any]
     contact: Callable[..., Any]
+    touch: Callable[..., Any] | None = None
     tangent: Tangent | None = None
 
 
@@ -102,7 +107,86 @@ FULL = Model(
     error=_full_error,
     energy=full.energy,
     contact=full.contact_force,
+    touch=full.paraboloid,
 )
+
+
+@full.scalar
+def _ellipsoid_error(ep, eq, ea, eb, ec, p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):  # type: ignore[no-untyped-def]
+    return _full_error(ep, eq, ea, eb, ec, p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy)
+
+
+ELLIPSOID = replace(
+    FULL,
+    name="ellipsoid",
+    n_constants=stone.N_CONSTANTS,
+    rhs=stone.rhs,
+    error=_ellipsoid_error,
+    energy=stone.energy,
+    contact=stone.contact_force,
+    touch=stone.ellipsoid,
+)
+
+
+@full.scalar
+def _friction_spin(p, q, a, b, c, work):  # type: ignore[no-untyped-def]
+    return full.spin(p, q, a, b, c)
+
+
+@full.scalar
+def _friction_spin_rate(p, q, a, b, c, work, dp, dq, da, db, dc, power):  # type: ignore[no-untyped-def]
+    return full.spin_rate(p, q, da, db, dc)
+
+
+@full.scalar
+def _friction_amplitude(p, q, a, b, c, work, p0, q0, a0, b0, p1, q1, a1, b1):  # type: ignore[no-untyped-def]
+    return _full_amplitude(p, q, a, b, c, p0, q0, a0, b0, p1, q1, a1, b1)
+
+
+@full.scalar
+def _friction_error(  # type: ignore[no-untyped-def]
+    ep, eq, ea, eb, ec, ework, p, q, a, b, c, work,
+    ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps,
+):  # fmt: skip
+    # The work is a quadrature beside, as accurate as what it is of.
+    return _full_error(ep, eq, ea, eb, ec, p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy)
+
+
+def _with_friction(plain: Model, name: str, template: Callable[..., Any]) -> Model:
+    """The same body with friction: :mod:`rattlesweep.physics.stone` bound to its surface."""
+    flat = plain.name == "full"
+    bindings: dict[str, Any] = {
+        "surface": stone.flat if flat else stone.ellipsoid,
+        "surface_energy": stone.flat_energy if flat else stone.energy,
+    }
+
+    def bound(function: Callable[..., Any]) -> Any:
+        own = specialise(function, f"{function.__name__}_{plain.name}_{name}", **bindings)
+        return full.scalar(own)
+
+    bindings["friction_rhs"] = bound(template)
+    return Model(
+        name=f"{plain.name}_{name}",
+        n_state=stone.N_FRICTION_STATE,
+        n_constants=stone.N_FRICTION_CONSTANTS,
+        n_probe=plain.n_probe,
+        rhs=bindings["friction_rhs"],
+        spin=_friction_spin,
+        spin_rate=_friction_spin_rate,
+        amplitude=_friction_amplitude,
+        error=_friction_error,
+        energy=bound(stone.balance),
+        contact=bound(stone.friction_force),
+        touch=bindings["surface"],
+    )
+
+
+FRICTION = {
+    (plain.name, name): _with_friction(plain, name, template)
+    for plain in (FULL, ELLIPSOID)
+    for name, template in (("viscous", stone.viscous_rhs), ("rolling", stone.rolling_rhs))
+}
+"""Models with friction, by the surface's model and the kind: viscous alone, or rolling too."""
 
 
 @full.scalar
@@ -170,5 +254,6 @@ WITH_TANGENT: dict[str, Model] = {FULL.name: FULL_TANGENT, REDUCED.name: REDUCED
 """The same equations with a tangent, by the name of the model without."""
 
 MODELS: dict[str, Model] = {
-    model.name: model for model in (FULL, REDUCED, FULL_TANGENT, REDUCED_TANGENT)
+    model.name: model
+    for model in (FULL, ELLIPSOID, *FRICTION.values(), REDUCED, FULL_TANGENT, REDUCED_TANGENT)
 }

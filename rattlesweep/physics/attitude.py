@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rattlesweep.physics import full
 from rattlesweep.physics.full import scalar
 
 if TYPE_CHECKING:
@@ -27,37 +26,34 @@ N_EXTRA = 3
 
 
 @scalar
-def rhs(p, q, a, b, c, heading, x, y, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
-    """Time derivatives of the full state, the heading and the contact point on the plane.
+def track(p, q, a, b, c, heading, fx, fy, rise, wx, wy, wz, uz):  # type: ignore[no-untyped-def]
+    """Time derivatives of the heading and the contact point on the plane.
+
+    Parameters
+    ----------
+    p, q, a, b, c, heading : float
+    fx, fy, rise, wx, wy, wz, uz : float
+        Of :func:`rattlesweep.physics.full.paraboloid`, or of another surface.
 
     The x axis ``e`` moves with ``omega x e``; the vertical part of ``e x (omega x e)`` over
     ``1 - e_vertical^2`` is the heading's rate.  The contact point moves on the plane with
     ``dr/dt + v = `` the dotted derivative of ``r`` (Eq. no-slip), which is horizontal.
     """
-    dp, dq, da, db, dc = full.rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy)
-    uz = -1.0 / sqrt(1.0 + p * p + q * q)
     uy = q * uz
     square = uy * uy + uz * uz
     root = sqrt(square)
     turn = (uy * b + uz * c) / square
-    rx = p + cxx * p + cxy * q
-    ry = q + cxy * p + cyy * q
-    xd = dp + cxx * dp + cxy * dq
-    yd = dq + cxy * dp + cyy * dq
-    zd = -(rx * dp + ry * dq)
+    x = p + fx
+    y = q + fy
+    z = 1.0 - rise
+    # dr/dt = r x omega - w
+    xd = y * c - z * b - wx
+    yd = z * a - x * c - wy
+    zd = x * b - y * a - wz
     first = xd / root
     second = (yd * uz - zd * uy) / root
     cosine, sine = cos(heading), sin(heading)
-    return (
-        dp,
-        dq,
-        da,
-        db,
-        dc,
-        turn,
-        cosine * first - sine * second,
-        sine * first + cosine * second,
-    )
+    return turn, cosine * first - sine * second, sine * first + cosine * second
 
 
 def quaternion(u: Floats, heading: Floats) -> Floats:

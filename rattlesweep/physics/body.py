@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -12,7 +13,7 @@ from rattlesweep.physics import si
 from rattlesweep.physics.si import Units
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import ArrayLike, NDArray
 
@@ -38,6 +39,8 @@ class Rattleback:
         Principal curvatures at the bottom, in ``1/a``; ``0 < phi < theta < 1``.
     xi : float
         Skew angle in radians, in (-pi/2, 0); positive for the mirror image.
+    c : float, optional
+        Vertical semi-axis of the ellipsoid below, in ``a``, above ``theta``; None for a paraboloid.
     units : Units, optional
         What the units are in SI units, of a body that was given in them; it is equal to one
         without.
@@ -54,6 +57,7 @@ class Rattleback:
     theta: float
     phi: float
     xi: float
+    c: float | None = None
     units: Units | None = field(default=None, compare=False, repr=False, kw_only=True)
 
     def __post_init__(self) -> None:
@@ -65,6 +69,18 @@ class Rattleback:
     def gh(cls) -> Rattleback:
         """The body of Garcia and Hubbard (1988), Table I."""
         return cls(13.04, 1.522, 12.28, 0.6429, 0.0360, -math.radians(1.72))
+
+    @classmethod
+    def kl(cls) -> Rattleback:
+        """The body of Kane and Levinson (1982), an ellipsoid.
+
+        Semi-axes 20, 3 and 2 cm, centre of mass 1 cm below the centre, 1 kg; moments of inertia
+        2, 16 and 17 and product -0.2 kg cm^2 along the ellipsoid's axes.
+        """
+        along, across, product = 2.0, 16.0, -0.2
+        mean, half = (across + along) / 2, math.hypot((across - along) / 2, product)
+        xi = 0.5 * math.atan2(2 * product, across - along)
+        return cls(mean + half + 1, mean - half + 1, 17.0, 2 / 3**2, 2 / 20**2, xi, c=2.0)
 
     @classmethod
     def shell_dumbbell(
@@ -166,6 +182,10 @@ class Rattleback:
         return replace(self, xi=-self.xi)
 
 
+PRESETS: dict[str, Callable[[], Rattleback]] = {"GH": Rattleback.gh, "KL": Rattleback.kl}
+"""Bodies of the literature."""
+
+
 def shell_dumbbell(gamma: T, f_sd: T) -> tuple[T, T]:
     """``alpha`` and ``beta`` of shell-dumbbell bodies; the sampler compiles it for scalars."""
     return (1 - f_sd) * gamma + 1, f_sd * gamma + 1
@@ -178,11 +198,16 @@ def violations(
     theta: ArrayLike,
     phi: ArrayLike,
     xi: ArrayLike,
+    c: ArrayLike | None = None,
 ) -> Iterator[tuple[int, str]]:
-    """What is wrong with bodies: the first offender of each rule, as (place, sentence)."""
+    """What is wrong with bodies: the first offender of each rule, as (place, sentence).
+
+    ``c`` is NaN, or None for all of them, where the surface is a paraboloid.
+    """
     alpha, beta, gamma, theta, phi, xi = (
         np.atleast_1d(np.asarray(x, float)) for x in (alpha, beta, gamma, theta, phi, xi)
     )
+    c = np.broadcast_to(np.asarray(np.nan if c is None else c, float), alpha.shape)
     i_xx, i_yy = alpha - 1, beta - 1
     slack = _TRIANGLE * (alpha + gamma)
     both = "0 < phi < theta < 1 is needed"
@@ -204,6 +229,13 @@ def violations(
         (gamma <= i_xx + i_yy + slack,
          lambda i: f"no body has this inertia: I_zz = gamma = {gamma[i]:g} exceeds "
                    f"I_xx + I_yy = {i_xx[i] + i_yy[i]:g}"),
+        (~(c <= 0) & (c < np.inf) | np.isnan(c),
+         lambda i: f"c is {c[i]:g}; the vertical semi-axis must be positive and finite"),
+        # Lying on its side, its centre of mass is at the height sqrt(c/theta).
+        (~(c <= theta),
+         lambda i: f"c {c[i]:g} is not above theta {theta[i]:g}: the ellipsoid's horizontal "
+                   f"semi-axis sqrt(c/theta) = {np.sqrt(max(c[i], 0) / theta[i]):g} must exceed "
+                   "the height 1 of the centre of mass, or the body would rather lie on its side"),
     )  # fmt: skip
     for good, sentence in rules:
         bad = np.flatnonzero(~good)

@@ -78,44 +78,68 @@ def constants(
 
 
 @scalar
-def rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
-    """Time derivative of the state (Eqs. diff-u and diff-omega).
+def slope_rate(p, q, a, b, c):  # type: ignore[no-untyped-def]
+    """Derivatives of ``p, q`` (Eq. diff-u, written for the slope), and what they share."""
+    m = p * b - q * a
+    return q * c - b - p * m, a - p * c - q * m, m
+
+
+@scalar
+def paraboloid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
+    """How the paraboloid touches the plane and moves on (Eqs. def-xy, def-z).
+
+    Parameters
+    ----------
+    p, q, a, b, c : float
+        State.
+    dp, dq, m : float
+        Of :func:`slope_rate`.
+    cxx, cxy, cyy : float
+        ``C``.
+
+    Returns
+    -------
+    fx, fy, rise : float
+        The contact point is ``r = (p + fx, q + fy, 1 - rise)``.
+    wx, wy, wz : float
+        ``w = r x omega - dr/dt``, with what cancels between the two taken out by hand.
+    uz : float
+        Component of the vertical.
+    """
+    fx = cxx * p + cxy * q
+    fy = cxy * p + cyy * q
+    x = p + fx
+    y = q + fy
+    rise = 0.5 * (x * p + y * q)
+    twist = fx * q - fy * p
+    wx = fy * c + rise * b + p * m - (cxx * dp + cxy * dq)
+    wy = q * m - rise * a - fx * c - (cxy * dp + cyy * dq)
+    wz = c * twist - 2.0 * m * rise
+    uz = -1.0 / sqrt(1.0 + p * p + q * q)
+    return fx, fy, rise, wx, wy, wz, uz
+
+
+@scalar
+def turning(p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz, uz):  # type: ignore[no-untyped-def]
+    """Derivatives of ``a, b, c`` (Eq. diff-omega) under a torque ``(lx, ly, lz)`` beside.
 
     With ``w = r x omega - dr/dt`` the bracket of Eq. diff-omega is ``omega x w``.
     The matrix on its left side is a diagonal ``D`` minus ``r r^T``, inverted by Sherman and
     Morrison's formula, ``D^-1 (T + s r)``.  For a long ``r`` both parts of
     ``s = r.D^-1 T / (1 - r.D^-1 r)`` cancel; since ``r`` is normal to ``r x k`` and ``r x u``, they
     are written with ``1 - r^2/d = I/d`` and the gyroscopic torque ``(gx, gy, gz)`` alone.
-
-    Returns
-    -------
-    tuple of 5 floats
-        Derivatives of ``p, q, a, b, c``.
     """
-    # Eq. diff-u: du/dt = u x omega, written for the slope.
-    m = p * b - q * a
-    dp = q * c - b - p * m
-    dq = a - p * c - q * m
-    # Contact point r = (x, y, 1 - rise) (Eqs. def-xy, def-z); r_perp = (1 + C)(p, q).
-    fx = cxx * p + cxy * q
-    fy = cxy * p + cyy * q
     x = p + fx
     y = q + fy
-    rise = 0.5 * (x * p + y * q)
     z = 1.0 - rise
     twist = fx * q - fy * p
-    # w, with what cancels between r x omega and dr/dt taken out by hand.
-    wx = fy * c + rise * b + p * m - (cxx * dp + cxy * dq)
-    wy = q * m - rise * a - fx * c - (cxy * dp + cyy * dq)
-    wz = c * twist - 2.0 * m * rise
     kx = b * wz - c * wy
     ky = c * wx - a * wz
     kz = a * wy - b * wx
     # Torque about the contact point: inertia, motion of the contact point, gravity.
-    uz = -1.0 / sqrt(1.0 + p * p + q * q)
-    gx = (iy - iz) * b * c
-    gy = (iz - ix) * c * a
-    gz = (ix - iy) * a * b
+    gx = (iy - iz) * b * c + lx
+    gy = (iz - ix) * c * a + ly
+    gz = (ix - iy) * a * b + lz
     tx = gx + (y * kz - z * ky) + uz * (fy + q * rise)
     ty = gy + (z * kx - x * kz) - uz * (fx + p * rise)
     tz = gz + (x * ky - y * kx) + uz * twist
@@ -134,13 +158,24 @@ def rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped-de
     inv = 1.0 / (det * vol)
     s = ((x * gx + y * gy + z * gz) * vol - (sx * tx + sy * ty + sz * tz)) * vol * inv
     ivol = det * inv
-    return (
-        dp,
-        dq,
-        (tx + x * s) * dyz * ivol,
-        (ty + y * s) * dzx * ivol,
-        (tz + z * s) * dxy * ivol,
-    )
+    return (tx + x * s) * dyz * ivol, (ty + y * s) * dzx * ivol, (tz + z * s) * dxy * ivol
+
+
+@scalar
+def rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
+    """Time derivative of the state (Eqs. diff-u and diff-omega).
+
+    Returns
+    -------
+    tuple of 5 floats
+        Derivatives of ``p, q, a, b, c``.
+    """
+    dp, dq, m = slope_rate(p, q, a, b, c)
+    fx, fy, rise, wx, wy, wz, uz = paraboloid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy)
+    da, db, dc = turning(
+        p, q, a, b, c, ix, iy, iz, 0.0, 0.0, 0.0, fx, fy, rise, wx, wy, wz, uz
+    )  # fmt: skip
+    return dp, dq, da, db, dc
 
 
 @scalar

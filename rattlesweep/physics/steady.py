@@ -26,7 +26,7 @@ POSSIBLE = (0.0, 0.25, 0.5)
 MOST_SLOPE = 0.1
 
 
-def matrix(constants: Floats, n: ArrayLike) -> Floats:
+def matrix(constants: Floats, n: ArrayLike, sigma: float = 0.0) -> Floats:
     """Matrix of the linear system.
 
     Parameters
@@ -35,6 +35,9 @@ def matrix(constants: Floats, n: ArrayLike) -> Floats:
         Of :func:`rattlesweep.physics.full.constants`.
     n : array_like
         Steady spin, in ``sqrt(g/a)``.
+    sigma : float
+        Of the torque ``-sigma omega``.  The spin itself then falls at the rate ``sigma / gamma``,
+        which the matrix knows; its eigenvalues are rates for as long as that is slow.
 
     Returns
     -------
@@ -53,9 +56,12 @@ def matrix(constants: Floats, n: ArrayLike) -> Floats:
     wy = -fx * c - (cxy * dp + cyy * dq)
     a = np.stack([zero, zero, one, zero])
     b = np.stack([zero, zero, zero, one])
-    # Eq. diff-omega to first order: gyroscopic, contact point, gravity.
-    da = ((iy - iz) * c * b - c * wx - fy) / (ix + 1)
-    db = ((iz - ix) * c * a - c * wy + fx) / (iy + 1)
+    # Eq. diff-omega to first order: gyroscopic, contact point, gravity, the falling spin.
+    fall = -sigma * c / iz
+    x = np.stack([one, zero, zero, zero]) + fx
+    y = np.stack([zero, one, zero, zero]) + fy
+    da = ((iy - iz) * c * b - c * wx - fy - sigma * a + fall * x) / (ix + 1)
+    db = ((iz - ix) * c * a - c * wy + fx - sigma * b + fall * y) / (iy + 1)
     rows = np.stack([dp, dq, da, db])
     return np.moveaxis(rows, (0, 1), (-2, -1))
 
@@ -79,7 +85,7 @@ class SteadyModes:
     roll_probe: Complexes
 
 
-def steady_modes(constants: Floats, n: ArrayLike) -> SteadyModes:
+def steady_modes(constants: Floats, n: ArrayLike, sigma: float = 0.0) -> SteadyModes:
     """Eigenvalues and left eigenvectors at spin ``n``; the pitch is the faster mode.
 
     Parameters
@@ -87,8 +93,10 @@ def steady_modes(constants: Floats, n: ArrayLike) -> SteadyModes:
     constants : ndarray, shape (6, ...)
     n : array_like
         Steady spin.
+    sigma : float
+        As for :func:`matrix`.
     """
-    values, vectors = np.linalg.eig(np.swapaxes(matrix(constants, n), -1, -2))
+    values, vectors = np.linalg.eig(np.swapaxes(matrix(constants, n, sigma), -1, -2))
     # Of each conjugate pair the one with positive frequency, the faster pair first; of a pair
     # that no longer oscillates, the one that grows faster.
     order = np.lexsort((-values.real, -values.imag), axis=-1)
@@ -97,9 +105,9 @@ def steady_modes(constants: Floats, n: ArrayLike) -> SteadyModes:
     return SteadyModes(values[..., 0], values[..., 1], vectors[..., :, 0], vectors[..., :, 1])
 
 
-def growth(constants: Floats, n: ArrayLike) -> tuple[Floats, Floats]:
+def growth(constants: Floats, n: ArrayLike, sigma: float = 0.0) -> tuple[Floats, Floats]:
     """Growth rates of the pitch and the roll amplitude at any spin, in ``sqrt(g/a)``."""
-    found = steady_modes(constants, n)
+    found = steady_modes(constants, n, sigma)
     return found.pitch.real, found.roll.real
 
 

@@ -188,6 +188,24 @@ def growth_rates(K_p: ArrayLike, K_r: ArrayLike, n: ArrayLike) -> tuple[Floats, 
     return n * np.asarray(K_p) / 2, -n * np.asarray(K_r) / 2
 
 
+def damping_rates(
+    alpha: ArrayLike, beta: ArrayLike, modes: Modes, sigma: ArrayLike
+) -> tuple[Floats, Floats]:
+    """Rates at which a torque ``-sigma omega`` damps the pitch and roll amplitudes, without spin.
+
+    Half of the power ``sigma omega^2`` over the energy ``omega.J omega``, ``J = diag(alpha,
+    beta)``, of a mode whose angular velocity has the direction ``psi``.  In ``sqrt(g/a)``; at a
+    small spin they are to be taken from :func:`growth_rates`.
+    """
+
+    def rate(psi: Floats) -> Floats:
+        inertia = np.asarray(alpha) * np.cos(psi) ** 2 + np.asarray(beta) * np.sin(psi) ** 2
+        found: Floats = np.asarray(sigma) / (2 * inertia)
+        return found
+
+    return rate(modes.psi_p), rate(modes.psi_r)
+
+
 def _two_sum(a: Floats, b: Floats) -> tuple[Floats, Floats]:
     """Sum and its rounding error, exactly."""
     s = a + b

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import full, steady, theory
-from rattlesweep.physics.body import PARAMETERS, Rattleback
+from rattlesweep.physics.body import PARAMETERS, PRESETS, Rattleback
 from rattlesweep.physics.launch import direction, garcia_hubbard
 from rattlesweep.units import SI
 
@@ -52,8 +52,7 @@ def make_body(given: dict[str, Any]) -> Rattleback:
         if preset is not None:
             if "f_sd" in given:
                 raise ConfigError("--f-sd does not go with --preset; give alpha and beta instead")
-            gh = {name: getattr(Rattleback.gh(), name) for name in PARAMETERS}
-            return Rattleback(**(gh | given))
+            return replace(PRESETS[preset](), **given)
         if "f_sd" in given and ("alpha" in given or "beta" in given):
             raise ConfigError("--f-sd replaces --alpha and --beta; keep one way")
         dumbbell = ("gamma", "f_sd", "theta", "phi", "xi")
@@ -61,10 +60,12 @@ def make_body(given: dict[str, Any]) -> Rattleback:
         missing = [f"--{name.replace('_', '-')}" for name in wanted if name not in given]
         if missing:
             raise ConfigError(
-                f"{', '.join(missing)} missing; give --preset GH, all six parameters, or gamma, "
-                "f-sd, theta, phi and xi"
+                f"{', '.join(missing)} missing; give --preset GH or KL, all six parameters, or "
+                "gamma, f-sd, theta, phi and xi"
             )
-        return Rattleback.shell_dumbbell(**given) if "f_sd" in given else Rattleback(**given)
+        c = given.pop("c", None)
+        body = Rattleback.shell_dumbbell(**given) if "f_sd" in given else Rattleback(**given)
+        return replace(body, c=c)
     except ConfigError:
         raise
     except ValueError as error:
@@ -126,8 +127,18 @@ def check_launch(
         raise ConfigError(f"{names[1]} {omega_xy0:g}: the oscillation must be finite and positive")
 
 
-def derived(body: Rattleback, n_i: float, omega_xy0: float) -> list[Quantity]:
+def check_dissipation(sigma: float, rolling: float) -> None:
+    """Refuse losses that are none."""
+    for name, value in (("--sigma", sigma), ("--rolling", rolling)):
+        if not (math.isfinite(value) and value >= 0):
+            raise ConfigError(f"{name} {value:g}: the dissipation must be finite and not negative")
+
+
+def derived(
+    body: Rattleback, n_i: float, omega_xy0: float, sigma: float = 0.0, rolling: float = 0.0
+) -> list[Quantity]:
     """Everything theory says of a body and a launch along the relevant mode."""
+    check_dissipation(sigma, rolling)
     check_launch(n_i, omega_xy0, ("--n-i", "--omega-xy0"))
     b = body
     m = theory.modes(b.alpha, b.beta, b.theta, b.phi, b.xi)
@@ -135,10 +146,38 @@ def derived(body: Rattleback, n_i: float, omega_xy0: float) -> list[Quantity]:
     gh = garcia_hubbard(b, m, n_i, omega_xy0, psi)
     n_c1 = float(theory.bondi_threshold(b.alpha, b.beta, b.gamma, b.theta, b.phi))
     constants = full.constants(b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi)
-    pitch, roll = steady.growth(constants, n_i)
+    pitch, roll = steady.growth(constants, n_i, sigma)
     small_pitch, small_roll = theory.growth_rates(m.K_p, m.K_r, n_i)
+    damping = theory.damping_rates(b.alpha, b.beta, m, sigma)
+    small_pitch, small_roll = small_pitch - damping[0], small_roll - damping[1]
+    losses: list[tuple[str, Any, str, str]] = []
+    if sigma > 0 or rolling > 0:
+        # Threshold and growth of a spin that stays; under rolling resistance nothing small grows.
+        n_c1, known = math.nan, math.nan if rolling > 0 else 1.0
+        pitch, roll, small_pitch, small_roll = (
+            known * rate for rate in (pitch, roll, small_pitch, small_roll)
+        )
+        losses = [
+            ("sigma", sigma, "M a^2 sqrt(g/a)", "dissipation: torque -sigma omega"),
+            ("rolling", rolling, "a", "dissipation: lever of the rolling resistance"),
+            ("spin_decay", sigma / b.gamma, FREQUENCY, "rate at which an upright spin falls"),
+            (
+                "n_growth_pitch",
+                known * 2 * damping[0] / m.K_p,
+                FREQUENCY,
+                "spin above which the pitch grows, small spin",
+            ),
+            (
+                "n_growth_roll",
+                known * -2 * damping[1] / m.K_r,
+                FREQUENCY,
+                "spin below which the roll grows, small spin",
+            ),
+        ]
+    shape = [] if b.c is None else [("c", b.c, "a", "body: vertical semi-axis of the ellipsoid")]
     rows: list[tuple[str, Any, str, str]] = [
         *((name, getattr(b, name), "rad" if name == "xi" else "1", "body") for name in PARAMETERS),
+        *shape,
         ("omega_p", m.omega_p, FREQUENCY, "frequency of the pitch (the faster mode)"),
         ("omega_r", m.omega_r, FREQUENCY, "frequency of the roll (the slower mode)"),
         ("omega_p0", m.omega_p0, FREQUENCY, "frequency of the pitch at zero skew angle"),
@@ -157,6 +196,7 @@ def derived(body: Rattleback, n_i: float, omega_xy0: float) -> list[Quantity]:
         ("growth_roll", small_roll, FREQUENCY, "growth rate of the roll, small spin"),
         ("growth_pitch_exact", pitch, FREQUENCY, "growth rate of the pitch at n_i"),
         ("growth_roll_exact", roll, FREQUENCY, "growth rate of the roll at n_i"),
+        *losses,
     ]
     sizes = {} if b.units is None else b.units.sizes
     found = []

@@ -40,6 +40,7 @@ TYPE_STYLE = {
     "SW": Mark(ORANGE, "s", "////", "SW: wobbles"),
     "unclassified": Mark("#666666", "x", "....", "unclassified"),
     "SS": Mark(GREEN, "^", "\\\\\\\\", "SS: spins on"),
+    "D": Mark(PURPLE, "v", "xxxx", "D: dies"),
 }
 SERIES = ((BLUE, "o"), (VERMILION, "s"), (GREEN, "^"), (PURPLE, "D"), (ORANGE, "v"), (SKY, "P"),
           (BLACK, "X"), ("#8A8A8A", "*"))  # fmt: skip

@@ -2,11 +2,11 @@
 
 import itertools
 import math
-from types import FunctionType
 
 import numpy as np
 import oracle
 import pytest
+from exact import exactly
 from mpmath import mp
 
 from rattlesweep.physics import full
@@ -16,11 +16,6 @@ NAMES = ("alpha", "beta", "gamma", "theta", "phi", "xi")
 GH = tuple(oracle.GH[name] for name in NAMES)
 DIGITS = 60
 QUANTITIES = ("dp", "dq", "da", "db", "dc")
-
-
-def exactly(function, **others):
-    """The same formulas, computed by mpmath instead of the processor."""
-    return FunctionType(function.py_func.__code__, {"sqrt": mp.sqrt, **others})
 
 
 mp_rhs = exactly(full.rhs)

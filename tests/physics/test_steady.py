@@ -1,11 +1,10 @@
 """The linear system about the steady spin against the full dynamics and 50-digit eigenvalues."""
 
-from types import FunctionType
-
 import numpy as np
 import oracle
 import pytest
 import theory_mp
+from exact import exactly
 from mpmath import mp
 from scipy.linalg import expm
 
@@ -45,7 +44,7 @@ BODIES = [GH, *SD.T[:10].tolist(), *WIDE.T[:10].tolist()]
 @pytest.mark.parametrize("n", SPINS)
 def test_matrix_is_the_jacobian_of_the_full_dynamics(n):
     """By differences of 60 digits of the compiled formulas: no rounding, no truncation."""
-    rhs = FunctionType(full.rhs.py_func.__code__, {"sqrt": mp.sqrt})
+    rhs = exactly(full.rhs)
     for body in BODIES:
         constants = full.constants(*body)
         got = steady.matrix(constants, n)

@@ -23,11 +23,14 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.study.plots import scatter as plot_scatter
 from rattlesweep.study.plots.distribution import EDGES
 from rattlesweep.study.plots.layout import Axis, read_layout
-from rattlesweep.study.plots.map import BONDI_LABEL, NO_REVERSAL
+from rattlesweep.study.plots.map import BONDI_LABEL, CODES, NO_REVERSAL
 from rattlesweep.study.plots.picture import Picture
 from rattlesweep.study.plots.registry import choose_picture, read_picture
 from rattlesweep.study.style import FAILED, MISSING, TYPE_STYLE, encode, styled
 from rattlesweep.sweeps.config.load import parse_config
+
+# Of sweeps without dissipation.
+PLAIN = {name: mark for name, mark in TYPE_STYLE.items() if name != "D"}
 
 
 def grid(**axes: Any) -> dict[str, Any]:
@@ -100,7 +103,7 @@ def test_counts_and_moments_against_pandas(sweeps: Path) -> None:
         reversed_ = cell[cell["type"] == "R"]
         ratio = reversed_["t_r"] / reversed_["t_rgh"]
         assert row["runs"] == len(cell) == 12
-        for name in TYPE_STYLE:
+        for name in PLAIN:
             assert row[f"fraction_{name}"] == pytest.approx((cell["type"] == name).mean())
         assert row["fraction_bondi"] == (cell["n_c1"].abs() < cell["n_i"].abs()).mean()
         for name, values in (("t_r", reversed_["t_r"]), ("ratio", ratio)):
@@ -165,7 +168,7 @@ def test_areas_are_the_shares(sweeps: Path) -> None:
     table = shown.table().to_pandas().sort_values("K_r")
     below = np.zeros(4)
     areas = {area.get_label(): area for area in axes.collections if area.get_label()}
-    for name, (colour, _, hatch, text) in TYPE_STYLE.items():
+    for name, (colour, _, hatch, text) in PLAIN.items():
         top = below + table[f"fraction_{name}"].to_numpy()
         vertices = areas[text].get_paths()[0].vertices
         for x, low, high in zip(table["K_r"], below, top, strict=True):
@@ -249,17 +252,17 @@ def test_failed_and_missing_cells_are_seen(sweeps: Path, tmp_path: Path) -> None
     figure = drawn(picture(sweeps / "stuck"))
     assert "failed" in legend_words(figure)
     code = figure.axes[0].collections[0]
-    assert code.cmap(code.norm(4))[:3] == to_rgb(FAILED)
+    assert code.cmap(code.norm(CODES["failed"]))[:3] == to_rgb(FAILED)
     statuses = rs.load(sweeps / "stuck").runs["status"]
-    assert (code.get_array() == 4).sum() == (statuses != "ok").sum() > 0
+    assert (code.get_array() == CODES["failed"]).sum() == (statuses != "ok").sum() > 0
     part = tmp_path / "part"
     shutil.copytree(sweeps / "map", part)
     (part / "runs" / "block-000001.parquet").unlink()
     figure = drawn(picture(part))
     assert "not run yet" in legend_words(figure)
     code = figure.axes[0].collections[0]
-    assert (code.get_array() == 5).sum() == 30
-    assert code.cmap(code.norm(5))[:3] == to_rgb(MISSING)
+    assert (code.get_array() == CODES["missing"]).sum() == 30
+    assert code.cmap(code.norm(CODES["missing"]))[:3] == to_rgb(MISSING)
 
 
 LONG = "A title that is longer than a small picture is wide, as titles in papers tend to be"

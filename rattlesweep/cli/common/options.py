@@ -81,7 +81,8 @@ class Group:
 
 body = Group(
     "body",
-    option("--preset", type=types.PRESETS, help="A named body (Garcia and Hubbard 1988)."),
+    option("--preset", type=types.PRESETS,
+           help="A named body (Garcia and Hubbard 1988, Kane and Levinson 1982)."),
     option("--alpha", type=float, help="I_xx + 1, in M a^2."),
     option("--beta", type=float, help="I_yy + 1, in M a^2."),
     option("--gamma", type=float, help="I_zz, in M a^2."),
@@ -90,6 +91,7 @@ body = Group(
     option("--phi", type=float, help="Smaller principal curvature, in 1/a."),
     option("--xi", type=float, help="Skew angle in radians."),
     option("--xi-deg", type=float, help="Skew angle in degrees."),
+    option("--c", type=float, help="Vertical semi-axis of an ellipsoid, in a."),
     option("--mass", type=types.MASS, help="Instead of all these in SI units: mass, as in 85g."),
     option("--height", type=types.LENGTH, help="Height of the centre of mass over the contact."),
     option("--inertia", type=types.INERTIA,
@@ -100,6 +102,11 @@ body = Group(
            help="Angle from the x axis of --inertia to the direction of the first of --radii."),
     option("--z-up", is_flag=True, default=None, help="The z axis of --inertia points up."),
 )  # fmt: skip
+dissipation = Group(
+    "dissipation",
+    option("--sigma", type=float, help="Dissipation: sigma of a torque -sigma omega."),
+    option("--rolling", type=float, help="Dissipation: lever of a rolling resistance, in a."),
+)
 spin = Group(
     "spin",
     option("--n-i", type=types.SPIN, default=0.1,

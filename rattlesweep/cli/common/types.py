@@ -198,7 +198,7 @@ TITLE = Grammar("text", _title)
 FORMULA = Grammar("text", _formula)
 METHODS = Choice(list(TABLEAUS))
 # What other registries hold, spelled out since `--help` loads none of them; a test compares.
-PRESETS = Choice(["GH"])
+PRESETS = Choice(["GH", "KL"])
 ACCURACIES = Choice(["draft", "standard", "reference"])
 MODELS = Choice(["full", "reduced", "gh"])
 KINDS = Choice(["fractions", "times", "ratio", "map", "reversals", "distribution", "scatter"])

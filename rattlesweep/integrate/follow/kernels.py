@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -23,7 +24,7 @@ from rattlesweep.integrate.lanes.build import (
 )
 from rattlesweep.integrate.lanes.step import Layout, compile_attempt, compile_lane_functions
 from rattlesweep.integrate.loading import together
-from rattlesweep.integrate.model import FULL, MODELS, Model
+from rattlesweep.integrate.model import ELLIPSOID, FRICTION, FULL, MODELS, Model
 from rattlesweep.integrate.tableau import DOP853, METHODS
 from rattlesweep.physics import attitude, full
 
@@ -45,45 +46,78 @@ TEMPLATES = (
 )
 
 
-@full.scalar
-def _spin(p, q, a, b, c, heading, x, y):  # type: ignore[no-untyped-def]
-    return full.spin(p, q, a, b, c)
+# With the names of components and constants; what is looked at elsewhere is not looked at here.
+ATTITUDE_SOURCE = """\
+def rhs({state}, heading, x, y, {constants}):
+    f = own_rhs({state}, {constants})
+    m = p * b - q * a
+    return f + track(p, q, a, b, c, heading, *touch(p, q, a, b, c, f[0], f[1], m, {shape}))
 
+def spin({state}, heading, x, y):
+    return own_spin({state})
 
-@full.scalar
-def _spin_rate(p, q, a, b, c, heading, x, y, dp, dq, da, db, dc, dh, dx, dy):  # type: ignore[no-untyped-def]
-    return full.spin_rate(p, q, da, db, dc)
+def spin_rate({state}, heading, x, y, {rates}, dheading, dx, dy):
+    return own_spin_rate({state}, {rates})
 
-
-@full.scalar
-def _nothing(p, q, a, b, c, heading, x, y):  # type: ignore[no-untyped-def]
+def nothing({state}, heading, x, y):
     return 0.0
 
-
-@full.scalar
-def _no_error(ep, eq, ea, eb, ec, eh, ex, ey, p, q, a, b, c, h, x, y, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
+def no_error(*v):
     return 0.0, 1.0
+"""
+STATE = ("p", "q", "a", "b", "c", "work")
+CONSTANTS = ("ix", "iy", "iz", "cxx", "cxy", "cyy", "k", "sigma", "lever", "eps")
 
 
-ATTITUDE = Model(
-    name="attitude",
-    n_state=full.N_STATE + attitude.N_EXTRA,
-    n_constants=full.N_CONSTANTS,
-    n_probe=0,
-    rhs=attitude.rhs,
-    spin=_spin,
-    spin_rate=_spin_rate,
-    amplitude=_nothing,
-    error=_no_error,
-    energy=full.energy,
-    contact=full.contact_force,
-)
-"""The full model with heading and track; its steps go from the full model's, never far."""
+def _with_attitude(model: Model, name: str) -> Model:
+    """A full model with heading and track; its steps go from the model's own, never far."""
+    state, constants = STATE[: model.n_state], CONSTANTS[: model.n_constants]
+    namespace: dict[str, Any] = {
+        "own_rhs": model.rhs,
+        "own_spin": model.spin,
+        "own_spin_rate": model.spin_rate,
+        "touch": model.touch,
+        "track": attitude.track,
+    }
+    source = ATTITUDE_SOURCE.format(
+        state=", ".join(state),
+        rates=", ".join(f"d{component}" for component in state),
+        constants=", ".join(constants),
+        # Constants of the surface stand behind those of inertia.
+        shape=", ".join(constants[3:7]),
+    )
+    exec(source, namespace)
+    compiled = {}
+    for function in ("rhs", "spin", "spin_rate", "nothing", "no_error"):
+        made = namespace[function]
+        made.__name__ = made.__qualname__ = f"{function}_{name}"
+        compiled[function] = full.scalar(made)
+    return replace(
+        model,
+        name=name,
+        n_state=model.n_state + attitude.N_EXTRA,
+        n_probe=0,
+        rhs=compiled["rhs"],
+        spin=compiled["spin"],
+        spin_rate=compiled["spin_rate"],
+        amplitude=compiled["nothing"],
+        error=compiled["no_error"],
+    )
+
+
+ATTITUDES: dict[str, Model] = {
+    model.name: _with_attitude(model, "attitude" if model is FULL else f"{model.name}_attitude")
+    for model in (FULL, ELLIPSOID, *FRICTION.values())
+}
+"""Models with heading and track, by the names of those without."""
 
 
 def _model(name: str) -> tuple[Model, int]:
     """Model, and how many of its components an accepted step has."""
-    return (ATTITUDE, FULL.n_state) if name == ATTITUDE.name else (MODELS[name], 99)
+    for plain, model in ATTITUDES.items():
+        if model.name == name:
+            return model, MODELS[plain].n_state
+    return MODELS[name], 99
 
 
 def build_march(adaptive: bool, model: Model) -> Callable[..., None]:
@@ -155,10 +189,10 @@ def aside_example(model_name: str) -> tuple[Any, tuple[Any, ...]]:
     )
 
 
-def attitude_attempt(tableau_name: str) -> tuple[Any, tuple[Any, ...]]:
+def attitude_attempt(tableau_name: str, name: str) -> tuple[Any, tuple[Any, ...]]:
     """The step of a method with heading and track, not yet compiled, and arguments for it."""
-    tableau = METHODS[tableau_name]
-    return keep(compile_attempt(tableau, ATTITUDE)), (workspace(tableau, ATTITUDE, 1)[0], 1.0)
+    tableau, (model, _) = METHODS[tableau_name], _model(name)
+    return keep(compile_attempt(tableau, model)), (workspace(tableau, model, 1)[0], 1.0)
 
 
 def _of_march(tableau_name: str, model_name: str) -> list[tuple[Any, ...]]:
@@ -169,8 +203,8 @@ def _of_march(tableau_name: str, model_name: str) -> list[tuple[Any, ...]]:
 
 def _of_aside(tableau_name: str, model_name: str) -> list[tuple[Any, ...]]:
     step: tuple[Any, ...] = (attempt, tableau_name, model_name)
-    if model_name == ATTITUDE.name:
-        step = (attitude_attempt, tableau_name)
+    if model_name not in MODELS:
+        step = (attitude_attempt, tableau_name, model_name)
     return [(aside_example, model_name), step]
 
 
@@ -181,7 +215,7 @@ def march_kernel(tableau_name: str, model_name: str) -> Callable[..., None]:
 
 
 def aside_kernel(tableau_name: str, model_name: str) -> Callable[..., None]:
-    """Aside by names, ``attitude`` among them; likewise."""
+    """Aside by names, those of :data:`ATTITUDES` among them; likewise."""
     aside, *others = together(*_of_aside(tableau_name, model_name))
     return partial(aside, parts(*others))
 
@@ -190,5 +224,5 @@ def load_all(tableau_name: str, model_name: str, attitude: bool) -> None:
     """Load march and aside of a model, and aside of the attitude, at the same time."""
     wanted = _of_march(tableau_name, model_name) + _of_aside(tableau_name, model_name)
     if attitude:
-        wanted += _of_aside(tableau_name, ATTITUDE.name)
+        wanted += _of_aside(tableau_name, ATTITUDES[model_name].name)
     together(*dict.fromkeys(wanted))

@@ -11,7 +11,7 @@ from rattlesweep.integrate.batch import MAX_DAMPING, kernel_options, run_plans, 
 from rattlesweep.integrate.defaults import DT, MAX_STEPS, TOL
 from rattlesweep.integrate.follow import march as follow
 from rattlesweep.integrate.follow.kernels import (
-    ATTITUDE,
+    ATTITUDES,
     aside_kernel,
     aside_workspace,
     load_all,
@@ -139,12 +139,11 @@ class Follower:
         load_all(tableau.name, model.name, attitude)
         self._march = march_kernel(tableau.name, model.name)
         self._aside = _Aside(tableau, model.name, self._constants[0], model.n_state)
+        moving = ATTITUDES[model.name] if attitude else model
         self._attitude = (
-            _Aside(tableau, ATTITUDE.name, self._constants[0], ATTITUDE.n_state)
-            if attitude
-            else None
+            _Aside(tableau, moving.name, self._constants[0], moving.n_state) if attitude else None
         )
-        self._extra = np.zeros((1, ATTITUDE.n_state - model.n_state if attitude else 0))
+        self._extra = np.zeros((1, moving.n_state - model.n_state))
 
     @property
     def rejected(self) -> int:

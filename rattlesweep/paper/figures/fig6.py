@@ -28,9 +28,10 @@ from rattlesweep.paper.workspace import (
 from rattlesweep.study.style import BLUE, TYPE_STYLE, new_figure
 from rattlesweep.sweeps.tables.cells import wilson
 from rattlesweep.sweeps.tables.columns import RATE, TIME
-from rattlesweep.sweeps.tables.types import TYPES
 
 # In the order of the legend.
+# In the order of the tables.
+KINDS = ("R", "SS", "SW", "unclassified")
 SHOWN = ("R", "SW", "SS", "unclassified")
 BONDI = r"$|n_{c1}| < |n_i|$ (Bondi)"
 EXAMPLES = {"spin_ss": "(b-1) SS", "spin_sw": "(b-2) SW", "spin_chaotic": "(b-3) SW, chaotic"}
@@ -139,7 +140,7 @@ N_I, SIZES = -0.3, (0.05, 0.06, 0.07, 0.08, 0.09)
 BASIN = schema(
     "n_i omega_xy0",
     count("runs", "bodies past Bondi's threshold at this spin"),
-    *(count(name, f"of them, type {name}") for name in TYPES),
+    *(count(name, f"of them, type {name}") for name in KINDS),
 )
 
 
@@ -156,7 +157,7 @@ def basin(ws: Workspace, progress: Progress) -> pa.Table:
         return table([], BASIN)
     launches = pd.concat([bodies.assign(omega_xy0=size) for size in SIZES], ignore_index=True)
     launches["type"] = ws.again("basin", launches, ("type",), progress)["type"]
-    counts = pd.crosstab(launches["omega_xy0"], launches["type"]).reindex(columns=TYPES)
+    counts = pd.crosstab(launches["omega_xy0"], launches["type"]).reindex(columns=KINDS)
     counts = counts.fillna(0).assign(n_i=N_I, runs=counts.sum(axis=1))
     return table(counts.reset_index(), BASIN)
 

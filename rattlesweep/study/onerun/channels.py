@@ -54,12 +54,14 @@ class Formulas(NamedTuple):
     spin: Callable[..., Any]
     energy: Callable[..., Any]
     force: Callable[..., Any]
+    touch: Callable[..., Any]
 
 
 @cache
 def formulas(model: Model) -> Formulas:
-    """Spin of states, energy and contact force of states and constants, components first."""
-    return Formulas(_arrays(model.spin), _arrays(model.energy), _arrays(model.contact))
+    """Spin, energy (what is conserved of it), contact force and point, components first."""
+    touch = model.touch or model.contact
+    return Formulas(*map(_arrays, (model.spin, model.energy, model.contact, touch)))
 
 
 @dataclass(frozen=True)
@@ -98,13 +100,20 @@ class View:
     def energy(self) -> Floats:
         """Energy."""
         assert self._own is not None
-        energy: Floats = self._own.energy(*self.y, *self.course.constants)
-        return energy
+        kept: Floats = self._own.energy(*self.y, *self.course.constants)
+        return kept + self.work
+
+    @property
+    def work(self) -> Floats:
+        """Work of the dissipation so far."""
+        # Behind the five variables that the full model has.
+        has = self.course.model == "full" and len(self.y) > full.N_STATE
+        return self.y[full.N_STATE] if has else np.zeros(self.y.shape[1])
 
     @cached_property
     def vectors(self) -> tuple[Floats, Floats]:
         """Vertical vector and angular velocity."""
-        return full.to_vectors(self.y)
+        return full.to_vectors(self.y[: full.N_STATE])
 
     @cached_property
     def modes(self) -> tuple[Floats, Floats]:
@@ -143,10 +152,12 @@ class View:
     def contact(self) -> tuple[Floats, Floats, Floats]:
         """Contact point in the body's frame (Eqs. def-xy, def-z)."""
         p, q = self.y[:2]
-        cxx, cxy, cyy = self.course.constants[3:]
-        x = p + cxx * p + cxy * q
-        y = q + cxy * p + cyy * q
-        return x, y, 1 - 0.5 * (x * p + y * q)
+        assert self._own is not None
+        # Where it is does not depend on how it moves.
+        still = np.zeros_like(p)
+        shape = self.course.constants[3:7]
+        fx, fy, rise, *_ = self._own.touch(p, q, *[still] * 6, *shape)
+        return p + fx, q + fy, 1 - rise
 
     @cached_property
     def force(self) -> tuple[Floats, Floats]:
@@ -211,8 +222,9 @@ CHANNELS: dict[str, Channel] = {
         *_components("omega_x omega_y omega_z", RATE, "angular velocity, body's {}",
                      lambda v: v.vectors[1]),
         Channel("energy", ENERGY, "energy", BOTH, lambda v: v.energy),
-        Channel("energy_drift", "1", "energy over that of the launch, minus 1", BOTH,
-                lambda v: v.energy / v.course.energy_0 - 1),
+        Channel("energy_drift", "1", "energy less the work over the launch's energy, minus 1", BOTH,
+                lambda v: (v.energy - v.work) / v.course.energy_0 - 1),
+        Channel("work", ENERGY, "work of the dissipation, negative", FULL, lambda v: v.work),
         Channel("E_p", ENERGY, "energy of the pitch, not averaged over its period", BOTH,
                 lambda v: v.modes[0]),
         Channel("E_r", ENERGY, "energy of the roll, not averaged over its period", BOTH,

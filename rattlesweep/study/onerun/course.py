@@ -74,7 +74,7 @@ class Course:
     ----------
     channels : tuple of Channel
     body, launch : dict of float
-        The body's parameters; ``n_i``, ``omega_xy0`` and ``psi``.
+        The body's parameters, with ``c`` if it is an ellipsoid; ``n_i``, ``omega_xy0`` and ``psi``.
     launches : Launches
         The launch and what theory says of it, as arrays over this one run.
     integrator : dict
@@ -112,6 +112,8 @@ class Course:
         self.equations = None if batch is None else model_of(config)
         self.channels = choose(channels, self.model)
         self.body = {name: float(getattr(launches.bodies, name)[0]) for name in PARAMETERS}
+        if launches.bodies.c is not None and np.isfinite(launches.bodies.c[0]):
+            self.body["c"] = float(launches.bodies.c[0])
         self.launch = {
             name: float(getattr(launches, name)[0]) for name in ("n_i", "omega_xy0", "psi")
         }

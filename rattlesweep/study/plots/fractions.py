@@ -11,7 +11,7 @@ from rattlesweep.study.plots.counts import Counted
 from rattlesweep.study.plots.layout import Floats, Layout
 from rattlesweep.study.plots.panels import draw_panels, legend_above, scale_axis
 from rattlesweep.study.plots.picture import abscissa
-from rattlesweep.study.style import INK, TYPE_STYLE, label
+from rattlesweep.study.style import INK, TYPE_STYLE, Mark, label
 from rattlesweep.sweeps.tables.cells import share, wilson
 
 # With fewer values along the axis, areas between them say nothing: bars.
@@ -68,7 +68,7 @@ class Fractions(Counted):
             here: Any = (slice(None), *panel.where)
             seen = ok[here] > 0
             below = np.zeros(int(seen.sum()))
-            for name, mark in TYPE_STYLE.items():
+            for name, mark in self._marks():
                 own = share(self.grid(self.cells.types[name])[here], ok[here])[seen]
                 style = {"facecolor": mark.colour, "hatch": mark.hatch, "linewidth": 0}
                 self._stack(panel.axes, at[seen], below, own, label=mark.label, **style)
@@ -107,11 +107,15 @@ class Fractions(Counted):
         else:
             axes.fill_between(at, below, below + own, **style)
 
+    def _marks(self) -> list[tuple[str, Mark]]:
+        """Types that there can be, from below, and how they are drawn."""
+        return [(name, mark) for name, mark in TYPE_STYLE.items() if name in self.cells.types]
+
     def _intervals(self, axes: Any, here: Any, at: Floats) -> None:
         """Wilson's interval of each border between areas, itself a share of the runs."""
         ok = self.grid(self.cells.ok)[here]
         part = np.zeros_like(ok)
-        for name in list(TYPE_STYLE)[:-1]:
+        for name, _ in self._marks()[:-1]:
             part = part + self.grid(self.cells.types[name])[here]
             low, high = wilson(part, ok)
             middle = share(part, ok)

@@ -136,7 +136,7 @@ class Map(Counted):
         if isinstance(bodies, GridSource) and bodies.refine is not None:
             for row in np.ndindex(*code.shape[2:]):
                 here = (slice(None), slice(None), *row)
-                code[here], ratio[here] = inferred(code[here], ratio[here])
+                code[here], ratio[here] = _inferred(code[here], ratio[here])
         return code, ratio
 
     def boundaries(self) -> list[Boundaries]:
@@ -156,7 +156,9 @@ class Map(Counted):
 
     def _codes(self) -> Integers:
         """What each cell is, as a place in `CELLS`."""
-        counts = np.stack([self.grid(self.cells.types[name]) for name in TYPE_STYLE])
+        none = np.zeros(self.cells.runs.shape, dtype=np.int64)
+        found = self.cells.types
+        counts = np.stack([self.grid(found.get(name, none)) for name in TYPE_STYLE])
         code = np.argmax(counts, axis=0)
         code = np.where(counts.sum(axis=0) == 0, CODES["failed"], code)
         return np.where(self.grid(self.cells.runs) == 0, CODES["missing"], code)
@@ -207,10 +209,8 @@ class Map(Counted):
         legend_above(figure, handles, 1.9)
 
 
-def inferred(code: Integers, ratio: Floats) -> tuple[Integers, Floats]:
-    """Types and ratios of a plane, with those of the nearest run, or of a line between runs, where
-    none was done.
-    """
+def _inferred(code: Integers, ratio: Floats) -> tuple[Integers, Floats]:
+    """Types and ratios with those of the nearest run, or between runs, where none was done."""
     from scipy.interpolate import LinearNDInterpolator
     from scipy.ndimage import distance_transform_edt
 

@@ -39,6 +39,7 @@ CASE_COLUMNS = {
     "fraction_SS": "SS",
     "fraction_SW": "SW",
     "fraction_unclassified": "unclassified",
+    "fraction_D": "D",
     "fraction_bondi": "Bondi",
     "t_r_mean": "mean t_r",
     "t_r_std": "± std",
@@ -71,6 +72,8 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
     absent = {"K_p", "K_r"}.difference(layout.targets)
     if not summary.cells.has_errors:
         absent |= {"t_r_mean_error", "sensitive", "unsure"}
+    if not summary.cells.has_losses:
+        absent |= {"fraction_D"}
     columns = [name for name in CASE_COLUMNS if name not in absent]
     sessions = manifest.sessions[-MOST_SESSIONS:]
     return render(

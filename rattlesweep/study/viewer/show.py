@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rattlesweep.errors import ConfigError
+from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.study.onerun.course import Course
 from rattlesweep.study.onerun.rows import EvenTimes, Rows
 from rattlesweep.sweeps.store.atomic import replace_file
@@ -49,6 +50,8 @@ FEWEST_ROWS = 201
 THEORY_POINTS = 800
 # The body is cut off above every point of contact of the run, and not below its centre of mass.
 MARGIN = 1.25
+# Share of an ellipsoid's lower half that is drawn.
+WIDEST = 0.99
 # Periods of the roll that the trace of the contact shows.
 TRAIL = 6
 # Seconds that the way to the first reversal takes at the page's first speed, and its bounds.
@@ -138,6 +141,8 @@ def make_scene(course: Course, cause: str = "") -> Scene:
     runs, body = course.launches, course.body
     spin = runs.gh.spin(np.linspace(start, t[-1], THEORY_POINTS))
     rise = max(1.0, MARGIN * float(np.max(_rise(columns["u_x"], columns["u_y"], body))))
+    # An ellipsoid ends at its rim, c above the bottom.
+    rise = min(rise, WIDEST * body.get("c", np.inf))
     first = course.zeros[0] if course.zeros else t[-1]
     about = {
         "body": body,
@@ -159,7 +164,11 @@ def _rise(u_x: Floats, u_y: Floats, b: dict[str, float]) -> Floats:
     square = 1 - u_x**2 - u_y**2
     cosine, sine = math.cos(b["xi"]), math.sin(b["xi"])
     first, second = cosine * u_x + sine * u_y, -sine * u_x + cosine * u_y
-    rise: Floats = 0.5 * (first**2 / b["theta"] + second**2 / b["phi"]) / square
+    half: Floats = 0.5 * (first**2 / b["theta"] + second**2 / b["phi"]) / square
+    if "c" not in b:
+        return half
+    root = np.sqrt(1 + 2 * half / b["c"])
+    rise: Floats = 2 * half / (root * (1 + root))
     return rise
 
 
@@ -181,11 +190,17 @@ def _facts(course: Course, cause: str) -> list[tuple[str, str]]:
     b, launch, m = course.body, course.launch, course.launches.modes
     method = ", ".join(f"{value:g}" if isinstance(value, float) else str(value)
                        for value in course.integrator.values())  # fmt: skip
-    t_rgh = float(course.launches.gh.t_rgh[0])
+    t_rgh, losses = float(course.launches.gh.t_rgh[0]), course.launches
     lines = [
         ("α, β, γ", f"{b['alpha']:.5g}, {b['beta']:.5g}, {b['gamma']:.5g}"),
         ("θ, φ", f"{b['theta']:.5g}, {b['phi']:.5g}"),
         ("skew ξ", f"{math.degrees(b['xi']):.4g}°"),
+        *([("c", f"{b['c']:.5g} (ellipsoid)")] if "c" in b else []),
+        *(
+            [("dissipation", f"σ {losses.sigma:.4g}, rolling {losses.rolling:.4g}")]
+            if losses.sigma or losses.rolling
+            else []
+        ),
         ("n_i, ω_xy0", f"{launch['n_i']:g}, {launch['omega_xy0']:g}"),
         ("launched along", f"{math.degrees(launch['psi']):.4g}°"),
         ("K_p, K_r", f"{float(m.K_p[0]):.4g}, {float(m.K_r[0]):.4g}"),
@@ -253,8 +268,10 @@ def _digest(text: str) -> str:
 
 def describe(course: Course) -> str:
     """The run in one line of plain text."""
-    *values, xi = course.body.values()
+    *values, xi = (course.body[name] for name in PARAMETERS)
     body = ", ".join(f"{sign} {value:.4g}" for sign, value in zip("αβγθφ", values, strict=True))
+    if "c" in course.body:
+        body += f", c {course.body['c']:.4g}"
     launch = f"n_i {course.launch['n_i']:g}, ω_xy0 {course.launch['omega_xy0']:g}"
     line = f"{body}, ξ {math.degrees(xi):.3g}°; {launch}; units M = a = g = 1"
     return line.replace("-", "−")

@@ -17,7 +17,9 @@ from rattlesweep.integrate.lanes.columns import MOST_REVERSALS
 from rattlesweep.integrate.model import WITH_TANGENT
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.physics import steady
 from rattlesweep.physics.body import PARAMETERS
+from rattlesweep.physics.theory import damping_rates, unsteady
 from rattlesweep.sweeps.blocks.error import Estimated, integrate_estimated
 from rattlesweep.sweeps.blocks.rows import take
 from rattlesweep.sweeps.cases.launches import (
@@ -133,8 +135,10 @@ def columns_of(
         spin = np.sqrt(2 * outcome.energy_0 / launches.bodies.gamma)
         spin = np.copysign(spin, launches.n_i)
         columns["n_end"] = np.where(has_settled(batch, outcome), spin, columns["n_end"])
+    if launches.sigma > 0 or launches.rolling > 0:
+        columns |= _dissipation(launches, batch, outcome)
     codes = classify(ok, columns["t_r"], columns["amp_growth"], columns["n_departure"],
-                     config.classify)  # fmt: skip
+                     config.classify, columns.get("energy_left"))  # fmt: skip
     columns["type"] = (codes, list(TYPES))
     columns["status"] = (status, STATUS_WORDS)
     if isinstance(outcome, Estimated):
@@ -206,6 +210,8 @@ def _inputs(launches: Launches) -> dict[str, Any]:
             state |= {f"{name}_{x}": vectors[:, k] for k, x in enumerate("xyz")}
     if launches.second is not None:
         state["n_i_rpm"] = launches.n_i / launches.second * 30 / np.pi
+    if launches.bodies.c is not None:
+        state["c"] = launches.bodies.c
     return (
         state
         | launches.carried
@@ -218,6 +224,29 @@ def _inputs(launches: Launches) -> dict[str, Any]:
             **{name: getattr(launches.gh, name) for name in ("n_0", "t_rgh")},
         }
     )
+
+
+def _dissipation(
+    launches: Launches, batch: Batch | None, outcome: Outcome | None
+) -> dict[str, Any]:
+    """Columns of runs with dissipation."""
+    assert batch is not None
+    assert outcome is not None
+    b, m, n_i = launches.bodies, launches.modes, launches.n_i
+    rows, pitch = len(n_i), unsteady(m.K_p, n_i)
+    growth = n_growth = np.full(rows, np.nan)
+    if launches.rolling == 0:
+        growth = np.where(pitch, *steady.growth(batch.constants[:, :6].T, n_i, launches.sigma))
+        loss = np.where(pitch, *damping_rates(b.alpha, b.beta, m, launches.sigma))
+        n_growth = np.sign(n_i) * 2 * loss / np.abs(launches.gh.K)
+    # The work is the state's last component.
+    return {
+        "sigma": np.full(rows, launches.sigma),
+        "rolling": np.full(rows, launches.rolling),
+        "growth": growth,
+        "n_growth": n_growth,
+        "energy_left": 1 + outcome.y_end[:, -1] / outcome.energy_0,
+    }
 
 
 def _closed_form(launches: Launches) -> dict[str, Any]:

@@ -45,8 +45,7 @@ if TYPE_CHECKING:
 
     from rattlesweep.integrate.model import Model
     from rattlesweep.integrate.tableau import Tableau
-    from rattlesweep.sweeps.config.integrator import Integrator
-    from rattlesweep.sweeps.config.schema import Config
+    from rattlesweep.sweeps.config.schema import Config, Integrator
 
     Floats = NDArray[np.float64]
     Flags = NDArray[np.bool_]
@@ -314,7 +313,7 @@ def distance(model: Model, y: Floats, other: Floats, constants: Floats) -> Float
         moved, size = norm.py_func(*change, *here, *q)
     else:
         # At a reversal the spin itself is zero in both.
-        ix, iy, _, cxx, cxy, cyy = q
+        ix, iy, _, cxx, cxy, cyy = q[:6]
         square = full.oscillation.py_func
         moved, size = (square(*v[:4], ix, iy, cxx, cxy, cyy) for v in (change, here))
     return np.asarray(np.sqrt(moved / size))

@@ -46,6 +46,8 @@ class Launch:
     omega, u : sequence of float or None
         A full state instead of spin and oscillation: angular velocity in ``sqrt(g/a)`` and vertical
         unit vector (None: upright), in components along the body's axes.
+    sigma, rolling : float
+        Of the config's ``dissipation``.
     """
 
     body: Rattleback
@@ -59,6 +61,13 @@ class Launch:
     e_r0: float | None = None
     omega: Sequence[float] | None = None
     u: Sequence[float] | None = None
+    sigma: float = 0.0
+    rolling: float = 0.0
+
+    @property
+    def surface(self) -> dict[str, Any]:
+        """The part of a config's `bodies` that says it."""
+        return {} if self.body.c is None else {"surface": "ellipsoid", "c": self.body.c}
 
     @property
     def config(self) -> dict[str, Any]:
@@ -95,16 +104,18 @@ def plan_of(launch: Launch, source: Source | None = None) -> Plan:
     """
     config = parse_config(
         {
-            "bodies": {"source": "preset", "name": "GH"},
+            "bodies": {"source": "preset", "name": "GH"} | launch.surface,
             **launch.config,
             "model": launch.model,
             "horizon": {"t_rgh": 5.0} if launch.t_end is None else {"t": launch.t_end},
             "integrator": dict(launch.integrator),
+            "dissipation": {"sigma": launch.sigma, "rolling": launch.rolling},
         }
     )
     if source is None:
         # The body itself, checked when it was made, in the preset's place.
-        source = GridBodies({name: getattr(launch.body, name) for name in PARAMETERS}, {})
+        names = [*PARAMETERS, *(["c"] if launch.surface else [])]
+        source = GridBodies({name: getattr(launch.body, name) for name in names}, {})
     return make_plan(config, source=source)
 
 

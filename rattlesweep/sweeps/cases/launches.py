@@ -10,8 +10,8 @@ import numpy as np
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import N_WINDOWS, Batch
-from rattlesweep.integrate.model import MODELS
-from rattlesweep.physics import full, launch, reduced, theory
+from rattlesweep.integrate.model import ELLIPSOID, FRICTION, FULL, MODELS
+from rattlesweep.physics import full, launch, reduced, stone, theory
 from rattlesweep.physics.steady import settled_oscillation, steady_modes
 from rattlesweep.sweeps.tables.columns import MEASURED
 
@@ -47,7 +47,7 @@ class Launches:
     `gh` is the spin as Garcia and Hubbard have it; `t_end` the horizon, not finite where it cannot
     be told; `omega` and `u` are full states, of shape (runs, 3), None where launches are none;
     `second` is the unit of time in seconds, None where it is not stored, and `carried` has columns
-    that the runs get from a table.
+    that the runs get from a table. What `sigma` and `rolling` are not zero for has dissipation.
     """
 
     case: NDArray[np.int64]
@@ -64,6 +64,8 @@ class Launches:
     u: Floats | None = None
     second: Floats | None = None
     carried: dict[str, NDArray[Any]] = field(default_factory=dict)
+    sigma: float = 0.0
+    rolling: float = 0.0
 
     @property
     def tapped(self) -> NDArray[np.bool_]:
@@ -94,8 +96,12 @@ def prepare(plan: Plan, case: NDArray[np.int64], sample: NDArray[np.int64]) -> L
         psi = bodies.psi
     else:
         psi = launch.direction(modes, n_i, spin.psi if spin is not None else "relevant")
-    horizon = plan.config.horizon
+    horizon, losses = plan.config.horizon, plan.config.dissipation
     found = with_theory(case, sample, bodies, n_i, omega_xy0, psi, modes, horizon)
+    if losses:
+        # No spin stays beyond a threshold that dies.
+        none = np.full(len(n_i), np.nan)
+        found = replace(found, n_c1=none, sigma=losses.sigma, rolling=losses.rolling)
     measured = getattr(plan.source, "measured", None)
     return found if measured is None else _measured(found, measured, plan.extra)
 
@@ -178,7 +184,12 @@ def _bodies(plan: Plan, groups: NDArray[np.int64], sample: NDArray[np.int64]) ->
 
 def model_of(config: Config) -> Model:
     """The equations that a sweep integrates; the closed form has none."""
-    return MODELS[config.model]
+    if config.model != "full":
+        return MODELS[config.model]
+    surface = ELLIPSOID if config.bodies.ellipsoidal else FULL
+    losses = config.dissipation
+    kind = "rolling" if losses.rolling > 0 else "viscous"
+    return FRICTION[surface.name, kind] if losses else surface
 
 
 def make_batch(launches: Launches, model: str) -> Batch | None:
@@ -205,16 +216,24 @@ def full_batch(launches: Launches) -> Batch:
     else:
         y0 = np.ascontiguousarray(full.from_vectors(launches.u.T, launches.omega.T).T)
     constants = full.constants(b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi)
-    modes = steady_modes(constants, launches.n_i)
+    modes = steady_modes(constants, launches.n_i, launches.sigma)
     pitch = theory.unsteady(launches.modes.K_p, launches.n_i)
     probe = np.where(pitch[:, None], modes.pitch_probe, modes.roll_probe)
     # The spin swings at twice the oscillation's frequency.
     fastest = np.maximum(np.abs(modes.pitch.imag), launches.modes.omega_p)
     slower = np.where(modes.roll.imag > 0, modes.roll.imag, launches.modes.omega_r)
+    more = []
+    if b.c is not None or launches.sigma > 0 or launches.rolling > 0:
+        more = [np.broadcast_to(stone.inverse_semi_axis(b.c), len(y0))]
+    if launches.sigma > 0 or launches.rolling > 0:
+        losses = (launches.sigma, launches.rolling, stone.SMOOTHING)
+        more += [np.full(len(y0), value) for value in losses]
+        # Behind the state the work, none yet.
+        y0 = np.concatenate([y0, np.zeros((len(y0), 1))], axis=1)
     oscillation = b.gamma * (launches.gh.n_0**2 - launches.n_i**2)
     return Batch(
         y0=y0,
-        constants=np.ascontiguousarray(constants.T),
+        constants=np.stack([*constants, *more], axis=1),
         probe=np.concatenate([probe.real, probe.imag], axis=1),
         t_end=launches.t_end,
         swing=2 * fastest,

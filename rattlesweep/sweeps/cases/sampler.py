@@ -54,9 +54,10 @@ def body_at(u, ranges):
 
 
 def bodies_of(points: Floats, ranges: Floats) -> Floats:
-    """What `body_at` gives at points of the unit cube, shape (5, n): shape (7, n)."""
+    """What `draw_bodies` gives at points of the unit cube, of as many dimensions as ranges."""
     gamma, f_sd, theta, phi, xi = cast("Any", unit_to_ranges)(points, ranges)
-    return np.stack([gamma, f_sd, theta, phi, xi, *body.shell_dumbbell(gamma, f_sd)])
+    c = [low + (high - low) * u for (low, high), u in zip(ranges[5:], points[5:], strict=True)]
+    return np.stack([gamma, f_sd, theta, phi, xi, *body.shell_dumbbell(gamma, f_sd), *c])
 
 
 def _draw(
@@ -75,7 +76,8 @@ def _draw(
         best = np.inf
         draws[i] = -1
         for k in range(max_draws):
-            drawn = body_at(uniforms(seed, group, samples[i], k), ranges)
+            u = uniforms(seed, group, samples[i], k)
+            drawn = body_at(u, ranges)
             if which > 0:
                 _, _, theta, phi, xi, alpha, beta = drawn
                 coefficients = torque_coefficients(alpha, beta, theta, phi, xi)
@@ -89,6 +91,8 @@ def _draw(
             draws[i] = k + 1
             for row in range(7):
                 out[row, i] = drawn[row]
+            if len(ranges) > 5:
+                out[7, i] = ranges[5, 0] + (ranges[5, 1] - ranges[5, 0]) * u[5]
             break
 
 
@@ -115,8 +119,8 @@ def draw_bodies(
     ----------
     group
         Place of the target in its list.
-    ranges : shape (5, 2)
-        Of ``gamma, f_sd, theta, phi`` and minus ``xi`` in degrees.
+    ranges : shape (5, 2) or (6, 2)
+        Of ``gamma, f_sd, theta, phi`` and minus ``xi`` in degrees, perhaps of ``c``.
     which
         0 without a target, 1 for ``K_p``, 2 for ``K_r``.
     rel_tol, max_draws
@@ -127,14 +131,14 @@ def draw_bodies(
 
     Returns
     -------
-    bodies : ndarray, shape (7, samples)
-        ``gamma, f_sd, theta, phi, xi, alpha, beta``.
+    bodies : ndarray, shape (7, samples) or (8, samples)
+        ``gamma, f_sd, theta, phi, xi, alpha, beta``, perhaps ``c``.
     draws : ndarray
         Draws used, -1 where the target was not met.
     nearest : ndarray
         Coefficient nearest to the target.
     """
-    out = np.full((7, samples.size), np.nan)
+    out = np.full((2 + len(ranges), samples.size), np.nan)
     draws = np.zeros(samples.size, dtype=np.int64)
     nearest = np.full(samples.size, np.nan)
     settings = (

@@ -14,10 +14,9 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from rattlesweep.errors import ConfigError
-from rattlesweep.physics.body import PARAMETERS, Rattleback, shell_dumbbell, violations
+from rattlesweep.physics.body import PARAMETERS, PRESETS, shell_dumbbell, violations
 from rattlesweep.sweeps.cases.sampler import bodies_of, draw_bodies
 from rattlesweep.sweeps.config.bodies import (
-    GROUP,
     GridSource,
     PresetBase,
     PresetSource,
@@ -43,6 +42,8 @@ CHUNK = 4096
 class Bodies:
     """Parameters of some samples, arrays of one length; ``f_sd`` is NaN where a source has none.
 
+    ``c`` is None for paraboloids, and NaN for those among ellipsoids.
+
     ``n_i``, ``omega_xy0``, ``psi``, ``t_end`` and a full state, ``omega`` and ``u`` of shape
     (samples, 3), are None unless a table gives them; NaN in ``t_end`` stands for the config's
     horizon.
@@ -61,6 +62,7 @@ class Bodies:
     t_end: Floats | None = None
     omega: Floats | None = None
     u: Floats | None = None
+    c: Floats | None = None
 
 
 class Source(Protocol):
@@ -88,14 +90,17 @@ def make_source(config: Config, base: Path | None = None) -> Source:
     if isinstance(bodies, SdSource):
         return SdBodies(config.seed, bodies)
     if isinstance(bodies, PresetSource):
-        parameters = _preset(bodies.name) | bodies.overrides.given()
+        parameters = _preset(bodies.name) | bodies.overrides.given() | _c_of(bodies)
+        if not bodies.ellipsoidal:
+            parameters.pop("c", None)
         for _, sentence in violations(**parameters):
             raise ConfigError(f"bodies.overrides: {sentence}")
         return GridBodies(parameters, {})
     if isinstance(bodies, TableSource):
         from rattlesweep.sweeps.cases.table import read_table
 
-        return TableBodies(*read_table(bodies.path, base))
+        columns, measured = read_table(bodies.path, base)
+        return TableBodies(_surfaced(columns, bodies), measured)
     return _grid(bodies)
 
 
@@ -105,11 +110,17 @@ class SdBodies:
     def __init__(self, seed: int, source: SdSource) -> None:
         self.samples = source.samples
         self._seed = seed
-        self._ranges = np.array(source.ranges.ends())
+        ends = source.ranges.ends()
+        theta = ends[2]
+        if source.c is not None and not source.c[0] > theta[1]:
+            raise ConfigError(
+                f"bodies.c: c down to {source.c[0]:g} and theta up to {theta[1]:g} give bodies "
+                "that would rather lie on their sides; c must be above theta in all of them"
+            )
+        self._ranges = np.array(ends if source.c is None else [*ends, source.c])
         self._target = source.target
         # All cases share the points of group 0: with targets, there are random bodies only.
-        self._designed = source.draw == "saltelli"
-        self._sequence = None if source.draw == "random" else _sequence(seed, 1 + self._designed)
+        self._sequence = _sequence(len(self._ranges), seed) if source.draw == "sobol" else None
         self._chunk = lru_cache(maxsize=64)(self._draw_chunk)
 
     def check_targets(self) -> None:
@@ -124,14 +135,14 @@ class SdBodies:
             columns = self._columns(group, samples)
         else:
             # Every case of a target asks for the same bodies, and redrawing is slow.
-            columns = np.empty((7, len(samples)))
+            columns = np.empty((2 + len(self._ranges), len(samples)))
             chunk, place = np.divmod(samples, CHUNK)
             for number in np.unique(chunk).tolist():
                 # A block may hold the end of one case and the start of the next.
                 here = chunk == number
                 columns[:, here] = self._chunk(group, number)[:, place[here]]
-        gamma, f_sd, theta, phi, xi, alpha, beta = columns
-        return Bodies(alpha, beta, gamma, theta, phi, xi, f_sd)
+        gamma, f_sd, theta, phi, xi, alpha, beta, *c = columns
+        return Bodies(alpha, beta, gamma, theta, phi, xi, f_sd, c=c[0] if c else None)
 
     def _draw_chunk(self, group: int, chunk: int) -> Floats:
         return self._columns(
@@ -142,10 +153,7 @@ class SdBodies:
         samples = np.ascontiguousarray(samples, dtype=np.int64)
         target = self._target
         if self._sequence is not None:
-            points = self._sequence.points(samples // GROUP if self._designed else samples)
-            if self._designed:
-                points = _swapped(points, samples % GROUP)
-            return bodies_of(points, self._ranges)
+            return bodies_of(self._sequence.points(samples), self._ranges)
         if target is None:
             return draw_bodies(self._seed, group, samples, self._ranges)[0]
         value = target.values[group]
@@ -163,17 +171,11 @@ class SdBodies:
         return columns
 
 
-def _swapped(points: Floats, which: Integers) -> Floats:
-    """Of points of the shape (10, n): the first half, the second, or the first with one of it."""
-    first, second = np.split(points, 2)
-    return np.where((which == 1) | (which == 2 + np.arange(5)[:, None]), second, first)
-
-
-def _sequence(seed: int, points: int) -> Sequence:
+def _sequence(dimensions: int, seed: int) -> Sequence:
     # scipy.stats takes longer to import than all the rest.
     from rattlesweep.sweeps.cases.quasi import Sequence
 
-    return Sequence(5 * points, seed, 0)
+    return Sequence(dimensions, seed, 0)
 
 
 class GridBodies:
@@ -194,18 +196,55 @@ class GridBodies:
         f_sd = values.pop("f_sd", np.full(len(samples), np.nan))
         if np.isfinite(f_sd).all() and len(f_sd):
             values["alpha"], values["beta"] = shell_dumbbell(values["gamma"], f_sd)
-        return Bodies(f_sd=f_sd, **{name: values[name] for name in PARAMETERS})
+        return Bodies(f_sd=f_sd, c=values.get("c"), **{name: values[name] for name in PARAMETERS})
 
 
 def _preset(name: str) -> dict[str, float]:
-    body = {"GH": Rattleback.gh}[name]()
-    return {parameter: getattr(body, parameter) for parameter in PARAMETERS}
+    body = PRESETS[name]()
+    c = {} if body.c is None else {"c": body.c}
+    return {parameter: getattr(body, parameter) for parameter in PARAMETERS} | c
+
+
+def _c_of(source: PresetSource | GridSource) -> dict[str, float]:
+    """The one vertical semi-axis that a config gives."""
+    values = source.c if isinstance(source.c, list) else [source.c]
+    return {"c": values[0]} if len(values) == 1 and values[0] is not None else {}
+
+
+def _surfaced(columns: dict[str, Floats], source: TableSource) -> dict[str, Floats]:
+    """Columns of a table with those of its surface."""
+    c = columns.pop("c", None)
+    if source.surface is None and source.c is None:
+        if c is not None and np.isfinite(c).any():
+            raise ConfigError(
+                "bodies.surface: missing; the table has a column c, so say ellipsoid, or "
+                "paraboloid to leave it out"
+            )
+        return columns
+    if not source.ellipsoidal:
+        return columns
+    rows = len(columns["alpha"])
+    c = np.full(rows, np.nan) if c is None else c
+    if source.c is not None:
+        c = np.where(np.isnan(c), source.c, c)
+    if np.isnan(c).all():
+        raise ConfigError(
+            "bodies.c: missing; the table has no column c, so the config must give one"
+        )
+    for row, sentence in violations(**{name: columns[name] for name in PARAMETERS}, c=c):
+        raise ConfigError(f"bodies.path: row {row + 1}: {sentence}")
+    return columns | {"c": c}
 
 
 def _grid(source: GridSource) -> GridBodies:
     base = source.base
     parameters = _preset(base.preset) if isinstance(base, PresetBase) else base.given()
+    parameters |= _c_of(source)
     axes = {name: np.asarray(values, float) for name, values in source.axes.values().items()}
+    if source.c is not None and len(source.c) > 1:
+        axes["c"] = np.asarray(source.c, float)
+    if not source.ellipsoidal:
+        parameters.pop("c", None)
     for name, sign in (("xi_deg", 1), ("minus_xi_deg", -1)):
         if name in axes:
             axes["xi"] = sign * np.radians(axes.pop(name))
@@ -215,8 +254,10 @@ def _grid(source: GridSource) -> GridBodies:
     corners = GridBodies(parameters, ends)
     part = corners.bodies(0, np.arange(corners.samples))
     columns = {name: getattr(part, name) for name in PARAMETERS}
+    if part.c is not None:
+        columns["c"] = part.c
     for place, sentence in violations(**columns):
-        corner = ", ".join(f"{name} {columns[name][place]:g}" for name in PARAMETERS)
+        corner = ", ".join(f"{name} {values[place]:g}" for name, values in columns.items())
         raise ConfigError(f"bodies.axes: at {corner}: {sentence}")
     return grid
 

@@ -30,8 +30,8 @@ Floats = NDArray[np.float64]
 
 LAUNCH = ("n_i", "omega_xy0")
 OMEGA, U = ("omega_x", "omega_y", "omega_z"), ("u_x", "u_y", "u_z")
-NULLABLE = ("t_end", "psi", "f_sd", "t_r", "t_end_s")
-COLUMNS = (*PARAMETERS, *LAUNCH, *OMEGA, *U, *NULLABLE[:4])
+NULLABLE = ("t_end", "psi", "f_sd", "t_r", "c", "t_end_s")
+COLUMNS = (*PARAMETERS, *LAUNCH, *OMEGA, *U, *NULLABLE[:5])
 # Of an output table, both the full state and the spin it has are there; so far may they differ.
 SPIN_SLACK = 1e-9
 

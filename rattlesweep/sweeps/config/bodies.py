@@ -20,12 +20,11 @@ from rattlesweep.sweeps.config.fields import (
 )
 from rattlesweep.sweeps.config.messages import not_one_of, out_of_range
 
-Preset = Literal["GH"]
+Preset = Literal["GH", "KL"]
+ELLIPSOIDS = ("KL",)
+"""Presets that are ellipsoids."""
 MAX_BODIES = 10**12
 MAX_SOBOL = 2**30
-GROUP = 7
-"""Samples that `draw: saltelli` draws together: at two points, and at the first with each of five
-parameters of the second."""
 REFINED_BY = ("type", "t_r", "n_end", "t_end", "n_steps", "energy_drift", "n_departure",
               "amp_growth", "lyapunov", "contact_ratio_max", "n_reversals")  # fmt: skip
 
@@ -95,7 +94,36 @@ class Target(Base):
         return self.K_r or self.K_p or []
 
 
-class SdSource(Base):
+class Surfaced(Base):
+    """Bodies with a surface."""
+
+    surface: Literal["paraboloid", "ellipsoid"] | None = None
+    """What the bottom is: a paraboloid or an ellipsoid, of the same curvatures at its lowest point.
+    Unless given an ellipsoid where c is, or where the preset is one."""
+
+    @property
+    def ellipsoidal(self) -> bool:
+        """Whether the bodies are ellipsoids."""
+        implied = getattr(self, "c", None) is not None or self.has_own_c
+        return implied if self.surface is None else self.surface == "ellipsoid"
+
+    @property
+    def has_own_c(self) -> bool:
+        """Whether its bodies have a vertical semi-axis of their own."""
+        return False
+
+    @model_validator(mode="after")
+    def _fits_surface(self) -> "Surfaced":
+        given = getattr(self, "c", None) is not None
+        if self.surface == "paraboloid" and given:
+            raise ValueError("c is given, and a paraboloid has none; take surface: ellipsoid")
+        # A table has it row by row.
+        if self.surface == "ellipsoid" and not (given or self.has_own_c or self.source == "table"):  # type: ignore[attr-defined]
+            raise ValueError("an ellipsoid needs c, its vertical semi-axis over a; give c: 2")
+        return self
+
+
+class SdSource(Surfaced):
     """Shell-dumbbell bodies, drawn at random from ranges."""
 
     source: Literal["sd"]
@@ -104,24 +132,26 @@ class SdSource(Base):
     """Bodies per case."""
     ranges: SdRanges = Field(default_factory=lambda: SdRanges())
     """Where the parameters are drawn from, uniformly."""
-    draw: Literal["random", "sobol", "saltelli"] = "random"
+    draw: Literal["random", "sobol"] = "random"
     """random: each body by itself; sobol: by a scrambled Sobol' sequence, whose points fill the
-    ranges more evenly, so that shares and means come closer with as many samples; saltelli: seven
-    at a time that differ in one parameter each, for `rattlesweep sensitivity`."""
+    ranges more evenly, so that shares and means come closer with as many samples."""
     target: Target | None = None
     """Keep only bodies with this torque coefficient; null: keep all."""
+    c: Annotated[list[fields.C], *fields.number_or_interval()] | None = Field(
+        default=None, description=f"A number, or a range [low, high]. {PARAMETERS['c'].meaning}"
+    )
 
     @field_validator("draw")
     @classmethod
     def _numbered(cls, draw: str, info: ValidationInfo) -> str:
-        if draw != "random" and info.data.get("samples", 0) > MAX_SOBOL:
+        if draw == "sobol" and info.data.get("samples", 0) > MAX_SOBOL:
             raise ValueError(f"the sequence has {MAX_SOBOL} points; take fewer samples, or random")
         return draw
 
     @field_validator("target")
     @classmethod
     def _redrawn_at_random(cls, target: Target | None, info: ValidationInfo) -> Target | None:
-        if target is not None and info.data.get("draw", "random") != "random":
+        if target is not None and info.data.get("draw") == "sobol":
             raise ValueError(
                 "bodies that are redrawn until they meet a target do not fill the ranges evenly; "
                 "leave out the target, or take draw: random"
@@ -162,18 +192,24 @@ class Overrides(Skewed):
     needs_skew: ClassVar[bool] = False
 
 
-class PresetSource(Base):
+class PresetSource(Surfaced):
     """One body of the literature, perhaps with parameters replaced."""
 
     source: Literal["preset"]
     """Use one named body."""
     name: Preset
-    """GH: the body of Garcia and Hubbard (1988)."""
+    """GH: the body of Garcia and Hubbard (1988); KL: that of Kane and Levinson (1982)."""
     overrides: Overrides = Field(default_factory=lambda: Overrides())
     """Parameters that replace the preset's."""
+    c: fields.C | None = meant("c", None)
+
+    @property
+    def has_own_c(self) -> bool:
+        """Whether its bodies have a vertical semi-axis of their own."""
+        return self.name in ELLIPSOIDS
 
 
-class TableSource(Base):
+class TableSource(Surfaced):
     """Bodies from the rows of a table, in its order."""
 
     source: Literal["table"]
@@ -182,13 +218,16 @@ class TableSource(Base):
     """CSV or Parquet file with columns alpha beta gamma theta phi xi (radians), and optionally
     n_i omega_xy0 t_end, which replace spin and horizon row by row, or a full state instead of
     n_i omega_xy0: omega_x omega_y omega_z u_x u_y u_z."""
+    c: fields.C | None = Field(
+        default=None, description=f"Of rows without a c. {PARAMETERS['c'].meaning}"
+    )
 
 
 class PresetBase(Base):
     """Start from a body of the literature."""
 
     preset: Preset
-    """GH: the body of Garcia and Hubbard (1988)."""
+    """GH: the body of Garcia and Hubbard (1988); KL: that of Kane and Levinson (1982)."""
 
 
 class ExplicitBase(Skewed):
@@ -256,6 +295,7 @@ class Axes(Base):
     xi: Axis = meant("xi", None)
     xi_deg: Axis = meant("xi_deg", None)
     minus_xi_deg: Axis = meant("minus_xi_deg", None)
+    c: Axis = meant("c", None)
 
     @field_validator("*")
     @classmethod
@@ -314,7 +354,7 @@ class Refine(Base):
         return by
 
 
-class GridSource(Base):
+class GridSource(Surfaced):
     """Every combination of some parameters' values, the others fixed."""
 
     source: Literal["grid"]
@@ -325,6 +365,26 @@ class GridSource(Base):
     """Which parameters vary, over which values."""
     refine: Refine | None = None
     """Leave out runs between others of one type; null: every combination is run."""
+    c: fields.CNumbers | None = Field(
+        default=None,
+        description=f"A number, or an axis, which varies fastest. {PARAMETERS['c'].meaning}",
+    )
+
+    @property
+    def has_own_c(self) -> bool:
+        """Whether its bodies have a vertical semi-axis of their own."""
+        preset = getattr(self.base, "preset", None)
+        return self.axes.c is not None or preset in ELLIPSOIDS
+
+    @field_validator("c")
+    @classmethod
+    def _one_axis(cls, c: list[float] | None, info: ValidationInfo) -> list[float] | None:
+        axes = info.data.get("axes")
+        if c is not None and axes is not None and axes.c is not None:
+            raise ValueError("c is an axis of axes too; keep one of them")
+        if c is not None and len(c) > 1 and info.data.get("refine") is not None:
+            raise ValueError("refine takes the axes of axes alone; write axes: {c: ...}")
+        return c
 
     @field_validator("axes")
     @classmethod

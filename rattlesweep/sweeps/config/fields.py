@@ -50,6 +50,9 @@ PARAMETERS = {
     "xi_deg": Parameter(
         -90, 0, "Skew angle from inertia to curvature axes in degrees; negative, above -90."),
     "minus_xi_deg": Parameter(0, 90, "Skew angle times -1, in degrees; between 0 and 90."),
+    "c": Parameter(0, 1e9,
+        "Vertical semi-axis of the ellipsoid below, over the height a of the centre of mass; no "
+        "unit, above theta."),
     "f_sd": Parameter(0, 0.5, "I_yy / I_zz of a shell-dumbbell body; no unit, between 0 and 0.5."),
 }  # fmt: skip
 """Parameters of bodies, in the symbols of Kondo and Nakanishi (2017).
@@ -75,6 +78,7 @@ Theta = Annotated[float, limited("theta")]
 Phi = Annotated[float, limited("phi")]
 Xi = Annotated[float, limited("xi")]
 XiDeg = Annotated[float, limited("xi_deg")]
+C = Annotated[float, limited("c")]
 FSd = Annotated[float, limited("f_sd")]
 
 MAX_SPEED = 1e6
@@ -198,6 +202,7 @@ def _unsigned_zero(spin: float) -> float:
 
 Positive = Annotated[float, Field(gt=0)]
 PositiveNumbers = Annotated[list[Positive], *_numbers(exclusiveMinimum=0)]
+CNumbers = Annotated[list[C], *_numbers(exclusiveMinimum=0)]
 OscillationNumbers = Annotated[
     list[Annotated[Positive, Field(le=MAX_SPEED)]],
     *_numbers(exclusiveMinimum=0, maximum=MAX_SPEED),
@@ -241,6 +246,22 @@ def interval(name: str) -> Any:
         AfterValidator(_ordered),
         WithJsonSchema(numbers),
         Field(description=f"Range [low, high]. {PARAMETERS[name].meaning}"),
+    )
+
+
+def _as_range(value: Any) -> Any:
+    one = isinstance(value, int | float) and not isinstance(value, bool)
+    return [value, value] if one else value
+
+
+def number_or_interval() -> Any:
+    """Annotations of a field that holds a range, or one value for both of its ends."""
+    number = {"type": "number"}
+    numbers = {"type": "array", "items": number, "minItems": 2, "maxItems": 2}
+    return (
+        BeforeValidator(_as_range),
+        AfterValidator(_ordered),
+        WithJsonSchema({"anyOf": [number, numbers]}),
     )
 
 

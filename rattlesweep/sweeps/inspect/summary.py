@@ -106,6 +106,7 @@ _SHOWN = {
     "fraction_SS": ("SS", ".3f"),
     "fraction_SW": ("SW", ".3f"),
     "fraction_unclassified": ("uncl.", ".3f"),
+    "fraction_D": ("D", ".3f"),
     "fraction_bondi": ("Bondi", ".3f"),
     "t_r_mean": ("t_r", ".5g"),
     "t_r_over_t_rgh_mean": ("t_r/t_rGH", ".4f"),
@@ -119,12 +120,14 @@ def closing_table(summary: pa.Table) -> str:
     """Lay a summary out as an aligned text table about 100 characters wide.
 
     ``t_r`` and ``t_r/t_rGH`` are means over type R, the latter of the ratio of each run; what there
-    is nothing of is "-". Sensitive runs and unsure types are shown where errors are recorded.
+    is nothing of is "-". Sensitive runs and unsure types are shown where errors are recorded, and
+    type D where there is dissipation.
     """
     shown_columns = {
         name: how
         for name, how in _SHOWN.items()
-        if name not in ("sensitive", "unsure") or summary.column(name).null_count < len(summary)
+        if name not in ("sensitive", "unsure", "fraction_D")
+        or summary.column(name).null_count < len(summary)
     }
     lines = [["case", "target", *(heading for heading, _ in shown_columns.values())]]
     for row in summary.to_pylist():

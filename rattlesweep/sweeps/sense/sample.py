@@ -73,9 +73,14 @@ class DrawnBodies:
             first = np.clip(middle - RUNS // 2, 0, DRAWN - RUNS)
             self._groups = [points[:, order[start : start + RUNS]] for start in first]
 
+        self._c = source.c
+
     def bodies(self, group: int, samples: NDArray[np.int64]) -> Bodies:
         """Bodies of some samples of the cases of target ``group``."""
-        return bodies_at(self._groups[group][:, samples])
+        found = bodies_at(self._groups[group][:, samples])
+        if self._c is None:
+            return found
+        return replace(found, c=np.linspace(self._c[0], self._c[1], len(samples)))
 
 
 def draw(ranges: SdRanges, size: int = DRAWN) -> Floats:

@@ -38,7 +38,8 @@ Z95 = 1.959963984540054
 
 def columns_for(config: Config) -> tuple[str, ...]:
     """Columns of the runs of a sweep that `Cells.add` reads."""
-    return (*COLUMNS, *(ERRORS if "error" in config.record else ()))
+    losses = ("energy_left",) if config.dissipation else ()
+    return (*COLUMNS, *(ERRORS if "error" in config.record else ()), *losses)
 
 
 class Moments:
@@ -89,7 +90,8 @@ class Cells:
     Attributes
     ----------
     runs, ok, types
-        Runs, those with status ``ok``, and of these the runs of each of `TYPES`.
+        Runs, those with status ``ok``, and of these the runs of each of `TYPES`; of D only if the
+        runs have dissipation.
     steady, bondi
         Runs in the steady direction that have a theory (``omega_p`` is not null), and of these
         the ones past Bondi's threshold, ``abs(n_c1) < abs(n_i)``. In the other direction the pitch
@@ -105,8 +107,8 @@ class Cells:
         Of runs of type R that have one.
     sensitive, unsure_types
         Runs of type R whose error is large, and runs of each of `TYPES` whose type is not sure.
-    has_errors : bool
-        Whether any rows told them.
+    has_errors, has_losses : bool
+        Whether any rows told errors, and whether they have dissipation.
     """
 
     def __init__(self, cells: int) -> None:
@@ -114,8 +116,8 @@ class Cells:
             np.zeros(cells, np.int64) for _ in range(5)
         )
         self.sensitive = np.zeros(cells, np.int64)
-        self.has_errors = False
-        self.types = {name: np.zeros(cells, np.int64) for name in TYPES}
+        self.has_errors = self.has_losses = False
+        self._types = {name: np.zeros(cells, np.int64) for name in TYPES}
         self.unsure_types = {name: np.zeros(cells, np.int64) for name in TYPES}
         self.t_r, self.ratio, self.t_rgh, self.t_r_error = (Moments(cells) for _ in range(4))
 
@@ -134,7 +136,7 @@ class Cells:
         np.add.at(self.runs, cell, 1)
         np.add.at(self.ok, cell[ok], 1)
         for code, name in enumerate(TYPES):
-            np.add.at(self.types[name], cell[ok & (kind == code)], 1)
+            np.add.at(self._types[name], cell[ok & (kind == code)], 1)
         steady = np.isfinite(omega_p) & ~unsteady(K_p, n_i)
         np.add.at(self.steady, cell[steady], 1)
         # A null threshold is NaN here, which is below nothing.
@@ -148,6 +150,7 @@ class Cells:
         with np.errstate(over="ignore"):
             self.ratio.add(cell[timed], t_r[timed] / t_rgh[timed])
         self.t_rgh.add(cell[known], t_rgh[known])
+        self.has_losses |= "energy_left" in rows.schema.names
         if "t_r_error" in rows.schema.names:
             self.has_errors = True
             error = floats(rows.column("t_r_error"))[kept]
@@ -165,6 +168,11 @@ class Cells:
         return total
 
     @property
+    def types(self) -> dict[str, Integers]:
+        """Runs of each type."""
+        return {n: part for n, part in self._types.items() if n != "D" or self.has_losses}
+
+    @property
     def failed(self) -> Integers:
         """Runs with a status other than ``ok``."""
         return self.runs - self.ok
@@ -174,6 +182,7 @@ class Cells:
         return {
             "runs": self.runs,
             **{f"fraction_{name}": share(part, self.ok) for name, part in self.types.items()},
+            **({} if self.has_losses else {"fraction_D": pa.nulls(len(self.ok), pa.float64())}),
             "fraction_bondi": share(self.bondi, self.steady),
             "t_r_mean": self.t_r.means(),
             "t_r_std": self.t_r.deviations(),

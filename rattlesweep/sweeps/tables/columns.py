@@ -78,7 +78,7 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
     "result": (
         required("t_end", F64, TIME, "time reached"),
         field("t_r", F64, TIME, "first zero of the spin; null: none by t_end"),
-        field("type", TEXT, "1", "R, SS, SW or unclassified; null where status is not ok"),
+        field("type", TEXT, "1", "R, SS, SW, unclassified or D; null where status is not ok"),
         required("status", TEXT, "1", "ok, or a word for what went wrong"),
         field(
             "n_end",
@@ -109,6 +109,29 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
             "1",
             "extrema of the spin so near zero that the tolerance cannot tell whether it reversed",
         ),
+    ),
+    # What the config asks for elsewhere.
+    "surface": (
+        field("c", F64, "a", "vertical semi-axis of the ellipsoid below; null: a paraboloid"),
+    ),
+    "dissipation": (
+        required("sigma", F64, "M a^2 sqrt(g/a)", "torque -sigma omega"),
+        required("rolling", F64, "a", "lever of the rolling resistance"),
+        field(
+            "growth",
+            F64,
+            RATE,
+            "growth rate of the relevant oscillation at n_i, damping counted; null with rolling "
+            "resistance, under which small oscillations do not grow",
+        ),
+        field(
+            "n_growth",
+            F64,
+            RATE,
+            "spin that the relevant oscillation takes to outgrow its damping, for small spins; "
+            "null with rolling resistance",
+        ),
+        field("energy_left", F64, "1", "share of the launch's energy that is left at t_end"),
     ),
     # What `record` asks for, by its words; a run that failed at launch has nothing to record.
     "energy": (
@@ -215,8 +238,10 @@ RECORD_PARTS: dict[str, tuple[str, ...]] = {
     "error": ("gh",),
     "tol": ("gh",),
     "reversals": ("gh",),
+    "surface": (),
+    "dissipation": ("reduced", "gh"),
 }
-"""What `record` may ask for, or the integrator, with the models that cannot tell.
+"""What a config may ask for by `record` or otherwise, with the models that cannot tell.
 
 The reduced dynamics has no contact force, and the closed form no path to look at.
 """
@@ -235,6 +260,7 @@ SUMMARY: tuple[pa.Field, ...] = (
             ("SS", "type SS"),
             ("SW", "type SW"),
             ("unclassified", "unclassified"),
+            ("D", "type D (null without dissipation)"),
         )
     ),
     field(

@@ -1,8 +1,9 @@
-"""Types of runs: R, SS, SW, unclassified (the paper, "Steady initial spin direction").
+"""Types of runs: R, SS, SW, unclassified (the paper, "Steady initial spin direction"), and D.
 
 R: the spin reached zero by the horizon.  Otherwise SS: the amplitude of the relevant oscillation
 decayed monotonically.  Otherwise SW: the spin left its plateau.  Otherwise unclassified: the
-oscillation grew, yet the spin had not visibly changed.
+oscillation grew, yet the spin had not visibly changed.  With dissipation what would be one of these
+three is D, dead, once so little energy is left that nothing more will come of it.
 
 Both questions are answered from two stored numbers, so that runs can be typed again without
 integrating: ``amp_growth``, the largest ratio of the amplitude in a window to its smallest value in
@@ -22,8 +23,8 @@ if TYPE_CHECKING:
 
     from rattlesweep.sweeps.config.schema import Classify
 
-TYPES = ("R", "SS", "SW", "unclassified")
-R, SS, SW, UNCLASSIFIED = range(4)
+TYPES = ("R", "SS", "SW", "unclassified", "D")
+R, SS, SW, UNCLASSIFIED, DEAD = range(5)
 
 
 def classify(
@@ -32,20 +33,24 @@ def classify(
     amp_growth: NDArray[np.float64],
     n_departure: NDArray[np.float64],
     thresholds: Classify,
+    energy_left: NDArray[np.float64] | None = None,
 ) -> NDArray[np.int8]:
     """Codes of the types, places in :data:`TYPES`; -1 where a run is not ok.
 
     `ok` tells whether the status of the run is, the others are the columns of these names, NaN for
-    null.  A run too short for two windows has no ``amp_growth`` and cannot be SS.
+    null; without dissipation there is no `energy_left`.  A run too short for two windows has no
+    ``amp_growth`` and cannot be SS.
     """
+    dead = np.zeros(ok.shape, bool) if energy_left is None else energy_left < thresholds.dead_energy
     codes = np.select(
         [
             ~ok,
             np.isfinite(t_r),
+            dead,
             amp_growth <= thresholds.ss_growth,
             n_departure > thresholds.sw_departure,
         ],
-        [-1, R, SS, SW],
+        [-1, R, DEAD, SS, SW],
         UNCLASSIFIED,
     )
     return codes.astype(np.int8)
@@ -72,7 +77,9 @@ def sure_types(
     leaves = np.abs(departure - thresholds.sw_departure) > departure_error
     # A spin that comes near zero may cross it.
     stays = 1.0 - departure > departure_error
-    sure = np.where(codes == R, reversal_sure, stays & apart & ((codes == SS) | leaves))
+    # The dead stay dead: their share of the energy is far smoother than their phases.
+    others = (codes == DEAD) | (apart & ((codes == SS) | leaves))
+    sure = np.where(codes == R, reversal_sure, stays & others)
     return sure & (codes >= 0)
 
 
@@ -82,7 +89,8 @@ def typed(rows: pa.Table, thresholds: Classify) -> pa.Array:
     t_r, growth, departure = (
         rows.column(name).to_numpy() for name in ("t_r", "amp_growth", "n_departure")
     )
-    codes = classify(ok, t_r, growth, departure, thresholds)
+    left = rows.column("energy_left").to_numpy() if "energy_left" in rows.schema.names else None
+    codes = classify(ok, t_r, growth, departure, thresholds, left)
     indices = pa.array(codes, mask=codes < 0)
     return pa.DictionaryArray.from_arrays(indices, pa.array(TYPES)).cast(pa.string())
 

@@ -1,0 +1,232 @@
+"""What a real stone adds to :mod:`rattlesweep.physics.full`: an ellipsoid below, and friction.
+
+The ellipsoid has the vertical semi-axis ``c`` and at its bottom the curvatures ``theta, phi``, so
+that its horizontal semi-axes are ``sqrt(c/theta)`` and ``sqrt(c/phi)``; its centre lies ``c`` above
+the lowest point.  Where its normal is ``-u`` it touches; with ``B = 1 + C``, ``s = (p, q).B(p, q)``
+
+    r = (e B(p, q), 1 - c (1 - e)),    e = 1 / sqrt(1 + s / c),
+
+which for ``1/c = 0`` is the paraboloid's.  The bodies' constant is ``k = 1/c``.
+
+Friction are two couples.  One is ``-sigma omega`` (Kane and Levinson 1982, Eq. 33), in
+``M a^2 sqrt(g/a)``.  The other is the rolling resistance ``-lever F_n omega_t / |omega_t|`` against
+the part of ``omega`` in the plane, with the normal force ``F_n`` and a lever in units of ``a``; its
+direction turns within :data:`SMOOTHING` of rest, ``1 / |omega_t|`` being
+``1 / sqrt(omega_t^2 + SMOOTHING^2)``.  Their work is a sixth variable, so that energy minus work is
+what is conserved.
+
+Functions marked as templates call by global names what is a surface's own;
+:mod:`rattlesweep.integrate.model` binds them for each.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rattlesweep.physics import full
+from rattlesweep.physics.full import paraboloid, scalar, slope_rate, turning
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+N_CONSTANTS = 7
+N_FRICTION_STATE = 6
+N_FRICTION_CONSTANTS = 10
+
+SMOOTHING = 1e-4
+"""Angular velocity below which rolling resistance becomes viscous, in ``sqrt(g/a)``."""
+
+
+def inverse_semi_axis(c: ArrayLike | None) -> NDArray[np.float64]:
+    """``1/c``; 0 for a paraboloid, whose ``c`` is None or NaN."""
+    values = np.asarray(np.nan if c is None else c, dtype=np.float64)
+    found: NDArray[np.float64] = np.where(np.isnan(values), 0.0, 1.0 / values)
+    return found
+
+
+@scalar
+def ellipsoid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k):  # type: ignore[no-untyped-def]
+    """How the ellipsoid touches the plane; as :func:`rattlesweep.physics.full.paraboloid`.
+
+    ``less`` is ``1 - e = k rise``, and ``fall`` its rate.
+    """
+    gx = cxx * p + cxy * q
+    gy = cxy * p + cyy * q
+    x0 = p + gx
+    y0 = q + gy
+    s = x0 * p + y0 * q
+    rho = sqrt(1.0 + k * s)
+    # Two divisions and not one, as what waits for them waits less; so does the time of a step.
+    e = 1.0 / rho
+    rise = s / (rho + rho * rho)
+    less = k * rise
+    fx = e * gx - less * p
+    fy = e * gy - less * q
+    fall = k * e * e * e * (x0 * dp + y0 * dq)
+    wx = fy * c + rise * b + p * m + less * dp + fall * x0 - e * (cxx * dp + cxy * dq)
+    wy = q * m - rise * a - fx * c + less * dq + fall * y0 - e * (cxy * dp + cyy * dq)
+    wz = c * (fx * q - fy * p) - s * (e * m + fall)
+    return fx, fy, rise, wx, wy, wz, -1.0 / sqrt(1.0 + p * p + q * q)
+
+
+@scalar
+def rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):  # type: ignore[no-untyped-def]
+    """Time derivative of the state of an ellipsoid without friction."""
+    dp, dq, m = slope_rate(p, q, a, b, c)
+    fx, fy, rise, wx, wy, wz, uz = ellipsoid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k)
+    da, db, dc = turning(
+        p, q, a, b, c, ix, iy, iz, 0.0, 0.0, 0.0, fx, fy, rise, wx, wy, wz, uz
+    )  # fmt: skip
+    return dp, dq, da, db, dc
+
+
+@scalar
+def energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):  # type: ignore[no-untyped-def]
+    """Energy of an ellipsoid; as :func:`rattlesweep.physics.full.energy`."""
+    gx = cxx * p + cxy * q
+    gy = cxy * p + cyy * q
+    tilt = p * p + q * q
+    s = tilt + gx * p + gy * q
+    rho = sqrt(1.0 + k * s)
+    half = s / (1.0 + rho)
+    x = (p + gx) / rho
+    y = (q + gy) / rho
+    z = 1.0 - half / rho
+    vx = y * c - z * b
+    vy = z * a - x * c
+    vz = x * b - y * a
+    root = sqrt(1.0 + tilt)
+    lift = tilt / (1.0 + root)
+    potential = 0.5 * (gx * p + gy * q + lift * lift - k * half * half) / root
+    return 0.5 * (ix * a * a + iy * b * b + iz * c * c + vx * vx + vy * vy + vz * vz) + potential
+
+
+@scalar
+def force(p, q, a, b, c, da, db, dc, fx, fy, rise, wx, wy, wz, uz):  # type: ignore[no-untyped-def]
+    """Contact force (Eq. em-1) along the vertical and in the plane.
+
+    ``dr/dt = v - w`` with the velocity ``v = r x omega`` of the centre of mass.
+    """
+    x = p + fx
+    y = q + fy
+    z = 1.0 - rise
+    vx = y * c - z * b
+    vy = z * a - x * c
+    vz = x * b - y * a
+    xd = vx - wx
+    yd = vy - wy
+    zd = vz - wz
+    gx = (yd * c - zd * b) + (y * dc - z * db) + (b * vz - c * vy)
+    gy = (zd * a - xd * c) + (z * da - x * dc) + (c * vx - a * vz)
+    gz = (xd * b - yd * a) + (x * db - y * da) + (a * vy - b * vx)
+    ux = p * uz
+    uy = q * uz
+    lift = gx * ux + gy * uy + gz * uz
+    hx = gx - lift * ux
+    hy = gy - lift * uy
+    hz = gz - lift * uz
+    return 1.0 + lift, sqrt(hx * hx + hy * hy + hz * hz)
+
+
+@scalar
+def contact_force(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):  # type: ignore[no-untyped-def]
+    """Contact force of an ellipsoid; as :func:`rattlesweep.physics.full.contact_force`."""
+    dp, dq, da, db, dc = rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k)
+    m = p * b - q * a
+    fx, fy, rise, wx, wy, wz, uz = ellipsoid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k)
+    return force(p, q, a, b, c, da, db, dc, fx, fy, rise, wx, wy, wz, uz)
+
+
+@scalar
+def flat(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k):  # type: ignore[no-untyped-def]
+    """The paraboloid as a surface of these templates: it has no use for ``k``."""
+    return paraboloid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy)
+
+
+@scalar
+def flat_energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):  # type: ignore[no-untyped-def]
+    """Energy of the paraboloid, with ``k`` of which it has no use."""
+    return full.energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy)
+
+
+# Bound for each surface: how it touches, its energy without the work, and its right-hand sides.
+surface = ellipsoid
+surface_energy = energy
+
+
+def viscous_rhs(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):  # type: ignore[no-untyped-def]
+    """Time derivative of the state and the work under ``-sigma omega`` alone; a template."""
+    dp, dq, m = slope_rate(p, q, a, b, c)
+    fx, fy, rise, wx, wy, wz, uz = surface(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k)
+    lx = -sigma * a
+    ly = -sigma * b
+    lz = -sigma * c
+    da, db, dc = turning(p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz, uz)
+    return dp, dq, da, db, dc, lx * a + ly * b + lz * c
+
+
+def rolling_rhs(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):  # type: ignore[no-untyped-def]
+    """The same under both couples; a template.
+
+    The rolling resistance depends on the normal force, and this on the acceleration.  Both are
+    linear: with the matrix ``J`` of Eq. diff-omega and ``h`` the resistance's direction,
+    ``domega/dt`` without it is corrected by ``-lever F_n J^-1 h``.
+    """
+    dp, dq, m = slope_rate(p, q, a, b, c)
+    fx, fy, rise, wx, wy, wz, uz = surface(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k)
+    lx = -sigma * a
+    ly = -sigma * b
+    lz = -sigma * c
+    da, db, dc = turning(p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz, uz)
+    normal, _ = force(p, q, a, b, c, da, db, dc, fx, fy, rise, wx, wy, wz, uz)
+    ux = p * uz
+    uy = q * uz
+    n = ux * a + uy * b + uz * c
+    hx = a - n * ux
+    hy = b - n * uy
+    hz = c - n * uz
+    square = hx * hx + hy * hy + hz * hz
+    size = sqrt(square + eps * eps)
+    hx = hx / size
+    hy = hy / size
+    hz = hz / size
+    x = p + fx
+    y = q + fy
+    z = 1.0 - rise
+    r2 = x * x + y * y + z * z
+    mx = 1.0 / (ix + r2)
+    my = 1.0 / (iy + r2)
+    mz = 1.0 / (iz + r2)
+    # 1 - r.D^-1 r, without cancellation.
+    left = (x * x * ix * mx + y * y * iy * my + z * z * iz * mz) / r2
+    s = (x * mx * hx + y * my * hy + z * mz * hz) / left
+    jx = mx * (hx + x * s)
+    jy = my * (hy + y * s)
+    jz = mz * (hz + z * s)
+    change = ux * (y * jz - z * jy) + uy * (z * jx - x * jz) + uz * (x * jy - y * jx)
+    normal = normal / (1.0 + lever * change)
+    # A plane that would have to pull does not resist.
+    moment = 0.5 * lever * (normal + abs(normal))
+    power = lx * a + ly * b + lz * c - moment * square / size
+    return dp, dq, da - moment * jx, db - moment * jy, dc - moment * jz, power
+
+
+friction_rhs: Any = viscous_rhs
+
+
+def balance(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):  # type: ignore[no-untyped-def]
+    """Energy minus work, which is conserved; a template."""
+    return surface_energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k) - work
+
+
+def friction_force(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):  # type: ignore[no-untyped-def]
+    """Contact force with friction; a template."""
+    dp, dq, da, db, dc, _ = friction_rhs(
+        p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps
+    )  # fmt: skip
+    m = p * b - q * a
+    fx, fy, rise, wx, wy, wz, uz = surface(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k)
+    return force(p, q, a, b, c, da, db, dc, fx, fy, rise, wx, wy, wz, uz)

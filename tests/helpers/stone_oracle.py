@@ -1,0 +1,128 @@
+"""Ellipsoid and friction straight from mechanics, NumPy and SciPy only: vectors and matrices.
+
+Nothing here imports `rattlesweep`.  Unknown are the angular acceleration and the contact force;
+Newton's law for the centre of mass, Euler's about it, and the condition that the body rolls
+give six linear equations for them.  Units M = a = g = 1; the state is ``(u, omega, work)``,
+body-fixed components, ``z`` down at rest.
+"""
+
+import math
+
+import numpy as np
+import oracle
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+SMOOTHING = 1e-4
+
+
+def matrix_of(v):
+    """The matrix of ``v x``."""
+    x, y, z = v
+    return np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+
+
+def ellipsoid_of(body):
+    """Centre and matrix ``E`` of the ellipsoid ``x.E^-1 x = 1``, from its semi-axes."""
+    c = oracle.get(body, "c")
+    turn = np.eye(3)
+    turn[:2, :2] = oracle.rotation(oracle.get(body, "xi"))
+    squares = c / oracle.get(body, "theta"), c / oracle.get(body, "phi"), c**2
+    return np.array([0, 0, 1 - c]), turn @ np.diag(squares) @ turn.T
+
+
+def contact(u, du, body):
+    """The contact point from the centre of mass, and its rate in the body's frame."""
+    if body.get("c") is None:
+        return oracle.contact_point(u, body), oracle.contact_point_dot(u, du, body)
+    centre, e = ellipsoid_of(body)
+    # The outward normal at the contact points down.
+    s = np.sqrt(u @ e @ u)
+    return centre - e @ u / s, -e @ du / s + e @ u * (u @ e @ du) / s**3
+
+
+def forces(y, body, sigma=0.0, rolling=0.0):
+    """Angular acceleration, contact force, and the power of the friction."""
+    u, w = y[:3], y[3:6]
+    r, dr = contact(u, np.cross(u, w), body)
+    inertia = oracle.inertia(body)
+    across = w - (u @ w) * u
+    direction = across / np.sqrt(across @ across + SMOOTHING**2)
+    left, right = np.zeros((6, 6)), np.zeros(6)
+    # dv/dt of v = r x omega in space is F - u.
+    left[:3, :3], left[:3, 3:] = matrix_of(r), -np.eye(3)
+    right[:3] = -u - np.cross(dr, w) - np.cross(w, np.cross(r, w))
+    # I domega/dt + omega x I omega = r x F - sigma omega - rolling (F.u) direction
+    left[3:, :3] = inertia
+    left[3:, 3:] = -matrix_of(r) + rolling * np.outer(direction, u)
+    right[3:] = -np.cross(w, inertia @ w) - sigma * w
+    found = np.linalg.solve(left, right)
+    force = found[3:]
+    if rolling and force @ u < 0:
+        # A plane that would have to pull does not resist.
+        return forces(y, body, sigma)
+    power = -sigma * (w @ w) - rolling * (force @ u) * (direction @ w)
+    return found[:3], force, power
+
+
+def rhs(t, y, body, sigma=0.0, rolling=0.0):
+    """Rates of ``u, omega`` and the work."""
+    acceleration, _, power = forces(y, body, sigma, rolling)
+    return np.concatenate([np.cross(y[:3], y[3:6]), acceleration, [power]])
+
+
+def energy(y, body):
+    """Kinetic and potential energy, the latter 0 upright."""
+    u, w = y[:3], y[3:6]
+    r, _ = contact(u, np.zeros(3), body)
+    v = np.cross(r, w)
+    return 0.5 * (v @ v + w @ oracle.inertia(body) @ w) - r @ u - 1
+
+
+def follow(body, u, omega, t_end, sigma=0.0, rolling=0.0, tol=1e-13):
+    """SciPy's solution from a state, with dense output."""
+    y0 = np.concatenate([u, omega, [0.0]])
+    return solve_ivp(rhs, (0, t_end), y0, "DOP853", dense_output=True, rtol=tol, atol=1e-3 * tol,
+                     args=(body, sigma, rolling))  # fmt: skip
+
+
+def first_zero(found, value, samples=40_000):
+    """The first zero of a function of the state along a solution, None if there is none."""
+    times = np.linspace(0, found.t[-1], samples)
+    values = np.array([value(y) for y in found.sol(times).T])
+    changes = np.flatnonzero(values[1:] * values[:-1] < 0)
+    if not changes.size:
+        return None
+    a, b = times[changes[0]], times[changes[0] + 1]
+    return brentq(lambda t: value(found.sol(t)), a, b, xtol=1e-15)
+
+
+KL_SEMI_AXES, KL_HEIGHT = (0.2, 0.03, 0.02), 0.01  # m
+KL_INERTIA = np.array([[2, -0.2, 0], [-0.2, 16, 0], [0, 0, 17]]) * 1e-4  # kg m^2, mass 1 kg
+KL_GRAVITY, KL_TILT = 9.81, math.radians(0.5)
+
+
+def kane_levinson(omega_3, sigma=0.0, t_end=12.0):
+    """Kane and Levinson's own body, frame and units (m, kg, s): their six variables.
+
+    Axis 1 is long, 3 points down, and the tilts are about 1 and 2 (their Eq. 37).  Gives the first
+    zeros of the vertical component of the angular velocity and of its component 3, in s.
+    """
+    e, tilt = np.diag(np.square(KL_SEMI_AXES)), KL_TILT
+    centre = np.array([0, 0, KL_HEIGHT - KL_SEMI_AXES[2]])
+
+    def rates(t, y):
+        u, w = y[:3], y[3:]
+        du = np.cross(u, w)
+        s = np.sqrt(u @ e @ u)
+        r, dr = centre - e @ u / s, -e @ du / s + e @ u * (u @ e @ du) / s**3
+        left = KL_INERTIA + matrix_of(r).T @ matrix_of(r)
+        # Angular momentum about the contact, with the force of the plane eliminated.
+        push = np.cross(dr, w) + np.cross(w, np.cross(r, w)) + KL_GRAVITY * u
+        right = np.cross(r, push) - np.cross(w, KL_INERTIA @ w) - sigma * w
+        return np.concatenate([du, np.linalg.solve(left, right)])
+
+    down = np.array([-math.cos(tilt) * math.sin(tilt), math.sin(tilt), math.cos(tilt) ** 2])
+    found = solve_ivp(rates, (0, t_end), [*-down, 0, 0, omega_3], "DOP853", dense_output=True,
+                      rtol=1e-13, atol=1e-15)  # fmt: skip
+    return first_zero(found, lambda y: y[:3] @ y[3:]), first_zero(found, lambda y: y[5])

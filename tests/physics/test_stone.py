@@ -1,0 +1,174 @@
+"""Ellipsoid and friction against mechanics written out, and against what they come from."""
+
+import math
+
+import numpy as np
+import pytest
+import stone_oracle
+from exact import exactly
+from mpmath import mp
+
+import rattlesweep as rs
+from rattlesweep.integrate.model import ELLIPSOID, FRICTION, FULL
+from rattlesweep.physics import full, steady, stone, theory
+from rattlesweep.physics.body import PARAMETERS, shell_dumbbell
+
+MODELS = [ELLIPSOID, *FRICTION.values()]
+
+
+def random_bodies(count, seed):
+    """Bodies, states and losses: every fourth a paraboloid."""
+    rng = np.random.default_rng(seed)
+    for k in range(count):
+        gamma, f_sd = rng.uniform(3, 20), rng.uniform(0.05, 0.3)
+        alpha, beta = shell_dumbbell(gamma, f_sd)
+        theta = rng.uniform(0.15, 0.95)
+        body = dict(zip(PARAMETERS, (alpha, beta, gamma, theta, rng.uniform(0.004, 0.8) * theta,
+                                     -math.radians(rng.uniform(0.1, 9))), strict=True))  # fmt: skip
+        body["c"] = None if k % 4 == 0 else theta * (1 + rng.lognormal(0, 1.5))
+        tilt, turn = rng.uniform(0, 0.3), rng.uniform(0, 2 * math.pi)
+        u = np.array([math.sin(tilt) * math.cos(turn), math.sin(tilt) * math.sin(turn),
+                      -math.cos(tilt)])  # fmt: skip
+        yield body, u, rng.normal(0, 0.4, 3), rng.uniform(0, 0.1), rng.uniform(0, 0.01)
+
+
+def constants_of(model, body, sigma=0.0, rolling=0.0):
+    """What a kernel of the model takes of a body."""
+    shape = full.constants(*(body[name] for name in PARAMETERS))
+    k = stone.inverse_semi_axis(body["c"])
+    return [*shape, k, sigma, rolling, stone.SMOOTHING][: model.n_constants]
+
+
+def of_model(model, body, sigma, rolling):
+    """What is left of a scene in a model that does not have all of it."""
+    flat = model.name.startswith("full")
+    sigma = 0.0 if model is ELLIPSOID else sigma
+    return body | {"c": None if flat else body["c"]}, sigma, (
+        rolling if model.name.endswith("rolling") else 0.0
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
+def test_equations_are_those_of_mechanics(model):
+    for body, u, omega, sigma, rolling in random_bodies(300, 1):
+        body, sigma, rolling = of_model(model, body, sigma, rolling)
+        y = np.concatenate([u, omega, [0.0]])
+        state = [*full.from_vectors(u, omega), 0.3][: model.n_state]
+        q = constants_of(model, body, sigma, rolling)
+        wanted, force, power = stone_oracle.forces(y, body, sigma, rolling)
+        got = model.rhs(*state, *q)
+        scale = 1 + np.abs(wanted).max()
+        np.testing.assert_allclose(got[2:5], wanted, rtol=0, atol=2e-12 * scale)
+        p, q_slope = state[:2]
+        du = np.cross(u, omega)
+        slope = (du[:2] * u[2] - u[:2] * du[2]) / u[2] ** 2
+        np.testing.assert_allclose(got[:2], slope, rtol=0, atol=1e-13 * (1 + abs(slope).max()))
+        normal, tangential = model.contact(*state, *q)
+        assert normal == pytest.approx(force @ u, abs=1e-11 * scale)
+        across = np.linalg.norm(force - (force @ u) * u)
+        assert tangential == pytest.approx(across, abs=1e-11 * scale)
+        work = 0.3 if model.n_state == 6 else 0.0
+        total = stone_oracle.energy(y, body) - work
+        assert model.energy(*state, *q) == pytest.approx(total, abs=1e-13 * (1 + abs(total)))
+        if model.n_state == 6:
+            assert got[5] == pytest.approx(power, rel=1e-10, abs=1e-13)
+        fx, fy, rise, *_ = model.touch(
+            p, q_slope, *omega, *got[:2], p * omega[1] - q_slope * omega[0], *q[3 : 3 + 4]
+        )
+        r, _ = stone_oracle.contact(u, du, body)
+        np.testing.assert_allclose([p + fx, q_slope + fy, 1 - rise], r, atol=1e-12)
+
+
+def test_the_paraboloid_is_the_limit_of_high_ellipsoids():
+    """The difference falls as 1/c, and at 1/c = 0 nothing is left of it."""
+    for body, u, omega, *_ in random_bodies(40, 2):
+        state = full.from_vectors(u, omega)
+        wanted = np.array(full.rhs(*state, *constants_of(FULL, body)))
+        limit = np.array(stone.rhs(*state, *constants_of(ELLIPSOID, body | {"c": None})))
+        np.testing.assert_allclose(limit, wanted, rtol=1e-11, atol=1e-13)
+        off = [
+            np.abs(stone.rhs(*state, *constants_of(ELLIPSOID, body | {"c": c})) - wanted).max()
+            for c in (1e4, 1e5)
+        ]
+        assert off[0] / off[1] == pytest.approx(10, rel=0.05)
+
+
+@pytest.mark.parametrize("sigma", [0.0, 0.05])
+def test_the_steady_spin_sees_the_curvatures_alone(sigma):
+    """The linear system of an ellipsoid is the paraboloid's, whatever c; 60 digits."""
+    model = FRICTION["ellipsoid", "viscous"]
+    rhs = exactly(model.rhs)
+    h = mp.mpf(10) ** -20
+    for body, *_ in random_bodies(8, 3):
+        for n in (-0.7, 0.2):
+            constants = constants_of(model, body | {"c": 1.1}, sigma)
+            wanted = steady.matrix(np.array(constants[:6]), n, sigma)
+            with mp.workdps(60):
+                exact = [mp.mpf(float(x)) for x in constants]
+                for column in range(4):
+                    ends = []
+                    for sign in (1, -1):
+                        state = [mp.mpf(0)] * 4 + [-mp.mpf(n), mp.mpf(0)]
+                        state[column] = sign * h
+                        ends.append(rhs(*state, *exact))
+                    slope = [float((a - b) / (2 * h)) for a, b in zip(*ends, strict=True)]
+                    np.testing.assert_allclose(slope[:4], wanted[:, column], rtol=1e-12, atol=1e-12)
+                upright = rhs(*[mp.mpf(0)] * 4, -mp.mpf(n), mp.mpf(0), *exact)
+            # An upright spin falls at the rate sigma / gamma.
+            assert float(upright[4]) == pytest.approx(sigma * n / body["gamma"], rel=1e-14)
+
+
+def test_damping_rates_are_those_of_the_linear_system_without_spin():
+    for body, *_ in random_bodies(40, 4):
+        a, b, _, t, f, x = (body[name] for name in PARAMETERS)
+        modes = theory.modes(a, b, t, f, x)
+        constants = full.constants(*(body[name] for name in PARAMETERS))
+        damping = theory.damping_rates(a, b, modes, 1e-6)
+        growth = steady.growth(constants, 0.0, 1e-6)
+        np.testing.assert_allclose(damping, -np.array(growth), rtol=1e-4)
+
+
+def test_spin_of_least_growth():
+    """At the spin where growth and damping balance, for small spins, the exact rate is zero."""
+    body = rs.Rattleback.gh()
+    modes = theory.modes(body.alpha, body.beta, body.theta, body.phi, body.xi)
+    constants = full.constants(*(getattr(body, name) for name in PARAMETERS))
+    for sigma in (1e-2, 1e-3):
+        pitch, roll = theory.damping_rates(body.alpha, body.beta, modes, sigma)
+        for spin, which in ((2 * pitch / modes.K_p, 0), (-2 * roll / modes.K_r, 1)):
+            rate = steady.growth(constants, spin, sigma)[which]
+            assert abs(rate) < 0.5 * sigma * (pitch, roll)[which]
+
+
+def test_kane_and_levinsons_body():
+    body = rs.Rattleback.kl()
+    axes = np.linalg.eigvalsh(stone_oracle.KL_INERTIA) / 1e-4
+    rounded = (17, 3, 17, 0.2222, 0.005, -0.01428)
+    for name, value in zip(PARAMETERS, rounded, strict=True):
+        assert getattr(body, name) == pytest.approx(value, rel=2e-3)
+    # Axes 1, 2, 3 are long, broad and high.
+    assert [body.beta - 1, body.alpha - 1, body.gamma] == pytest.approx(axes, rel=1e-14)
+    height = stone_oracle.KL_HEIGHT
+    long, broad, high = (axis / height for axis in stone_oracle.KL_SEMI_AXES)
+    assert body.c == pytest.approx(high)
+    assert (body.theta, body.phi) == pytest.approx((high / broad**2, high / long**2), rel=1e-14)
+
+
+def kl_state(omega_3):
+    """Kane and Levinson's launch in the package's frame and units: ``u``, ``omega``, a second."""
+    tilt = stone_oracle.KL_TILT
+    values, vectors = np.linalg.eigh(stone_oracle.KL_INERTIA)
+    assert values[2] > values[1] > values[0]
+    x = vectors[:, 1] * np.sign(vectors[1, 1])
+    z = np.array([0, 0, 1.0])
+    frame = np.array([x, np.cross(z, x), z])
+    down = np.array([-math.cos(tilt) * math.sin(tilt), math.sin(tilt), math.cos(tilt) ** 2])
+    second = math.sqrt(stone_oracle.KL_GRAVITY / stone_oracle.KL_HEIGHT)
+    return frame @ -down, frame @ [0, 0, omega_3 / second], second
+
+
+def test_kane_and_levinsons_run_in_their_own_frame():
+    """The oracle in kg, m, s has the published first zeros of the vertical spin and of omega_3."""
+    spin, third = stone_oracle.kane_levinson(-5.0, t_end=3.0)
+    assert spin == pytest.approx(2.684647045, abs=1e-8)
+    assert third == pytest.approx(2.352730997, abs=1e-8)
