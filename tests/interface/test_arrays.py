@@ -19,7 +19,7 @@ BODIES = [
     GH.mirrored(),
     rs.Rattleback.shell_dumbbell(gamma=10, f_sd=0.1, theta=0.8, phi=0.05, xi=-0.05),
 ]
-FRAME = pd.DataFrame([vars(body) for body in BODIES], index=["gh", "mirror", "sd"])
+FRAME = pd.DataFrame([vars(body) for body in BODIES], ["gh", "mirror", "sd"])[list(PARAMETERS)]
 
 
 def row_of(run: rs.Run) -> dict[str, Any]:

@@ -194,7 +194,7 @@ def test_the_summary_of_a_sweep_under_way(sd: rs.Sweep, tmp_path: Path):
 # ------------------------------------------------------------------ bodies from memory
 
 
-BODIES = pd.DataFrame([vars(GH)] * 3).assign(theta=[0.6, 0.7, 0.8])
+BODIES = pd.DataFrame([vars(GH)] * 3)[PARAMETERS].assign(theta=[0.6, 0.7, 0.8])
 KEYS: dict[str, Any] = {"spin": {"n_i": [0.2], "omega_xy0": 0.1}, "horizon": {"t": 30}}
 
 
@@ -213,6 +213,9 @@ def test_a_sweep_of_a_table_in_memory(tmp_path: Path, monkeypatch):
     with pytest.raises(rs.ConfigError, match="another config"):
         rs.sweep(BODIES.assign(phi=0.04), output=output, **KEYS)
     assert len(list(output.glob("bodies-*.parquet"))) == 1
+    # A column of what these bodies have not says nothing.
+    whole = rs.sweep(BODIES.assign(c=np.nan), output=tmp_path / "c", threads=1, **KEYS)
+    pd.testing.assert_frame_equal(whole.read(list(alone)), alone)
     # The directory has all it needs, wherever it is.
     moved = output.rename(tmp_path / "moved")
     monkeypatch.chdir(tmp_path)

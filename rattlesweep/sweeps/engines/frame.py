@@ -17,7 +17,7 @@ from rattlesweep.sweeps.store.atomic import replace_file
 from rattlesweep.sweeps.store.output import examine
 from rattlesweep.sweeps.store.store import Store
 from rattlesweep.sweeps.tables.arrow import ContentHash, build_table, encode
-from rattlesweep.sweeps.tables.columns import STATE, runs_schema
+from rattlesweep.sweeps.tables.columns import RUNS, STATE
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -45,7 +45,7 @@ def keep_bodies(
     if "bodies" in keys:
         raise ConfigError("bodies: the DataFrame gives them already; leave the key out")
     columns = columns_of(bodies, "bodies")
-    fields = {column.name: column for column in runs_schema(extra=STATE)}
+    fields = {column.name: column for part in (*RUNS.values(), STATE) for column in part}
     schema = pa.schema([fields[name].with_nullable(True) for name in COLUMNS if name in columns])
     table = build_table(columns, schema)
     digest = ContentHash(schema)
