@@ -40,8 +40,8 @@ from rattlesweep.sweeps.blocks.error import (
 )
 from rattlesweep.sweeps.blocks.rows import take
 from rattlesweep.sweeps.cases.plan import make_plan
+from rattlesweep.sweeps.config.integrator import Integrator
 from rattlesweep.sweeps.config.load import load_config
-from rattlesweep.sweeps.config.schema import Integrator
 from rattlesweep.sweeps.tables.types import classify, sure_types
 
 if TYPE_CHECKING:

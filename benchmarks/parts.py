@@ -33,8 +33,8 @@ from rattlesweep.physics.steady import steady_modes
 from rattlesweep.sweeps.blocks.block import finish_block, run_batch
 from rattlesweep.sweeps.cases.launches import full_batch, prepare, reduced_batch
 from rattlesweep.sweeps.cases.plan import make_plan
+from rattlesweep.sweeps.config.integrator import Integrator
 from rattlesweep.sweeps.config.load import load_config
-from rattlesweep.sweeps.config.schema import Integrator
 from rattlesweep.sweeps.store.store import Store
 from rattlesweep.sweeps.tables.arrow import build_table
 from rattlesweep.sweeps.tables.columns import runs_schema

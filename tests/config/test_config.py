@@ -15,6 +15,7 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.defaults import MAX_STEPS
 from rattlesweep.sweeps.config.bodies import GridSource, SdSource
 from rattlesweep.sweeps.config.fields import Base
+from rattlesweep.sweeps.config.integrator import ACCURACIES, Integrator
 from rattlesweep.sweeps.config.load import (
     config_json_schema,
     differences,
@@ -23,7 +24,7 @@ from rattlesweep.sweeps.config.load import (
     physics_hash,
     resolved,
 )
-from rattlesweep.sweeps.config.schema import ACCURACIES, Config, Integrator
+from rattlesweep.sweeps.config.schema import Config
 
 EXAMPLE = """\
 name: steady-kr-quick

@@ -25,8 +25,8 @@ from rattlesweep.study.onerun.channels import choose
 from rattlesweep.study.onerun.figure import CURVES, SHOWN
 from rattlesweep.study.plots.registry import KINDS
 from rattlesweep.sweeps.cases.plan import make_plan
+from rattlesweep.sweeps.config.integrator import ACCURACIES
 from rattlesweep.sweeps.config.load import config_json_schema, parse_config
-from rattlesweep.sweeps.config.schema import ACCURACIES
 from rattlesweep.sweeps.tables.columns import RECORD_PARTS
 
 HEAVY = ("numpy", "numba", "scipy", "pandas", "pyarrow", "pydantic", "tqdm", "matplotlib")

@@ -136,7 +136,7 @@ class Map(Counted):
         if isinstance(bodies, GridSource) and bodies.refine is not None:
             for row in np.ndindex(*code.shape[2:]):
                 here = (slice(None), slice(None), *row)
-                code[here], ratio[here] = _inferred(code[here], ratio[here])
+                code[here], ratio[here] = inferred(code[here], ratio[here])
         return code, ratio
 
     def boundaries(self) -> list[Boundaries]:
@@ -209,8 +209,10 @@ class Map(Counted):
         legend_above(figure, handles, 1.9)
 
 
-def _inferred(code: Integers, ratio: Floats) -> tuple[Integers, Floats]:
-    """Types and ratios with those of the nearest run, or between runs, where none was done."""
+def inferred(code: Integers, ratio: Floats) -> tuple[Integers, Floats]:
+    """Types and ratios of a plane, with those of the nearest run, or of a line between runs, where
+    none was done.
+    """
     from scipy.interpolate import LinearNDInterpolator
     from scipy.ndimage import distance_transform_edt
 

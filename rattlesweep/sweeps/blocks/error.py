@@ -45,7 +45,8 @@ if TYPE_CHECKING:
 
     from rattlesweep.integrate.model import Model
     from rattlesweep.integrate.tableau import Tableau
-    from rattlesweep.sweeps.config.schema import Config, Integrator
+    from rattlesweep.sweeps.config.integrator import Integrator
+    from rattlesweep.sweeps.config.schema import Config
 
     Floats = NDArray[np.float64]
     Flags = NDArray[np.bool_]

@@ -17,6 +17,7 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.physics.body import PARAMETERS, PRESETS, shell_dumbbell, violations
 from rattlesweep.sweeps.cases.sampler import bodies_of, draw_bodies
 from rattlesweep.sweeps.config.bodies import (
+    GROUP,
     GridSource,
     PresetBase,
     PresetSource,
@@ -120,7 +121,9 @@ class SdBodies:
         self._ranges = np.array(ends if source.c is None else [*ends, source.c])
         self._target = source.target
         # All cases share the points of group 0: with targets, there are random bodies only.
-        self._sequence = _sequence(len(self._ranges), seed) if source.draw == "sobol" else None
+        self._designed = source.draw == "saltelli"
+        dimensions = len(self._ranges) * (1 + self._designed)
+        self._sequence = None if source.draw == "random" else _sequence(dimensions, seed)
         self._chunk = lru_cache(maxsize=64)(self._draw_chunk)
 
     def check_targets(self) -> None:
@@ -153,7 +156,10 @@ class SdBodies:
         samples = np.ascontiguousarray(samples, dtype=np.int64)
         target = self._target
         if self._sequence is not None:
-            return bodies_of(self._sequence.points(samples), self._ranges)
+            points = self._sequence.points(samples // GROUP if self._designed else samples)
+            if self._designed:
+                points = _swapped(points, samples % GROUP)
+            return bodies_of(points, self._ranges)
         if target is None:
             return draw_bodies(self._seed, group, samples, self._ranges)[0]
         value = target.values[group]
@@ -169,6 +175,12 @@ class SdBodies:
                 "or more max_draws"
             )
         return columns
+
+
+def _swapped(points: Floats, which: Integers) -> Floats:
+    """Of points of the shape (2 d, n): the first half, the second, or the first with one of it."""
+    first, second = np.split(points, 2)
+    return np.where((which == 1) | (which == 2 + np.arange(len(first))[:, None]), second, first)
 
 
 def _sequence(dimensions: int, seed: int) -> Sequence:

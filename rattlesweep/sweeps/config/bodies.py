@@ -25,6 +25,9 @@ ELLIPSOIDS = ("KL",)
 """Presets that are ellipsoids."""
 MAX_BODIES = 10**12
 MAX_SOBOL = 2**30
+GROUP = 7
+"""Samples that `draw: saltelli` draws together: at two points, and at the first with each of five
+parameters of the second."""
 REFINED_BY = ("type", "t_r", "n_end", "t_end", "n_steps", "energy_drift", "n_departure",
               "amp_growth", "lyapunov", "contact_ratio_max", "n_reversals")  # fmt: skip
 
@@ -132,9 +135,10 @@ class SdSource(Surfaced):
     """Bodies per case."""
     ranges: SdRanges = Field(default_factory=lambda: SdRanges())
     """Where the parameters are drawn from, uniformly."""
-    draw: Literal["random", "sobol"] = "random"
+    draw: Literal["random", "sobol", "saltelli"] = "random"
     """random: each body by itself; sobol: by a scrambled Sobol' sequence, whose points fill the
-    ranges more evenly, so that shares and means come closer with as many samples."""
+    ranges more evenly, so that shares and means come closer with as many samples; saltelli: seven
+    at a time that differ in one parameter each, for `rattlesweep sensitivity`."""
     target: Target | None = None
     """Keep only bodies with this torque coefficient; null: keep all."""
     c: Annotated[list[fields.C], *fields.number_or_interval()] | None = Field(
@@ -144,14 +148,14 @@ class SdSource(Surfaced):
     @field_validator("draw")
     @classmethod
     def _numbered(cls, draw: str, info: ValidationInfo) -> str:
-        if draw == "sobol" and info.data.get("samples", 0) > MAX_SOBOL:
+        if draw != "random" and info.data.get("samples", 0) > MAX_SOBOL:
             raise ValueError(f"the sequence has {MAX_SOBOL} points; take fewer samples, or random")
         return draw
 
     @field_validator("target")
     @classmethod
     def _redrawn_at_random(cls, target: Target | None, info: ValidationInfo) -> Target | None:
-        if target is not None and info.data.get("draw") == "sobol":
+        if target is not None and info.data.get("draw", "random") != "random":
             raise ValueError(
                 "bodies that are redrawn until they meet a target do not fill the ranges evenly; "
                 "leave out the target, or take draw: random"

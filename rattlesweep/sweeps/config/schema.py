@@ -4,13 +4,11 @@ import math
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Annotated, Any, Literal, NamedTuple, cast, get_args
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import (
-    ConfigDict,
     Discriminator,
     Field,
-    JsonValue,
     PrivateAttr,
     Tag,
     ValidationInfo,
@@ -19,8 +17,6 @@ from pydantic import (
 )
 
 from rattlesweep.errors import ConfigError
-from rattlesweep.integrate.defaults import DT, MAX_STEPS, TOL
-from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.sweeps.config.bodies import GridSource, PresetSource, SdSource, TableSource
 from rattlesweep.sweeps.config.fields import (
     MAX_SPEED,
@@ -32,42 +28,13 @@ from rattlesweep.sweeps.config.fields import (
     UnitVector,
     no_repeats,
 )
-from rattlesweep.sweeps.config.messages import not_one_of
+from rattlesweep.sweeps.config.integrator import Integrator
 from rattlesweep.sweeps.config.places import Places, Problem, dotted
 from rattlesweep.sweeps.config.yamlfile import is_number
 
 MAX_CASES = 100_000
 U_SLACK = 1e-3
 """How far the length of a unit vector may be from 1, as digits are typed."""
-
-
-class Accuracy(NamedTuple):
-    """A method, its tolerance, and the error of t_r that they were measured to give."""
-
-    method: str
-    tol: float
-    median: float
-    p99: float
-
-    @property
-    def words(self) -> str:
-        """The same for people."""
-        return (
-            f"{self.method} at tol {self.tol:.0e}, median error of t_r {self.median:.0e}, "
-            f"99 % of runs within {self.p99:.0e}"
-        )
-
-
-ACCURACIES = {
-    "draft": Accuracy("dop853", 1e-6, 1.4e-7, 7.5e-6),
-    "standard": Accuracy("dop853", TOL, 8.7e-11, 7.6e-9),
-    "reference": Accuracy("verner98", 1e-12, 1.6e-14, 1.3e-12),
-}
-"""Words for how accurate runs shall be.
-
-The errors are relative, and those that ``rattlesweep tradeoff`` finds for the bodies, launches and
-horizons of ``configs/tradeoff.yaml``; they do not depend on the machine.
-"""
 
 
 def _word_or_number(value: Any) -> str:
@@ -84,25 +51,6 @@ Psi = Annotated[
     Discriminator(_word_or_number),
 ]
 Record = Literal["energy", "contact", "windows", "lyapunov", "error", "reversals"]
-
-
-class AccuracyGoal(Base):
-    """The error that the results may have."""
-
-    t_r: float = Field(ge=1e-12, le=1e-3)
-    """Relative error of the times of reversal. Each run is integrated as tightly as it takes until
-    its own estimate is below that; where none is, its t_r_error stays larger."""
-
-
-def _word_or_goal(value: Any) -> str:
-    return "AccuracyGoal" if isinstance(value, dict | AccuracyGoal) else "word"
-
-
-AccuracyWord = Literal["draft", "standard", "reference"]
-WordOrGoal = Annotated[
-    Annotated[AccuracyWord, Tag("word")] | Annotated[AccuracyGoal, Tag("AccuracyGoal")],
-    Discriminator(_word_or_goal),
-]
 
 
 class Spin(Base):
@@ -168,132 +116,6 @@ class Horizon(Base):
         if self.t_rgh is None and self.t is None:
             raise ValueError("neither t_rgh nor t is given; give one of them, or both")
         return self
-
-
-ADAPTIVE: list[JsonValue] = [name for name, tableau in METHODS.items() if tableau.adaptive]
-
-
-def _offer_methods(schema: dict[str, Any]) -> None:
-    schema["enum"] = list(METHODS)
-
-
-class Integrator(Base):
-    """How states move: with error control (tol) or in steps of one size (dt)."""
-
-    model_config = ConfigDict(
-        json_schema_extra={
-            "dependentSchemas": {
-                "accuracy": {
-                    "anyOf": [
-                        {"properties": {"accuracy": {"type": "null"}}},
-                        {"properties": {"method": False, "tol": {"type": "null"},
-                                        "dt": {"type": "null"}}},
-                        {"properties": {"accuracy": {"type": "object"}, "tol": {"type": "null"},
-                                        "method": {"enum": ADAPTIVE}, "dt": {"type": "null"}}},
-                    ]
-                }
-            }
-        }
-    )  # fmt: skip
-
-    method: str = Field(default="dop853", json_schema_extra=_offer_methods)
-    """Name of the method."""
-    accuracy: WordOrGoal | None = Field(
-        default=None,
-        description="Instead of method and tol, which are then those measured to give this "
-        f"accuracy: {'; '.join(f'{name}: {one.words}' for name, one in ACCURACIES.items())}. Or "
-        "instead of tol the error that t_r may have, {t_r: 1.0e-6}; implies record: [error].",
-    )
-    tol: float | None = Field(
-        default=None,
-        ge=1e-15,
-        le=1e-2,
-        validate_default=True,
-        description="Error allowed per step relative to the oscillation, no unit; for adaptive "
-        f"methods only, which take {TOL:g} unless given.",
-    )
-    dt: float | None = Field(
-        default=None,
-        gt=0,
-        validate_default=True,
-        description="Size of a step in sqrt(a/g); for methods of fixed step only, which take "
-        f"{DT:g} unless given.",
-    )
-    max_steps: int = Field(default=MAX_STEPS, ge=1, le=2**62)
-    """Steps after which a run is given up."""
-
-    @property
-    def goal(self) -> float | None:
-        """Relative error that t_r may have, if that is what decides."""
-        return self.accuracy.t_r if isinstance(self.accuracy, AccuracyGoal) else None
-
-    @model_validator(mode="before")
-    @classmethod
-    def _spelled_out(cls, data: Any) -> Any:
-        """Put method and tol in the place of `accuracy`: configs that mean the same are equal."""
-        if not isinstance(data, dict) or "method" in data:
-            return data
-        word = data.get("accuracy")
-        given = [key for key in ("tol", "dt") if data.get(key) is not None]
-        if given or not isinstance(word, str) or word not in ACCURACIES:
-            return data
-        rest = {key: value for key, value in data.items() if key not in ("accuracy", "tol", "dt")}
-        return {"method": ACCURACIES[word].method, "tol": ACCURACIES[word].tol} | rest
-
-    @field_validator("method")
-    @classmethod
-    def _known(cls, method: str) -> str:
-        if method not in METHODS:
-            raise ValueError(not_one_of(method, METHODS))
-        return method
-
-    @field_validator("accuracy", mode="before")
-    @classmethod
-    def _no_bare_number(cls, accuracy: Any) -> Any:
-        if isinstance(accuracy, int | float) and not isinstance(accuracy, bool):
-            raise ValueError(
-                f"{accuracy!r} is a number; write {{t_r: {accuracy!r}}} for the error that t_r "
-                f"may have, or one of {', '.join(ACCURACIES)}"
-            )
-        return accuracy
-
-    @field_validator("accuracy")
-    @classmethod
-    def _alone(cls, accuracy: Any, info: ValidationInfo) -> AccuracyGoal | None:
-        if isinstance(accuracy, str):
-            raise ValueError(
-                f"{accuracy} stands for a method and its tol, and method, tol or dt is given too; "
-                "keep the one or the other"
-            )
-        method = info.data.get("method")
-        if accuracy is not None and method is not None and method not in ADAPTIVE:
-            raise ValueError(
-                f"{method} has steps of one size, which follow no error; "
-                f"choose one of {', '.join(map(str, ADAPTIVE))}"
-            )
-        return cast("AccuracyGoal | None", accuracy)
-
-    @field_validator("tol", "dt")
-    @classmethod
-    def _of_its_method(cls, value: float | None, info: ValidationInfo) -> float | None:
-        """`tol` is for adaptive methods, `dt` for those of fixed step; each has its default."""
-        method, key = info.data.get("method"), info.field_name
-        goal: AccuracyGoal | None = info.data.get("accuracy")
-        if method is None:
-            return value
-        if goal is not None:
-            if value is not None:
-                raise ValueError(
-                    f"accuracy {{t_r: {goal.t_r:g}}} stands in its place; keep one of the two"
-                )
-            return None
-        if METHODS[method].adaptive == (key == "tol"):
-            default = TOL if key == "tol" else DT
-            return default if value is None else value
-        if value is not None:
-            steps = "chooses its own steps" if key == "dt" else "has steps of one size"
-            raise ValueError(f"{method} {steps} and takes no {key}; leave it out")
-        return None
 
 
 class Dissipation(Base):
@@ -401,6 +223,11 @@ class Config(Base):
             raise ValueError(
                 f"bodies of source {bodies.source} are no samples of which there could be more; "
                 "leave it out, or take source: sd"
+            )
+        if stop is not None and getattr(bodies, "draw", None) == "saltelli":
+            raise ValueError(
+                "samples of draw: saltelli come seven at a time, and say less than as many others "
+                "of when there are enough; leave it out, or take draw: sobol"
             )
         return stop
 

@@ -13,8 +13,8 @@ from rattlesweep.errors import OutputError
 from rattlesweep.integrate.batch import available_threads
 from rattlesweep.sweeps.engines import local
 from rattlesweep.sweeps.engines.job import Job, Result
+from rattlesweep.sweeps.engines.opening import open_session
 from rattlesweep.sweeps.engines.progress import Progress, Tracker
-from rattlesweep.sweeps.engines.session import Session, open_session
 from rattlesweep.sweeps.inspect.retype import retype_block
 from rattlesweep.sweeps.inspect.summary import summarise
 from rattlesweep.sweeps.tables.cells import columns_for
@@ -22,6 +22,7 @@ from rattlesweep.sweeps.tables.cells import columns_for
 if TYPE_CHECKING:
     from rattlesweep.sweeps.cases.plan import Plan
     from rattlesweep.sweeps.cases.shards import Shard
+    from rattlesweep.sweeps.engines.session import Session
 
 
 def run_sweep(
@@ -64,7 +65,7 @@ def run_sweep(
     Raises
     ------
     ConfigError, OutputError
-        As :func:`rattlesweep.sweeps.engines.session.open_session`, or if a file cannot be written.
+        As :func:`rattlesweep.sweeps.engines.opening.open_session`, or if a file cannot be written.
     KeyboardInterrupt
         On Ctrl-C; the kernel is stopped first, and the runs that have ended are kept.
     """

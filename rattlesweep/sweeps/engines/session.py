@@ -5,18 +5,15 @@ from __future__ import annotations
 import os
 import socket
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rattlesweep.errors import ConfigError, DamagedError, OutputError
 from rattlesweep.sweeps.cases.costs import Costs
-from rattlesweep.sweeps.cases.shards import Shard, deal
+from rattlesweep.sweeps.cases.shards import Shard
 from rattlesweep.sweeps.store.blockfile import Note
-from rattlesweep.sweeps.store.growth import finish_growth, grow, remove_growth
-from rattlesweep.sweeps.store.locks import hold
 from rattlesweep.sweeps.store.manifest import (
     Expected,
     Manifest,
@@ -24,8 +21,8 @@ from rattlesweep.sweeps.store.manifest import (
     SessionProgress,
     SessionRecord,
 )
-from rattlesweep.sweeps.store.output import Output, examine, put_in_order
-from rattlesweep.sweeps.store.provenance import now, table_files
+from rattlesweep.sweeps.store.output import Output
+from rattlesweep.sweeps.store.provenance import now
 from rattlesweep.sweeps.store.staged import Staged
 from rattlesweep.sweeps.store.store import Store
 from rattlesweep.sweeps.tables.arrow import same_schema
@@ -122,7 +119,7 @@ class Session:
         self.blocks += [plan.block(index) for index in range(known, plan.n_blocks)]
         self.pending = []
         self._scan(self.blocks[known:])
-        self.store.update_manifest(lambda manifest: manifest.have_stages(plan), self._blank)
+        self.store.update_manifest(self._enter_stages, self._blank)
         return True
 
     def _scan(self, blocks: list[Block]) -> None:
@@ -209,7 +206,7 @@ class Session:
 
         def change(manifest: Manifest) -> None:
             manifest.state, manifest.config = "running", config
-            manifest.have_stages(self.plan)
+            self._enter_stages(manifest)
             # Of files that were not found as they were written.
             lost = (block.index for block in self.pending if block.index not in self.receipts)
             manifest.forget(lost)
@@ -327,6 +324,12 @@ class Session:
 
         self.store.update_manifest(change, self._blank)
 
+    def _enter_stages(self, manifest: Manifest) -> None:
+        """Put the stages that are known by now into the manifest."""
+        plan = self.plan
+        if plan.stages:
+            manifest.stages, manifest.runs, manifest.blocks = plan.sizes, plan.runs, plan.n_blocks
+
     def _enter(self, manifest: Manifest) -> None:
         """Put what this session knows by now into the manifest."""
         manifest.receipts |= {
@@ -336,96 +339,3 @@ class Session:
         }
         mine = self._record
         manifest.sessions = [mine if s.key == mine.key else s for s in manifest.sessions]
-
-
-@contextmanager
-def open_session(
-    plan: Plan,
-    directory: Path,
-    base: Path | None,
-    threads: int,
-    *,
-    shard: Shard | None = None,
-    fresh: bool = False,
-    retry_failed: bool = False,
-) -> Iterator[Session]:
-    """Take hold of a directory, or of a share of it.
-
-    Parameters
-    ----------
-    fresh : bool
-        Whether to remove the runs that are there first, whatever they are of.
-    """
-    if not fresh:
-        examine(plan, directory, base)  # before anything is made there
-    store = Store(directory)
-    store.prepare()
-    with hold(directory, None if shard is None else shard.name) as alone:
-        if fresh:
-            _check_not_input(plan, base, store)
-            remove_runs(store)
-        store.remove_stale_temporaries(alone)
-        output = examine(plan, directory, base)
-        half = output.manifest is not None and bool(output.manifest.growing)
-        if shard is None:
-            output = _grown(output, base, half)
-        elif half or output.growth is not None:
-            raise ConfigError(
-                f"{directory}: holds fewer samples or cases, and a share cannot add to them; run "
-                "it without --shard, or merge the shares and do so there"
-            )
-        output = replace(output, retry_failed=retry_failed)
-        plan, sweep = output.plan, output.hash_
-        staged = Staged.of(output.store, plan.config, len(plan.cases), plan.samples, sweep)
-        if staged is not None:
-            if retry_failed:
-                raise ConfigError(
-                    f"--retry-failed: {plan.stages_by} has chosen the runs by what came out, "
-                    "failed ones too; repeat them in another output"
-                )
-            staged.advance()
-            output = replace(output, plan=replace(plan, stages=tuple(staged.stages)))
-        output.remarks.extend(put_in_order(output))
-        costs = Costs(output.plan)
-        shares = deal(output.plan, 1 if shard is None else shard.count, costs)
-        blocks = shares[0 if shard is None else shard.index]
-        yield Session(output, base, shard, threads, costs, blocks, staged=staged)
-
-
-def _grown(output: Output, base: Path | None, half: bool) -> Output:
-    """What the directory is once it is one of this sweep; `half`: one has begun to make it so."""
-    if half:
-        finish_growth(output.store)
-    else:
-        remove_growth(output.store)
-    if output.growth is not None:
-        grow(output.store, output.plan, output.hash_, output.growth)
-    elif not half:
-        return output
-    return replace(examine(output.plan, output.store.directory, base), remarks=output.remarks)
-
-
-def remove_runs(store: Store) -> None:
-    """Remove the files of a sweep, and only those."""
-    try:
-        for path in _files_of(store):
-            path.unlink(missing_ok=True)
-    except OSError as error:
-        raise OutputError(f"cannot remove the runs in {store.directory}: {error}") from error
-
-
-def _files_of(store: Store) -> list[Path]:
-    # The manifest first: without it, what is left is nobody's.
-    files = [store.block_path(index) for index in store.block_indices()]
-    return [store.manifest_path, store.summary_path, *files]
-
-
-def _check_not_input(plan: Plan, base: Path | None, store: Store) -> None:
-    """Refuse to remove what the sweep is to begin from."""
-    removed = {path.resolve() for path in _files_of(store)}
-    for path in table_files(plan, base):
-        if path.resolve() in removed:
-            raise ConfigError(
-                f"--fresh: would remove {path}, which this sweep takes its bodies from; choose "
-                "another output"
-            )

@@ -376,11 +376,6 @@ class Manifest(_Part):
         """Places of the runs of a block, from and up to."""
         return borders(self.sizes, self.config.block_size, index)
 
-    def have_stages(self, plan: Plan) -> None:
-        """Have the stages of a plan, as far as it knows them."""
-        if plan.stages:
-            self.stages, self.runs, self.blocks = plan.sizes, plan.runs, plan.n_blocks
-
     def forget(self, indices: Iterable[int]) -> None:
         """Drop the receipts of blocks that are about to be replaced."""
         for index in indices:

@@ -1,0 +1,107 @@
+"""What a refined map saves, and what it misses: decided on the runs of a full grid.
+
+rattlesweep run configs/map_theta_spin.yaml
+python benchmarks/refining.py out/map-theta-spin --figure docs/map_refined.png
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+from matplotlib.colors import ListedColormap
+from scipy.ndimage import label as islands
+
+from rattlesweep.study import style
+from rattlesweep.study.boundaries import boundaries
+from rattlesweep.study.plots.map import CELLS, CODES, inferred
+from rattlesweep.sweeps.cases.stages import Refining
+from rattlesweep.sweeps.config.load import override_config, resolved
+from rattlesweep.sweeps.store.stored import open_stored
+
+LEVELS = (2, 3, 4, 5)
+
+
+def refined(rows: pa.Table, stored, refine: dict) -> np.ndarray:
+    """Which of the runs a refined sweep does, in the order of their numbers."""
+    data = resolved(stored.config)
+    config = override_config(data | {"bodies": data["bodies"] | {"refine": refine}}, [])
+    decide = Refining(config, config.bodies.refine)
+    table = rows.select([*decide.columns])
+    done = np.zeros(len(rows), dtype=bool)
+    numbers = decide.first()
+    while len(numbers):
+        done[numbers] = True
+        for batch in table.take(numbers).to_batches():
+            decide.add(batch)
+        numbers = decide.next()
+    return done
+
+
+def main() -> None:
+    """Print a table of runs and of cells missed; draw those of one."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("full", type=Path)
+    parser.add_argument("--figure", type=Path)
+    options = parser.parse_args()
+    stored = open_stored(options.full)
+    names = ["case", "sample", "type", "status", "t_r", "t_rgh"]
+    rows = pa.Table.from_batches(stored.store.iter_batches(names))
+    spin = stored.config.spin
+    shape = (len(spin.n_i), len(spin.omega_xy0), stored.manifest.samples)
+    types = rows.column("type").to_pylist()
+    code = np.array([CODES[name] for name in types]).reshape(shape)
+    ratio = rows.column("t_r").to_numpy() / rows.column("t_rgh").to_numpy()
+    ratio = ratio.reshape(shape)
+    for k, omega in enumerate(spin.omega_xy0):
+        print(f"full grid, omega_xy0 {omega:g}: {boundaries(code[:, k].T).words}")
+    print("refine                   runs  fewer  missed  in islands  largest  t_r off by 5 %")
+    for refine in [{"levels": n} for n in LEVELS] + [{"levels": 4, "by": "t_r"}]:
+        done = refined(rows, stored, refine).reshape(shape)
+        missed, off, most, count = np.zeros(shape, bool), 0, 0, 0
+        for k in range(shape[1]):
+            part = np.where(done[:, k], code[:, k], CODES["missing"]).T
+            found, times = inferred(part, np.where(done[:, k], ratio[:, k], np.nan).T)
+            missed[:, k] = (found != code[:, k].T).T
+            number, _ = islands(missed[:, k], np.ones((3, 3)))
+            sizes = np.bincount(number[number > 0]) if number.any() else np.zeros(1, int)
+            most, count = max(most, int(sizes.max())), count + int((sizes > 0).sum())
+            both = ~missed[:, k] & (code[:, k] == CODES["R"])
+            off += int((np.abs(times.T / ratio[:, k] - 1)[both] > 0.05).sum())
+        words = ", ".join(f"{key}: {value}" for key, value in refine.items())
+        print(f"{words:20} {done.sum():8d} {done.size / done.sum():6.1f} {missed.sum():7d} "
+              f"{count:11d} {most:8d} {off / (code == CODES['R']).sum():15.4f}")  # fmt: skip
+        if refine == {"levels": 4} and options.figure is not None:
+            with style.styled():
+                figure = draw(stored, code, done, missed)
+                style.save(figure, [options.figure], 150)
+
+
+def draw(stored, code: np.ndarray, done: np.ndarray, missed: np.ndarray) -> object:
+    """The runs that are done on the left, the cells that are missed on the right."""
+    spin, theta = stored.config.spin, stored.config.bodies.axes.values()["theta"]
+    figure = style.new_figure(9.0, 7.4)
+    panels = figure.subplots(len(spin.omega_xy0), 2, sharex=True, sharey=True)
+    colours = [colour for colour, _ in CELLS.values()]
+    for k, (left, right) in enumerate(panels):
+        y, x = np.nonzero(done[:, k])
+        left.scatter(np.array(theta)[x], np.array(spin.n_i)[y], s=0.6, linewidths=0,
+                     c=[colours[c] for c in code[y, k, x]])  # fmt: skip
+        right.pcolormesh(theta, spin.n_i, code[:, k], cmap=ListedColormap(colours), vmin=-0.5,
+                         vmax=len(colours) - 0.5, alpha=0.35, rasterized=True)  # fmt: skip
+        y, x = np.nonzero(missed[:, k])
+        right.scatter(np.array(theta)[x], np.array(spin.n_i)[y], s=5, color="#C00000", linewidths=0)
+        left.set_title(f"{done[:, k].sum():,} of {done[:, k].size:,} runs", fontsize="medium")
+        right.set_title(f"{missed[:, k].sum():,} cells missed", fontsize="medium")
+        left.set_ylabel(style.label("n_i"))
+        right.text(1.02, 0.5, style.value_text("omega_xy0", spin.omega_xy0[k]), rotation=270,
+                   transform=right.transAxes, va="center")  # fmt: skip
+    for axes in panels[-1]:
+        axes.set_xlabel(style.label("theta"))
+    return figure
+
+
+if __name__ == "__main__":
+    main()

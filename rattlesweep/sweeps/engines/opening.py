@@ -1,0 +1,116 @@
+"""Take hold of an output directory, and make it one of the sweep that is to go on there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.sweeps.cases.costs import Costs
+from rattlesweep.sweeps.cases.shards import Shard, deal
+from rattlesweep.sweeps.engines.session import Session
+from rattlesweep.sweeps.store.growth import finish_growth, grow, remove_growth
+from rattlesweep.sweeps.store.locks import hold
+from rattlesweep.sweeps.store.output import Output, examine, put_in_order
+from rattlesweep.sweeps.store.provenance import table_files
+from rattlesweep.sweeps.store.staged import Staged
+from rattlesweep.sweeps.store.store import Store
+
+if TYPE_CHECKING:
+    from rattlesweep.sweeps.cases.plan import Plan
+
+
+@contextmanager
+def open_session(
+    plan: Plan,
+    directory: Path,
+    base: Path | None,
+    threads: int,
+    *,
+    shard: Shard | None = None,
+    fresh: bool = False,
+    retry_failed: bool = False,
+) -> Iterator[Session]:
+    """Take hold of a directory, or of a share of it.
+
+    Parameters
+    ----------
+    fresh : bool
+        Whether to remove the runs that are there first, whatever they are of.
+    """
+    if not fresh:
+        examine(plan, directory, base)  # before anything is made there
+    store = Store(directory)
+    store.prepare()
+    with hold(directory, None if shard is None else shard.name) as alone:
+        if fresh:
+            _check_not_input(plan, base, store)
+            remove_runs(store)
+        store.remove_stale_temporaries(alone)
+        output = examine(plan, directory, base)
+        half = output.manifest is not None and bool(output.manifest.growing)
+        if shard is None:
+            output = _grown(output, base, half)
+        elif half or output.growth is not None:
+            raise ConfigError(
+                f"{directory}: holds fewer samples or cases, and a share cannot add to them; run "
+                "it without --shard, or merge the shares and do so there"
+            )
+        output = replace(output, retry_failed=retry_failed)
+        plan, sweep = output.plan, output.hash_
+        staged = Staged.of(output.store, plan.config, len(plan.cases), plan.samples, sweep)
+        if staged is not None:
+            if retry_failed:
+                raise ConfigError(
+                    f"--retry-failed: {plan.stages_by} has chosen the runs by what came out, "
+                    "failed ones too; repeat them in another output"
+                )
+            staged.advance()
+            output = replace(output, plan=replace(plan, stages=tuple(staged.stages)))
+        output.remarks.extend(put_in_order(output))
+        costs = Costs(output.plan)
+        shares = deal(output.plan, 1 if shard is None else shard.count, costs)
+        blocks = shares[0 if shard is None else shard.index]
+        yield Session(output, base, shard, threads, costs, blocks, staged=staged)
+
+
+def _grown(output: Output, base: Path | None, half: bool) -> Output:
+    """What the directory is once it is one of this sweep; `half`: one has begun to make it so."""
+    if half:
+        finish_growth(output.store)
+    else:
+        remove_growth(output.store)
+    if output.growth is not None:
+        grow(output.store, output.plan, output.hash_, output.growth)
+    elif not half:
+        return output
+    return replace(examine(output.plan, output.store.directory, base), remarks=output.remarks)
+
+
+def remove_runs(store: Store) -> None:
+    """Remove the files of a sweep, and only those."""
+    try:
+        for path in _files_of(store):
+            path.unlink(missing_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot remove the runs in {store.directory}: {error}") from error
+
+
+def _files_of(store: Store) -> list[Path]:
+    # The manifest first: without it, what is left is nobody's.
+    files = [store.block_path(index) for index in store.block_indices()]
+    return [store.manifest_path, store.summary_path, *files]
+
+
+def _check_not_input(plan: Plan, base: Path | None, store: Store) -> None:
+    """Refuse to remove what the sweep is to begin from."""
+    removed = {path.resolve() for path in _files_of(store)}
+    for path in table_files(plan, base):
+        if path.resolve() in removed:
+            raise ConfigError(
+                f"--fresh: would remove {path}, which this sweep takes its bodies from; choose "
+                "another output"
+            )
