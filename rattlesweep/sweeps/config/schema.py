@@ -1,8 +1,7 @@
 """What a sweep is, as frozen models. Units are M = a = g = 1: times in sqrt(a/g)."""
 
-import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Annotated, Any, Literal, get_args
 
@@ -21,20 +20,17 @@ from rattlesweep.sweeps.config.bodies import GridSource, PresetSource, SdSource,
 from rattlesweep.sweeps.config.fields import (
     MAX_SPEED,
     MAX_TIME,
-    AngularVelocity,
     Base,
     OscillationNumbers,
     SpinNumbers,
-    UnitVector,
     no_repeats,
 )
 from rattlesweep.sweeps.config.integrator import Integrator
+from rattlesweep.sweeps.config.launch import State
 from rattlesweep.sweeps.config.places import Places, Problem, dotted
 from rattlesweep.sweeps.config.yamlfile import is_number
 
 MAX_CASES = 100_000
-U_SLACK = 1e-3
-"""How far the length of a unit vector may be from 1, as digits are typed."""
 
 
 def _word_or_number(value: Any) -> str:
@@ -65,42 +61,6 @@ class Spin(Base):
     psi: Psi = "relevant"
     """Direction of the oscillation: the relevant mode (pitch for n_i >= 0, roll for n_i < 0), the
     pitch mode, the roll mode, or an angle from the x axis in degrees."""
-
-
-class State(Base):
-    """A full state that all bodies are launched from, in components along the body's axes."""
-
-    omega: AngularVelocity
-    """Angular velocity [x, y, z] in sqrt(g/a)."""
-    u: UnitVector = Field(default=[0.0, 0.0, -1.0])
-    """Vertical unit vector [x, y, z], upwards; [0, 0, -1] is upright."""
-
-    @field_validator("u")
-    @classmethod
-    def _stands(cls, u: list[float]) -> list[float]:
-        return unit(u)
-
-    @model_validator(mode="after")
-    def _moves(self) -> "State":
-        if not any(self.omega) and not any(self.u[:2]):
-            raise ValueError("the body stands upright and at rest; give it an angular velocity")
-        return self
-
-
-def unit(u: Sequence[float]) -> list[float]:
-    """A vertical vector of length 1 exactly; one that is none, or no launch's, is refused."""
-    length = math.hypot(*u)
-    if not abs(length - 1) <= U_SLACK:
-        raise ValueError(
-            f"its length is {length:.6g}; give a unit vector, such as [0, 0, -1] for upright"
-        )
-    if not u[2] < 0:
-        raise ValueError(
-            f"u_z is {u[2]:g}; it must be negative, as the body's z axis points down, and "
-            "[0, 0, -1] is upright"
-        )
-    # One that is so to rounding keeps its bits.
-    return list(u) if abs(length - 1) < 1e-15 else [component / length for component in u]
 
 
 class Horizon(Base):

@@ -13,7 +13,6 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import pyarrow as pa
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -34,10 +33,13 @@ from rattlesweep.sweeps.cases.stages import borders, n_blocks
 from rattlesweep.sweeps.config.bodies import SdSource, TableSource
 from rattlesweep.sweeps.config.load import override_config, resolved
 from rattlesweep.sweeps.config.schema import Config
+from rattlesweep.sweeps.store.extra import ExtraColumn
 from rattlesweep.sweeps.store.provenance import command_line, machine, now, versions
 from rattlesweep.sweeps.tables import columns
 
 if TYPE_CHECKING:
+    import pyarrow as pa
+
     from rattlesweep.sweeps.cases.plan import Plan
 
 FORMAT: Literal[2] = 2
@@ -126,30 +128,6 @@ class StoredCase(_Part):
     def target(self) -> float | None:
         """Target value of that."""
         return None if self.target_name is None else getattr(self, self.target_name)
-
-
-class ExtraColumn(_Part):
-    """A column of the runs that their bodies and launches bring along."""
-
-    name: str
-    type: Literal["double", "int64", "string"]
-    unit: str
-    description: str
-    nullable: bool
-
-    @classmethod
-    def of(cls, field: pa.Field) -> ExtraColumn:
-        """What is to be kept of it."""
-        words = {key.decode(): text.decode() for key, text in field.metadata.items()}
-        return cls.model_validate(
-            {"name": field.name, "type": str(field.type), "nullable": field.nullable} | words
-        )
-
-    @property
-    def field(self) -> pa.Field:
-        """The column itself."""
-        kind = pa.type_for_alias(self.type)
-        return columns.field(self.name, kind, self.unit, self.description, nullable=self.nullable)
 
 
 class SessionProgress(_Part):
