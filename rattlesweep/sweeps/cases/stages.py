@@ -26,7 +26,7 @@ from rattlesweep.sweeps.tables.types import TYPES
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from rattlesweep.sweeps.config.bodies import Refine
+    from rattlesweep.sweeps.config.refine import Refine
     from rattlesweep.sweeps.config.schema import Config, Stop
 
     Floats = NDArray[np.float64]

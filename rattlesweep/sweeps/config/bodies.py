@@ -18,7 +18,8 @@ from rattlesweep.sweeps.config.fields import (
     meant,
     no_repeats,
 )
-from rattlesweep.sweeps.config.messages import not_one_of, out_of_range
+from rattlesweep.sweeps.config.messages import out_of_range
+from rattlesweep.sweeps.config.refine import Refine
 
 Preset = Literal["GH", "KL"]
 ELLIPSOIDS = ("KL",)
@@ -28,8 +29,6 @@ MAX_SOBOL = 2**30
 GROUP = 7
 """Samples that `draw: saltelli` draws together: at two points, and at the first with each of five
 parameters of the second."""
-REFINED_BY = ("type", "t_r", "n_end", "t_end", "n_steps", "energy_drift", "n_departure",
-              "amp_growth", "lyapunov", "contact_ratio_max", "n_reversals")  # fmt: skip
 
 
 class SdRanges(Base):
@@ -336,26 +335,6 @@ class Axes(Base):
         """The values of each axis that is given."""
         given = self.given().items()
         return {name: axis.values() if isinstance(axis, Spaced) else axis for name, axis in given}
-
-
-class Refine(Base):
-    """A coarse grid first, then, level by level, only what lies between runs that differ."""
-
-    levels: int = Field(default=4, ge=1, le=16)
-    """Halvings from the coarse grid, every 2^levels-th value, to the finest, which the axes and the
-    spins are; fewer along axes of few values."""
-    by: str = "type"
-    """What must not differ within a cell: type, or besides it a column with numbers, such as t_r,
-    which must not bend there."""
-    tol: float = Field(default=0.05, gt=0, lt=1)
-    """How far a number may lie off the line through its neighbours, relative; not for type."""
-
-    @field_validator("by")
-    @classmethod
-    def _is_a_column(cls, by: str) -> str:
-        if by not in REFINED_BY:
-            raise ValueError(not_one_of(by, REFINED_BY))
-        return by
 
 
 class GridSource(Surfaced):
