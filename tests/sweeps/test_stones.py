@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import stone_oracle
 from click.testing import CliRunner
+from scipy.optimize import brentq
 
 import rattlesweep as rs
 from rattlesweep import cli
@@ -381,7 +382,8 @@ def test_kane_and_levinsons_stone_along_its_course():
         if third is None:
             assert not change.size
             continue
-        # By a cubic through four rows of a millisecond.
-        near = slice(change[0] - 1, change[0] + 3)
-        root = np.polynomial.Polynomial.fit(z[near], t[near], 3)(0.0)
+        # By a polynomial through eight rows a millisecond apart.
+        near = slice(change[0] - 3, change[0] + 5)
+        curve = np.polynomial.Polynomial.fit(t[near], z[near], 7)
+        root = brentq(curve, t[change[0]], t[change[0] + 1], xtol=1e-15)
         assert root == pytest.approx(third, abs=1e-8)
