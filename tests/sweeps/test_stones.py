@@ -370,7 +370,7 @@ def test_kane_and_levinsons_stone_along_its_course():
         u, omega, second = kl_state(omega_3)
         path = rs.trajectory(
             rs.Rattleback.kl(), omega=omega, u=u, t_end=3 * second, sigma=sigma / unit,
-            tol=1e-13, channels=["t", "omega_z"], points=3001,
+            tol=1e-13, channels=["t", "omega_z"], points=30_001,
         )  # fmt: skip
         spin, third = stone_oracle.kane_levinson(omega_3, sigma, t_end=3.0)
         if spin is not None:
@@ -382,7 +382,7 @@ def test_kane_and_levinsons_stone_along_its_course():
         if third is None:
             assert not change.size
             continue
-        # By a polynomial through eight rows a millisecond apart.
+        # By a polynomial through eight rows, 0.1 ms apart.
         near = slice(change[0] - 3, change[0] + 5)
         curve = np.polynomial.Polynomial.fit(t[near], z[near], 7)
         root = brentq(curve, t[change[0]], t[change[0] + 1], xtol=1e-15)
