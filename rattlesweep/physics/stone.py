@@ -8,7 +8,7 @@ the lowest point.  Where its normal is ``-u`` it touches; with ``B = 1 + C``, ``
 
 which for ``1/c = 0`` is the paraboloid's.  The bodies' constant is ``k = 1/c``.
 
-Friction are two couples.  One is ``-sigma omega`` (Kane and Levinson 1982, Eq. 33), in
+Friction are two couples.  One is ``-sigma omega`` (Kane and Levinson 1982, Eqs. 47-49), in
 ``M a^2 sqrt(g/a)``.  The other is the rolling resistance ``-lever F_n omega_t / |omega_t|`` against
 the part of ``omega`` in the plane, with the normal force ``F_n`` and a lever in units of ``a``; its
 direction turns within :data:`SMOOTHING` of rest, ``1 / |omega_t|`` being

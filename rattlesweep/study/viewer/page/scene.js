@@ -20,9 +20,12 @@ function makeScene(canvas, { body, rise, weights, trail, start, changed }) {
   renderer.toneMappingExposure = 1.0;
 
   // -------------------------------------------------------------- the body
-  // Its paraboloid (Eq. def-z), cut off at a height that every contact of the run stays below.
+  // Its paraboloid (Eq. def-z), or ellipsoid of vertical semi-axis body.c, cut off at a height that
+  // every contact of the run stays below: where theta x^2 + phi y^2 = q, the surface has risen by
+  // q / (1 + sqrt(1 - q / c)).
   // Body axes: z points down to the contact; curvature theta lies along (cos xi, sin xi).
-  const short = Math.sqrt((2 * rise) / body.theta), long = Math.sqrt((2 * rise) / body.phi);
+  const perC = body.c ? 1 / body.c : 0, rim = rise * (2 - rise * perC);
+  const short = Math.sqrt(rim / body.theta), long = Math.sqrt(rim / body.phi);
   const c = Math.cos(body.xi), s = Math.sin(body.xi);
   const lip = 0.12 * rise, dome = 0.34 * rise;
   const top = 1 - rise - lip;
@@ -56,10 +59,10 @@ function makeScene(canvas, { body, rise, weights, trail, start, changed }) {
   }
   const RINGS = 56, AROUND = 160;
   const lower = [];
-  // z = 1 - rise rho^2: its gradient is outward and downward.
+  // The gradient is outward and downward.
   for (let k = 0; k <= RINGS; k++) {
-    const rho = k / RINGS;
-    lower.push([rho, 1 - rise * rho * rho, 2 * rise * rho, 1]);
+    const rho = k / RINGS, q = rim * rho * rho, root = Math.sqrt(1 - q * perC);
+    lower.push([rho, 1 - q / (1 + root), (rim * rho) / root, 1]);
   }
   const edge = [];
   const round = 0.025;
