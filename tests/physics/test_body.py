@@ -46,9 +46,9 @@ def bodies(size, seed):
 
 def test_gh_is_table_one():
     body = Rattleback.gh()
-    assert dataclasses.asdict(body) == GH | {"c": None}
+    assert dataclasses.asdict(body) == GH | {"c": None, "units": None}
     assert tuple(GH) == PARAMETERS
-    assert dataclasses.asdict(body) == oracle.GH | {"c": None}
+    assert dataclasses.asdict(body) == oracle.GH | {"c": None, "units": None}
 
 
 BOTH = "0 < phi < theta < 1 is needed"

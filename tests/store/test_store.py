@@ -139,7 +139,8 @@ def test_schema_is_the_contract() -> None:
 
 def test_every_column_says_what_it_is() -> None:
     for column in (*runs_schema(RECORD_PARTS), *summary_schema()):
-        assert column.metadata[b"unit"].decode() in {"1", "rad", TIME, RATE, ENERGY, FORCE}
+        units = {"1", "rad", TIME, RATE, ENERGY, FORCE, "a", "M a^2 sqrt(g/a)"}
+        assert column.metadata[b"unit"].decode() in units
         assert len(column.metadata[b"description"]) > 5, column.name
 
 

@@ -314,6 +314,8 @@ class Session:
             others = self._others(manifest)
             if whole and state == "complete":
                 manifest.state, manifest.finished = "complete", now()
+            elif manifest.state == state == "complete":
+                pass  # Another share ended since this one looked, and found all blocks there.
             elif any(session.state == "running" for session in others):
                 manifest.state = "running"
             else:

@@ -260,7 +260,6 @@ SUMMARY: tuple[pa.Field, ...] = (
             ("SS", "type SS"),
             ("SW", "type SW"),
             ("unclassified", "unclassified"),
-            ("D", "type D (null without dissipation)"),
         )
     ),
     field(
@@ -292,6 +291,12 @@ SUMMARY: tuple[pa.Field, ...] = (
         F64,
         TIME,
         "mean t_r_error of type R: what t_r_mean inherits from its runs at most",
+    ),
+    field(
+        "fraction_D",
+        F64,
+        "1",
+        "share of type D among runs with status ok; null without dissipation",
     ),
 )
 """Columns of `summary` in their order."""
