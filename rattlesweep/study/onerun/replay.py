@@ -15,7 +15,7 @@ from rattlesweep.integrate.model import MODELS
 from rattlesweep.study.where import parse_condition
 from rattlesweep.sweeps.blocks.block import run_batch
 from rattlesweep.sweeps.blocks.error import PARTED, Estimated
-from rattlesweep.sweeps.blocks.recompute import differing_rows
+from rattlesweep.sweeps.blocks.memory import differing_rows
 from rattlesweep.sweeps.cases.launches import make_batch, prepare
 from rattlesweep.sweeps.store.stored import open_stored
 from rattlesweep.sweeps.tables.cells import is_sensitive

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import fields
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
+from rattlesweep.arrays import Flags, Integers
 from rattlesweep.integrate.batch import Batch, Control, Outcome, has_settled, integrate
 from rattlesweep.integrate.defaults import DT, TOL
 from rattlesweep.integrate.follow.lyapunov import exponents
@@ -29,18 +31,12 @@ from rattlesweep.sweeps.cases.launches import (
     model_of,
     prepare,
 )
+from rattlesweep.sweeps.cases.plan import Block, Plan
+from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.tables.arrow import ragged
 from rattlesweep.sweeps.tables.chaos import chaotic_column
 from rattlesweep.sweeps.tables.columns import RUNS
 from rattlesweep.sweeps.tables.types import TYPES, classify, sure_types
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
-    from rattlesweep.sweeps.cases.plan import Block, Plan
-    from rattlesweep.sweeps.config.schema import Config
 
 STATUS_WORDS = [status.label for status in Status]
 
@@ -58,21 +54,16 @@ class Interrupted(Exception):
 
 
 def load_kernel(config: Config) -> float:
-    """Load the kernel; how many seconds it took."""
+    """Load the kernels that the runs take; how many seconds it took."""
     begin = time.perf_counter()
     if config.model != "gh":
-        for name in kernels_of(config):
-            kernel(config.integrator.method, name)
+        plain, tangent = model_of(config).name, "lyapunov" in config.record
+        if tangent:
+            kernel(config.integrator.method, WITH_TANGENT[plain].name)
+        # Companions take the plain one, whatever is recorded.
+        if not tangent or "error" in config.record:
+            kernel(config.integrator.method, plain)
     return time.perf_counter() - begin
-
-
-def kernels_of(config: Config) -> list[str]:
-    """Models whose kernels the runs take; companions take the plain one, whatever is recorded."""
-    plain = model_of(config).name
-    if "lyapunov" not in config.record:
-        return [plain]
-    tangent = WITH_TANGENT[plain].name
-    return [tangent, plain] if "error" in config.record else [tangent]
 
 
 def prepare_block(plan: Plan, block: Block) -> tuple[Launches, Batch | None]:
@@ -80,9 +71,7 @@ def prepare_block(plan: Plan, block: Block) -> tuple[Launches, Batch | None]:
     return prepare_runs(plan, *plan.runs_of(block))
 
 
-def prepare_runs(
-    plan: Plan, case: NDArray[np.int64], sample: NDArray[np.int64]
-) -> tuple[Launches, Batch | None]:
+def prepare_runs(plan: Plan, case: Integers, sample: Integers) -> tuple[Launches, Batch | None]:
     """The same for any runs, given by (case, sample) in the order of their cases."""
     launches = prepare(plan, case, sample)
     batch = make_batch(launches, plan.config.model)
@@ -188,7 +177,7 @@ def run_batch(
     return outcome if good.all() else _spread(outcome, good)
 
 
-def _spread(outcome: Outcome, good: NDArray[np.bool_]) -> Outcome:
+def _spread(outcome: Outcome, good: Flags) -> Outcome:
     """Put the outcomes of the runs ``good`` back into their places."""
     wide = {part.name: getattr(outcome, part.name) for part in fields(outcome)}
     for name, values in wide.items():
@@ -203,27 +192,25 @@ def _spread(outcome: Outcome, good: NDArray[np.bool_]) -> Outcome:
 
 
 def _inputs(launches: Launches) -> dict[str, Any]:
-    own = ("case", "sample", "n_i", "omega_xy0", "psi", "n_c1")
-    state: dict[str, Any] = {}
+    columns = (
+        dict(launches.carried)
+        | _named(launches, "case", "sample", "n_i", "omega_xy0", "psi", "n_c1")
+        | _named(launches.bodies, *PARAMETERS, "f_sd")
+        | _named(launches.modes, "omega_p", "omega_r", "K_p", "K_r")
+        | _named(launches.gh, "n_0", "t_rgh")
+    )
     for name in ("omega", "u"):
         if (vectors := getattr(launches, name)) is not None:
-            state |= {f"{name}_{x}": vectors[:, k] for k, x in enumerate("xyz")}
+            columns |= {f"{name}_{x}": vectors[:, k] for k, x in enumerate("xyz")}
     if launches.second is not None:
-        state["n_i_rpm"] = launches.n_i / launches.second * 30 / np.pi
+        columns["n_i_rpm"] = launches.n_i / launches.second * 30 / np.pi
     if launches.bodies.c is not None:
-        state["c"] = launches.bodies.c
-    return (
-        state
-        | launches.carried
-        | {
-            **{name: getattr(launches, name) for name in own},
-            **{name: getattr(launches.bodies, name) for name in (*PARAMETERS, "f_sd")},
-            **{
-                name: getattr(launches.modes, name) for name in ("omega_p", "omega_r", "K_p", "K_r")
-            },
-            **{name: getattr(launches.gh, name) for name in ("n_0", "t_rgh")},
-        }
-    )
+        columns["c"] = launches.bodies.c
+    return columns
+
+
+def _named(values: Any, *names: str) -> dict[str, Any]:
+    return {name: getattr(values, name) for name in names}
 
 
 def _dissipation(
@@ -272,13 +259,15 @@ def _closed_form(launches: Launches) -> dict[str, Any]:
 
 
 def _measured(outcome: Outcome, parts: list[str]) -> dict[str, Any]:
-    names = ["t_end", "t_r", "n_end", "n_steps", "energy_drift", "amp_growth", "n_departure",
-             "near_tangencies"]  # fmt: skip
+    columns = {"status_codes": outcome.status} | _named(
+        outcome, "t_end", "t_r", "n_end", "n_steps", "energy_drift", "amp_growth", "n_departure",
+        "near_tangencies",
+    )  # fmt: skip
     for part in ("energy", "contact", "error", "tol"):
         if part in parts:
             # Whether a type is sure is not the kernel's to say.
-            names += [column.name for column in RUNS[part] if column.name != "type_sure"]
-    columns = {name: getattr(outcome, name) for name in names} | {"status_codes": outcome.status}
+            names = [column.name for column in RUNS[part] if column.name != "type_sure"]
+            columns |= _named(outcome, *names)
     if "lyapunov" in parts:
         columns["lyapunov"], late = exponents(outcome.growth)
         columns["lyapunov_late"] = late

@@ -27,29 +27,21 @@ after a change of the integrator; docs/sensitive.md says what the runs are that 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.integrate.batch import Batch, Control, Outcome, has_settled, integrate
 from rattlesweep.integrate.defaults import DT, MAX_STEPS, TOL
-from rattlesweep.integrate.model import REDUCED
+from rattlesweep.integrate.model import REDUCED, Model
 from rattlesweep.integrate.status import Status
-from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.integrate.tableau import METHODS, Tableau
 from rattlesweep.physics import full
 from rattlesweep.sweeps.blocks.rows import put, take
 from rattlesweep.sweeps.cases.launches import model_of
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from rattlesweep.integrate.model import Model
-    from rattlesweep.integrate.tableau import Tableau
-    from rattlesweep.sweeps.config.integrator import Integrator
-    from rattlesweep.sweeps.config.schema import Config
-
-    Floats = NDArray[np.float64]
-    Flags = NDArray[np.bool_]
+from rattlesweep.sweeps.config.integrator import Integrator
+from rattlesweep.sweeps.config.schema import Config
 
 
 class Fit(NamedTuple):
@@ -117,8 +109,8 @@ class Estimated(Outcome):
     companion_tol: Floats
     apart: Floats
     companion_t_r: Floats
-    grazes: NDArray[np.int64]
-    tries: NDArray[np.int64]
+    grazes: Integers
+    tries: Integers
 
 
 def companion_setting(method: str, value: float) -> float:
@@ -166,7 +158,7 @@ def integrate_estimated(
     spans = np.cumsum([0.0, *prices(settings)])
     spans /= spans[-1]
 
-    def attempt(k: int, part: Batch, cost: NDArray[Any] | None = None) -> Outcome:
+    def attempt(k: int, part: Batch, cost: Integers | None = None) -> Outcome:
         final = len(values) == 2  # whether a run that ends is done
         control.stage(*spans[k : k + 2], begins=k == 1, ends=k == 1 and final)
         return integrate(
@@ -200,7 +192,7 @@ def integrate_estimated(
     return replace(done, tries=tries, stopped=bool((done.status == Status.STOPPED).any()))
 
 
-def _tries(runs: Outcome) -> NDArray[np.int64]:
+def _tries(runs: Outcome) -> Integers:
     return runs.n_steps + runs.n_rejected
 
 

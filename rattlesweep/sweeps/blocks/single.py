@@ -4,22 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rattlesweep.errors import ConfigError
+from rattlesweep.integrate.batch import Batch
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.sweeps.blocks.block import prepare_block
-from rattlesweep.sweeps.cases.launches import with_energies
-from rattlesweep.sweeps.cases.plan import make_plan
-from rattlesweep.sweeps.cases.sources import GridBodies
+from rattlesweep.sweeps.cases.launches import Launches, with_energies
+from rattlesweep.sweeps.cases.plan import Plan, make_plan
+from rattlesweep.sweeps.cases.sources import GridBodies, Source
 from rattlesweep.sweeps.config.load import parse_config
-
-if TYPE_CHECKING:
-    from rattlesweep.integrate.batch import Batch
-    from rattlesweep.sweeps.cases.launches import Launches
-    from rattlesweep.sweeps.cases.plan import Plan
-    from rattlesweep.sweeps.cases.sources import Source
-    from rattlesweep.sweeps.config.schema import Config
+from rattlesweep.sweeps.config.schema import Config
 
 
 @dataclass(frozen=True)
@@ -95,13 +90,7 @@ class Launch:
 
 
 def plan_of(launch: Launch, source: Source | None = None) -> Plan:
-    """A sweep of one body, or of the bodies of `source`, which may bring their own launches.
-
-    Raises
-    ------
-    ConfigError
-        If an argument is wrong.
-    """
+    """A sweep of one body, or of the bodies of `source`, which may bring their own launches."""
     config = parse_config(
         {
             "bodies": {"source": "preset", "name": "GH"} | launch.surface,
@@ -120,13 +109,7 @@ def plan_of(launch: Launch, source: Source | None = None) -> Plan:
 
 
 def single_run(launch: Launch) -> tuple[Config, Launches, Batch | None]:
-    """Config, launch and batch of one run: those of a sweep of one body; no batch for ``gh``.
-
-    Raises
-    ------
-    ConfigError
-        If an argument is wrong.
-    """
+    """Config, launch and batch of one run: those of a sweep of one body; no batch for ``gh``."""
     plan = plan_of(launch)
     launches, batch = prepare_block(plan, plan.block(0))
     if batch is not None and launch.model == "reduced":

@@ -6,22 +6,13 @@ Shares of a sweep, progress, the order in which workers get blocks and the forec
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rattlesweep.sweeps.cases.launches import prepare
-from rattlesweep.sweeps.cases.plan import make_plan
+from rattlesweep.arrays import Floats, Integers
+from rattlesweep.sweeps.cases.launches import Launches, prepare
+from rattlesweep.sweeps.cases.plan import Block, Plan, make_plan
 from rattlesweep.sweeps.config.bodies import SdSource
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from rattlesweep.sweeps.cases.launches import Launches
-    from rattlesweep.sweeps.cases.plan import Block, Plan
-
-    Floats = NDArray[np.float64]
-    Integers = NDArray[np.int64]
 
 # Runs by which the cost of a case is judged: of each of many, and of a single one.
 FEW, MANY = 16, 256

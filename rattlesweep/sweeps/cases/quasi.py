@@ -7,16 +7,11 @@ point of a sequence that is scrambled (Owen, J. Complexity 14, 466, 1998) by the
 from __future__ import annotations
 
 import warnings
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.stats import qmc
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
-
+from rattlesweep.arrays import Floats, Integers
 
 # Points that nobody asks for are made up to so long a gap, and skipped beyond.
 APART = 4096
@@ -34,7 +29,7 @@ class Sequence:
         self._sequence = qmc.Sobol(self._dimensions, rng=np.random.default_rng(self._random))
         self._next = 0
 
-    def points(self, numbers: NDArray[np.int64]) -> Floats:
+    def points(self, numbers: Integers) -> Floats:
         """Points of the unit cube, shape (dimensions, numbers); spans that follow are cheap."""
         points = np.empty((self._dimensions, len(numbers)))
         # A block may hold the end of one case and the start of the next.

@@ -5,22 +5,18 @@ from __future__ import annotations
 
 from functools import cache, partial
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import numpy as np
 from numba import njit
 
+from rattlesweep.arrays import Floats, Integers
 from rattlesweep.integrate.batch import available_threads
 from rattlesweep.integrate.cache import cached, specialise
 from rattlesweep.integrate.task import Control, side_by_side
 from rattlesweep.physics import body, theory
 from rattlesweep.sweeps.cases import philox
 from rattlesweep.sweeps.cases.philox import uniforms
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
 
 # The formulas, compiled for scalars: one source for both uses.  The last calls the second by its
 # global name.
@@ -105,14 +101,14 @@ def kernel() -> Any:
 def draw_bodies(
     seed: int,
     group: int,
-    samples: NDArray[np.int64],
+    samples: Integers,
     ranges: Floats,
     which: int = 0,
     target: float = 0.0,
     rel_tol: float = 1e-3,
     max_draws: int = 1,
     threads: int | None = None,
-) -> tuple[Floats, NDArray[np.int64], Floats]:
+) -> tuple[Floats, Integers, Floats]:
     """Draw bodies of some samples; each depends on the seed, its group and its own number alone.
 
     Parameters

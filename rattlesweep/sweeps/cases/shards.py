@@ -5,13 +5,10 @@ from __future__ import annotations
 import heapq
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.cases.costs import Costs
-
-if TYPE_CHECKING:
-    from rattlesweep.sweeps.cases.plan import Block, Plan
+from rattlesweep.sweeps.cases.plan import Block, Plan
 
 
 @dataclass(frozen=True)

@@ -12,26 +12,20 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import product
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
+from rattlesweep.arrays import Flags, Integers
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.config.bodies import GridSource
+from rattlesweep.sweeps.config.refine import Refine
+from rattlesweep.sweeps.config.schema import Config, Stop
 from rattlesweep.sweeps.tables.cells import COLUMNS, Cells, codes, floats, wilson
 from rattlesweep.sweeps.tables.columns import runs_schema
 from rattlesweep.sweeps.tables.types import TYPES
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from rattlesweep.sweeps.config.refine import Refine
-    from rattlesweep.sweeps.config.schema import Config, Stop
-
-    Floats = NDArray[np.float64]
-    Integers = NDArray[np.int64]
-    Flags = NDArray[np.bool_]
 
 FIRST = 400
 """Samples of a case before which it is not stopped: fewer tell too little of how few they are."""

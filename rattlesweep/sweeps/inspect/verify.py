@@ -14,7 +14,7 @@ import pyarrow.compute as pc
 
 from rattlesweep.errors import ConfigError, DamagedError, OutputError
 from rattlesweep.sweeps.blocks.block import STATUS_WORDS
-from rattlesweep.sweeps.blocks.recompute import differing_rows
+from rattlesweep.sweeps.blocks.memory import differing_rows
 from rattlesweep.sweeps.inspect.summary import Summary, same_summary
 from rattlesweep.sweeps.store.atomic import temporaries
 from rattlesweep.sweeps.store.blockfile import BlockFile

@@ -7,22 +7,16 @@ fixed seed, so that a config always gets the same answer.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import shell_dumbbell
 from rattlesweep.sweeps.cases.launches import Launches, prepare
+from rattlesweep.sweeps.cases.plan import Plan
 from rattlesweep.sweeps.cases.sources import Bodies
 from rattlesweep.sweeps.config.bodies import SdRanges, SdSource
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from rattlesweep.sweeps.cases.plan import Plan
-
-    Floats = NDArray[np.float64]
 
 RUNS = 4096
 DRAWN = 65_536
@@ -36,7 +30,7 @@ class Sample:
     launches: Launches
     words: str
 
-    def told(self, mask: NDArray[np.bool_]) -> str:
+    def told(self, mask: Flags) -> str:
         """How many of the runs are meant, in words."""
         if mask.size == 1:
             return "the only run"
@@ -75,7 +69,7 @@ class DrawnBodies:
 
         self._c = source.c
 
-    def bodies(self, group: int, samples: NDArray[np.int64]) -> Bodies:
+    def bodies(self, group: int, samples: Integers) -> Bodies:
         """Bodies of some samples of the cases of target ``group``."""
         found = bodies_at(self._groups[group][:, samples])
         if self._c is None:

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from rattlesweep.arrays import Flags, Floats
 from rattlesweep.errors import ConfigError
-from rattlesweep.integrate.batch import MAX_DAMPING
+from rattlesweep.integrate.batch import MAX_DAMPING, Batch
 from rattlesweep.integrate.tableau import METHODS, Tableau
 from rattlesweep.sweeps.cases.launches import make_batch
 from rattlesweep.sweeps.cases.plan import Plan, make_plan
@@ -23,13 +24,6 @@ from rattlesweep.sweeps.config.bodies import SdSource
 from rattlesweep.sweeps.config.places import Key, Problem
 from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.sense.sample import DRAWN, Sample, coefficient, draw, sample_runs
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from rattlesweep.integrate.batch import Batch
-
-    Floats = NDArray[np.float64]
 
 # A run may reverse before t_rGH, but none was seen to in a tenth of it.
 EARLY = 0.1
@@ -198,11 +192,9 @@ def _step(config: Config, sample: Sample, batch: Batch, method: Tableau) -> Iter
     # What `rattlesweep.integrate.batch.integrate` will hold against runs of that length.
     span = np.fmin(sample.launches.t_end, sample.launches.gh.t_rgh)
 
-    def coarse(step: float) -> NDArray[np.bool_]:
+    def coarse(step: float) -> Flags:
         """Runs whose oscillation a step damps or feeds too much."""
-        bad: NDArray[np.bool_] = ~(
-            np.abs(method.damping(step * batch.relevant) * (span / step)) <= MAX_DAMPING
-        )
+        bad: Flags = ~(np.abs(method.damping(step * batch.relevant) * (span / step)) <= MAX_DAMPING)
         return bad
 
     def advice() -> str:

@@ -8,23 +8,17 @@ bit; memory goes with the cells and not with the runs.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
+from numpy.typing import ArrayLike
 
+from rattlesweep.arrays import Floats, Integers
 from rattlesweep.physics.theory import unsteady
+from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.tables.types import TYPES
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from rattlesweep.sweeps.config.schema import Config
-
-    Floats = NDArray[np.float64]
-    Integers = NDArray[np.int64]
-    Flags = NDArray[np.bool_]
 
 COLUMNS = ("n_i", "K_p", "omega_p", "n_c1", "t_rgh", "t_r", "type", "status", "near_tangencies")
 """Columns of `runs` that `Cells.add` reads."""

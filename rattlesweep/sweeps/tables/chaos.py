@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import ArrayLike
 
+from rattlesweep.arrays import Flags, Floats
 from rattlesweep.sweeps.tables.columns import RUNS
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
 
 # Between the growth that no chaos is needed for and that of chaos; evidence in docs/lyapunov.md.
 LEAST_GROWTH = 10.0
@@ -19,7 +17,7 @@ LEAST_GROWTH = 10.0
 
 def is_chaotic(
     lyapunov_late: ArrayLike, t_end: ArrayLike, least_growth: float = LEAST_GROWTH
-) -> NDArray[np.bool_]:
+) -> Flags:
     """Whether differences grow exponentially in the second half of a run.
 
     An almost periodic run doubles them there at most, or shrinks them; the instability by which
@@ -41,7 +39,7 @@ def is_chaotic(
     return np.asarray(growth > least_growth)
 
 
-def chaotic_column(lyapunov_late: NDArray[np.float64], t_end: NDArray[np.float64]) -> pa.Array:
+def chaotic_column(lyapunov_late: Floats, t_end: Floats) -> pa.Array:
     """The column ``chaotic`` of runs: null where ``lyapunov_late`` is not a number."""
     return pa.array(is_chaotic(lyapunov_late, t_end), mask=~np.isfinite(lyapunov_late))
 
@@ -57,9 +55,7 @@ def lacks_chaotic(schema: pa.Schema) -> bool:
 
 def with_chaotic_field(schema: pa.Schema) -> pa.Schema:
     """A schema in which it has its place, if it can be told."""
-    if not lacks_chaotic(schema):
-        return schema
-    return schema.insert(schema.get_field_index(OF[0]) + 1, _FIELD)
+    return with_chaotic(schema.empty_table()).schema
 
 
 def with_chaotic(rows: pa.Table) -> pa.Table:

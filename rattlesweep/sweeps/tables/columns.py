@@ -40,6 +40,8 @@ def field(
 
 required = partial(field, nullable=False)
 
+# Set as tables, a column in a line or two.
+# fmt: off
 RUNS: dict[str, tuple[pa.Field, ...]] = {
     "keys": (
         required("case", I32, "1", "number of the case, from 0"),
@@ -64,51 +66,31 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
         field("omega_r", F64, RATE, "roll frequency without spin"),
         field("K_p", F64, "1", "asymmetric torque coefficient of pitch"),
         field("K_r", F64, "1", "asymmetric torque coefficient of roll"),
-        field(
-            "n_c1", F64, RATE, "Bondi's threshold spin of the steady direction; null: no threshold"
-        ),
+        field("n_c1", F64, RATE,
+              "Bondi's threshold spin of the steady direction; null: no threshold"),
         field("n_0", F64, RATE, "spin that would hold all the energy"),
-        field(
-            "t_rgh",
-            F64,
-            TIME,
-            "Garcia and Hubbard's reversal time of this spin direction; null: no reversal",
-        ),
+        field("t_rgh", F64, TIME,
+              "Garcia and Hubbard's reversal time of this spin direction; null: no reversal"),
     ),
     "result": (
         required("t_end", F64, TIME, "time reached"),
         field("t_r", F64, TIME, "first zero of the spin; null: none by t_end"),
         field("type", TEXT, "1", "R, SS, SW, unclassified or D; null where status is not ok"),
         required("status", TEXT, "1", "ok, or a word for what went wrong"),
-        field(
-            "n_end",
-            F64,
-            RATE,
-            "spin at t_end; of a run that classify.early has ended, where it settles",
-        ),
+        field("n_end", F64, RATE,
+              "spin at t_end; of a run that classify.early has ended, where it settles"),
         required("n_steps", I64, "1", "accepted steps of the integrator"),
         field("energy_drift", F64, "1", "relative change of energy at t_end"),
     ),
     "observation": (
-        field(
-            "amp_growth",
-            F64,
-            "1",
-            "largest ratio of the windowed amplitude of the relevant oscillation to its smallest "
-            "earlier value, minus 1",
-        ),
-        field(
-            "n_departure",
-            F64,
-            "1",
-            "largest fractional loss of spin, the maximum over time of 1 - n/n_i",
-        ),
-        required(
-            "near_tangencies",
-            I32,
-            "1",
-            "extrema of the spin so near zero that the tolerance cannot tell whether it reversed",
-        ),
+        field("amp_growth", F64, "1",
+              "largest ratio of the windowed amplitude of the relevant oscillation to its "
+              "smallest earlier value, minus 1"),
+        field("n_departure", F64, "1",
+              "largest fractional loss of spin, the maximum over time of 1 - n/n_i"),
+        required("near_tangencies", I32, "1",
+                 "extrema of the spin so near zero that the tolerance cannot tell whether it "
+                 "reversed"),
     ),
     # What the config asks for elsewhere.
     "surface": (
@@ -117,20 +99,12 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
     "dissipation": (
         required("sigma", F64, "M a^2 sqrt(g/a)", "torque -sigma omega"),
         required("rolling", F64, "a", "lever of the rolling resistance"),
-        field(
-            "growth",
-            F64,
-            RATE,
-            "growth rate of the relevant oscillation at n_i, damping counted; null with rolling "
-            "resistance, under which small oscillations do not grow",
-        ),
-        field(
-            "n_growth",
-            F64,
-            RATE,
-            "spin that the relevant oscillation takes to outgrow its damping, for small spins; "
-            "null with rolling resistance",
-        ),
+        field("growth", F64, RATE,
+              "growth rate of the relevant oscillation at n_i, damping counted; null with "
+              "rolling resistance, under which small oscillations do not grow"),
+        field("n_growth", F64, RATE,
+              "spin that the relevant oscillation takes to outgrow its damping, for small spins; "
+              "null with rolling resistance"),
         field("energy_left", F64, "1", "share of the launch's energy that is left at t_end"),
     ),
     # What `record` asks for, by its words; a run that failed at launch has nothing to record.
@@ -149,78 +123,43 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
         field("window_n_max", SERIES, RATE, "largest spin, by window"),
     ),
     "lyapunov": (
-        field(
-            "lyapunov",
-            F64,
-            RATE,
-            "largest Lyapunov exponent, apart from the zeros of the flow and the energy, over the "
-            "whole run; of a run that reverses, the finite-time one up to t_r",
-        ),
-        field(
-            "lyapunov_late",
-            F64,
-            RATE,
-            "the same over the second half of the run; null: too short to tell",
-        ),
-        field(
-            "chaotic",
-            FLAG,
-            "1",
-            "whether a small difference grows by more than e^10 in the second half: "
-            "lyapunov_late * t_end / 2 > 10; null: too short to tell",
-        ),
+        field("lyapunov", F64, RATE,
+              "largest Lyapunov exponent, apart from the zeros of the flow and the energy, over "
+              "the whole run; of a run that reverses, the finite-time one up to t_r"),
+        field("lyapunov_late", F64, RATE,
+              "the same over the second half of the run; null: too short to tell"),
+        field("chaotic", FLAG, "1",
+              "whether a small difference grows by more than e^10 in the second half: "
+              "lyapunov_late * t_end / 2 > 10; null: too short to tell"),
     ),
     "error": (
-        field(
-            "t_r_error",
-            F64,
-            TIME,
-            "estimate of abs(t_r - true), which it exceeds in all but a few of a thousand runs; "
-            "null: no t_r",
-        ),
+        field("t_r_error", F64, TIME,
+              "estimate of abs(t_r - true), which it exceeds in all but a few of a thousand "
+              "runs; null: no t_r"),
         field("type_sure", FLAG, "1", "whether errors of such a size leave the type as it is"),
-        field(
-            "amp_growth_error",
-            F64,
-            "1",
-            "ten times the difference of amp_growth in a looser integration; null: unknown in one",
-        ),
+        field("amp_growth_error", F64, "1",
+              "ten times the difference of amp_growth in a looser integration; null: unknown in "
+              "one"),
         field("n_departure_error", F64, "1", "the same of n_departure"),
     ),
     # Where `integrator.accuracy` asks for an error.
     "tol": (field("tol", F64, "1", "tolerance at which the run was integrated"),),
     "reversals": (
-        field(
-            "n_reversals",
-            I32,
-            "1",
-            "reversals by t_end: times that the spin went from beyond a quarter of its first size "
-            "to beyond a quarter on the other side; without a first spin, of n_0",
-        ),
+        field("n_reversals", I32, "1",
+              "reversals by t_end: times that the spin went from beyond a quarter of its first "
+              "size to beyond a quarter on the other side; without a first spin, of n_0"),
         field("reversal_times", SERIES, TIME, "first zero of each of the first eight of these"),
-        field(
-            "spin_after",
-            SERIES,
-            RATE,
-            "largest size of the spin between each of these and the next, at any step",
-        ),
+        field("spin_after", SERIES, RATE,
+              "largest size of the spin between each of these and the next, at any step"),
     ),
 }
 """Columns of `runs` in their order, by what they belong to."""
 
-STATE: tuple[pa.Field, ...] = (
-    *(
-        required(
-            f"omega_{x}", F64, RATE, f"initial angular velocity, component along the body's {x}"
-        )
-        for x in "xyz"
-    ),
-    *(
-        required(
-            f"u_{x}", F64, "1", f"initial vertical unit vector, component along the body's {x}"
-        )
-        for x in "xyz"
-    ),
+STATE: tuple[pa.Field, ...] = tuple(
+    required(f"{vector}_{x}", F64, unit, f"initial {words}, component along the body's {x}")
+    for vector, unit, words in (("omega", RATE, "angular velocity"),
+                                ("u", "1", "vertical unit vector"))
+    for x in "xyz"
 )
 """Columns of `runs` launched from a full state, behind all others."""
 
@@ -253,53 +192,32 @@ SUMMARY: tuple[pa.Field, ...] = (
     field("n_i", F64, RATE, "initial spin; null where rows differ"),
     field("omega_xy0", F64, RATE, "initial rate; null where rows differ"),
     required("runs", I64, "1", "runs stored"),
-    *(
-        field(f"fraction_{kind}", F64, "1", f"share of {words} among runs with status ok")
-        for kind, words in (
-            ("R", "type R"),
-            ("SS", "type SS"),
-            ("SW", "type SW"),
-            ("unclassified", "unclassified"),
-        )
-    ),
-    field(
-        "fraction_bondi",
-        F64,
-        "1",
-        "share with abs(n_c1) < abs(n_i) among runs in the steady direction that have a theory; "
-        "null in the unsteady direction, where no spin is stable",
-    ),
+    field("fraction_R", F64, "1", "share of type R among runs with status ok"),
+    field("fraction_SS", F64, "1", "share of type SS among runs with status ok"),
+    field("fraction_SW", F64, "1", "share of type SW among runs with status ok"),
+    field("fraction_unclassified", F64, "1", "share of unclassified among runs with status ok"),
+    field("fraction_bondi", F64, "1",
+          "share with abs(n_c1) < abs(n_i) among runs in the steady direction that have a "
+          "theory; null in the unsteady direction, where no spin is stable"),
     field("t_r_mean", F64, TIME, "mean t_r of type R"),
-    field(
-        "t_r_std",
-        F64,
-        TIME,
-        "sample standard deviation (n - 1) of t_r of type R; null for fewer than 2",
-    ),
+    field("t_r_std", F64, TIME,
+          "sample standard deviation (n - 1) of t_r of type R; null for fewer than 2"),
     field("t_rgh_mean", F64, TIME, "mean t_rgh of the runs that have one"),
     field("t_r_over_t_rgh_mean", F64, "1", "mean of t_r / t_rgh, taken run by run, of type R"),
-    field(
-        "t_r_over_t_rgh_sem", F64, "1", "standard error of that mean; null for fewer than 2 runs"
-    ),
+    field("t_r_over_t_rgh_sem", F64, "1",
+          "standard error of that mean; null for fewer than 2 runs"),
     required("failed", I64, "1", "runs with status other than ok"),
     required("near_tangencies", I64, "1", "sum of near_tangencies over the runs"),
     # Of runs that record no error, null.
     field("sensitive", I64, "1", "runs of type R with t_r_error > 1e-6 t_r"),
     field("unsure", I64, "1", "runs whose type is not sure"),
-    field(
-        "t_r_mean_error",
-        F64,
-        TIME,
-        "mean t_r_error of type R: what t_r_mean inherits from its runs at most",
-    ),
-    field(
-        "fraction_D",
-        F64,
-        "1",
-        "share of type D among runs with status ok; null without dissipation",
-    ),
+    field("t_r_mean_error", F64, TIME,
+          "mean t_r_error of type R: what t_r_mean inherits from its runs at most"),
+    field("fraction_D", F64, "1",
+          "share of type D among runs with status ok; null without dissipation"),
 )
 """Columns of `summary` in their order."""
+# fmt: on
 
 REPEATING = frozenset({"case", "n_i", "omega_xy0", "type", "status", "near_tangencies", "window_t"})
 """Columns of which few values fill many rows, so that a dictionary makes the file smaller."""

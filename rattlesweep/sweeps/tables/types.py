@@ -12,28 +12,25 @@ an earlier window, minus 1, and ``n_departure``, the largest fractional loss of 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from rattlesweep.sweeps.config.schema import Classify
+from rattlesweep.arrays import Flags, Floats
+from rattlesweep.sweeps.config.schema import Classify
 
 TYPES = ("R", "SS", "SW", "unclassified", "D")
 R, SS, SW, UNCLASSIFIED, DEAD = range(5)
 
 
 def classify(
-    ok: NDArray[np.bool_],
-    t_r: NDArray[np.float64],
-    amp_growth: NDArray[np.float64],
-    n_departure: NDArray[np.float64],
+    ok: Flags,
+    t_r: Floats,
+    amp_growth: Floats,
+    n_departure: Floats,
     thresholds: Classify,
-    energy_left: NDArray[np.float64] | None = None,
+    energy_left: Floats | None = None,
 ) -> NDArray[np.int8]:
     """Codes of the types, places in :data:`TYPES`; -1 where a run is not ok.
 
@@ -42,27 +39,18 @@ def classify(
     ``amp_growth`` and cannot be SS.
     """
     dead = np.zeros(ok.shape, bool) if energy_left is None else energy_left < thresholds.dead_energy
-    codes = np.select(
-        [
-            ~ok,
-            np.isfinite(t_r),
-            dead,
-            amp_growth <= thresholds.ss_growth,
-            n_departure > thresholds.sw_departure,
-        ],
-        [-1, R, DEAD, SS, SW],
-        UNCLASSIFIED,
-    )
-    return codes.astype(np.int8)
+    steady, leaves = amp_growth <= thresholds.ss_growth, n_departure > thresholds.sw_departure
+    questions = [~ok, np.isfinite(t_r), dead, steady, leaves]
+    return np.select(questions, [-1, R, DEAD, SS, SW], UNCLASSIFIED).astype(np.int8)
 
 
 def sure_types(
     codes: NDArray[np.int8],
-    reversal_sure: NDArray[np.bool_],
-    observed: tuple[NDArray[np.float64], NDArray[np.float64]],
-    errors: tuple[NDArray[np.float64], NDArray[np.float64]],
+    reversal_sure: Flags,
+    observed: tuple[Floats, Floats],
+    errors: tuple[Floats, Floats],
     thresholds: Classify,
-) -> NDArray[np.bool_]:
+) -> Flags:
     """Whether types survive errors of this size.
 
     `observed` are ``amp_growth`` and ``n_departure``, `errors` those of their columns; of a run of
