@@ -21,7 +21,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from rattlesweep.errors import ConfigError, one_line
-from rattlesweep.sweeps.config.nearest import nearest
+from rattlesweep.sweeps.config.messages import nearest
 
 _TOKEN = re.compile(
     r"""(?P<word>'(?:[^']|'')*'|"[^"]*") | (?P<sign><>|[<>!=]=|=) | (?P<name>[^\W\d]\w*)

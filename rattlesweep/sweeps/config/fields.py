@@ -89,6 +89,13 @@ MAX_TIME = 1e30
 
 MAX_AXIS = 10**6
 
+
+def _array(length: int, **item: Any) -> dict[str, Any]:
+    """JSON Schema of so many numbers."""
+    items = {"type": "number", **item}
+    return {"type": "array", "items": items, "minItems": length, "maxItems": length}
+
+
 _ENDS: Any = Field(
     description="[low, high, n]: n values between and including low and high.",
     json_schema_extra={"minItems": 3, "maxItems": 3},
@@ -182,18 +189,14 @@ def _as_list(value: Any) -> Any:
 def _numbers(**item: Any) -> Any:
     """Annotations of a list of distinct numbers that may be one number, or spaced ones."""
     number = {"type": "number", **item}
-    ends = {"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3}
     spaced = [
-        {"type": "object", "properties": {name: ends}, "required": [name],
+        {"type": "object", "properties": {name: _array(3)}, "required": [name],
          "additionalProperties": False}
         for name in ("linspace", "logspace")
     ]  # fmt: skip
     numbers = {"type": "array", "items": number, "minItems": 1, "uniqueItems": True}
-    return (
-        BeforeValidator(_as_list),
-        AfterValidator(no_repeats),
-        WithJsonSchema({"anyOf": [number, numbers, *spaced]}),
-    )
+    schema = WithJsonSchema({"anyOf": [number, numbers, *spaced]})
+    return BeforeValidator(_as_list), AfterValidator(no_repeats), schema
 
 
 def _unsigned_zero(spin: float) -> float:
@@ -221,8 +224,7 @@ def _three(values: list[float]) -> list[float]:
 
 def vector(**item: Any) -> Any:
     """Annotations of a vector of three components, each with these limits."""
-    schema = {"type": "array", "items": {"type": "number", **item}, "minItems": 3, "maxItems": 3}
-    return AfterValidator(_three), WithJsonSchema(schema)
+    return AfterValidator(_three), WithJsonSchema(_array(3, **item))
 
 
 Speed = Annotated[float, Field(ge=-MAX_SPEED, le=MAX_SPEED)]
@@ -241,12 +243,8 @@ def _ordered(ends: list[float]) -> list[float]:
 
 def interval(name: str) -> Any:
     """Annotations of a field that holds the range ``[low, high]`` of a body parameter."""
-    numbers = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
-    return (
-        AfterValidator(_ordered),
-        WithJsonSchema(numbers),
-        Field(description=f"Range [low, high]. {PARAMETERS[name].meaning}"),
-    )
+    described = Field(description=f"Range [low, high]. {PARAMETERS[name].meaning}")
+    return AfterValidator(_ordered), WithJsonSchema(_array(2)), described
 
 
 def _as_range(value: Any) -> Any:
@@ -256,19 +254,15 @@ def _as_range(value: Any) -> Any:
 
 def number_or_interval() -> Any:
     """Annotations of a field that holds a range, or one value for both of its ends."""
-    number = {"type": "number"}
-    numbers = {"type": "array", "items": number, "minItems": 2, "maxItems": 2}
-    return (
-        BeforeValidator(_as_range),
-        AfterValidator(_ordered),
-        WithJsonSchema({"anyOf": [number, numbers]}),
-    )
+    schema = WithJsonSchema({"anyOf": [{"type": "number"}, _array(2)]})
+    return BeforeValidator(_as_range), AfterValidator(_ordered), schema
 
 
-def check_one(model: BaseModel, *names: str, needed: bool = True) -> None:
-    """Of some keys of a model one must be given, or at most one."""
+def check_one(model: BaseModel, *names: str, needed: bool = True, both: bool = False) -> None:
+    """Of some keys of a model one must be given, or at most one, or `both` may be."""
     given = [name for name in names if getattr(model, name) is not None]
-    if len(given) > 1:
+    if len(given) > 1 and not both:
         raise ValueError(f"both {' and '.join(given)} are given; keep one of them")
     if needed and not given:
-        raise ValueError(f"neither {' nor '.join(names)} is given; give one of them")
+        more = ", or both" if both else ""
+        raise ValueError(f"neither {' nor '.join(names)} is given; give one of them{more}")

@@ -70,10 +70,6 @@ WordOrGoal = Annotated[
 ADAPTIVE: list[JsonValue] = [name for name, tableau in METHODS.items() if tableau.adaptive]
 
 
-def _offer_methods(schema: dict[str, Any]) -> None:
-    schema["enum"] = list(METHODS)
-
-
 class Integrator(Base):
     """How states move: with error control (tol) or in steps of one size (dt)."""
 
@@ -93,7 +89,7 @@ class Integrator(Base):
         }
     )  # fmt: skip
 
-    method: str = Field(default="dop853", json_schema_extra=_offer_methods)
+    method: str = Field(default="dop853", json_schema_extra={"enum": [*METHODS]})
     """Name of the method."""
     accuracy: WordOrGoal | None = Field(
         default=None,

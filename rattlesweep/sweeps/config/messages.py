@@ -1,12 +1,17 @@
 """The words of messages: what stands there, and what would be right."""
 
+import difflib
 import json
+import re
 from collections.abc import Iterable
 from typing import Any
 
 from rattlesweep.errors import one_line
-from rattlesweep.sweeps.config.nearest import nearest
 from rattlesweep.sweeps.config.yamlfile import is_number
+
+# Longer words are no misspelling of anything here, and comparing them takes long.
+MAX_WORD = 40
+ALIKE = 0.6
 
 
 def quoted(text: str) -> str:
@@ -55,3 +60,25 @@ def wrong_kind(value: Any, wanted: str) -> str:
 def out_of_range(what: str, bound: str, limit: float) -> str:
     """Sentence for a number beyond a limit, such as "above" 0 or "at most" 1."""
     return f"{what} is out of range; it must be {bound} {limit:.15g}"
+
+
+def nearest(text: str, names: Iterable[str], alike: float = ALIKE) -> str | None:
+    """The one of `names` that was most likely meant, if any was."""
+    folded = {fold(name): name for name in names}
+    word = fold(text)
+    if word in folded:
+        return folded[word]
+    if near := difflib.get_close_matches(word, folded, 1, alike):
+        return folded[near[0]]
+    # Shortened or drawn out: "tolerance" for "tol", "omega" for "omega_xy0".
+    drawn = [
+        name
+        for short, name in folded.items()
+        if min(len(short), len(word)) >= 3 and (short.startswith(word) or word.startswith(short))
+    ]
+    return drawn[0] if len(drawn) == 1 and alike == ALIKE else None
+
+
+def fold(text: str) -> str:
+    """A word without what is often misspelt in it: capitals, dashes, underscores."""
+    return re.sub(r"[\W_]+", "", text[:MAX_WORD]).casefold()

@@ -23,6 +23,7 @@ from rattlesweep.sweeps.config.fields import (
     Base,
     OscillationNumbers,
     SpinNumbers,
+    check_one,
     no_repeats,
 )
 from rattlesweep.sweeps.config.integrator import Integrator
@@ -73,8 +74,7 @@ class Horizon(Base):
 
     @model_validator(mode="after")
     def _one_at_least(self) -> "Horizon":
-        if self.t_rgh is None and self.t is None:
-            raise ValueError("neither t_rgh nor t is given; give one of them, or both")
+        check_one(self, "t_rgh", "t", both=True)
         return self
 
 
@@ -122,9 +122,14 @@ class Stop(Base):
 
     @model_validator(mode="after")
     def _one_at_least(self) -> "Stop":
-        if self.fraction is None and self.t_r is None:
-            raise ValueError("neither fraction nor t_r is given; give one of them, or both")
+        check_one(self, "fraction", "t_r", both=True)
         return self
+
+
+def _are_plain(info: ValidationInfo) -> bool:
+    """Whether, as far as is known, bodies are paraboloids and lose nothing."""
+    bodies = info.data.get("bodies")
+    return not info.data.get("dissipation") and not (bodies is not None and bodies.ellipsoidal)
 
 
 class Config(Base):
@@ -237,6 +242,15 @@ class Config(Base):
                 f"{what} compares runs at their first reversal, behind which reversals follows "
                 "them; keep one of the two"
             )
+        classify = info.data.get("classify")
+        for name, what in (("lyapunov", "is the exponent"), ("reversals", "are those")):
+            if name in found and classify is not None and classify.early:
+                raise ValueError(
+                    f"{name} {what} of a run up to its horizon, and classify.early ends runs "
+                    "before; leave one of them out"
+                )
+        if "lyapunov" in found and not _are_plain(info):
+            raise ValueError("lyapunov is for paraboloids without dissipation; leave it out")
         return found
 
     @field_validator("classify")
@@ -248,31 +262,9 @@ class Config(Base):
                 f"early is for the model full, and the model {model} has no stable spin by which a "
                 "run could be certain to be SS; leave early out"
             )
-        bodies, losses = info.data.get("bodies"), info.data.get("dissipation")
-        if classify.early and (losses or (bodies is not None and bodies.ellipsoidal)):
+        if classify.early and not _are_plain(info):
             raise ValueError("early is for paraboloids without dissipation; leave it out")
         return classify
-
-    @field_validator("record")
-    @classmethod
-    def _not_of_a_part(cls, record: list[str], info: ValidationInfo) -> list[str]:
-        classify = info.data.get("classify")
-        whole = {"lyapunov": "is the exponent", "reversals": "are those"}
-        for name in (name for name in whole if name in record):
-            if classify is not None and classify.early:
-                raise ValueError(
-                    f"{name} {whole[name]} of a run up to its horizon, and classify.early ends "
-                    "runs before; leave one of them out"
-                )
-        return record
-
-    @field_validator("record")
-    @classmethod
-    def _with_a_tangent(cls, record: list[str], info: ValidationInfo) -> list[str]:
-        bodies, losses = info.data.get("bodies"), info.data.get("dissipation")
-        if "lyapunov" in record and (losses or (bodies is not None and bodies.ellipsoidal)):
-            raise ValueError("lyapunov is for paraboloids without dissipation; leave it out")
-        return record
 
     @field_validator("dissipation")
     @classmethod

@@ -8,8 +8,14 @@ from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from rattlesweep.sweeps.config.messages import not_one_of, out_of_range, quoted, wrong_kind
-from rattlesweep.sweeps.config.nearest import fold, nearest
+from rattlesweep.sweeps.config.messages import (
+    fold,
+    nearest,
+    not_one_of,
+    out_of_range,
+    quoted,
+    wrong_kind,
+)
 from rattlesweep.sweeps.config.places import MAX_TOLD, Key, Places, Problem
 
 Models = list[type[BaseModel]]
@@ -43,16 +49,10 @@ _LIMITS = {
 def problems_of(
     error: ValidationError, model: type[BaseModel], data: Any, known: set[Key], places: Places
 ) -> tuple[list[Problem], int]:
-    """Errors of a validation as one plain sentence each, and how many more there are.
+    """Errors of a validation of `data` as one plain sentence each, and how many more there are.
 
-    Parameters
-    ----------
-    error, model, data
-        What was wrong with which data of a config of which model.
-    known
-        Keys of which, and of what is below them, enough is said already.
-    places
-        Where the keys stand: the first `MAX_TOLD` are put in words.
+    Of keys in `known`, and of what is below them, enough is said already; of the others the first
+    `MAX_TOLD` by their `places` are put in words.
     """
     every = list(_errors(error, model))
     unknown: dict[Key, list[str]] = {}
