@@ -10,12 +10,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import product
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pyarrow as pa
 
-from rattlesweep.arrays import Integers
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics.launch import spin_and_oscillation
 from rattlesweep.sweeps.cases.sources import Source, TableBodies, make_source
@@ -23,6 +21,13 @@ from rattlesweep.sweeps.cases.stages import borders, make_stages, n_blocks
 from rattlesweep.sweeps.config.bodies import SdSource
 from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.tables.columns import STATE, runs_schema
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import pyarrow as pa
+    from numpy.typing import NDArray
+
 
 # Files in one directory, all of which are looked at as a sweep begins: some seconds.
 MAX_BLOCKS = 100_000
@@ -71,7 +76,7 @@ class Plan:
     cases: tuple[Case, ...]
     block_size: int
     extra: tuple[pa.Field, ...] = ()
-    stages: tuple[Integers, ...] = ()
+    stages: tuple[NDArray[np.int64], ...] = ()
 
     @property
     def schema(self) -> pa.Schema:
@@ -112,11 +117,11 @@ class Plan:
         """One block."""
         return Block(index, *borders(self.sizes, self.block_size, index))
 
-    def runs_of(self, block: Block) -> tuple[Integers, Integers]:
+    def runs_of(self, block: Block) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Case and sample numbers of a block's runs."""
         return self.runs_at(np.arange(block.first, block.stop))
 
-    def runs_at(self, places: Integers) -> tuple[Integers, Integers]:
+    def runs_at(self, places: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Case and sample numbers of runs by their places in the sweep."""
         numbers = np.concatenate(self.stages)[places] if self.stages else places
         case, sample = np.divmod(numbers, self.samples)

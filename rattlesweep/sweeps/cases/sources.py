@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from rattlesweep.arrays import Floats, Integers
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics.body import PARAMETERS, PRESETS, shell_dumbbell, violations
 from rattlesweep.sweeps.cases.sampler import bodies_of, draw_bodies
@@ -28,8 +27,13 @@ from rattlesweep.sweeps.config.bodies import (
 from rattlesweep.sweeps.config.schema import Config
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from rattlesweep.sweeps.cases.measured import Measured
     from rattlesweep.sweeps.cases.quasi import Sequence
+
+    Floats = NDArray[np.float64]
+    Integers = NDArray[np.int64]
 
 # Samples that are drawn and kept together while the cases of one target pass by.
 CHUNK = 4096

@@ -11,15 +11,22 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 
-from rattlesweep.arrays import Flags, Floats
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.physics.body import PARAMETERS, violations
 from rattlesweep.physics.launch import spin_and_oscillation
-from rattlesweep.sweeps.cases.measured import INPUT, Measured, own_columns, without_units
+from rattlesweep.sweeps.cases.measured import (
+    INPUT,
+    Measured,
+    own_columns,
+    without_units,
+)
 from rattlesweep.sweeps.config.fields import MAX_SPEED, MAX_TIME
 from rattlesweep.sweeps.config.launch import unit
 from rattlesweep.sweeps.tables.columns import MEASURED
+
+Floats = NDArray[np.float64]
 
 LAUNCH = ("n_i", "omega_xy0")
 OMEGA, U = ("omega_x", "omega_y", "omega_z"), ("u_x", "u_y", "u_z")
@@ -29,7 +36,7 @@ COLUMNS = (*PARAMETERS, *LAUNCH, *OMEGA, *U, *NULLABLE[:5])
 SPIN_SLACK = 1e-9
 
 # Of columns that are no body's: what is wrong with a value, and what is wanted.
-RULES: tuple[tuple[str, Callable[[Floats], Flags], str], ...] = (
+RULES: tuple[tuple[str, Callable[[Floats], NDArray[np.bool_]], str], ...] = (
     ("n_i", lambda n_i: np.abs(n_i) > MAX_SPEED, f"at most {MAX_SPEED:g} is allowed"),
     ("omega_xy0", lambda omega: omega > MAX_SPEED, f"at most {MAX_SPEED:g} is allowed"),
     ("t_end", lambda t_end: t_end <= 0, "it must be positive"),
