@@ -12,11 +12,12 @@ import numpy as np
 
 from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.physics import theory
-from rattlesweep.physics.body import shell_dumbbell
+from rattlesweep.sweeps.blocks.rows import take
 from rattlesweep.sweeps.cases.launches import Launches, prepare
 from rattlesweep.sweeps.cases.plan import Plan
+from rattlesweep.sweeps.cases.sampler import bodies_of
 from rattlesweep.sweeps.cases.sources import Bodies
-from rattlesweep.sweeps.config.bodies import SdRanges, SdSource
+from rattlesweep.sweeps.config.bodies import SdSource
 
 RUNS = 4096
 DRAWN = 65_536
@@ -58,43 +59,33 @@ class DrawnBodies:
 
     def __init__(self, source: SdSource) -> None:
         target = source.target
-        points = draw(source.ranges, RUNS if target is None else DRAWN)
-        self._groups = [points]
+        drawn = draw(source, RUNS if target is None else DRAWN)
+        self._groups = [drawn]
         if target is not None:
-            found = coefficient(points, target.name)
+            found = coefficient(drawn, target.name)
             order = np.argsort(found)
-            middle = np.searchsorted(found[order], target.values)
+            middle = np.searchsorted(found, target.values, sorter=order)
             first = np.clip(middle - RUNS // 2, 0, DRAWN - RUNS)
-            self._groups = [points[:, order[start : start + RUNS]] for start in first]
-
-        self._c = source.c
+            self._groups = [take(drawn, order[start : start + RUNS]) for start in first]
 
     def bodies(self, group: int, samples: Integers) -> Bodies:
         """Bodies of some samples of the cases of target ``group``."""
-        found = bodies_at(self._groups[group][:, samples])
-        if self._c is None:
-            return found
-        return replace(found, c=np.linspace(self._c[0], self._c[1], len(samples)))
+        return take(self._groups[group], samples)
 
 
-def draw(ranges: SdRanges, size: int = DRAWN) -> Floats:
-    """Points drawn evenly from the ranges, shape (5, size)."""
-    low, high = np.array(ranges.ends()).T[:, :, None]
-    # Like the sampler: the skew angle's own range is open below.
-    points: Floats = high - (high - low) * np.random.default_rng(SEED).random((5, size))
-    return points
+def draw(source: SdSource, size: int = DRAWN) -> Bodies:
+    """Bodies drawn evenly from the ranges of a source."""
+    ranges = np.array([*source.ranges.ends(), *([] if source.c is None else [source.c])])
+    points = np.random.default_rng(SEED).random((len(ranges), size))
+    # From the upper ends of all ranges.
+    points[:4] = 1 - points[:4]
+    gamma, f_sd, theta, phi, xi, alpha, beta, *c = bodies_of(points, ranges)
+    return Bodies(alpha, beta, gamma, theta, phi, xi, f_sd, c=c[0] if c else None)
 
 
-def bodies_at(points: Floats) -> Bodies:
-    """Bodies at points of the ranges, shape (5, bodies)."""
-    gamma, f_sd, theta, phi, minus_xi_deg = points
-    alpha, beta = shell_dumbbell(gamma, f_sd)
-    return Bodies(alpha, beta, gamma, theta, phi, -np.radians(minus_xi_deg), f_sd)
-
-
-def coefficient(points: Floats, name: str) -> Floats:
-    """The torque coefficient K_p or K_r of the bodies at `points`."""
-    b = bodies_at(points)
+def coefficient(bodies: Bodies, name: str) -> Floats:
+    """The torque coefficient K_p or K_r of bodies."""
+    b = bodies
     with np.errstate(all="ignore"):
         found = theory.torque_coefficients(b.alpha, b.beta, b.theta, b.phi, b.xi)
     chosen: Floats = found[2 if name == "K_p" else 3]

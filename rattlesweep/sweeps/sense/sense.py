@@ -97,7 +97,7 @@ def target_findings(source: SdSource) -> Iterator[Finding]:
     if target is None:
         return
     key: Key = ("bodies", "target", target.name)
-    found = coefficient(draw(source.ranges), target.name)
+    found = coefficient(draw(source), target.name)
     low, high = float(np.nanmin(found)), float(np.nanmax(found))
     wayout = "give other ranges, a larger rel_tol or another target"
     for value in target.values:
