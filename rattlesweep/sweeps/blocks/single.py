@@ -21,28 +21,11 @@ from rattlesweep.sweeps.config.schema import Config
 class Launch:
     """One run as it is asked for: what is launched, how, and what follows it.
 
-    Attributes
-    ----------
-    body : Rattleback
-        Mirror images too.
-    n_i, omega_xy0 : float or None
-        Initial spin and oscillation, in ``sqrt(g/a)``; None where a full state is given.
-    t_end : float or None
-        Horizon, in ``sqrt(a/g)``; None for 5 t_rGH of the spin's own direction.
-    psi : str, float or None
-        ``relevant``, which None stands for, ``pitch``, ``roll`` or degrees.
-    model : str
-        ``full``, ``reduced`` or ``gh``.
-    integrator : mapping
-        Keys of the config's ``integrator``.
-    e_p0, e_r0 : float or None
-        Energies of pitch and roll with which the reduced model begins, in ``M g a``; None for the
-        launch's.
-    omega, u : sequence of float or None
-        A full state instead of spin and oscillation: angular velocity in ``sqrt(g/a)`` and vertical
-        unit vector (None: upright), in components along the body's axes.
-    sigma, rolling : float
-        Of the config's ``dissipation``.
+    The spin is given by `n_i`, `omega_xy0` and `psi` (``relevant``, which None stands for, ``pitch``,
+    ``roll`` or degrees), or by a full state: angular velocity `omega` in ``sqrt(g/a)`` and vertical
+    unit vector `u` (None: upright), in components along the body's axes. `t_end` is None for 5
+    t_rGH of the spin's own direction; `integrator` has keys of the config's. The reduced model
+    begins with the energies `e_p0` and `e_r0` of pitch and roll, in ``M g a``, None for the launch's.
     """
 
     body: Rattleback

@@ -36,17 +36,10 @@ def expected_cost(launches: Launches, model: str) -> Floats:
 
 
 def some_runs(plan: Plan, per_case: int) -> tuple[Plan, Integers, Integers]:
-    """At most so many samples of every case, the same for all.
+    """Cases and samples of at most so many runs of every case, and a plan that is cheap to ask.
 
     Random bodies are all alike, so the first will do; those of a grid or a table are drawn from
     all over it.
-
-    Returns
-    -------
-    plan : Plan
-        From which their bodies are cheap to draw.
-    case, sample : ndarray
-        In the order of the cases.
     """
     bodies = plan.config.bodies
     count = min(plan.samples, per_case)

@@ -111,28 +111,18 @@ def draw_bodies(
 ) -> tuple[Floats, Integers, Floats]:
     """Draw bodies of some samples; each depends on the seed, its group and its own number alone.
 
-    Parameters
-    ----------
-    group
-        Place of the target in its list.
-    ranges : shape (5, 2) or (6, 2)
-        Of ``gamma, f_sd, theta, phi`` and minus ``xi`` in degrees, perhaps of ``c``.
-    which
-        0 without a target, 1 for ``K_p``, 2 for ``K_r``.
-    rel_tol, max_draws
-        Relative distance allowed from the target, and draws after which a sample is given up.
-    threads
-        That draw for a target; they are Python's, since one of Numba's thread pools aborts the
-        process when the integrator's kernel runs in another thread at the same time.
+    `group` is the place of the target in its list, `ranges`, of shape (5, 2) or (6, 2), are those
+    of ``gamma, f_sd, theta, phi``, minus ``xi`` in degrees and perhaps ``c``; `which` is 0 without
+    a target, 1 for ``K_p`` and 2 for ``K_r``. The threads that draw for a target are Python's,
+    since one of Numba's pools aborts the process when the integrator's kernel runs in another
+    thread at the same time.
 
     Returns
     -------
     bodies : ndarray, shape (7, samples) or (8, samples)
         ``gamma, f_sd, theta, phi, xi, alpha, beta``, perhaps ``c``.
-    draws : ndarray
-        Draws used, -1 where the target was not met.
-    nearest : ndarray
-        Coefficient nearest to the target.
+    draws, nearest : ndarray
+        Draws used, -1 where the target was not met, and the coefficient nearest to it.
     """
     out = np.full((2 + len(ranges), samples.size), np.nan)
     draws = np.zeros(samples.size, dtype=np.int64)

@@ -42,11 +42,7 @@ def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> 
 
     `overrides` are ``KEY=VALUE`` texts with dotted keys and YAML values, such as
     ``bodies.samples=10``; they replace what the file says, the last one where several name one key.
-
-    Raises
-    ------
-    ConfigError
-        With everything that is wrong, one line each: file, line, column, key, sentence.
+    A ConfigError has everything that is wrong, one line each: file, line, column, key, sentence.
     """
     file = one_line(os.fspath(path), 200)
     document = yamlfile.parse(yamlfile.read_text(path))
@@ -68,10 +64,7 @@ def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> 
 def parse_config(data: Mapping[str, Any]) -> Config:
     """Check a config given as Python data, in which tuples count as lists and NumPy's numbers too.
 
-    Raises
-    ------
-    ConfigError
-        With everything that is wrong, one line each: key and sentence.
+    A ConfigError has everything that is wrong, one line each: key and sentence.
     """
     problems: list[Problem] = []
     read = _as_read(data, (), problems)

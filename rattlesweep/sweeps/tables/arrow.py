@@ -40,13 +40,8 @@ def build_table(columns: Mapping[str, Any], schema: pa.Schema) -> pa.Table:
     There is one entry for each field of `schema`, in any order. Floats: an array in which NaN and
     infinity mean null. Integers: an array. Text: a list of `str` or `None`, or a tuple of (integer
     codes, categories) in which a negative code means null. Series: see `ragged`. Arrow arrays are
-    taken for any of them.
-
-    Raises
-    ------
-    ValueError
-        Names, lengths or types disagree with `schema`, or a column that must have a value in
-        every row lacks one. All of these are mistakes of the calling code.
+    taken for any of them. A ValueError is a mistake of the calling code: names, lengths or types
+    disagree with `schema`, or a column that must have a value in every row lacks one.
     """
     missing = [name for name in schema.names if name not in columns]
     extra = [name for name in columns if name not in schema.names]

@@ -15,28 +15,15 @@ from rattlesweep.sweeps.tables.columns import RUNS
 LEAST_GROWTH = 10.0
 
 
-def is_chaotic(
-    lyapunov_late: ArrayLike, t_end: ArrayLike, least_growth: float = LEAST_GROWTH
-) -> Flags:
-    """Whether differences grow exponentially in the second half of a run.
+def is_chaotic(lyapunov_late: ArrayLike, t_end: ArrayLike) -> Flags:
+    """Whether differences grow exponentially in the second half of a run, by more than e^10.
 
     An almost periodic run doubles them there at most, or shrinks them; the instability by which
-    wobbling sets in multiplies them by no more than the oscillation grows, some hundreds.
-
-    Parameters
-    ----------
-    lyapunov_late, t_end : array_like
-        The columns of ``runs`` of these names.
-    least_growth : float
-        Natural logarithm of the growth from which on a run counts as chaotic.
-
-    Returns
-    -------
-    ndarray of bool
-        False where ``lyapunov_late`` is not known.
+    wobbling sets in multiplies them by no more than the oscillation grows, some hundreds. Of the
+    columns of ``runs``; False where ``lyapunov_late`` is not known.
     """
     growth = np.asarray(lyapunov_late, dtype=float) * np.asarray(t_end, dtype=float) / 2
-    return np.asarray(growth > least_growth)
+    return np.asarray(growth > LEAST_GROWTH)
 
 
 def chaotic_column(lyapunov_late: Floats, t_end: Floats) -> pa.Array:

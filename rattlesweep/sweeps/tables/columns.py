@@ -228,19 +228,8 @@ def runs_schema(
 ) -> pa.Schema:
     """Arrow schema of `runs`, with `unit` and `description` in each field's metadata.
 
-    Parameters
-    ----------
-    record
-        Any words of `RECORD_PARTS`; their order does not matter.
-    model
-        ``full``, ``reduced`` or ``gh``.
-    extra
-        Columns that a sweep's own bodies and launches bring along.
-
-    Raises
-    ------
-    ConfigError
-        A word in `record` is unknown, or this model cannot give it.
+    `record` are words of `RECORD_PARTS` in any order, which are refused where the model cannot give
+    them; `extra` are columns that a sweep's own bodies and launches bring along.
     """
     for part in sorted(record):
         if part not in RECORD_PARTS:
