@@ -21,11 +21,12 @@ from rattlesweep.sweeps.config.schema import Config
 class Launch:
     """One run as it is asked for: what is launched, how, and what follows it.
 
-    The spin is given by `n_i`, `omega_xy0` and `psi` (``relevant``, which None stands for, ``pitch``,
-    ``roll`` or degrees), or by a full state: angular velocity `omega` in ``sqrt(g/a)`` and vertical
-    unit vector `u` (None: upright), in components along the body's axes. `t_end` is None for 5
-    t_rGH of the spin's own direction; `integrator` has keys of the config's. The reduced model
-    begins with the energies `e_p0` and `e_r0` of pitch and roll, in ``M g a``, None for the launch's.
+    The spin is given by `n_i`, `omega_xy0` and `psi` (``relevant``, which None stands for,
+    ``pitch``, ``roll`` or degrees), or by a full state: angular velocity `omega` in ``sqrt(g/a)``
+    and vertical unit vector `u` (None: upright), in components along the body's axes. `t_end` is
+    None for 5 t_rGH of the spin's own direction; `integrator` has keys of the config's. The reduced
+    model begins with the energies `e_p0` and `e_r0` of pitch and roll, in ``M g a``, None for the
+    launch's.
     """
 
     body: Rattleback
