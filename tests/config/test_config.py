@@ -300,6 +300,19 @@ def test_set_takes_yaml_values_and_the_last_one_wins(tmp_path: Path) -> None:
 
 BODIES = "bodies:\n  source: sd\n"
 
+
+def drawn(rest: str) -> str:
+    return f"bodies: {{source: sd, {rest}}}\n{SPIN}"
+
+
+def stop(rule: str) -> str:
+    return f"bodies: {{source: sd}}\nstop: {rule}\n{SPIN}"
+
+
+def refine(rule: str) -> str:
+    return GRID.replace("phi: [0.02, 0.036]}", f"phi: [0.02, 0.036]}}, refine: {rule}")
+
+
 BAD = {
     "unknown key": (changed("samples: 1000", "sampels: 1000"),
      'c.yaml:5:3: bodies.sampels: unknown key "sampels"; did you mean "samples"?'),
@@ -387,6 +400,8 @@ BAD = {
      "launch: {omega: [0, 0, 1], u: [0.1, 0, -1]}"), "launch.u: its length is 1.00499; give a un"),
     "state of rest": (PRESET.replace(SPIN,
      "launch: {omega: [0, 0, 0]}"), "launch: the body stands upright and at rest; give it an"),
+    "launch with a stranger": (PRESET.replace(SPIN, "launch: {omega: [0.1, 0, 1], v: 1}"),
+     'c.yaml:2:30: launch.v: unknown key "v"; the keys allowed here are omega, u'),
     "the same spin twice": (changed("n_i: [-0.1,", "n_i: [-0.3,"),
      "c.yaml:9:3: spin.n_i: -0.3 is repeated; give each value once"),
     "psi misspelt": (changed("psi: relevant", "psi: relevent"),
@@ -425,6 +440,42 @@ BAD = {
     "an error of a closed form": (changed("method: dop853, tol: 1e-9", "accuracy: {t_r: 1e-6}")
      .replace("model: full", "model: gh"),
      "c.yaml:14:1: integrator: the model gh is a closed form whose t_r has no error to limit;"),
+    "an error of later reversals": (PRESET + "record: [reversals, error]\n",
+     "c.yaml:3:1: record: error compares runs at their first reversal, behind which"),
+    "an error asked for of later reversals": (
+     PRESET + "record: [reversals]\nintegrator: {accuracy: {t_r: 1e-6}}\n",
+     "c.yaml:3:1: record: integrator.accuracy of t_r compares runs at their first reversal,"),
+    "later reversals and an early end": (
+     PRESET + "record: [reversals]\nclassify: {early: true}\n",
+     "c.yaml:3:1: record: reversals are those of a run up to its horizon, and classify.early"),
+    "draw of another kind": (drawn("draw: halton"),
+     'c.yaml:1:22: bodies.draw: "halton" is not one of random, sobol, saltelli; choose one'),
+    "even draws of a target": (drawn("draw: sobol, target: {K_r: 0.1}"),
+     "c.yaml:1:35: bodies.target: bodies that are redrawn until they meet a target do not fill"),
+    "too many even draws": (drawn("draw: sobol, samples: 2000000000"),
+     "c.yaml:1:22: bodies.draw: the sequence has 1073741824 points; take fewer samples"),
+    "stop at nothing": (stop("{}"),
+     "c.yaml:2:1: stop: neither fraction nor t_r is given; give one of them, or both"),
+    "stop at any fraction": (stop("{fraction: 0.7}"),
+     "c.yaml:2:8: stop.fraction: 0.7 is out of range; it must be below 0.5"),
+    "stop at no error": (stop("{t_r: 0}"),
+     "c.yaml:2:8: stop.t_r: 0 is out of range; it must be above 0"),
+    "stop at a stranger": (stop("{frac: 0.1}"),
+     'c.yaml:2:8: stop.frac: unknown key "frac"; did you mean "fraction"?'),
+    "stop at a number": (stop("0.1"),
+     "c.yaml:2:1: stop: 0.1 is given here; write a mapping"),
+    "stop where nothing is drawn": (PRESET + "stop: {fraction: 0.1}\n",
+     "c.yaml:3:1: stop: bodies of source preset are no samples of which there could be more;"),
+    "refine no level": (refine("{levels: 0}"),
+     "c.yaml:1:118: bodies.refine.levels: 0 is out of range; it must be at least 1"),
+    "refine by a stranger": (refine("{levels: 4, by: typ}"),
+     'c.yaml:1:129: bodies.refine.by: "typ" is not one of type, t_r, n_end, '),
+    "refine any bend": (refine("{tol: 2}"),
+     "c.yaml:1:118: bodies.refine.tol: 2 is out of range; it must be below 1"),
+    "refine misspelt": (refine("{level: 2}"),
+     'c.yaml:1:118: bodies.refine.level: unknown key "level"; did you mean "levels"?'),
+    "refine by a number": (refine("4"),
+     "c.yaml:1:109: bodies.refine: 4 is given here; write a mapping"),
     "horizon without end": (changed("t_rgh: 5", "t_rgh: 1e300"),
      "c.yaml:13:11: horizon.t_rgh: 1e+300 is out of range; it must be at most 1e+30"),
     "no horizon": (changed("t_rgh: 5", ""),

@@ -95,6 +95,9 @@ CASES = {
     "errors of the closed form": (
      SHELL.replace("[contact, energy]", "[error]") + "model: gh\n", True,
      "c.yaml:5:1: record: the model 'gh' has no 'error' to record"),
+    "reversals of the closed form": (
+     SHELL.replace("[contact, energy]", "[reversals]") + "model: gh\n", True,
+     "c.yaml:5:1: record: the model 'gh' has no 'reversals' to record"),
 }  # fmt: skip
 
 

@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
-from click.testing import CliRunner
-from refusal import assert_refused
 from scipy.stats import qmc
 
-from rattlesweep.cli import main
 from rattlesweep.sweeps.cases.plan import make_plan
 from rattlesweep.sweeps.cases.quasi import APART, Sequence
 from rattlesweep.sweeps.config.load import parse_config, physics_hash
@@ -61,23 +57,3 @@ def test_the_default_is_no_part_of_the_hash():
     random = CONFIG | {"bodies": {"source": "sd", "samples": 20_000, "draw": "random"}}
     hashes = [physics_hash(parse_config(config)) for config in (plain, random, CONFIG)]
     assert hashes[0] == hashes[1] != hashes[2]
-
-
-WRONG = {
-    "draw: halton": '3:41: bodies.draw: "halton" is not one of random, sobol',
-    "draw: sobol, target: {K_r: 0.1}": "3:56: bodies.target: bodies that are redrawn",
-    "draw: sobol, samples: 2000000000": "3:41: bodies.draw: the sequence has 1073741824 points",
-}
-
-
-@pytest.mark.parametrize("text", WRONG)
-def test_what_cannot_be_drawn_is_refused(text, tmp_path):
-    path = tmp_path / "c.yaml"
-    path.write_text(
-        f"name: wrong\nseed: 7\nbodies: {{source: sd, minus_x: 0, {text}}}\n"
-        "spin: {n_i: -0.1, omega_xy0: 0.01}\n".replace("minus_x: 0, ", "")
-    )
-    result = CliRunner().invoke(main, ["run", str(path), "--output", str(tmp_path / "out")])
-    assert_refused(result, 2, WRONG[text].split(":", 2)[2])
-    assert f"{path}:3:" in result.stderr
-    assert not (tmp_path / "out").exists()

@@ -9,10 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from click.testing import CliRunner
-from refusal import assert_refused
 
-from rattlesweep.cli import main
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.blocks.block import finish_block, prepare_runs
 from rattlesweep.sweeps.cases.plan import make_plan
@@ -167,30 +164,6 @@ def test_what_would_change_decisions_is_refused(change, options, words, whole):
         retype(whole, ["classify.sw_departure=0.1"])
     assert content_hash(whole) == before
     assert verify(whole).problems == []
-
-
-WRONG = {
-    "stop: {}": "stop: neither fraction nor t_r is given",
-    "stop: {fraction: 0.7}": "stop.fraction: 0.7 is out of range; it must be below 0.5",
-    "stop: {t_r: 0}": "stop.t_r: 0 is out of range; it must be above 0",
-    "stop: {frac: 0.1}": 'stop.frac: unknown key "frac"',
-    "stop: 0.1": "stop: 0.1 is given here; write a mapping",
-}
-
-
-@pytest.mark.parametrize("line", WRONG)
-def test_bad_keys_are_told_with_their_place(line, tmp_path):
-    path = tmp_path / "c.yaml"
-    path.write_text(f"bodies: {{source: sd}}\n{line}\nspin: {{n_i: -0.1, omega_xy0: 0.01}}\n")
-    result = CliRunner().invoke(main, ["run", str(path), "--output", str(tmp_path / "out")])
-    assert_refused(result, 2, WRONG[line])
-    assert f"{path}:2:" in result.stderr
-    assert not (tmp_path / "out").exists()
-
-
-def test_only_what_is_drawn_can_be_enough(tmp_path):
-    with pytest.raises(ConfigError, match="stop: bodies of source preset are no samples"):
-        parse_config(CONFIG | {"bodies": {"source": "preset", "name": "GH"}})
 
 
 def stopped(seed: int) -> Cells:

@@ -221,7 +221,6 @@ def test_the_reduced_model_can_be_tapped():
         ("launch: {omega: [0, 0, 1]}", "t_rgh times t_rGH is not a finite time in the only run"),
         ("launch: {omega: [1, 0, 0]}", "horizon.t: missing; a launch without spin has no t_rGH"),
         ("launch: {omega: [0.1, 0, 1]}\nmodel: reduced", "c.yaml:3:1: model: reduced begins with"),
-        ("launch: {omega: [0.1, 0, 1], v: 1}", 'c.yaml:2:30: launch.v: unknown key "v"; the keys'),
     ],
 )  # fmt: skip
 def test_launches_that_cannot_be_are_refused(config, words, tmp_path, monkeypatch):

@@ -10,10 +10,7 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pytest
-from click.testing import CliRunner
-from refusal import assert_refused
 
-from rattlesweep.cli import main
 from rattlesweep.errors import ConfigError
 from rattlesweep.study.plots.layout import read_layout
 from rattlesweep.study.plots.map import CODES, Map
@@ -197,27 +194,6 @@ def test_coarse_grids(shape, levels, expected):
 
 
 # -- what is wrong ---------------------------------------------------------------------------------
-
-WRONG = {
-    "{levels: 0}": "bodies.refine.levels: 0 is out of range; it must be at least 1",
-    "{levels: 4, by: typ}": 'bodies.refine.by: "typ" is not one of type, t_r',
-    "{tol: 2}": "bodies.refine.tol: 2 is out of range",
-    "{level: 2}": 'bodies.refine.level: unknown key "level"; did you mean "levels"?',
-    "4": "bodies.refine: 4 is given here; write a mapping",
-}
-
-
-@pytest.mark.parametrize("text", WRONG)
-def test_bad_keys_are_told_with_their_place(text, tmp_path):
-    path = tmp_path / "c.yaml"
-    path.write_text(
-        "bodies:\n  source: grid\n  base: {preset: GH}\n  axes: {theta: {linspace: [0.6, 0.9, 9]}}"
-        f"\n  refine: {text}\nspin: {{n_i: -0.1, omega_xy0: 0.01}}\n"
-    )
-    result = CliRunner().invoke(main, ["run", str(path), "--output", str(tmp_path / "out")])
-    assert_refused(result, 2, WRONG[text])
-    assert f"{path}:5:" in result.stderr
-    assert not (tmp_path / "out").exists()
 
 
 def test_refused_where_nothing_can_be_left_out_or_recorded():

@@ -103,28 +103,6 @@ def test_with_a_fixed_step_and_the_reduced_model(model, tmp_path: Path):
         assert run.reversal_times.tolist() == path.reversals[:8].tolist()
 
 
-@pytest.mark.parametrize(
-    ("config", "words"),
-    [
-        ("record: [reversals, error]", "c.yaml:3:1: record: error compares runs at their first"),
-        (
-            "record: [reversals]\nintegrator: {accuracy: {t_r: 1e-6}}",
-            "record: integrator.accuracy of t_r compares runs at their first reversal, behind",
-        ),
-        (
-            "record: [reversals]\nclassify: {early: true}",
-            "c.yaml:3:1: record: reversals are those of a run up to its horizon, and classify.ea",
-        ),
-        ("record: [reversals]\nmodel: gh", "record: the model 'gh' has no 'reversals' to record"),
-    ],
-)
-def test_what_cannot_be_recorded_is_refused(config, words, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    text = "bodies: {source: preset, name: GH}\nspin: {n_i: 0.1, omega_xy0: 0.1}\n"
-    Path("c.yaml").write_text(text + config + "\n")
-    assert_refused(invoke("run", "c.yaml"), 2, words)
-
-
 # ------------------------------------------------------------------------------ a map
 
 
