@@ -10,15 +10,13 @@ from typing import TYPE_CHECKING, Any, TypeAlias, TypeGuard
 
 import numpy as np
 
+from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 
 if TYPE_CHECKING:
     import pandas as pd
     import pyarrow as pa
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
 
 Bodies: TypeAlias = "Rattleback | Iterable[Rattleback] | Mapping[str, Any] | pd.DataFrame"
 """One body; a sequence or an array of bodies; or a table with the columns of a table of bodies."""
@@ -35,16 +33,10 @@ def body_columns(bodies: Bodies) -> dict[str, Floats]:
     """Parameters of bodies, arrays of one shape, and what else a table of them says.
 
     The shape is ``()`` of one body, that of an array of bodies, and ``(rows,)`` of a sequence or a
-    table.
-
-    Raises
-    ------
-    ConfigError
-        If one of them is no body, or cannot exist.
+    table.  Refuses what is no body, or cannot exist.
     """
     if isinstance(bodies, Rattleback):
-        names = PARAMETERS if bodies.c is None else (*PARAMETERS, "c")
-        return {name: np.array(getattr(bodies, name), float) for name in names}
+        bodies = np.array(bodies, dtype=object)
     if isinstance(bodies, Mapping) or is_frame(bodies):
         import pandas as pd
 
@@ -77,17 +69,11 @@ def body_columns(bodies: Bodies) -> dict[str, Floats]:
     }
 
 
-def numbers(name: str, value: Any, wanted: str = "it must be finite") -> Floats:
-    """An argument as an array.
-
-    Raises
-    ------
-    ConfigError
-        If it holds anything but numbers, or one that is not what its name wants.
-    """
+def numbers(name: str, value: Any) -> Floats:
+    """An argument as an array; refuses anything but numbers that are what its name wants."""
     from rattlesweep.sweeps.cases.table import check_value
 
-    wanted = WANTED.get(name, wanted)
+    wanted = WANTED.get(name, "it must be finite")
     array: Floats | None = None
     with suppress(TypeError, ValueError):
         given = np.asarray(value)
@@ -112,13 +98,7 @@ def numbers(name: str, value: Any, wanted: str = "it must be finite") -> Floats:
 
 
 def full_states(omega: Any, u: Any) -> dict[str, Floats]:
-    """Components of full states by the names of their columns; none where none is given.
-
-    Raises
-    ------
-    ConfigError
-        If one of the two is no vector, or an array of them, or only `u` is given.
-    """
+    """Components of full states by the names of their columns; none where none is given."""
     if omega is None and u is None:
         return {}
     if omega is None:
@@ -135,13 +115,7 @@ def full_states(omega: Any, u: Any) -> dict[str, Floats]:
 
 
 def broadcast(arrays: Mapping[str, Floats]) -> tuple[dict[str, Floats], tuple[int, ...]]:
-    """Columns of bodies and arrays brought to one shape by NumPy's rules, and that shape.
-
-    Raises
-    ------
-    ConfigError
-        If their shapes do not go together.
-    """
+    """Columns of bodies and arrays brought to one shape by NumPy's rules, and that shape."""
     try:
         whole = np.broadcast_arrays(*arrays.values())
     except ValueError:

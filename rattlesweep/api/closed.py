@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from rattlesweep.api.arrays import Bodies, body_columns, broadcast, numbers
+from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import full, steady, theory
 from rattlesweep.physics.body import PARAMETERS
@@ -15,9 +16,7 @@ from rattlesweep.physics.launch import direction, garcia_hubbard
 from rattlesweep.physics.theory import Modes
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    Floats = NDArray[np.float64]
+    from numpy.typing import ArrayLike
 
 
 class GrowthRates(NamedTuple):

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LOOKS = ("title", "log", "size", "xlim", "ylim")
-FORMATS = (".svg", ".png", ".pdf")
 # Dots per inch of what a notebook shows.
 DPI = 110.0
 
@@ -53,13 +52,14 @@ def plotted(
     """A picture of a sweep, written to a file if there is a path."""
     from rattlesweep.study.plots.layout import read_layout
     from rattlesweep.study.plots.registry import read_picture
-    from rattlesweep.study.style import encode, save, styled
+    from rattlesweep.study.style import FORMATS, encode, save, styled
 
     for name in looks:
         if name not in LOOKS:
             raise ConfigError(f"{name}: unknown; the looks of a picture are {', '.join(LOOKS)}")
-    if path is not None and Path(path).suffix.lower() not in FORMATS:
-        raise ConfigError(f"path {path}: the name must end in {', '.join(FORMATS)}")
+    endings = [f".{kind}" for kind in FORMATS]
+    if path is not None and Path(path).suffix.lower() not in endings:
+        raise ConfigError(f"path {path}: the name must end in {', '.join(endings)}")
     if isinstance(select, Mapping):
         select = [f"{name}={_values(value)}" for name, value in select.items()]
     elif isinstance(select, str):

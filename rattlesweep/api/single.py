@@ -19,6 +19,7 @@ from rattlesweep.api.arrays import (
     numbers,
     to_frame,
 )
+from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.progress import Bar
@@ -27,11 +28,9 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     import pandas as pd
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from rattlesweep.study.onerun.course import Trajectory
-
-    Floats = NDArray[np.float64]
 
 LAUNCH, OF_LAUNCH = ("n_i", "omega_xy0"), ("psi", "t_end")
 STATE = ("omega_x", "omega_y", "omega_z", "u_x", "u_y", "u_z")

@@ -252,7 +252,7 @@ class Sweep:
         >>> rs.load("out/gh").report().path.name
         'report.html'
         """
-        from rattlesweep.study.report.page import make_report
+        from rattlesweep.study.report import make_report
         from rattlesweep.sweeps.store.atomic import replace_file
 
         target = Path(path) if path is not None else self.directory / "report.html"

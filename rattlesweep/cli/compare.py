@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 from click import argument, option
 
-from rattlesweep.cli.common import Meter, command, options, say, to_json
+from rattlesweep.cli.common import Meter, command, options, probe, say, to_json
 from rattlesweep.cli.common.output import DONE, FAILED, MOST_ROWS
 
 
@@ -22,7 +22,7 @@ from rattlesweep.cli.common.output import DONE, FAILED, MOST_ROWS
 # t_r_error is to cover 99.5 % of the runs.
 @option("--allow", metavar="SHARE", type=click.FloatRange(0, 1), default=0.005,
         help="Share of the runs that reverse in both which may be beyond.")  # fmt: skip
-@options.file("--figure", ".svg", ".png", ".pdf", help="Plot to an .svg, .png or .pdf file.")
+@options.figure
 @options.file("--data", ".csv", ".parquet",
               help="Also write the differences of each run, as .csv or .parquet.")  # fmt: skip
 @options.as_json
@@ -43,10 +43,8 @@ def compare(
     from rattlesweep.study.compare import as_text, save
     from rattlesweep.sweeps.inspect.compare import compare as compared
     from rattlesweep.sweeps.inspect.compare import rows_file
-    from rattlesweep.sweeps.store.atomic import probe_directory
 
-    for path in filter(None, (figure, data)):
-        probe_directory(path.parent)
+    probe(figure, data)
     with Meter() as meter, ExitStack() as files:
         write = {} if data is None else {"write": files.enter_context(rows_file(data))}
         result = compared(a, b, report=meter.counting("runs"), **write)

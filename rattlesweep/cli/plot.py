@@ -36,8 +36,8 @@ from rattlesweep.cli.common import command, options, say, types
 @option("--style", metavar="FILE", type=click.Path(path_type=Path),
         help="A Matplotlib style file (.mplstyle).")  # fmt: skip
 @options.title(types.FORMULA)
-@options.file("--output", ".svg", ".png", ".pdf", multiple=True, help="An .svg, .png or .pdf file; "
-              "may be repeated. By default DIRECTORY/KIND.svg and .png.")  # fmt: skip
+@options.file("--output", *types.PICTURES, multiple=True, help="An .svg, .png or .pdf file; may "
+              "be repeated. By default DIRECTORY/KIND.svg and .png.")  # fmt: skip
 @options.file("--data", ".csv", ".parquet",
               help="Also write the plotted numbers, as .csv or .parquet.")  # fmt: skip
 def plot(

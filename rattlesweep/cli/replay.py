@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from rattlesweep.cli.common import command, options, say
+from rattlesweep.cli.common import command, options, probe, say, types
 from rattlesweep.cli.common.series import say_outcome, write_course
 
 
@@ -22,7 +22,7 @@ from rattlesweep.cli.common.series import say_outcome, write_course
 @options.channels
 @options.file("--output", ".parquet", ".csv",
               help="A .parquet or .csv file; {case} and {sample} are substituted.")  # fmt: skip
-@options.file("--figure", ".svg", ".png", ".pdf",
+@options.file("--figure", *types.PICTURES,
               help="Plot to an .svg, .png or .pdf file; likewise.")  # fmt: skip
 @options.quiet
 def replay(
@@ -43,15 +43,13 @@ def replay(
     from rattlesweep.study.derived import in_units_of
     from rattlesweep.study.onerun.replay import Replay, targets
     from rattlesweep.study.onerun.rows import Rows
-    from rattlesweep.sweeps.store.atomic import probe_directory
 
     in_units_of(None, {"t_end": t_end})
     source = Replay(directory)
     runs = source.select(**which)
     outputs = targets(output, runs, "--output", printed=figure is None)
     drawings = targets(figure, runs, "--figure")
-    for path in filter(None, (*outputs, *drawings)):
-        probe_directory(path.parent)
+    probe(*outputs, *drawings)
     codes = []
     for run, out, drawing in zip(runs, outputs, drawings, strict=True):
         source.prove(run)

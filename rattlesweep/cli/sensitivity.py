@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from rattlesweep.cli.common import command, options, to_json
+from rattlesweep.cli.common import command, options, probe, to_json
 from rattlesweep.cli.common.output import MOST_ROWS
 
 
@@ -16,7 +16,7 @@ from rattlesweep.cli.common.output import MOST_ROWS
     "rattlesweep sensitivity out/design --json --figure indices.svg",
 )
 @options.directory
-@options.file("--figure", ".svg", ".png", ".pdf", help="Plot to an .svg, .png or .pdf file.")
+@options.figure
 @options.as_json
 def sensitivity(directory: Path, figure: Path | None, as_json: bool) -> None:
     """Tell which of the sampled parameters t_r and the types depend on.
@@ -29,10 +29,8 @@ def sensitivity(directory: Path, figure: Path | None, as_json: bool) -> None:
     """
     from rattlesweep.study.sensitivity import as_text, save
     from rattlesweep.sweeps.inspect.sensitivity import sensitivity as told
-    from rattlesweep.sweeps.store.atomic import probe_directory
 
-    if figure is not None:
-        probe_directory(figure.parent)
+    probe(figure)
     found = told(directory)
     if figure is not None:
         save(found, figure)

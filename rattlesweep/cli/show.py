@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click import option
 
-from rattlesweep.cli.common import Meter, command, options, say
+from rattlesweep.cli.common import Meter, command, options, probe, say
 from rattlesweep.cli.common.series import say_outcome
 from rattlesweep.errors import ConfigError
 
@@ -34,9 +34,7 @@ if TYPE_CHECKING:
 @options.title()
 @options.file("--output", ".html", required=True, help="An .html file.")
 @options.quiet
-@click.pass_context
 def show(
-    context: click.Context,
     directory: Path | None,
     which: dict[str, Any],
     body: dict[str, Any],
@@ -59,14 +57,13 @@ def show(
     from rattlesweep.study.onerun.replay import Replay
     from rattlesweep.study.viewer import show as pages
     from rattlesweep.sweeps.blocks.single import Launch
-    from rattlesweep.sweeps.store.atomic import probe_directory
 
-    probe_directory(output.parent)
+    probe(output)
     stored: StoredRun | None = None
     with Meter(quiet) as meter:
         watch = meter.counting("integrating")
         if directory is not None:
-            _refuse_a_launch(context)
+            _refuse(body=body, launch=launch, dissipation=dissipation, integrator=integrator)
             in_units_of(None, {"t_end": t_end})
             source = Replay(directory)
             pages.check_model(source.config.model)
@@ -94,14 +91,10 @@ def show(
     return say_outcome(course, quiet)
 
 
-def _refuse_a_launch(context: click.Context) -> None:
+def _refuse(**given: dict[str, Any]) -> None:
     """Complain of a body or a launch beside `--from`."""
-    for name in (
-        *options.body.names,
-        *options.launch.names,
-        *options.dissipation.names,
-        *options.integrator.names,
-    ):
-        if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
-            option = "--" + name.replace("_", "-")
-            raise ConfigError(f"{option} does not go with --from: the sweep says what the run was")
+    flags = [
+        flag for group, values in given.items() for flag in getattr(options, group).flags(values)
+    ]
+    if flags:
+        raise ConfigError(f"{flags[0]} does not go with --from: the sweep says what the run was")

@@ -7,7 +7,7 @@ from typing import Any
 
 from click import option
 
-from rattlesweep.cli.common import command, options, types
+from rattlesweep.cli.common import command, options, probe, types
 from rattlesweep.cli.common.series import say_outcome, write_course
 
 
@@ -30,7 +30,7 @@ from rattlesweep.cli.common.series import say_outcome, write_course
 @option("--e-r0", type=float, help="Energy of the roll at the start of the reduced model.")
 @options.file("--output", ".parquet", ".csv",
               help="A .parquet or .csv file, instead of CSV on standard output.")  # fmt: skip
-@options.file("--figure", ".svg", ".png", ".pdf", help="Plot to an .svg, .png or .pdf file.")
+@options.figure
 @options.quiet
 def trajectory(
     body: dict[str, Any],
@@ -54,12 +54,10 @@ def trajectory(
     from rattlesweep.study.derived import in_units_of, make_body
     from rattlesweep.study.onerun.rows import Rows
     from rattlesweep.sweeps.blocks.single import Launch
-    from rattlesweep.sweeps.store.atomic import probe_directory
 
     made = make_body(body)
     start = in_units_of(made.units, options.launched(launch) | {"t_end": t_end})
     run = Launch(made, **start, **dissipation, **rest)
-    for path in filter(None, (output, figure)):
-        probe_directory(path.parent)
+    probe(output, figure)
     course = write_course(run, channels, Rows(**rows), output, figure, quiet)
     return say_outcome(course, quiet, None if made.units is None else made.units.time)

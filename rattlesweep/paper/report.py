@@ -17,8 +17,7 @@ from rattlesweep.paper.claims.claim import Judgement
 from rattlesweep.paper.columns import count, number, schema, table, word
 from rattlesweep.paper.registry import FIGURES
 from rattlesweep.paper.symbols import symbols
-from rattlesweep.study.pages import render, source
-from rattlesweep.study.report.config import config_yaml
+from rattlesweep.study.pages import config_yaml, render, source
 from rattlesweep.sweeps.store.atomic import replace_file
 from rattlesweep.sweeps.tables.arrow import encode
 

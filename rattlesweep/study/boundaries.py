@@ -5,15 +5,11 @@ The measures are those of Attractors.jl, of the same names and by boxes as there
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
-    Integers = NDArray[np.int64]
+from rattlesweep.arrays import Floats, Integers
 
 BOX = 5
 """Points along a side of the boxes whose entropy is taken, as Daza et al. have it."""
@@ -25,16 +21,13 @@ FEWEST = 40
 class Boundaries(NamedTuple):
     """What the boundaries on a map are like; NaN where there are none.
 
-    Attributes
-    ----------
-    entropy, boundary_entropy : float
-        Basin entropy ``S_b`` and boundary basin entropy ``S_bb`` in nats: the mean entropy of the
-        types in boxes of `BOX` x `BOX` points, of all boxes and of those with more types than one.
-        ``S_bb > ln 2`` is fractal for sure (Daza et al., Sci. Rep. 6, 31416, 2016).
-    exponent : float
-        Uncertainty exponent ``alpha``: the share of boxes of side ``e`` with more types than one
-        goes as ``e^alpha``. 1 for smooth lines, less for fractal ones: their dimension is
-        ``2 - alpha`` (Grebogi et al., Phys. Lett. A 99, 415, 1983).
+    Basin entropy ``S_b`` and boundary basin entropy ``S_bb`` in nats: the mean entropy of the types
+    in boxes of `BOX` x `BOX` points, of all boxes and of those with more types than one.
+    ``S_bb > ln 2`` is fractal for sure (Daza et al., Sci. Rep. 6, 31416, 2016).
+
+    Uncertainty exponent ``alpha``: the share of boxes of side ``e`` with more types than one goes
+    as ``e^alpha``. 1 for smooth lines, less for fractal ones: their dimension is ``2 - alpha``
+    (Grebogi et al., Phys. Lett. A 99, 415, 1983).
     """
 
     entropy: float

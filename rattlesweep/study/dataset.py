@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 
 from rattlesweep.errors import ConfigError
-from rattlesweep.study.plots.layout import Layout, read_rows
+from rattlesweep.study.plots.layout import Axis, Layout, iter_rows
 from rattlesweep.sweeps.config.fields import PARAMETERS
 from rattlesweep.sweeps.config.messages import not_one_of
 from rattlesweep.sweeps.store.provenance import package_version
@@ -22,35 +22,12 @@ KEYS = ("case", "sample")
 UNITS = "mass M, height of the centre of mass at rest a and gravity g are 1"
 
 
-class _Rows:
-    """Keeps the rows as they go by."""
-
-    def __init__(self, columns: Sequence[str]) -> None:
-        self.columns = columns
-        self.parts: list[pa.RecordBatch] = []
-
-    def add(self, rows: pa.RecordBatch) -> None:
-        """Take more rows."""
-        self.parts.append(rows)
-
-
 def make_dataset(layout: Layout, columns: Sequence[str] | None = None) -> xarray.Dataset:
-    """The runs along the axes of their sweep.
+    """The runs along the axes of their sweep: these columns, or all that hold one value a run.
 
     Dimensions are targets, ``n_i`` and ``omega_xy0`` where the config has them, then the axes of a
     grid of bodies, or ``sample`` where bodies are drawn or from a table.  What is not stored yet,
     or not chosen, is missing: NaN in numbers, which whole ones then become, and no text in words.
-
-    Parameters
-    ----------
-    layout : Layout
-    columns : sequence of str, optional
-        Columns of ``runs``; by default all that hold one value a run.
-
-    Raises
-    ------
-    ConfigError
-        A column is unknown or holds several values a run, or xarray is not installed.
     """
     try:
         import xarray
@@ -60,11 +37,9 @@ def make_dataset(layout: Layout, columns: Sequence[str] | None = None) -> xarray
         ) from None
     fields = {column.name: column for column in layout.manifest.schema}
     chosen = _chosen(fields, layout, columns)
-    rows = _Rows([*KEYS, *chosen])
-    read_rows(layout, rows)
-    table = pa.Table.from_batches(
-        rows.parts, schema=None if rows.parts else pa.schema([fields[n] for n in rows.columns])
-    )
+    wanted = [*KEYS, *chosen]
+    rows = list(iter_rows(layout, wanted))
+    table = pa.Table.from_batches(rows, None if rows else pa.schema([fields[n] for n in wanted]))
     coordinates: dict[str, Any] = {axis.name: _coordinate(axis) for axis in layout.axes.values()}
     shape = tuple(layout.lengths.values())
     place = np.zeros(len(table), np.int64)
@@ -73,8 +48,7 @@ def make_dataset(layout: Layout, columns: Sequence[str] | None = None) -> xarray
         place = np.concatenate([place[:0], *cells])
     if not layout.grid:
         samples = layout.manifest.samples
-        words = {"long_name": fields["sample"].metadata[b"description"].decode(), "units": "1"}
-        coordinates["sample"] = ("sample", np.arange(samples), words)
+        coordinates["sample"] = ("sample", np.arange(samples), _attributes(fields["sample"]))
         shown = place >= 0
         place = np.where(shown, place * samples + table.column("sample").to_numpy(), -1)
         shape = (*shape, samples)
@@ -112,7 +86,7 @@ def _chosen(
     return [name for name in (single if columns is None else columns) if name not in axes]
 
 
-def _coordinate(axis: Any) -> tuple[str, Any, dict[str, str]]:
+def _coordinate(axis: Axis) -> tuple[str, Any, dict[str, str]]:
     columns = {column.name: column for column in runs_schema()}
     if axis.name in columns:
         return axis.name, axis.values, _attributes(columns[axis.name])

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import full, steady, theory
@@ -17,25 +17,19 @@ if TYPE_CHECKING:
     from rattlesweep.physics.si import Units
 
 FREQUENCY, TIME = "sqrt(g/a)", "sqrt(a/g)"
-
-
 SPINS = ("n_c1", "n_i", "n_0")
 """Quantities that people tell in turns a minute."""
 SI_NAMES = ("mass", "height", "inertia", "radii")
 
 
-@dataclass(frozen=True)
-class Quantity:
-    """A number with its unit and what it is; None where there is none.
-
-    ``in_si`` is the same with an SI unit, of a body that was given in such.
-    """
+class Quantity(NamedTuple):
+    """A number with its unit and what it is; None where there is none."""
 
     name: str
     value: float | None
     unit: str
     description: str
-    in_si: tuple[float, str] | None = None
+    in_si: tuple[float, str] | None  # with an SI unit, of a body that was given in such
 
 
 def make_body(given: dict[str, Any]) -> Rattleback:
@@ -92,13 +86,7 @@ def _options(names: Iterable[str]) -> str:
 
 
 def in_units_of(units: Units | None, given: dict[str, Any]) -> dict[str, Any]:
-    """Spins and times in the units of a body, where some are in SI units.
-
-    Raises
-    ------
-    ConfigError
-        The body was not given in such.
-    """
+    """Spins and times in the units of a body; SI units are for one that was given in such."""
     found = dict(given)
     for name, value in given.items():
         if isinstance(value, SI):
@@ -111,37 +99,23 @@ def in_units_of(units: Units | None, given: dict[str, Any]) -> dict[str, Any]:
     return found
 
 
-def check_launch(
-    n_i: float, omega_xy0: float, names: tuple[str, str] = ("n_i", "omega_xy0")
-) -> None:
-    """Refuse a launch without spin or without oscillation; `names` are those the user wrote.
-
-    Raises
-    ------
-    ConfigError
-        If ``n_i`` is zero or ``omega_xy0`` is not positive.
-    """
-    if not (math.isfinite(n_i) and n_i != 0):
-        raise ConfigError(f"{names[0]} {n_i:g}: the initial spin must be finite and not zero")
-    if not (math.isfinite(omega_xy0) and omega_xy0 > 0):
-        raise ConfigError(f"{names[1]} {omega_xy0:g}: the oscillation must be finite and positive")
-
-
-def check_dissipation(sigma: float, rolling: float) -> None:
-    """Refuse losses that are none."""
+def _check(n_i: float, omega_xy0: float, sigma: float, rolling: float) -> None:
+    """Refuse a launch without spin or without oscillation, and losses that are none."""
     for name, value in (("--sigma", sigma), ("--rolling", rolling)):
         if not (math.isfinite(value) and value >= 0):
             raise ConfigError(f"{name} {value:g}: the dissipation must be finite and not negative")
+    if not (math.isfinite(n_i) and n_i != 0):
+        raise ConfigError(f"--n-i {n_i:g}: the initial spin must be finite and not zero")
+    if not (math.isfinite(omega_xy0) and omega_xy0 > 0):
+        raise ConfigError(f"--omega-xy0 {omega_xy0:g}: the oscillation must be finite and positive")
 
 
 def derived(
     body: Rattleback, n_i: float, omega_xy0: float, sigma: float = 0.0, rolling: float = 0.0
 ) -> list[Quantity]:
     """Everything theory says of a body and a launch along the relevant mode."""
-    check_dissipation(sigma, rolling)
-    check_launch(n_i, omega_xy0, ("--n-i", "--omega-xy0"))
-    b = body
-    m = theory.modes(b.alpha, b.beta, b.theta, b.phi, b.xi)
+    _check(n_i, omega_xy0, sigma, rolling)
+    b, m = body, theory.modes(body.alpha, body.beta, body.theta, body.phi, body.xi)
     psi = direction(m, n_i, "relevant")
     gh = garcia_hubbard(b, m, n_i, omega_xy0, psi)
     n_c1 = float(theory.bondi_threshold(b.alpha, b.beta, b.gamma, b.theta, b.phi))
@@ -161,19 +135,11 @@ def derived(
             ("sigma", sigma, "M a^2 sqrt(g/a)", "dissipation: torque -sigma omega"),
             ("rolling", rolling, "a", "dissipation: lever of the rolling resistance"),
             ("spin_decay", sigma / b.gamma, FREQUENCY, "rate at which an upright spin falls"),
-            (
-                "n_growth_pitch",
-                known * 2 * damping[0] / m.K_p,
-                FREQUENCY,
-                "spin above which the pitch grows, small spin",
-            ),
-            (
-                "n_growth_roll",
-                known * -2 * damping[1] / m.K_r,
-                FREQUENCY,
-                "spin below which the roll grows, small spin",
-            ),
-        ]
+            ("n_growth_pitch", known * 2 * damping[0] / m.K_p, FREQUENCY,
+             "spin above which the pitch grows, small spin"),
+            ("n_growth_roll", known * -2 * damping[1] / m.K_r, FREQUENCY,
+             "spin below which the roll grows, small spin"),
+        ]  # fmt: skip
     shape = [] if b.c is None else [("c", b.c, "a", "body: vertical semi-axis of the ellipsoid")]
     rows: list[tuple[str, Any, str, str]] = [
         *((name, getattr(b, name), "rad" if name == "xi" else "1", "body") for name in PARAMETERS),

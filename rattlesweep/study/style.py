@@ -86,18 +86,15 @@ RC: dict[str, Any] = {
     "svg.hashsalt": "rattlesweep",
     "pdf.fonttype": 42,
 }
-FORMATS = ("svg", "png", "pdf")
+FORMATS: dict[str, dict[str, Any]] = {
+    "svg": {"Date": None}, "png": {"Software": None}, "pdf": {"CreationDate": None},
+}  # fmt: skip
+"""What a figure is written as, without what differs from time to time."""
 
 
 @contextmanager
 def styled(style: Path | None = None) -> Iterator[None]:
-    """Matplotlib's settings for our pictures, with those of a style file on top.
-
-    Raises
-    ------
-    ConfigError
-        The style file is not there or not one.
-    """
+    """Matplotlib's settings for our pictures, with those of a style file on top."""
     settings: Any = RC | ({} if style is None else dict(_read_style(style)))
     with mpl.rc_context():
         mpl.rcdefaults()
@@ -142,12 +139,7 @@ def light_grid(axes: Any) -> None:
 def encode(figure: Figure, kind: str, dpi: float) -> bytes:
     """Bytes of a figure as one of `FORMATS`; equal figures give equal bytes."""
     buffer = io.BytesIO()
-    metadata: dict[str, Any] = {
-        "svg": {"Date": None},
-        "png": {"Software": None},
-        "pdf": {"CreationDate": None},
-    }[kind]
-    figure.savefig(buffer, format=kind, dpi=dpi, metadata=metadata)
+    figure.savefig(buffer, format=kind, dpi=dpi, metadata=FORMATS[kind])
     return buffer.getvalue()
 
 

@@ -42,50 +42,26 @@ _ARITHMETIC: dict[type, Callable[[Any, Any], Any]] = {
 
 @dataclass(frozen=True)
 class Condition:
-    """What runs are to be like.
+    """What runs are to be like."""
 
-    Attributes
-    ----------
-    expression : pyarrow.compute.Expression
-        For :meth:`pyarrow.Table.filter` and the like.
-    columns : tuple of str
-        Columns that it looks at.
-    text : str
-        As it was written.
-    """
-
-    expression: Any
-    columns: tuple[str, ...]
-    text: str = ""
+    expression: Any  # for :meth:`pyarrow.Table.filter` and the like
+    columns: tuple[str, ...]  # that it looks at
+    text: str  # as it was written
 
 
 def parse_condition(text: str, schema: pa.Schema, option: str = "--where") -> Condition:
-    """Read a condition.
-
-    Parameters
-    ----------
-    text : str
-    schema : pyarrow.Schema
-        Columns that there are, with their types.
-    option : str
-        What a complaint begins with.
-
-    Raises
-    ------
-    ConfigError
-        If it cannot be read, or compares what cannot be compared.
-    """
-    translator = _Translator(schema)
+    """Read a condition on columns; complaints begin with the ``option`` that it was given by."""
+    translator, text = _Translator(schema), text.strip()
+    shown = one_line(text, 200)
     try:
-        if not text.strip():
+        if not text:
             raise _Unreadable("is empty; type = 'SW' and K_r < 0.005 is an example")
-        expression = translator.condition(_parse(_TOKEN.sub(_python, text.strip())))
+        expression = translator.condition(_parse(_TOKEN.sub(_python, text)))
     except _Unreadable as error:
-        raise ConfigError(f"{option} {one_line(text.strip(), 200)}: {error}") from None
+        raise ConfigError(f"{option} {shown}: {error}") from None
     except (MemoryError, RecursionError):
-        raise ConfigError(f"{option} {one_line(text.strip(), 200)}: is nested too deep") from None
-    columns = tuple(dict.fromkeys(translator.columns))
-    return Condition(expression, columns, one_line(text.strip(), 200))
+        raise ConfigError(f"{option} {shown}: is nested too deep") from None
+    return Condition(expression, tuple(dict.fromkeys(translator.columns)), shown)
 
 
 class _Unreadable(ValueError):
@@ -177,11 +153,9 @@ class _Translator(ast.NodeVisitor):
                 return pc.scalar(word), "word"
             case ast.Constant(bool(flag)):
                 return pc.scalar(flag), "flag"
-            case ast.Constant(int(number)):
+            case ast.Constant(int(number) | float(number)):
                 # Whole numbers keep all their digits, if Arrow has as many.
                 return pc.scalar(number if abs(number) < 2**63 else float(number)), "number"
-            case ast.Constant(float(number)):
-                return pc.scalar(number), "number"
             case ast.UnaryOp(ast.USub(), ast.Constant(int(number) | float(number))):
                 return self._value(ast.Constant(-number))
             case ast.UnaryOp(ast.USub(), inner):

@@ -19,7 +19,7 @@ import pytest
 import rattlesweep as rs
 from rattlesweep.api import closed, single, stored, sweeps
 from rattlesweep.errors import ConfigError, ConfigWarning
-from rattlesweep.study.report.page import make_report
+from rattlesweep.study.report import make_report
 from rattlesweep.sweeps.inspect.verify import verify
 from rattlesweep.sweeps.store.store import Store
 

@@ -17,8 +17,8 @@ from matplotlib.colors import to_rgb
 from test_run import invoke, tree
 
 import rattlesweep as rs
-from rattlesweep.study.report.config import config_yaml
-from rattlesweep.study.report.page import MOST_CASES, make_report
+from rattlesweep.study.pages import config_yaml
+from rattlesweep.study.report import MOST_CASES, make_report
 from rattlesweep.study.style import TYPE_STYLE
 from rattlesweep.sweeps.config import yamlfile
 from rattlesweep.sweeps.config.load import parse_config, physics_hash, resolved

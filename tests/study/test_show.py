@@ -111,8 +111,8 @@ def test_the_body_is_cut_off_above_every_contact():
     c = found.columns
     matrix = turns(np.stack([c[f"q{k}"] for k in range(4)], axis=1))
     highest = max(1 - lowest(m)[2] for m in matrix)
-    assert found.rise >= 1.2 * highest
-    assert found.rise >= 1
+    assert found.about["rise"] >= 1.2 * highest
+    assert found.about["rise"] >= 1
 
 
 def test_dumbbells_are_those_of_the_moments():
@@ -142,7 +142,7 @@ def test_the_largest_page_is_below_5_mb():
     found = scene(points=200)
     many = {name: np.resize(column, show.MOST_ROWS) for name, column in found.columns.items()}
     t = np.arange(show.MOST_ROWS, dtype=float)
-    large = show.Scene(t, many, found.theory, found.rise, found.about)
+    large = show.Scene(t, many, found.theory, found.about)
     assert len(show.make_page(large, "a", "b")) < 5e6
 
 

@@ -24,15 +24,14 @@ overrides = option(
     "--set", "overrides", metavar="KEY=VALUE", multiple=True,
     help="Override a key of the config, such as bodies.samples=10; may be repeated.",
 )  # fmt: skip
-threads = option("-j", "--threads", type=types.Threads(), help="Number of threads of the kernel.")
+threads = option("-j", "--threads", type=click.IntRange(1), help="Number of threads of the kernel.",
+                 callback=lambda context, option, count: types.check_threads(count))  # fmt: skip
 as_json = option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
 quiet = option("-q", "--quiet", is_flag=True, help="No progress, closing words or warning.")
 t_end = option(
     "--t-end", type=types.DURATION,
     help="Horizon, in sqrt(a/g), or as in 20s; by default 5 t_rGH, or that of the sweep.",
 )  # fmt: skip
-
-
 from_time = option("--from-time", type=float, help="Begin the rows at this time, in sqrt(a/g).")
 
 
@@ -50,6 +49,9 @@ def file(name: str, *endings: str, help: str, **settings: Any) -> Decorator:
     """A file to write, of a format that its name's ending tells."""
     names = ("-o", name) if name == "--output" else (name,)
     return option(*names, type=types.file(*endings), help=help, **settings)
+
+
+figure = file("--figure", *types.PICTURES, help="Plot to an .svg, .png or .pdf file.")
 
 
 class Group:
@@ -77,6 +79,11 @@ class Group:
         added: list[click.Parameter] = vars(grouped)["__click_params__"][-len(self._options) :]
         self.names = [parameter.name or "" for parameter in added]
         return grouped
+
+    def flags(self, values: dict[str, Any]) -> list[str]:
+        """Options that were given, of the dictionary that the command got."""
+        given = (name for name in self.names if self._keys.get(name, name) in values)
+        return [f"--{name.replace('_', '-')}" for name in given]
 
 
 body = Group(

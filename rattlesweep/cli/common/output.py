@@ -28,6 +28,14 @@ def to_json(data: Any) -> str:
     return json.dumps(data, indent=2, allow_nan=False)
 
 
+def probe(*files: Path | None) -> None:
+    """See that files can be written where they are asked for, before anything is computed."""
+    from rattlesweep.sweeps.store.atomic import probe_directory
+
+    for path in filter(None, files):
+        probe_directory(path.parent)
+
+
 def print_summary(summary: pa.Table, directory: Path) -> None:
     """Print the table of a summary: all of its cases, or the first of many."""
     from rattlesweep.sweeps.inspect.summary import closing_table

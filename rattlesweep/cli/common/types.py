@@ -66,55 +66,31 @@ class Choice(click.Choice[str]):
         raise ConfigError(f"{_flag(param)}: {not_one_of(value, self.choices)}")
 
 
-class Threads(click.IntRange):
-    """A number of threads, no more than there are processors."""
-
-    def __init__(self) -> None:
-        super().__init__(1)
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: Any) -> Any:
-        """Read what was typed."""
-        return check_threads(super().convert(value, param, ctx))
-
-
 def check_threads(threads: int | None) -> int | None:
     """Refuse more threads than the kernels can use."""
+    if threads is None:
+        return None
     check_settings()
     from rattlesweep.integrate.batch import most_threads
 
-    if threads is not None and threads > (most := most_threads()):
+    if threads > (most := most_threads()):
         raise click.BadParameter(f"{threads} is more than the {most} processors there are")
     return threads
 
 
-def _pair(text: str) -> tuple[float, float]:
-    try:
-        first, second = (float(word) for word in text.split(","))
-    except ValueError:
-        return math.nan, math.nan
-    return first, second
+def _numbers(
+    count: int, fit: Callable[..., bool], wanted: str
+) -> Callable[[str], tuple[float, ...]]:
+    """So many numbers with commas between them that fit; what is none is told what is wanted."""
 
+    def read(text: str) -> tuple[float, ...]:
+        with suppress(ValueError):
+            values = tuple(map(float, text.split(",")))
+            if len(values) == count and fit(*values):
+                return values
+        raise ValueError(wanted)
 
-def _size(text: str) -> tuple[float, float]:
-    width, height = _pair(text)
-    if not (1 <= width <= 60 and 1 <= height <= 60):
-        raise ValueError("give width and height in inches, each from 1 to 60, as in 7,4.5")
-    return width, height
-
-
-def _limits(text: str) -> tuple[float, float]:
-    low, high = _pair(text)
-    if not -math.inf < low < high < math.inf:
-        raise ValueError("give the lower and the upper end, as in 0.01,0.1")
-    return low, high
-
-
-def _vector(text: str) -> tuple[float, float, float]:
-    try:
-        x, y, z = map(float, text.split(","))
-    except ValueError:
-        raise ValueError("is no vector; give three numbers, such as 0,0,-1") from None
-    return x, y, z
+    return read
 
 
 def _measured(kind: str) -> Callable[[str], float]:
@@ -129,10 +105,6 @@ def _measured(kind: str) -> Callable[[str], float]:
     return read
 
 
-def _inertia(text: str) -> list[float]:
-    return quantities(text, "moment of inertia", 3, 4, 5, 6)
-
-
 def _names(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(",") if name.strip())
 
@@ -143,6 +115,9 @@ def _directory(text: str) -> Path:
     if text != text.encode(errors="replace").decode():
         raise ValueError("the name is not UTF-8; give one that is")
     return Path(text)
+
+
+PICTURES = (".svg", ".png", ".pdf")
 
 
 def file(*endings: str) -> Grammar:
@@ -181,16 +156,21 @@ TIME = Grammar("time", seconds_of)
 SHARD = Grammar("i/n", "rattlesweep.sweeps.cases.shards:Shard.parse")
 SLURM_TIME = Grammar("time", "rattlesweep.sweeps.engines.slurm:limit_of")
 SLURM_MEMORY = Grammar("size", "rattlesweep.sweeps.engines.slurm:memory_of")
-SIZE = Grammar("w,h", _size)
-LIMITS = Grammar("low,high", _limits)
+SIZE = Grammar("w,h", _numbers(2, lambda w, h: 1 <= w <= 60 and 1 <= h <= 60,
+               "give width and height in inches, each from 1 to 60, as in 7,4.5"))  # fmt: skip
+LIMITS = Grammar("low,high", _numbers(2, lambda low, high: -math.inf < low < high < math.inf,
+                 "give the lower and the upper end, as in 0.01,0.1"))  # fmt: skip
 MASS = Grammar("mass", partial(quantity, kind="mass"))
 LENGTH = Grammar("length", partial(quantity, kind="length"))
 RADII = Grammar("r1,r2 unit", lambda text: quantities(text, "length", 2))
-INERTIA = Grammar("ixx,iyy,izz,ixy unit", _inertia)
+INERTIA = Grammar(
+    "ixx,iyy,izz,ixy unit", lambda text: quantities(text, "moment of inertia", 3, 4, 5, 6)
+)
 ANGLE = Grammar("angle", partial(quantity, kind="angle"))
 SPIN = Grammar("spin", _measured("spin"))
 DURATION = Grammar("time", _measured("time"))
-VECTOR = Grammar("x,y,z", _vector)
+VECTOR = Grammar("x,y,z", _numbers(3, lambda *xyz: True,
+                 "is no vector; give three numbers, such as 0,0,-1"))  # fmt: skip
 NAMES = Grammar("a,b,...", _names)
 DIRECTORY = Grammar("dir", _directory)
 TITLE = Grammar("text", _title)

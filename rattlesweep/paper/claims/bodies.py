@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rattlesweep.arrays import Floats
 from rattlesweep.paper.claims.claim import EXACT, Measured, Tables, every, share
 from rattlesweep.paper.figures.fig3 import DECADES, counts_of, edges
 from rattlesweep.paper.figures.sd import BOUND, draw
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import shell_dumbbell
 from rattlesweep.sweeps.config.bodies import SdRanges
-
-Floats = NDArray[np.float64]
 
 # Random bodies on which formulas are tried.
 SAMPLES = 2000

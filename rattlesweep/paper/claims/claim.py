@@ -69,40 +69,23 @@ def complete(figure: Mapping[str, pa.Table]) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class Claim:
-    """A row of the table of claims.
+    """A row of the table of claims."""
 
-    Attributes
-    ----------
-    id : str
-        ``T1``, ``U2``, ...
-    where : str
-        Place in the paper; equations by their printed number and their label in the source, as in
-        ``Eq. (38) [k-diff]``.
-    words : str
-        What the paper says.  What stands between quotation marks is quoted word for word.
-    criteria : list of str
-        What is asked of the measurement.  The first is the headline: the paper's statement itself.
-    measure : callable
-        From the tables of the figures to the checks, one for each criterion, and the numbers;
-        None if these tables cannot settle the claim.  Of the numbers, ``value`` is the one that
-        decides, ``low`` and ``high`` its confidence interval or range.
-    measured, notes : str
-        What was found; how it was found, and what explains it.  Numbers stand in braces.
-    leeway : str
-        The paper's word that leaves room in the headline, such as “almost”, if there is one.
-    figures : list of str
-        Figures whose tables are needed; none for a claim about formulas alone.
-    """
-
-    id: str
+    id: str  # T1, U2, ...
     where: str
-    words: str
+    """Place in the paper; equations by their printed number and their label in the source, as in
+    ``Eq. (38) [k-diff]``."""
+    words: str  # of the paper, between quotation marks word for word
     criteria: Sequence[str]
+    """What is asked of the measurement, first the headline: the paper's statement itself."""
     measure: Callable[..., Measured | None]
-    measured: str
-    notes: str = ""
-    leeway: str = ""
-    figures: Sequence[str] = ()
+    """From the tables of the figures to the checks, one for each criterion, and the numbers; None
+    if these tables cannot settle the claim.  Of the numbers, ``value`` is the one that decides,
+    ``low`` and ``high`` its confidence interval or range."""
+    measured: str  # what was found, with numbers in braces
+    notes: str = ""  # likewise, how it was found, and what explains it
+    leeway: str = ""  # the paper's word that leaves room in the headline, such as “almost”
+    figures: Sequence[str] = ()  # whose tables are needed; none for a claim about formulas alone
 
     def judge(self, tables: Tables, **options: Any) -> Judgement | None:
         """Measure the claim; None if these tables cannot settle it.

@@ -11,15 +11,13 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from rattlesweep.arrays import Floats
 from rattlesweep.paper.claims.claim import Count, Measured, Tables, every, share, share_words
 from rattlesweep.paper.figures.chaos import LONGER, SLOW
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.sweeps.tables.chaos import LEAST_GROWTH
-
-Floats = NDArray[np.float64]
 
 # A tenth of a decade: the size of a symbol on the paper's logarithmic axes.
 SYMBOL = 10**0.1

@@ -12,14 +12,12 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rattlesweep.arrays import Floats
 from rattlesweep.paper.claims.bodies import SAMPLES, sd_bodies, wide_bodies
 from rattlesweep.paper.claims.claim import EXACT, Count, Measured, Tables, every
 from rattlesweep.physics import full, reduced, steady, theory
 from rattlesweep.physics.body import Rattleback
-
-Floats = NDArray[np.float64]
 
 # --- T1 -----------------------------------------------------------------------------------------
 

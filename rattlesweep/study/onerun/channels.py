@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.cache import specialise
 from rattlesweep.physics import full, reduced
@@ -18,13 +19,9 @@ from rattlesweep.physics.attitude import quaternion
 from rattlesweep.sweeps.tables.columns import ENERGY, FORCE, RATE, TIME
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from rattlesweep.integrate.follow.trajectory import Samples
     from rattlesweep.integrate.model import Model
     from rattlesweep.study.onerun.course import Course
-
-    Floats = NDArray[np.float64]
 
 
 def _arrays(function: Any) -> Callable[..., Any]:
@@ -180,24 +177,14 @@ class View:
 
 @dataclass(frozen=True)
 class Channel:
-    """One column of a trajectory.
-
-    Attributes
-    ----------
-    models : tuple of str
-        Models that have it.
-    of : callable
-        From a :class:`View`.
-    needs : str
-        ``attitude`` or ``reduced`` where that must be integrated too.
-    """
+    """One column of a trajectory."""
 
     name: str
     unit: str
     description: str
-    models: tuple[str, ...]
+    models: tuple[str, ...]  # that have it
     of: Callable[[View], Floats]
-    needs: str = ""
+    needs: str = ""  # "attitude" or "reduced" where that must be integrated too
 
 
 FULL, BOTH, ALL = ("full",), ("full", "reduced"), ("full", "reduced", "gh")

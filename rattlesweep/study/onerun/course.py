@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
+from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.follow.trajectory import Follower, Samples
 from rattlesweep.integrate.model import REDUCED
@@ -23,13 +24,10 @@ from rattlesweep.sweeps.cases.launches import model_of, reduced_batch, with_ener
 
 if TYPE_CHECKING:
     import pandas as pd
-    from numpy.typing import NDArray
 
     from rattlesweep.integrate.batch import Batch
     from rattlesweep.sweeps.cases.launches import Launches
     from rattlesweep.sweeps.config.schema import Config
-
-    Floats = NDArray[np.float64]
 
 # A run that is ready to be integrated, as :func:`single_run` makes it of a launch and
 # :meth:`rattlesweep.study.onerun.replay.Replay.prepare` of a stored run.
@@ -59,43 +57,9 @@ class _ClosedForm:
 class Course:
     """A trajectory under way: iterate to get it chunk by chunk, stop whenever you like.
 
-    Parameters
-    ----------
-    run : Launch, or tuple of Config, Launches and Batch
-        One run, or one that is prepared.
-    channels : sequence of str
-        Names of :data:`rattlesweep.study.onerun.channels.CHANNELS`; these become the columns.
-    rows : Rows
-        Times at which they are wanted.
-    watch : callable, optional
-        Called with the share that is done, every few thousand steps.
-
-    Attributes
-    ----------
-    channels : tuple of Channel
-    body, launch : dict of float
-        The body's parameters, with ``c`` if it is an ellipsoid; ``n_i``, ``omega_xy0`` and ``psi``.
-    launches : Launches
-        The launch and what theory says of it, as arrays over this one run.
-    integrator : dict
-        Method with its ``tol`` or ``dt``.
-    times : EvenTimes, ndarray or None
-        Of the rows; None for the accepted steps.
-    zeros, reversals : list of float
-        Times of the zeros of the spin so far, and of the first zeros of its reversals.
-    observer : Observer
-        What the run has done so far.
-    t_end : float
-        Horizon, in ``sqrt(a/g)``.
-    equations : Model or None
-        What is integrated; None for the closed form.
-    periods : float
-        Periods of the pitch up to there; 0 for a model without them.
-
-    Raises
-    ------
-    ConfigError
-        If an argument is wrong.
+    ``channels`` are names of :data:`rattlesweep.study.onerun.channels.CHANNELS`, which become the
+    columns, ``rows`` the times at which they are wanted.  ``watch`` is called with the share that
+    is done, every few thousand steps.  Times are in ``sqrt(a/g)``.
     """
 
     def __init__(
@@ -108,7 +72,9 @@ class Course:
     ) -> None:
         energies = (run.e_p0, run.e_r0) if isinstance(run, Launch) else (None, None)
         config, self.launches, batch = single_run(run) if isinstance(run, Launch) else run
+        # The launch and what theory says of it, as arrays over this one run.
         launches, self.model = self.launches, str(config.model)
+        # What is integrated; None for the closed form.
         self.equations = None if batch is None else model_of(config)
         self.channels = choose(channels, self.model)
         self.body = {name: float(getattr(launches.bodies, name)[0]) for name in PARAMETERS}
@@ -123,8 +89,10 @@ class Course:
                               "give t_end")  # fmt: skip
         if rows.steps and batch is None:
             raise ConfigError("steps: the model gh takes none; give points or dt")
+        # Of the pitch up to the horizon; 0 for a model without them.
         pitch = float(launches.modes.omega_p[0]) / (2 * math.pi)
         self.periods = t_end * pitch if self.model == "full" else 0.0
+        # Of the rows; None for the accepted steps.
         self.times = rows.up_to(t_end, self.periods)
         self._start = rows.from_time or 0.0
         needs = {channel.needs for channel in self.channels}
@@ -155,6 +123,7 @@ class Course:
                 look=self._look,
                 watch=None if watch is None else lambda t: watch(min(1.0, t / t_end)),
             )
+        # Of the spin so far: times of all zeros, and of the first ones of its reversals.
         self.zeros = self.observer.zeros = self._follower.zeros
         self.reversals = self.observer.reversals
         self.energy_0: float = self._follower.energy_0

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rattlesweep.arrays import Floats
 from rattlesweep.study.onerun.channels import CHANNELS
 from rattlesweep.study.onerun.course import Course
 from rattlesweep.study.onerun.rows import Rows
@@ -33,11 +34,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
     from rattlesweep.study.onerun.course import PreparedRun
-
-    Floats = NDArray[np.float64]
 
 WIDTH, DPI = 7.2, 160
 # Every period of the pitch is to be seen, as far as the points are not too many.

@@ -5,44 +5,27 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rattlesweep.arrays import Floats
 from rattlesweep.integrate.batch import PLATEAU_SHARE
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
 
 
 @dataclass
 class Observer:
-    """Looks at the launch and at the accepted steps as they come.
-
-    Attributes
-    ----------
-    plateau : float
-        Modulus of the launch's spin, in ``sqrt(g/a)``; of one without spin, ``n_0``.
-    zeros : list of float
-        Times of all zeros of the spin up to the last look, kept by whoever finds them.
-    reversals : list of float
-        Of each reversal (:data:`rattlesweep.integrate.batch.PLATEAU_SHARE`) its first zero.
-    normal_min, friction_max : float
-        Least normal force in ``M g``, and the largest ratio of the tangential to the normal force.
-    lifts, slips : float
-        When the first is first negative and the second first above 1; NaN if never.
-    """
+    """Looks at the launch and at the accepted steps as they come."""
 
     plateau: float
+    """Modulus of the launch's spin, in ``sqrt(g/a)``; of one without spin, ``n_0``."""
     zeros: list[float] = field(default_factory=list)
-    reversals: list[float] = field(default_factory=list)
-    normal_min: float = math.inf
-    friction_max: float = 0.0
-    lifts: float = math.nan
-    slips: float = math.nan
-    # The last time beyond that share of the plateau, and the sign of the spin then.
+    """Times of all zeros of the spin up to the last look, kept by whoever finds them."""
+    reversals: list[float] = field(default_factory=list)  # the first zero of each
+    normal_min: float = math.inf  # least normal force in M g
+    friction_max: float = 0.0  # largest ratio of the tangential force to it
+    lifts: float = math.nan  # when the first is first negative; NaN if never
+    slips: float = math.nan  # when the second is first above 1; NaN if never
+    # The last time beyond the share PLATEAU_SHARE of the plateau, and the sign of the spin then.
     _last: tuple[float, float] = (0.0, 0.0)
 
     def spin(self, t: Floats, n: Floats) -> None:

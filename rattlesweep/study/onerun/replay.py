@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from rattlesweep.study.onerun.course import Course, PreparedRun
+    from rattlesweep.sweeps.cases.launches import Launches
     from rattlesweep.sweeps.config.schema import Config
 
 
@@ -70,11 +71,6 @@ class StoredRun:
 
         The first zero of its spin is ``t_r``; where the run ends at the stored ``t_end`` without
         one, its number of steps is ``n_steps``.
-
-        Raises
-        ------
-        OutputError
-            It differs.
         """
         if course.model not in MODELS or self.status != "ok":
             return
@@ -94,13 +90,8 @@ class StoredRun:
 class Replay:
     """An output directory, whole or still running, whose runs can be had again.
 
-    Raises
-    ------
-    ConfigError
-        It is no sweep, or its table of bodies is not there or has changed; of the methods: there is
-        no such run, or an argument is wrong.
-    OutputError
-        It cannot be read; of the methods: the run is not stored yet, or its file is damaged.
+    What is wrong with a request is a ConfigError; what is not stored yet, damaged, or comes out
+    otherwise than stored an OutputError.
     """
 
     def __init__(self, directory: Path) -> None:
@@ -168,13 +159,7 @@ class Replay:
         return [self.find(case, sample)]
 
     def prove(self, run: StoredRun, threads: int | None = 1) -> None:
-        """Integrate a run as the sweep did, and compare its whole row bit for bit.
-
-        Raises
-        ------
-        OutputError
-            It differs.
-        """
+        """Integrate a run as the sweep did, and compare its whole row bit for bit."""
         place = np.array([self._plan.place(run.case, run.sample)])
         for _, _, names in differing_rows(self._stored, place, threads):
             raise OutputError(
@@ -186,7 +171,7 @@ class Replay:
         """Why a run is sensitive, in a line with its numbers; empty if it is not, or not told."""
         if run.t_r is None or run.t_r_error is None or not is_sensitive(run.t_r_error, run.t_r):
             return ""
-        launches = prepare(self._plan, np.array([run.case]), np.array([run.sample]))
+        launches = self._launches(run)
         batch = make_batch(launches, self.config.model)
         assert batch is not None
         found = run_batch(self.config, batch, threads=1)
@@ -194,9 +179,12 @@ class Replay:
         swing = 2 * np.pi / float(batch.swing[0])
         return f"{run.name}: {cause_of(found, swing, float(launches.n_i[0]))}"
 
+    def _launches(self, run: StoredRun) -> Launches:
+        return prepare(self._plan, np.array([run.case]), np.array([run.sample]))
+
     def prepare(self, run: StoredRun, t_end: float | None = None) -> PreparedRun:
         """The run for a :class:`Course`, to ``t_end`` in ``sqrt(a/g)`` or the sweep's horizon."""
-        launches = prepare(self._plan, np.array([run.case]), np.array([run.sample]))
+        launches = self._launches(run)
         if t_end is not None:
             if not (np.isfinite(t_end) and t_end > 0):
                 raise ConfigError(f"t_end {t_end:g}: a finite, positive time is needed")

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
+from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -38,34 +34,22 @@ class EvenTimes:
         return np.minimum(self.start + self.step * (k / self.parts), self.last)
 
 
-Times: TypeAlias = "EvenTimes | Floats"
+Times: TypeAlias = EvenTimes | Floats
 
 
 @dataclass(frozen=True)
 class Rows:
     """One way to choose the rows; without any, so many in a period of the pitch.
 
-    Attributes
-    ----------
-    points : int, optional
-        So many, evenly from 0 to the horizon.
-    dt : float, optional
-        One every ``dt``, in ``sqrt(a/g)``.
-    steps : bool
-        One per accepted step.
-    times : array_like, optional
-        Increasing times from 0 to the horizon, in ``sqrt(a/g)``.
-    from_time : float, optional
-        Time of the first row, where they are even, or before which there is none.
-    per_period, least, most : int
-        Rows in a period of the pitch if none of these is given, and how many at least and at most.
+    Times are in ``sqrt(a/g)``.
     """
 
-    points: int | None = None
-    dt: float | None = None
-    steps: bool = False
-    times: Any = None
-    from_time: float | None = None
+    points: int | None = None  # so many, evenly from 0 to the horizon
+    dt: float | None = None  # one every dt
+    steps: bool = False  # one per accepted step
+    times: Any = None  # increasing times from 0 to the horizon
+    from_time: float | None = None  # of the first row where they are even; none is before
+    # Without any of these: rows in a period of the pitch, and how many at least and at most.
     per_period: int = 20
     least: int = 2001
     most: int | None = None

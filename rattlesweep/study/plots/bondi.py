@@ -6,8 +6,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from rattlesweep.arrays import Floats
 from rattlesweep.physics.theory import bondi_threshold
-from rattlesweep.study.plots.layout import Axis, Floats, Layout
+from rattlesweep.study.plots.layout import Axis, Layout
 from rattlesweep.sweeps.cases.sources import make_source
 from rattlesweep.sweeps.config.load import parse_config, resolved
 
@@ -18,33 +19,21 @@ FINE = {1: 2001, 2: 500}
 def threshold(
     layout: Layout, axes: Sequence[Axis], fixed: Mapping[str, float]
 ) -> tuple[list[Floats], Floats]:
-    """Bondi's ``n_c1`` over one or two axes of a grid of bodies.
+    """Bondi's ``n_c1`` over one or two axes of a grid of bodies, at `fixed` values of the others.
 
-    Parameters
-    ----------
-    axes
-        Of the grid, in any order.
-    fixed
-        Values of its other axes.
-
-    Returns
-    -------
-    values : list of ndarray
-        Along each of the axes, much finer than the grid.
-    n_c1 : ndarray
-        Over the axes in their order; NaN where there is no threshold.
+    Gives values along each of the axes, much finer than the grid, and ``n_c1`` over the axes in
+    their order, NaN where there is no threshold.
     """
     count, names = FINE[len(axes)], [axis.name for axis in axes]
-    ends = {axis.name: (float(axis.values[0]), float(axis.values[-1])) for axis in axes}
+    values = {axis.name: np.linspace(axis.values[0], axis.values[-1], count) for axis in axes}
     # The source numbers bodies with its own first axis slowest.
-    order = [name for name in layout.bodies if name in ends]
+    order = [name for name in layout.bodies if name in values]
     data = resolved(layout.config)
     data["bodies"]["axes"] = {name: [value] for name, value in fixed.items()} | {
-        name: {"linspace": [*ends[name], float(count)]} for name in order
+        name: {"linspace": [values[name][0], values[name][-1], float(count)]} for name in order
     }
     source = make_source(parse_config(data))
     body = source.bodies(0, np.arange(source.samples))
     n_c1 = bondi_threshold(body.alpha, body.beta, body.gamma, body.theta, body.phi)
     n_c1 = n_c1.reshape([count] * len(axes))
-    values = [np.linspace(*ends[name], count) for name in names]
-    return values, n_c1 if order == names else n_c1.T
+    return list(values.values()), n_c1 if order == names else n_c1.T

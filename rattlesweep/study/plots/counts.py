@@ -9,8 +9,9 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
-from rattlesweep.study.plots.layout import Floats, Layout
+from rattlesweep.study.plots.layout import Layout
 from rattlesweep.study.plots.picture import Picture
 from rattlesweep.sweeps.tables.cells import Cells, columns_for, share, wilson
 
@@ -20,10 +21,7 @@ MOST_CELLS = 4_000_000
 class Counted(Picture):
     """A picture of runs by cell: those that differ in other than its axes are counted together.
 
-    Attributes
-    ----------
-    cells : Cells
-        Flat; `grid` gives any of its arrays the shape of the axes.
+    `cells` are flat; `grid` gives any of their arrays the shape of the axes.
     """
 
     def __init__(self, layout: Layout, x: str | None) -> None:

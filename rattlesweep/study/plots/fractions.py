@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from rattlesweep.arrays import Floats
 from rattlesweep.study.plots.counts import Counted
-from rattlesweep.study.plots.layout import Floats, Layout
+from rattlesweep.study.plots.layout import Layout
 from rattlesweep.study.plots.panels import draw_panels, legend_above, scale_axis
 from rattlesweep.study.plots.picture import abscissa
 from rattlesweep.study.style import INK, TYPE_STYLE, Mark, label

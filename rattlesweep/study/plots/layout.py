@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -11,8 +11,8 @@ from typing import Protocol
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from rattlesweep.arrays import Floats, Integers
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.study.where import Condition, parse_condition
 from rattlesweep.sweeps.config.bodies import GridSource, SdSource
@@ -22,9 +22,6 @@ from rattlesweep.sweeps.store.manifest import Manifest
 from rattlesweep.sweeps.store.store import Store
 from rattlesweep.sweeps.store.stored import open_stored
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-
 # A value that is asked for in decimal is meant to be the nearest one there is.
 NEAR = 1e-6
 TARGETS = ("K_p", "K_r")
@@ -32,21 +29,12 @@ TARGETS = ("K_p", "K_r")
 
 @dataclass(frozen=True)
 class Axis:
-    """One thing that varies.
+    """One thing that varies."""
 
-    Attributes
-    ----------
-    name : str
-        ``K_p``, ``K_r``, ``n_i``, ``omega_xy0`` or a body parameter.
-    values : array
-        Those that are shown, ascending.
-    rank : array
-        Place in `values` of each value of the config, in the config's order; -1: not shown.
-    """
-
-    name: str
-    values: Floats
+    name: str  # K_p, K_r, n_i, omega_xy0 or a body parameter
+    values: Floats  # those that are shown, ascending
     rank: Integers
+    """Place in `values` of each value of the config, in the config's order; -1: not shown."""
 
     @classmethod
     def of(cls, name: str, given: Sequence[float]) -> Axis:
@@ -82,24 +70,16 @@ def _unevenness(values: Floats) -> float:
 
 @dataclass(frozen=True)
 class Layout:
-    """The axes of a sweep, as far as they are shown.
-
-    Attributes
-    ----------
-    cases : tuple of Axis
-        Targets, ``n_i``, ``omega_xy0``, as far as there are any, the first varying slowest.
-    grid : tuple of Axis
-        Axes of a grid of bodies; empty where a case's samples are a population.
-    where : Condition, optional
-        What the runs that are shown are to be like.
-    """
+    """The axes of a sweep, as far as they are shown."""
 
     store: Store
     manifest: Manifest
     config: Config
     cases: tuple[Axis, ...]
+    """Targets, ``n_i``, ``omega_xy0``, as far as there are any, the first varying slowest."""
     grid: tuple[Axis, ...]
-    where: Condition | None = None
+    """Axes of a grid of bodies; empty where a case's samples are a population."""
+    where: Condition | None = None  # what the runs that are shown are to be like
 
     @cached_property
     def axes(self) -> dict[str, Axis]:
@@ -161,13 +141,7 @@ class Layout:
         return replace(self, where=parse_condition(where, self.manifest.schema))
 
     def select(self, texts: Sequence[str]) -> Layout:
-        """What ``NAME=VALUE,VALUE`` or ``NAME=LOW:HIGH`` texts leave of it.
-
-        Raises
-        ------
-        ConfigError
-            A text is none of these, or chooses nothing.
-        """
+        """What ``NAME=VALUE,VALUE`` or ``NAME=LOW:HIGH`` texts leave of it."""
         chosen: dict[str, Axis] = {}
         for text in texts:
             name, equals, wanted = text.partition("=")
@@ -224,15 +198,7 @@ def _listed(axis: Axis) -> str:
 
 
 def read_layout(directory: Path) -> Layout:
-    """Read from its manifest what varies in a sweep.
-
-    Raises
-    ------
-    ConfigError
-        The directory is not there, or is none of a sweep.
-    OutputError
-        It is damaged, or holds no runs yet.
-    """
+    """Read from its manifest what varies in a sweep that has runs already."""
     if not directory.exists():
         raise ConfigError(f"{directory}: there is no such directory")
     stored = open_stored(directory)
@@ -265,18 +231,21 @@ class Reader(Protocol):
 
 
 def read_rows(layout: Layout, *readers: Reader) -> None:
-    """Give rows of complete blocks to some readers, in one pass over the files.
-
-    Of the rows that the layout's condition chooses, if it has one.
-    """
+    """Give the rows of :func:`iter_rows` to some readers, in one pass over the files."""
     names = [reader.columns for reader in readers]
-    if layout.where is not None:
-        names.append(layout.where.columns)
-    columns = None if None in names else list(dict.fromkeys(n for own in names for n in own or ()))
+    every = None in names
+    for rows in iter_rows(layout, None if every else [n for own in names for n in own or ()]):
+        for reader in readers:
+            reader.add(rows)
+
+
+def iter_rows(layout: Layout, columns: Sequence[str] | None) -> Iterator[pa.RecordBatch]:
+    """Columns of the rows of complete blocks, of those that the layout's condition chooses."""
+    where = layout.where
+    if columns is not None:
+        columns = list(dict.fromkeys((*columns, *(where.columns if where else ()))))
     for rows in layout.store.iter_batches(columns, complete=True):
-        parts = [rows]
-        if layout.where is not None:
-            parts = pa.Table.from_batches([rows]).filter(layout.where.expression).to_batches()
-        for part in parts:
-            for reader in readers:
-                reader.add(part)
+        if where is None:
+            yield rows
+        else:
+            yield from pa.Table.from_batches([rows]).filter(where.expression).to_batches()

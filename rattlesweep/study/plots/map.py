@@ -9,11 +9,12 @@ import numpy as np
 from matplotlib.colors import BoundaryNorm, ListedColormap, LogNorm, Normalize
 from matplotlib.patches import Patch
 
+from rattlesweep.arrays import Floats, Integers
 from rattlesweep.errors import ConfigError
 from rattlesweep.study.boundaries import Boundaries, boundaries
 from rattlesweep.study.plots.bondi import threshold
 from rattlesweep.study.plots.counts import Counted
-from rattlesweep.study.plots.layout import Axis, Floats, Integers, Layout
+from rattlesweep.study.plots.layout import Axis, Layout
 from rattlesweep.study.plots.panels import (
     Panel,
     draw_panels,
@@ -197,16 +198,17 @@ class Map(Counted):
         return bool((n_c1 >= spin.values[0]).any())
 
     def _legend(self, figure: Any, codes: set[int], bondi: bool) -> None:
-        known = {words: colour for name, (colour, words) in CELLS.items() if CODES[name] in codes}
+        handles: list[Any] = [patch(*look) for name, look in CELLS.items() if CODES[name] in codes]
         if codes & {CODES[name] for name in TYPE_STYLE if name != "R"}:
-            known["right: no reversal"] = NO_REVERSAL
-        handles: list[Any] = [
-            Patch(facecolor=colour, label=words, edgecolor="#555555", linewidth=0.5)
-            for words, colour in known.items()
-        ]
+            handles.append(patch(NO_REVERSAL, "right: no reversal"))
         if bondi:
             handles.append(entry(BONDI_LABEL, color="#000000", linestyle="-", linewidth=1.3))
         legend_above(figure, handles, 1.9)
+
+
+def patch(colour: str, words: str) -> Patch:
+    """Cells of a colour in a legend."""
+    return Patch(facecolor=colour, label=words, edgecolor="#555555", linewidth=0.5)
 
 
 def inferred(code: Integers, ratio: Floats) -> tuple[Integers, Floats]:

@@ -24,25 +24,15 @@ class Picture(ABC):
     """A picture of a sweep: takes the rows as they go by, and then draws.
 
     A kind of picture is a subclass in a file of its own, and a word in `registry.KINDS`.
-
-    Attributes
-    ----------
-    name : str
-        Of the kind.
-    caption : str
-        What stands below it in a report.
-    columns : sequence of str
-        Columns of `runs` that it reads.
-    axes : tuple of Axis
-        The abscissa first, then as the kind draws them.
     """
 
-    name: ClassVar[str]
-    caption: ClassVar[str] = ""
-    columns: Sequence[str]
+    name: ClassVar[str]  # of the kind
+    caption: ClassVar[str] = ""  # below it in a report
+    columns: Sequence[str]  # of `runs` that it reads
 
     def __init__(self, layout: Layout, x: str | None) -> None:
         self.layout = layout
+        # The abscissa first, then as the kind draws them.
         self.axes: tuple[Axis, ...] = tuple(layout.axes[name] for name in self.order(layout, x))
 
     @staticmethod
@@ -92,15 +82,7 @@ class Picture(ABC):
         xlim: tuple[float, float] | None = None,
         ylim: tuple[float, float] | None = None,
     ) -> Figure:
-        """Draw it; None: as suits the values.
-
-        Raises
-        ------
-        ConfigError
-            An axis cannot be so.
-        OutputError
-            There is nothing to draw.
-        """
+        """Draw it; None: as suits the values.  There must be runs, and axes that can be so."""
         if not len(self):
             raise OutputError(f"{self.layout.store.directory} holds no run of those selected")
         figure = new_figure(*(size or self.size()))

@@ -26,23 +26,9 @@ def choose_picture(
 ) -> Picture:
     """Choose the picture that a sweep asks for, or take the one that is asked for.
 
-    It is of no run yet: `read_rows` gives it the rows.
-
-    Parameters
-    ----------
-    layout
-    kind
-        One of `KINDS`; None: `default_kind`.
-    x
-        Axis that becomes the abscissa, or a column of the runs, which asks for a scatter; None: the
-        axis with most values, coefficients before spins, and of a scatter ``t_rgh``.
-    select
-        ``NAME=VALUES`` texts.
-
-    Raises
-    ------
-    ConfigError
-        The kind is unknown or does not fit what varies, or a name or value is none of the sweep's.
+    It is of no run yet: `read_rows` gives it the rows.  `x` is the axis that becomes the abscissa,
+    or a column of the runs, which asks for a scatter; by default the axis with most values,
+    coefficients before spins, and of a scatter ``t_rgh``.  `select` are ``NAME=VALUES`` texts.
     """
     layout = layout.select(select)
     if kind is None and x is not None and x not in layout.axes and x in columns_of(layout):

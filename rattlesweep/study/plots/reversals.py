@@ -9,10 +9,10 @@ import numpy as np
 import pyarrow as pa
 from matplotlib import colormaps
 from matplotlib.colors import BoundaryNorm, ListedColormap
-from matplotlib.patches import Patch
 
-from rattlesweep.study.plots.layout import Floats, Layout
-from rattlesweep.study.plots.map import CELLS, NO_REVERSAL, Map
+from rattlesweep.arrays import Floats
+from rattlesweep.study.plots.layout import Layout
+from rattlesweep.study.plots.map import CELLS, NO_REVERSAL, Map, patch
 from rattlesweep.study.plots.panels import draw_panels, legend_above
 from rattlesweep.study.style import label
 from rattlesweep.sweeps.tables.cells import Moments, floats
@@ -87,9 +87,7 @@ class Reversals(Map):
         several = self.cells.runs.max() > 1
         bar.set_label("mean number of reversals" if several else "number of reversals")
         if kinds:
-            handles = [Patch(facecolor=CELLS[k][0], label=CELLS[k][1], edgecolor="#555555",
-                             linewidth=0.5) for k in kinds]  # fmt: skip
-            legend_above(figure, handles, 1.9)
+            legend_above(figure, [patch(*CELLS[kind]) for kind in kinds], 1.9)
 
     def _lost(self) -> Any:
         """What a cell without a number is, in words."""

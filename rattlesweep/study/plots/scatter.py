@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from rattlesweep.arrays import Floats, Integers
 from rattlesweep.errors import ConfigError
-from rattlesweep.study.plots.layout import Floats, Integers, Layout
+from rattlesweep.study.plots.layout import Layout
 from rattlesweep.study.plots.panels import entry, legend_above, scale_axis
 from rattlesweep.study.plots.picture import Picture
 from rattlesweep.study.style import (
@@ -31,16 +32,9 @@ WIDE = 30.0
 
 
 class Scatter(Picture):
-    """Runs that reverse, evenly thinned where they are many.
+    """Runs that reverse, evenly thinned where they are many, in colours of its axis if it has one.
 
-    Attributes
-    ----------
-    axes : tuple of Axis
-        What tells the points apart by colour, if anything.
-    column, unit : str
-        Along the abscissa.
-    total : int
-        Runs that could be shown, of which these are every so many-th.
+    Of `total` runs that could be shown they are every so many-th.
     """
 
     name = "scatter"

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from matplotlib.lines import Line2D
 
+from rattlesweep.arrays import Floats
 from rattlesweep.study.plots.counts import Counted
-from rattlesweep.study.plots.layout import Axis, Floats, Layout
+from rattlesweep.study.plots.layout import Axis, Layout
 from rattlesweep.study.plots.panels import (
     draw_panels,
     entry,

@@ -17,11 +17,12 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
+from rattlesweep.arrays import Floats, Places
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import Control, available_threads
 from rattlesweep.integrate.task import side_by_side
@@ -32,8 +33,6 @@ from rattlesweep.study.tradeoff.settings import FULL, PLAIN, Scope, Setting
 from rattlesweep.sweeps.cases.launches import with_theory
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from rattlesweep.sweeps.config.schema import Config
 
 Report = Callable[[str], None]
@@ -41,22 +40,13 @@ Report = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Study:
-    """What was measured.
+    """What was measured on the runs of a config."""
 
-    Attributes
-    ----------
-    name : str
-        Of the config.
-    rows : DataFrame
-        One row a setting, with the columns of :data:`rattlesweep.study.tradeoff.table.SCHEMA`;
-        NaN where there is nothing, infinity for the error of a run without ``t_r``.
-    facts : dict
-        What the rows rest on.
-    """
-
-    name: str
+    name: str  # of the config
     rows: pd.DataFrame
-    facts: dict[str, Any]
+    """One row a setting, with the columns of :data:`rattlesweep.study.tradeoff.table.SCHEMA`; NaN
+    where there is nothing, infinity for the error of a run without ``t_r``."""
+    facts: dict[str, Any]  # what the rows rest on
 
 
 def measure(
@@ -68,25 +58,10 @@ def measure(
     threads: int = 1,
     report: Report = lambda text: None,
 ) -> Study:
-    """Measure cost and error of every setting on the runs of a config.
+    """Measure cost and error of every setting on the runs of :func:`draw`; one must reverse.
 
-    Parameters
-    ----------
-    config
-        Its model, integrator and records play no part.
-    base
-        Where a table's relative path is looked up besides the working directory.
-    samples
-        Runs of each case.
-    threads
-        Threads for the errors; costs are always those of one thread.
-    report
-        Called with what is about to be done.
-
-    Raises
-    ------
-    ConfigError
-        If no run reverses.
+    ``threads`` are for the errors; costs are always those of one thread.  ``report`` is called with
+    what is about to be done.
     """
     begin = time.perf_counter()
     runs = draw(config, base, samples=samples, least=scope.least)
@@ -108,6 +83,7 @@ def measure(
     for setting, cost in costs.items():
         report(f"errors of {setting.model}, {setting.method} {setting.name} {setting.value:g}")
         index = _affordable(runs, reference, setting, cost.tries, scope)
+        found = runs.solve(setting, index, threads=threads)
         rows.append(
             {
                 "model": setting.model,
@@ -119,7 +95,7 @@ def measure(
                 "us_per_unit": 1e6 * cost.seconds,
                 "us_per_run": 1e6 * cost.seconds * mean,
                 "speedup": yardstick / cost.seconds,
-                **_errors(found := runs.solve(setting, index, threads=threads), reference, index),
+                **_errors(found, reference, index),
                 **promise_kept(setting, found, reference, index),
             }
         )
@@ -143,16 +119,14 @@ def _load_kernels(runs: Runs, settings: Iterable[Setting], report: Report) -> No
     """Load the kernels, and compile side by side those that this machine has not yet."""
     kernels = {f"{s.model} {s.method}": s for s in settings if s.model != "gh"}
     report(f"kernels, compiled where this machine has them not yet: {', '.join(kernels)}")
-    calls = [partial(_load, runs, setting) for setting in kernels.values()]
-    side_by_side(calls, available_threads())
+
+    def load(setting: Setting, _: Control) -> None:
+        runs.load(setting)
+
+    side_by_side([partial(load, setting) for setting in kernels.values()], available_threads())
 
 
-def _load(runs: Runs, setting: Setting, control: Control) -> None:
-    runs.load(setting)
-
-
-@dataclass(frozen=True)
-class _Cost:
+class _Cost(NamedTuple):
     """Of one run over one unit of time: steps tried, and seconds of one thread."""
 
     tries: float
@@ -210,7 +184,7 @@ def _closed_form(runs: Runs, mean: float) -> tuple[float, float]:
     return 0.0, len(runs) * mean
 
 
-def _horizon_for(t_end: NDArray[np.float64], units: float) -> float:
+def _horizon_for(t_end: Floats, units: float) -> float:
     """Horizon at which these runs come to so many units of time together."""
     ends = np.sort(t_end)
     longer = np.arange(len(ends))[::-1]
@@ -219,7 +193,7 @@ def _horizon_for(t_end: NDArray[np.float64], units: float) -> float:
 
 def _affordable(
     runs: Runs, reference: Reference, setting: Setting, tries: float, scope: Scope
-) -> NDArray[np.intp]:
+) -> Places:
     """Runs for the errors: all that one can afford, drawn from those that are not too long.
 
     It depends on the config and the setting alone, not on the machine's speed.
@@ -238,7 +212,7 @@ def _affordable(
 
 
 def promise_kept(
-    setting: Setting, found: Solution, reference: Reference, index: NDArray[np.intp]
+    setting: Setting, found: Solution, reference: Reference, index: Places
 ) -> dict[str, float]:
     """How far an error that was asked for is kept."""
     if setting.name != "accuracy":
@@ -253,7 +227,7 @@ def promise_kept(
     }
 
 
-def _errors(found: Solution, reference: Reference, index: NDArray[np.intp]) -> dict[str, Any]:
+def _errors(found: Solution, reference: Reference, index: Places) -> dict[str, Any]:
     """The columns of a row that say how well the runs ``index`` came out."""
     both, neither = reference.both[index], reference.neither[index]
     error = np.abs(found.t_r / reference.solution.t_r[index] - 1)[both]

@@ -4,20 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from rattlesweep.arrays import Flags, Floats
 from rattlesweep.physics.body import PARAMETERS
+from rattlesweep.study.tradeoff.runs import Runs, Solution
+from rattlesweep.study.tradeoff.settings import Setting
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from rattlesweep.study.tradeoff.runs import Runs, Solution
-    from rattlesweep.study.tradeoff.settings import Setting
-
-    Floats = NDArray[np.float64]
-    Vector = Any  # three numbers
+Vector = Any  # three numbers
 
 AGREE = 1e-8
 # Of the spins at the horizon, where neither has a reversal.  A tumbling body amplifies rounding:
@@ -29,25 +25,15 @@ RTOL = 1e-12
 
 @dataclass(frozen=True)
 class Reference:
-    """What the runs come to.
+    """What the runs come to."""
 
-    Attributes
-    ----------
-    solution : Solution
-        Of the first method.
-    both : ndarray of bool
-        Both methods have a reversal, and agree on its time to :data:`AGREE`.
-    neither : ndarray of bool
-        Neither has a reversal, and both give the run the same type and, to :data:`AGREE_N`, the
-        same spin at its end.
-    apart : ndarray
-        Relative difference of the two times, of each run with a reversal in both.
-    """
-
-    solution: Solution
-    both: NDArray[np.bool_]
-    neither: NDArray[np.bool_]
+    solution: Solution  # of the first method
+    both: Flags
+    """Both methods have a reversal, and agree on its time to :data:`AGREE`."""
+    neither: Flags
+    """Neither has one, and both give the same type and, to :data:`AGREE_N`, the same last spin."""
     apart: Floats
+    """Relative difference of the two times, of each run with a reversal in both."""
 
 
 def make_reference(runs: Runs, settings: Iterable[Setting], threads: int) -> Reference:
@@ -134,8 +120,8 @@ def independent_reversal(
 def confirm(runs: Runs, reference: Reference, *, units: float) -> dict[str, Any]:
     """Check the reference by a third, independent integrator, and say how far off it is.
 
-    The runs are a few cheap ones of each direction and amplitude.
-    `units` is the time to integrate in all; plain Python takes about 1 ms for one.
+    The runs are a few cheap ones of each direction and amplitude, `units` long in all; plain Python
+    takes about 1 ms for a unit of time.
     """
     launches = runs.launches
     t_r = np.where(reference.both, reference.solution.t_r, np.inf)

@@ -5,63 +5,38 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from rattlesweep.arrays import Flags, Floats, Integers, Places
+from rattlesweep.integrate.batch import Batch
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.task import Task
 from rattlesweep.study.tradeoff.scalar_rk4 import scalar_rk4
+from rattlesweep.study.tradeoff.settings import Setting
 from rattlesweep.sweeps.blocks.block import columns_of, load_kernel, run_batch
 from rattlesweep.sweeps.blocks.error import Estimated
 from rattlesweep.sweeps.blocks.rows import take
-from rattlesweep.sweeps.cases.launches import full_batch, prepare, reduced_batch
+from rattlesweep.sweeps.cases.launches import Launches, full_batch, prepare, reduced_batch
 from rattlesweep.sweeps.cases.plan import make_plan
 from rattlesweep.sweeps.config.bodies import SdSource
 from rattlesweep.sweeps.config.load import override_config, resolved
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from rattlesweep.integrate.batch import Batch
-    from rattlesweep.study.tradeoff.settings import Setting
-    from rattlesweep.sweeps.cases.launches import Launches
-    from rattlesweep.sweeps.config.schema import Config
-
-    Floats = NDArray[np.float64]
+from rattlesweep.sweeps.config.schema import Config
 
 
 @dataclass(frozen=True)
 class Solution:
-    """What a setting makes of some runs; arrays over runs.
+    """What a setting makes of some runs; arrays over runs, times in ``sqrt(a/g)``."""
 
-    Attributes
-    ----------
-    t_r, t_end : ndarray
-        First zero of the spin (NaN without one), and the time reached, in ``sqrt(a/g)``.
-    types : ndarray of int
-        Places in :data:`rattlesweep.sweeps.tables.types.TYPES`; -1 where ``ok`` is false, -2 where
-        a method knows no types.
-    ok : ndarray of bool
-        Whether the status is ``ok``.
-    n_end : ndarray
-        Spin at ``t_end``.
-    drift : ndarray
-        Relative change of energy.
-    tries : float
-        Steps tried in all, accepted or not.
-    t_r_error : ndarray
-        What the runs say of the error of ``t_r``; NaN where they say nothing.
-    """
-
-    t_r: Floats
-    t_end: Floats
-    types: NDArray[np.int64]
-    ok: NDArray[np.bool_]
-    n_end: Floats
-    drift: Floats
-    tries: float
-    t_r_error: Floats
+    t_r: Floats  # first zero of the spin; NaN without one
+    t_end: Floats  # time reached
+    types: Integers  # places in TYPES; -1 where not ok, -2 where a method knows no types
+    ok: Flags  # whether the status is ok
+    n_end: Floats  # spin at t_end
+    drift: Floats  # relative change of energy
+    tries: float  # steps tried in all, accepted or not
+    t_r_error: Floats  # what the runs say of the error of t_r; NaN where they say nothing
 
 
 @dataclass(frozen=True)
@@ -76,7 +51,7 @@ class Runs:
         return len(self.launches.n_i)
 
     @cached_property
-    def bounded(self) -> NDArray[np.intp]:
+    def bounded(self) -> Places:
         """Places of the runs that have a horizon to be integrated to."""
         t_end = self.launches.t_end
         return np.flatnonzero(np.isfinite(t_end) & (t_end > 0))
@@ -85,7 +60,7 @@ class Runs:
     def _batches(self) -> dict[str, Batch]:
         return {"full": full_batch(self.launches), "reduced": reduced_batch(self.launches)}
 
-    def batch(self, setting: Setting, index: NDArray[np.intp]) -> Batch | None:
+    def batch(self, setting: Setting, index: Places) -> Batch | None:
         """Some of the runs as the model takes them; None: it is a formula."""
         return None if setting.model == "gh" else take(self._batches[setting.model], index)
 
@@ -99,7 +74,7 @@ class Runs:
     def solve(
         self,
         setting: Setting,
-        index: NDArray[np.intp],
+        index: Places,
         batch: Batch | None = None,
         *,
         threads: int = 1,
@@ -153,16 +128,10 @@ def _plain(batch: Batch, dt: float) -> Solution:
 
 
 def draw(config: Config, base: Path | None, *, samples: int | None, least: int) -> Runs:
-    """Draw runs from a config.
+    """Draw runs from a config, whose model, integrator and records play no part.
 
-    Parameters
-    ----------
-    config
-        Its model, integrator and records play no part.
-    base
-        Where a table's relative path is looked up besides the working directory.
-    samples
-        Runs of each case, if there are as many; None: so many that there are ``least`` runs.
+    ``base`` is where a table's relative path is looked up besides the working directory.  There are
+    ``samples`` runs of each case, or so many that there are ``least`` runs, or all.
     """
     data: dict[str, Any] = resolved(config) | {"record": [], "model": "full"}
     config = override_config(data, ["integrator={method: dop853}"])

@@ -74,38 +74,19 @@ def settings(methods: Collection[str]) -> list[Setting]:
 
 @dataclass(frozen=True)
 class Scope:
-    """How much is measured.
+    """How much is measured."""
 
-    Attributes
-    ----------
-    settings : tuple of Setting
-        In the order of the table.
-    references : tuple of Setting
-        Two, which are to agree.
-    least : int
-        Runs to draw.
-    rounds : int
-        Measurements of each cost.
-    horizon : float
-        Where runs are cut for the cost, in ``sqrt(a/g)``.
-    stages : float
-        Evaluations of the right-hand side to spend on the errors of one setting; what takes more
-        has its errors from a part of the runs.
-    scalar_stages, cost_stages : float
-        The same for scalar RK4, and for one measurement of a cost.
-    confirm : float
-        Time that the independent integrator may integrate in all.
-    """
-
-    settings: tuple[Setting, ...]
-    references: tuple[Setting, ...] = REFERENCES
-    least: int = 2000
-    rounds: int = 3
-    horizon: float = 1000.0
+    settings: tuple[Setting, ...]  # in the order of the table
+    references: tuple[Setting, ...] = REFERENCES  # two, which are to agree
+    least: int = 2000  # runs to draw
+    rounds: int = 3  # measurements of each cost
+    horizon: float = 1000.0  # where runs are cut for the cost, in sqrt(a/g)
+    # Evaluations of the right-hand side to spend on the errors of one setting, which come from a
+    # part of the runs where all would take more; on those of scalar RK4; on one cost.
     stages: float = 6e8
     scalar_stages: float = 1e8
     cost_stages: float = 5e7
-    confirm: float = 4000.0
+    confirm: float = 4000.0  # time that the independent integrator may integrate in all
 
 
 FULL = Scope((PLAIN, *settings(METHODS), PROMISE, REDUCED, CLOSED_FORM))

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.study.onerun.course import Course
@@ -30,13 +31,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
     from rattlesweep.study.onerun.course import PreparedRun
     from rattlesweep.study.onerun.replay import Replay, StoredRun
     from rattlesweep.sweeps.blocks.single import Launch
-
-    Floats = NDArray[np.float64]
 
 # What is shown of each row, in the order in which the page holds it.
 COLUMNS = ("q0", "q1", "q2", "q3", "trace_x", "trace_y", "n", "E_p", "E_r")
@@ -56,31 +53,20 @@ WIDEST = 0.99
 TRAIL = 6
 # Seconds that the way to the first reversal takes at the page's first speed, and its bounds.
 SECONDS, SLOW, FAST = 30, 4.0, 25.0
+# What `page.html` is filled with, the style first.
+SOURCES = ("page.css", "three.min.js", "scene.js", "player.js")
 
 
 @dataclass(frozen=True)
 class Scene:
-    """All that a page shows of a run.
+    """All that a page shows of a run."""
 
-    Attributes
-    ----------
-    t : ndarray, shape (rows,)
-        Even times, in ``sqrt(a/g)``.
-    columns : dict of ndarray
-        :data:`COLUMNS` at these times.
-    theory : ndarray
-        Garcia and Hubbard's spin at even times over the same span.
-    rise : float
-        Height above its lowest point at which the body is cut off, in units of ``a``.
-    about : dict
-        Numbers and words, as JSON can hold them.
-    """
-
-    t: Floats
-    columns: dict[str, Floats]
-    theory: Floats
-    rise: float
+    t: Floats  # even times, in sqrt(a/g)
+    columns: dict[str, Floats]  # COLUMNS at these times
+    theory: Floats  # Garcia and Hubbard's spin at even times over the same span
     about: dict[str, Any]
+    """Numbers and words, as JSON can hold them; ``rise`` is the height above its lowest point, in
+    units of ``a``, at which the body is cut off."""
 
 
 def check_model(model: str) -> None:
@@ -98,12 +84,8 @@ def course_of(
 ) -> Course:
     """The run with the channels and the rows that its page needs, or so many ``points``.
 
-    The page begins at the launch, or at ``from_time`` in ``sqrt(a/g)``.
-
-    Raises
-    ------
-    ConfigError
-        If so long a run does not go into a page, or so few points make none.
+    The page begins at the launch, or at ``from_time`` in ``sqrt(a/g)``.  Refuses a run too long for
+    a page, and too few points for one.
     """
     if points is not None and not 2 <= points <= MOST_ROWS:
         raise ConfigError(f"--points {points}: 2 to {MOST_ROWS} go into a page")
@@ -156,7 +138,7 @@ def make_scene(course: Course, cause: str = "") -> Scene:
         "weights": _weights(body),
         "facts": _facts(course, cause),
     }
-    return Scene(t, {name: columns[name] for name in COLUMNS}, spin, rise, about)
+    return Scene(t, {name: columns[name] for name in COLUMNS}, spin, about)
 
 
 def _rise(u_x: Floats, u_y: Floats, b: dict[str, float]) -> Floats:
@@ -195,12 +177,12 @@ def _facts(course: Course, cause: str) -> list[tuple[str, str]]:
         ("α, β, γ", f"{b['alpha']:.5g}, {b['beta']:.5g}, {b['gamma']:.5g}"),
         ("θ, φ", f"{b['theta']:.5g}, {b['phi']:.5g}"),
         ("skew ξ", f"{math.degrees(b['xi']):.4g}°"),
-        *([("c", f"{b['c']:.5g} (ellipsoid)")] if "c" in b else []),
-        *(
-            [("dissipation", f"σ {losses.sigma:.4g}, rolling {losses.rolling:.4g}")]
-            if losses.sigma or losses.rolling
-            else []
-        ),
+    ]
+    if "c" in b:
+        lines.append(("c", f"{b['c']:.5g} (ellipsoid)"))
+    if losses.sigma or losses.rolling:
+        lines.append(("dissipation", f"σ {losses.sigma:.4g}, rolling {losses.rolling:.4g}"))
+    lines += [
         ("n_i, ω_xy0", f"{launch['n_i']:g}, {launch['omega_xy0']:g}"),
         ("launched along", f"{math.degrees(launch['psi']):.4g}°"),
         ("K_p, K_r", f"{float(m.K_p[0]):.4g}, {float(m.K_r[0]):.4g}"),
@@ -239,27 +221,21 @@ def make_page(scene: Scene, title: str, subtitle: str) -> bytes:
         "theory": encode(scene.theory),
     }
     folder = files("rattlesweep.study.viewer") / "page"
-    text = {
-        name: (folder / file).read_text(encoding="utf-8")
-        for name, file in (
-            ("page", "page.html"), ("style", "page.css"), ("three", "three.min.js"),
-            ("scene", "scene.js"), ("player", "player.js"),
-        )
-    }  # fmt: skip
-    scripts = " ".join(f"'{_digest(text[name])}'" for name in ("three", "scene", "player"))
+    page, *texts = ((folder / name).read_text(encoding="utf-8") for name in ("page.html", *SOURCES))
+    style, *scripts = (f"'{_digest(text)}'" for text in texts)
     parts = {
         # No origin at all, and no script or style but these, by their hashes.
-        "policy": f"default-src 'none'; script-src {scripts}; "
-        f"style-src '{_digest(text['style'])}'; img-src data:; base-uri 'none'; form-action 'none'",
+        "policy": f"default-src 'none'; script-src {' '.join(scripts)}; style-src {style}; "
+        "img-src data:; base-uri 'none'; form-action 'none'",
         "version": html.escape(package_version()),
         "title": html.escape(title),
         "subtitle": html.escape(subtitle),
         # Nothing in it can end the element that holds it.
         "data": json.dumps(data, ensure_ascii=False, allow_nan=False).replace("<", "\\u003c"),
-        **{name: text[name] for name in ("style", "three", "scene", "player")},
+        **dict(zip(SOURCES, texts, strict=True)),
     }
     # In one pass, so that what is put in is not searched for places.
-    return re.sub(r"@@(\w+)@@", lambda found: parts[found[1]], text["page"]).encode()
+    return re.sub(r"@@([\w.]+)@@", lambda found: parts[found[1]], page).encode()
 
 
 def _digest(text: str) -> str:

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import pyarrow as pa
+import pyarrow.compute as pc
+
 from rattlesweep.durations import clock
 from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.study.pages import MOST_SVG, percent, render, source
+from rattlesweep.study.pages import MOST_SVG, config_yaml, percent, render, source
 from rattlesweep.study.plots.layout import Layout, Reader, read_layout, read_rows
 from rattlesweep.study.plots.picture import Picture
 from rattlesweep.study.plots.registry import choose_picture, default_kind
-from rattlesweep.study.report.config import config_yaml
-from rattlesweep.study.report.facts import Facts
 from rattlesweep.study.style import encode, styled
 from rattlesweep.sweeps.config.load import resolved
 from rattlesweep.sweeps.inspect.content_hash import RowsHash
@@ -53,6 +55,31 @@ CASE_COLUMNS = {
 }
 """Columns of `summary` that are shown, with their headings."""
 SESSION_COLUMNS = ("started", "state", "shard", "host", "threads", "blocks", "seconds")
+
+
+class Facts:
+    """What a report tells of all runs in complete blocks besides their summary and pictures."""
+
+    columns: Sequence[str] = ("case", "sample", "status", "t_end", "n_steps")
+
+    def __init__(self) -> None:
+        self.runs = 0
+        self.steps = 0  # accepted
+        self.time = 0.0  # integrated, in sqrt(a/g)
+        self.status: Counter[str] = Counter()
+        self.first: dict[str, tuple[int, int]] = {}  # case and sample of the first of a status
+
+    def add(self, rows: pa.RecordBatch) -> None:
+        """Take more rows."""
+        self.runs += rows.num_rows
+        self.time += pc.sum(rows.column("t_end"), min_count=0).as_py()
+        self.steps += pc.sum(rows.column("n_steps"), min_count=0).as_py()
+        for entry in pc.value_counts(rows.column("status")).to_pylist():
+            self.status[entry["values"]] += entry["counts"]
+        for word in self.status.keys() - self.first.keys():
+            place = pc.index(rows.column("status"), word).as_py()
+            self.first[word] = (rows.column("case")[place].as_py(),
+                                rows.column("sample")[place].as_py())  # fmt: skip
 
 
 def make_report(directory: Path, title: str | None = None) -> bytes:
@@ -134,13 +161,9 @@ def _shown(kind: str, picture: Picture | ConfigError) -> Mapping[str, Any]:
     except (ConfigError, OutputError) as error:
         # More panels than a page can show; the others still say what there is.
         return {"kind": kind, "error": error}
-    return {
-        "kind": kind,
-        "error": None,
-        "source": source(svg, png),
-        "varies": ", ".join(axis.name for axis in picture.axes) or "all runs",
-        "caption": picture.caption,
-    }
+    varies = ", ".join(axis.name for axis in picture.axes) or "all runs"
+    return {"kind": kind, "error": None, "source": source(svg, png), "varies": varies,
+            "caption": picture.caption}  # fmt: skip
 
 
 def _shorten(value: float | int | None, name: str) -> str | None:
@@ -154,15 +177,11 @@ def _shorten(value: float | int | None, name: str) -> str | None:
 def _failures(facts: Facts) -> list[tuple[str, ...]]:
     """Statuses other than ok, the most frequent first."""
     return [
-        (
-            word,
-            f"{count:,}",
-            percent(count, facts.runs),
-            "case {}, sample {}".format(*facts.first[word]),
-        )
+        (word, f"{count:,}", percent(count, facts.runs),
+         "case {}, sample {}".format(*facts.first[word]))
         for word, count in facts.status.most_common()
         if word != "ok"
-    ]
+    ]  # fmt: skip
 
 
 def _cost(layout: Layout, facts: Facts, status: Status) -> list[tuple[str, str]]:
