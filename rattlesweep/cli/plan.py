@@ -38,8 +38,8 @@ def plan(
     confidence interval, for a machine as busy as it is now.
     """
     from rattlesweep.sweeps.config.load import load_config
+    from rattlesweep.sweeps.forecast.footprint import shortages
     from rattlesweep.sweeps.forecast.forecast import describe, forecast
-    from rattlesweep.sweeps.forecast.shortage import shortages
     from rattlesweep.sweeps.sense.sense import checked_plan
 
     loaded = load_config(config, overrides)

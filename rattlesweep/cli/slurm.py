@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -48,10 +47,9 @@ def slurm(
     """
     from rattlesweep.integrate.batch import available_threads
     from rattlesweep.sweeps.cases.plan import make_plan
-    from rattlesweep.sweeps.engines.slurm import MOST_SHARDS, ArrayJob, job_script
+    from rattlesweep.sweeps.engines.slurm import MOST_SHARDS, job_script
     from rattlesweep.sweeps.forecast.forecast import forecast
     from rattlesweep.sweeps.store.output import examine
-    from rattlesweep.sweeps.store.provenance import package_version
 
     loaded = options.load_sweep(config, overrides, output)
     path = config.resolve()
@@ -72,21 +70,8 @@ def slurm(
         # Half as much again, and what an interpreter may need elsewhere.
         memory = round(1.5 * guess.memory) + 256 * 1024**2
         expected = guess.shard_seconds
-    job = ArrayJob(
-        name=loaded.name,
-        version=package_version(),
-        program=Path(sys.executable).with_name("rattlesweep"),
-        directory=Path.cwd(),
-        config=path,
-        output=directory,
-        overrides=overrides,
-        runs=plan.runs,
-        blocks=plan.n_blocks,
-        shards=shards,
-        own=own,
-        cpus=cpus,
-        memory=memory,
-        expected=expected,
-        **task,
-    )
-    click.echo(job_script(job), nl=False)
+    script = job_script(
+        plan, path, directory, overrides,
+        shards=shards, own=own, cpus=cpus, memory=memory, expected=expected, **task,
+    )  # fmt: skip
+    click.echo(script, nl=False)

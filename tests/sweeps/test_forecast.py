@@ -23,9 +23,9 @@ from rattlesweep.sweeps.cases.plan import Plan, make_plan
 from rattlesweep.sweeps.cases.shards import deal
 from rattlesweep.sweeps.config.load import load_config
 from rattlesweep.sweeps.engines.run import run_sweep
+from rattlesweep.sweeps.forecast import footprint
 from rattlesweep.sweeps.forecast import forecast as forecasting
 from rattlesweep.sweeps.forecast import pilot as pilots
-from rattlesweep.sweeps.forecast import shortage
 from rattlesweep.sweeps.forecast.forecast import Forecast, describe, expectation, forecast
 from rattlesweep.sweeps.forecast.pilot import Pilot, turns
 
@@ -344,16 +344,16 @@ def test_what_is_wrong_is_said_in_a_sentence(arguments, words):
 
 def test_it_warns_of_what_the_machine_has_not(small, monkeypatch, tmp_path):
     _, f = small
-    monkeypatch.setattr(shortage, "free_memory", lambda: 10**9)
-    assert shortage.shortages(10**8, f.bytes, tmp_path / "not" / "there") == []
-    lines = shortage.shortages(2 * 10**9, 10**18, tmp_path / "not" / "there")
+    monkeypatch.setattr(footprint, "free_memory", lambda: 10**9)
+    assert footprint.shortages(10**8, f.bytes, tmp_path / "not" / "there") == []
+    lines = footprint.shortages(2 * 10**9, 10**18, tmp_path / "not" / "there")
     assert len(lines) == 2
     assert "2.0 GB of memory, and 1.0 GB" in lines[0]
     assert str(tmp_path) in lines[1]
 
 
 def test_free_memory_is_that_of_a_machine():
-    free = shortage.free_memory()
+    free = footprint.free_memory()
     assert free is not None
     assert 10**6 < free < os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
 

@@ -14,7 +14,7 @@ def test_the_time_left_never_falls_below_zero():
     cost = [0.7, 0.7, 0.1, 0.3, 0.6, 0.7, 0.7, 0.3, 0.7, 0.3]
     costs: Any = SimpleNamespace(of=lambda block: cost[block.index])
     seen: list[Progress] = []
-    tracker = Tracker(costs, blocks, {}, seen.append)
+    tracker = Tracker(costs, blocks, dict.fromkeys(range(10), 5), seen.append)
     tracker.begin()
     for block in reversed(blocks):
         tracker.finish(block)

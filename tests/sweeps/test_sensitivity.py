@@ -22,8 +22,9 @@ from rattlesweep.sweeps.engines.run import run_sweep
 from rattlesweep.sweeps.inspect.content_hash import content_hash
 from rattlesweep.sweeps.inspect.sensitivity import (
     PARAMETERS,
+    bins_of,
+    from_bins,
     from_design,
-    from_sample,
     sensitivity,
 )
 
@@ -81,7 +82,7 @@ def test_a_design_gives_what_scipy_gives():
 def test_bins_give_ishigamis_first_order_indices():
     u = np.random.default_rng(0).random((3, 30_000))
     for k in range(3):
-        first, total = from_sample(u[k], ishigami(u))
+        first, total = from_bins(bins_of(u[k], ishigami(u)), ishigami(u))
         assert first == pytest.approx(FIRST[k], abs=0.02)
         assert np.isnan(total)
 

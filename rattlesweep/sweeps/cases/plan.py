@@ -74,7 +74,6 @@ class Plan:
     config: Config
     source: Source
     cases: tuple[Case, ...]
-    block_size: int
     extra: tuple[pa.Field, ...] = ()
     stages: tuple[NDArray[np.int64], ...] = ()
 
@@ -82,6 +81,11 @@ class Plan:
     def schema(self) -> pa.Schema:
         """Of its runs."""
         return runs_schema(self.config.parts, self.config.model, self.extra)
+
+    @property
+    def block_size(self) -> int:
+        """Runs of a block, but for the last of a stage."""
+        return self.config.block_size
 
     @property
     def samples(self) -> int:
@@ -194,7 +198,7 @@ def make_plan(config: Config, base: Path | None = None, source: Source | None = 
     )
     stages = make_stages(config, len(cases), source.samples)
     first = () if stages is None else (stages.first(),)
-    plan = Plan(config, source, cases, config.block_size, extra, first)
+    plan = Plan(config, source, cases, extra, first)
     if plan.n_blocks > MAX_BLOCKS:
         raise ConfigError(
             f"block_size: {plan.runs} runs make {plan.n_blocks} blocks of {plan.block_size} runs, "

@@ -18,15 +18,8 @@ from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.integrate.task import POLL
 from rattlesweep.sweeps.blocks.block import Interrupted, load_kernel
 from rattlesweep.sweeps.engines.dask_cluster import ANSWER, embedded, existing, quiet, reach
-from rattlesweep.sweeps.engines.dask_worker import (
-    call_off,
-    do_block,
-    in_place,
-    place_order,
-    remove_orders,
-)
+from rattlesweep.sweeps.engines.dask_worker import call_off, do_block, place_order, remove_orders
 from rattlesweep.sweeps.engines.remainder import GATHER
-from rattlesweep.sweeps.store.manifest import Receipt
 from rattlesweep.sweeps.store.provenance import machine
 
 if TYPE_CHECKING:
@@ -94,9 +87,7 @@ def make_engine(
             directory = job.session.store.directory
             if job.session.shard is None:
                 remove_orders(directory.resolve())
-            order = place_order(
-                job.session.output, job.session.base, threads or (None if scheduler else 1)
-            )
+            order = place_order(job.session.output, threads or (None if scheduler else 1))
             # Taken away first: workers hear it and drop their blocks.
             stack.callback(order.unlink, missing_ok=True)
             _Driver(job, client, order).work_off()
@@ -168,7 +159,7 @@ class _Driver:
         # works on one at a time.
         while self._pending and len(self._flying) < AHEAD * self._workers:
             block = self._pending.popleft()
-            self._job.session.replaces(block.index)
+            self._job.session.forget([block.index])
             future = self._client.submit(
                 do_block,
                 str(self._order),
@@ -194,7 +185,6 @@ class _Driver:
             raise self._scheduler_lost() from error
         if cores and not self._job.begun:
             self._job.begin()
-            self._job.tracker.begin()
         if self._workers or cores:
             self._seen = now
         elif now - self._seen > WORKERLESS:
@@ -253,10 +243,10 @@ class _Driver:
     def _keep(self, block: Block, answer: Answer) -> None:
         job = self._job
         job.result.lost += answer.lost
-        receipt = None if answer.receipt is None else Receipt.load(answer.receipt)
+        receipt = answer.receipt
         if receipt is not None:
             job.tracker.finish(block)
-        elif answer.columns is None or in_place(job.session.output, block):
+        elif answer.columns is None or job.session.output.finished(block):
             return
         else:
             receipt = job.prepare(block).write(answer.columns)

@@ -18,10 +18,10 @@ import sys
 import threading
 import time
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rattlesweep.errors import OutputError
 from rattlesweep.integrate.cache import PACKAGE
@@ -31,16 +31,16 @@ from rattlesweep.sweeps.cases.plan import make_plan
 from rattlesweep.sweeps.config.load import override_config, resolved
 from rattlesweep.sweeps.engines.remainder import Remainder, gather
 from rattlesweep.sweeps.store.atomic import reason, replace_file
-from rattlesweep.sweeps.store.manifest import Receipt
 from rattlesweep.sweeps.store.output import Output
 from rattlesweep.sweeps.store.provenance import identity, machine, versions
-from rattlesweep.sweeps.store.staged import Staged
 from rattlesweep.sweeps.store.store import Store
+from rattlesweep.sweeps.store.stored import follow_stages
 
 if TYPE_CHECKING:
     from rattlesweep.integrate.task import Task
-    from rattlesweep.sweeps.cases.plan import Block, Plan
+    from rattlesweep.sweeps.cases.plan import Plan
     from rattlesweep.sweeps.engines.remainder import Columns
+    from rattlesweep.sweeps.store.manifest import Receipt
 
 # Packages whose versions the bits depend on.
 NUMERIC = ("numpy", "numba", "llvmlite", "scipy")
@@ -57,7 +57,7 @@ class Answer:
     """What a worker says of a block: small, unless a stop has left a part of it."""
 
     cpu: str  # of the worker's machine
-    receipt: dict[str, Any] | None = None  # None if the block was stopped
+    receipt: Receipt | None = None  # None if the block was stopped
     rows: int = 0  # integrated
     seconds: float | None = None  # of the integration; None if the block was in place
     columns: Columns | None = None  # of the runs that had ended when it was stopped
@@ -82,17 +82,14 @@ def essentials() -> dict[str, str]:
     }
 
 
-def place_order(output: Output, base: Path | None, threads: int | None) -> Path:
+def place_order(output: Output, threads: int | None) -> Path:
     """Write the order for the workers of this session; to be removed when it ends.
 
-    Parameters
-    ----------
-    threads : int or None
-        Threads of a kernel; by default those that the worker says it has.
+    A kernel is to have so many threads, by default those that the worker says it has.
     """
     order = {
-        "config": resolved(output.plan.config) | {"block_size": output.plan.block_size},
-        "base": None if base is None else str(base),
+        "config": resolved(output.plan.config),
+        "base": None if output.base is None else str(output.base),
         "hash": output.hash_,
         "threads": threads,
         "retry_failed": output.retry_failed,
@@ -132,14 +129,8 @@ def dask_setup(worker: object) -> None:
 def do_block(order: str, index: int, begun: bool = False) -> Answer:
     """Do one block, unless it is in place; called by Dask on a worker.
 
-    Parameters
-    ----------
-    order : str
-        Path of the order, in the output directory.
-    index : int
-        Number of the block.
-    begun : bool
-        Whether rows of it are there.
+    `order` is the path of the order, in the output directory, and `begun` says whether rows of the
+    block are there.
 
     Raises
     ------
@@ -153,8 +144,8 @@ def do_block(order: str, index: int, begun: bool = False) -> Answer:
     with _opening:
         output, threads = _open(order)
     block, cpu = output.plan.block(index), machine()["cpu"]
-    if not begun and (there := in_place(output, block)) is not None:
-        return Answer(cpu, there.dump(), block.rows)  # by a worker that was lost
+    if not begun and (there := output.finished(block)) is not None:
+        return Answer(cpu, there, block.rows)  # by a worker that was lost
     watch = _Watch(Path(order))
     part = Remainder.prepare(output, block, begun)
     task: Task[Columns] | None = None
@@ -174,7 +165,7 @@ def do_block(order: str, index: int, begun: bool = False) -> Answer:
         some, lost = gather(task)
         rows = 0 if some is None else len(some["case"])
         return Answer(cpu, None, rows, task.seconds, some, lost)
-    return Answer(cpu, part.write(columns).dump(), part.rows, task.seconds)
+    return Answer(cpu, part.write(columns), part.rows, task.seconds)
 
 
 @cache
@@ -211,17 +202,10 @@ def _open(order: str) -> tuple[Output, int | None]:
             f"{_me()} sees another table of bodies than the driver on {asked['host']}"
         )
     store = Store(path.parent)
-    staged = Staged.of(store, plan.config, len(plan.cases), plan.samples, asked["hash"])
-    if staged is not None:
-        staged.advance()
-        plan = replace(plan, stages=tuple(staged.stages))
-    retry = asked["retry_failed"]
-    return Output(store, plan, asked["hash"], None, [], retry), asked["threads"]
-
-
-def in_place(output: Output, block: Block) -> Receipt | None:
-    """Receipt of a block that a worker finished before it was lost."""
-    return output.store.finished_block(block.index, output.note(block))
+    staged = follow_stages(store, plan, asked["hash"])
+    plan = plan if staged is None else staged.of(plan)
+    output = Output(store, plan, base, asked["hash"], retry_failed=asked["retry_failed"])
+    return output, asked["threads"]
 
 
 class _Watch:

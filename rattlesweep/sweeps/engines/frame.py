@@ -30,17 +30,8 @@ def keep_bodies(
 ) -> tuple[Plan, Path, Path, list[str]]:
     """Plan a sweep of the rows of a table and keep them in its directory.
 
-    Nothing is written there unless the whole sweep could begin.
-
-    Returns
-    -------
-    plan : Plan
-    directory : Path
-        Where the runs go.
-    base : Path
-        Where the table is.
-    doubts : list of str
-        Of :func:`rattlesweep.sweeps.sense.sense.checked_plan`.
+    Nothing is written there unless the whole sweep could begin. Returns the plan, where the runs
+    go, where the table is, and the doubts of `checked_plan`.
     """
     if "bodies" in keys:
         raise ConfigError("bodies: the DataFrame gives them already; leave the key out")

@@ -25,45 +25,23 @@ GRACE = 5.0
 
 @dataclass
 class Result:
-    """What a sweep came to.
-
-    Attributes
-    ----------
-    directory : Path
-    runs, resumed_runs, blocks : int
-        Runs of the sweep or of the share that are in place, those of them found on disk, and
-        the blocks written by this session.
-    done, retried : int
-        Runs that this session has integrated, and those of them that had failed before.
-    lost : int
-        Runs that were under way when it was stopped.
-    stopped : str or None
-        Why it ended before all was done; None if all is.
-    remarks : list of str
-        What the user should know.
-    failed : Counter
-        Runs in place by status, other than ``ok``.
-    summary : pa.Table or None
-        One row a case; None unless the whole sweep is in place.
-    missing : int
-        Blocks of the whole sweep that are not in place.
-    """
+    """What a sweep, or a share of it, came to."""
 
     directory: Path
-    runs: int = 0
-    resumed_runs: int = 0
-    blocks: int = 0
-    done: int = 0
-    retried: int = 0
-    lost: int = 0
+    runs: int = 0  # in place
+    resumed_runs: int = 0  # of these, found on disk
+    blocks: int = 0  # written by this session
+    done: int = 0  # runs that this session has integrated
+    retried: int = 0  # of these, runs that had failed before
+    lost: int = 0  # runs that were under way when it was stopped
     seconds: float = 0.0
     kernel_seconds: float = 0.0
     load_seconds: float = 0.0
-    stopped: str | None = None
-    remarks: list[str] = field(default_factory=list)
-    failed: Counter[str] = field(default_factory=Counter)
-    summary: pa.Table | None = None
-    missing: int = 0
+    stopped: str | None = None  # why it ended before all was done
+    remarks: list[str] = field(default_factory=list)  # what the user should know
+    failed: Counter[str] = field(default_factory=Counter)  # runs in place by status, if not ok
+    summary: pa.Table | None = None  # one row a case; None unless the whole sweep is in place
+    missing: int = 0  # blocks of the whole sweep that are not in place
 
     @property
     def kept(self) -> str:
@@ -73,22 +51,14 @@ class Result:
 
 @dataclass
 class Job:
-    """What an engine is given to work off: the pending blocks of a session.
-
-    Attributes
-    ----------
-    deadline : float or None
-        Of :func:`time.monotonic`, after which no work is to be done.
-    begun : float
-        The same, when the engine was ready to integrate; 0 before.
-    """
+    """What an engine is given to work off: the pending blocks of a session."""
 
     session: Session
     tracker: Tracker
     result: Result
     threads: int
-    deadline: float | None
-    begun: float = 0.0
+    deadline: float | None  # of time.monotonic, after which no work is to be done
+    begun: float = 0.0  # the same, when the engine was ready to integrate; 0 before
 
     @property
     def plan(self) -> Plan:
@@ -102,6 +72,7 @@ class Job:
     def begin(self) -> None:
         """Say that the engine is ready to integrate."""
         self.begun = time.monotonic()
+        self.tracker.begin()
 
     def wrote(self, block: Block, receipt: Receipt, rows: int, seconds: float | None) -> None:
         """Count a block into which so many new rows were written; not all, if it was stopped."""

@@ -77,5 +77,5 @@ def _tick(job: Job, block: Block, control: Any) -> None:
 
 
 def _write(job: Job, part: Remainder, columns: Columns, seconds: float) -> None:
-    job.session.replaces(part.block.index)
+    job.session.forget([part.block.index])
     job.wrote(part.block, part.write(columns), len(columns["case"]), seconds)

@@ -16,8 +16,8 @@ from rattlesweep.sweeps.store.growth import finish_growth, grow, remove_growth
 from rattlesweep.sweeps.store.locks import hold
 from rattlesweep.sweeps.store.output import Output, examine, put_in_order
 from rattlesweep.sweeps.store.provenance import table_files
-from rattlesweep.sweeps.store.staged import Staged
 from rattlesweep.sweeps.store.store import Store
+from rattlesweep.sweeps.store.stored import follow_stages
 
 if TYPE_CHECKING:
     from rattlesweep.sweeps.cases.plan import Plan
@@ -34,13 +34,7 @@ def open_session(
     fresh: bool = False,
     retry_failed: bool = False,
 ) -> Iterator[Session]:
-    """Take hold of a directory, or of a share of it.
-
-    Parameters
-    ----------
-    fresh : bool
-        Whether to remove the runs that are there first, whatever they are of.
-    """
+    """Take hold of a directory, or of a share of it; first remove its runs if `fresh`."""
     if not fresh:
         examine(plan, directory, base)  # before anything is made there
     store = Store(directory)
@@ -48,36 +42,34 @@ def open_session(
     with hold(directory, None if shard is None else shard.name) as alone:
         if fresh:
             _check_not_input(plan, base, store)
-            remove_runs(store)
+            _remove_runs(store)
         store.remove_stale_temporaries(alone)
         output = examine(plan, directory, base)
         half = output.manifest is not None and bool(output.manifest.growing)
         if shard is None:
-            output = _grown(output, base, half)
+            output = _grown(output, half)
         elif half or output.growth is not None:
             raise ConfigError(
                 f"{directory}: holds fewer samples or cases, and a share cannot add to them; run "
                 "it without --shard, or merge the shares and do so there"
             )
-        output = replace(output, retry_failed=retry_failed)
-        plan, sweep = output.plan, output.hash_
-        staged = Staged.of(output.store, plan.config, len(plan.cases), plan.samples, sweep)
-        if staged is not None:
-            if retry_failed:
-                raise ConfigError(
-                    f"--retry-failed: {plan.stages_by} has chosen the runs by what came out, "
-                    "failed ones too; repeat them in another output"
-                )
-            staged.advance()
-            output = replace(output, plan=replace(plan, stages=tuple(staged.stages)))
+        plan = output.plan
+        if plan.stages and retry_failed:
+            raise ConfigError(
+                f"--retry-failed: {plan.stages_by} has chosen the runs by what came out, "
+                "failed ones too; repeat them in another output"
+            )
+        staged = follow_stages(store, plan, output.hash_)
+        plan = plan if staged is None else staged.of(plan)
+        output = replace(output, plan=plan, retry_failed=retry_failed)
         output.remarks.extend(put_in_order(output))
-        costs = Costs(output.plan)
-        shares = deal(output.plan, 1 if shard is None else shard.count, costs)
+        costs = Costs(plan)
+        shares = deal(plan, 1 if shard is None else shard.count, costs)
         blocks = shares[0 if shard is None else shard.index]
-        yield Session(output, base, shard, threads, costs, blocks, staged=staged)
+        yield Session(output, shard, threads, costs, blocks, staged)
 
 
-def _grown(output: Output, base: Path | None, half: bool) -> Output:
+def _grown(output: Output, half: bool) -> Output:
     """What the directory is once it is one of this sweep; `half`: one has begun to make it so."""
     if half:
         finish_growth(output.store)
@@ -87,10 +79,11 @@ def _grown(output: Output, base: Path | None, half: bool) -> Output:
         grow(output.store, output.plan, output.hash_, output.growth)
     elif not half:
         return output
-    return replace(examine(output.plan, output.store.directory, base), remarks=output.remarks)
+    again = examine(output.plan, output.store.directory, output.base)
+    return replace(again, remarks=output.remarks)
 
 
-def remove_runs(store: Store) -> None:
+def _remove_runs(store: Store) -> None:
     """Remove the files of a sweep, and only those."""
     try:
         for path in _files_of(store):

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
-
-from rattlesweep.integrate.task import POLL
 
 if TYPE_CHECKING:
     from rattlesweep.integrate.batch import Control
@@ -17,61 +15,45 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a sweep is.
+    """How far a sweep is."""
 
-    Attributes
-    ----------
-    fraction : float
-        Of the expected cost, blocks found on disk included.
-    runs, total : int
-        Runs done, and all runs.
-    elapsed : float
-        Seconds since the start.
-    left : float or None
-        Estimated seconds left; None as long as there is nothing to judge by.
-    """
-
-    fraction: float
-    runs: int
-    total: int
-    elapsed: float
-    left: float | None
+    fraction: float  # of the expected cost, blocks found on disk included
+    runs: int  # done
+    total: int  # runs
+    elapsed: float  # seconds since the start
+    left: float | None  # seconds, estimated; None as long as there is nothing to judge by
 
 
 class Tracker:
-    """Counts what is done, and says how long the rest will take.
+    """Counts what is done of `blocks`, and says how long the rest will take.
 
-    Parameters
-    ----------
-    costs : Costs
-    blocks : sequence of Block
-        All that are to be done, those on disk included.
-    there : mapping
-        Rows that need not be integrated, by the numbers of the blocks.
-    report : callable
-        Called with a :class:`Progress` at each tick.
+    `left` are the runs to integrate, by the numbers of the blocks that are not in place; `report`
+    is called with a :class:`Progress` at each tick.
     """
 
     def __init__(
         self,
         costs: Costs,
         blocks: list[Block],
-        there: dict[int, int],
+        left: Mapping[int, int],
         report: Callable[[Progress], None],
     ) -> None:
-        self._report = report
+        self._report, self._rows = report, left
         whole = {block.index: costs.of(block) for block in blocks}
-        self._rows = {block.index: block.rows - there.get(block.index, 0) for block in blocks}
-        self._costs = {b.index: whole[b.index] * self._rows[b.index] / b.rows for b in blocks}
+        self._costs = {
+            block.index: whole[block.index] * left[block.index] / block.rows
+            for block in blocks
+            if block.index in left
+        }
         self._total, self._left = sum(whole.values()), sum(self._costs.values())
         self._all_runs = sum(block.rows for block in blocks)
-        self._runs = self._all_runs - sum(self._rows.values())
+        self._runs = self._all_runs - sum(left.values())
         self._done = 0.0
         self._start = time.perf_counter()
-        self._begun: float | None = None
+        self._begun = 0.0
 
     def begin(self) -> None:
-        """Say that work begins now; otherwise the first sign of life says so."""
+        """Say that work begins now: what came before, such as compilation, is no rate."""
         self._begun = time.perf_counter() - self._start
 
     def finish(self, block: Block) -> None:
@@ -88,9 +70,6 @@ class Tracker:
         elapsed = time.perf_counter() - self._start
         left = None
         if done > 0:
-            # From the first sign of life on: compilation says nothing of what is left.
-            if self._begun is None:
-                self._begun = max(0.0, elapsed - POLL)
             # Rounding may have done exceed the whole by a last bit.
             left = max(0.0, self._left - done) * (elapsed - self._begun) / done
         fraction = 1.0

@@ -38,20 +38,12 @@ GATHER = 10.0
 
 @dataclass(frozen=True)
 class Remainder:
-    """The runs of a block that are to be integrated, ready to go.
-
-    Attributes
-    ----------
-    old : pa.Table or None
-        Rows of the block that are there.
-    limit : int
-        Under which the rows in ``old`` were done.
-    """
+    """The runs of a block that are to be integrated, ready to go."""
 
     output: Output
     block: Block
-    old: pa.Table | None
-    limit: int
+    old: pa.Table | None  # rows of the block that are there
+    limit: int  # of steps, under which these were done
     launches: Launches
     batch: Batch | None
 
@@ -59,10 +51,7 @@ class Remainder:
     def prepare(cls, output: Output, block: Block, begun: bool) -> Remainder:
         """What can be done before the kernel is free: bodies, theory, initial states.
 
-        Parameters
-        ----------
-        begun : bool
-            Whether rows of the block are there.
+        `begun` says whether rows of the block are there.
         """
         plan = output.plan
         case, sample = plan.runs_of(block)
@@ -93,10 +82,7 @@ class Remainder:
     def write(self, columns: Columns) -> Receipt:
         """Write the block's new rows beside those that are there; every engine does it so.
 
-        Parameters
-        ----------
-        columns : mapping
-            Of all runs that were left, or of those that had ended when it was stopped.
+        `columns` are of all runs that were left, or of those that had ended when it was stopped.
         """
         plan, store, index = self.output.plan, self.output.store, self.block.index
         note = self.output.note(self.block)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -42,9 +41,9 @@ def run_sweep(
 
     Parameters
     ----------
-    plan : Plan
     directory : Path
-        Output directory; the blocks of the same config that are whole there are kept.
+        Output directory; the blocks of the same config that are whole there are kept, unless
+        `fresh`, and runs of theirs whose status is not ``ok`` are done again if `retry_failed`.
     base : Path, optional
         Where a table's relative path is looked up besides the working directory.
     threads : int, optional
@@ -55,17 +54,13 @@ def run_sweep(
         The share to do; by default everything.
     max_time : float, optional
         Seconds after which it stops by itself.
-    fresh : bool
-        Whether to remove the runs that are there and start over.
-    retry_failed : bool
-        Whether to do runs again whose status is not ``ok``.
     engine : callable
         Works off the pending blocks of a :class:`Job`.
 
     Raises
     ------
     ConfigError, OutputError
-        As :func:`rattlesweep.sweeps.engines.opening.open_session`, or if a file cannot be written.
+        If the directory holds something else, is in use, or a file cannot be written.
     KeyboardInterrupt
         On Ctrl-C; the kernel is stopped first, and the runs that have ended are kept.
     """
@@ -77,7 +72,6 @@ def run_sweep(
         plan, directory, base, threads, shard=shard, fresh=fresh, retry_failed=retry_failed
     ) as session:
         session.scan()
-        session.check_shared()
         result.remarks += session.output.remarks
         result.resumed_runs = session.kept
         session.begin()
@@ -87,15 +81,15 @@ def run_sweep(
                 file = session.store.read_block(index)
                 receipt, _ = retype_block(session.store, index, file, plan.config.classify)
                 session.wrote(index, receipt)
-            job = Job(session, _tracker(session, report), result, threads, deadline)
-            job.tick()
             while True:
+                tracker = Tracker(session.costs, session.blocks, session.left, report)
+                job = Job(session, tracker, result, threads, deadline)
+                job.tick()
                 if session.pending:
                     engine(job)
                     job.tick()
                 if result.stopped is not None or not session.advance():
                     break
-                job.tracker = _tracker(session, report)
             _sum_up(session, result)
         except BaseException as error:
             result.runs = session.runs
@@ -109,25 +103,9 @@ def run_sweep(
     return result
 
 
-def _tracker(session: Session, report: Callable[[Progress], None]) -> Tracker:
-    there = {block.index: block.rows for block in session.blocks}
-    there |= {block.index: session.begun.get(block.index, 0) for block in session.pending}
-    return Tracker(session.costs, session.blocks, there, report)
-
-
 def _end(session: Session, result: Result, start: float, state: str) -> None:
     result.seconds = time.perf_counter() - start
-    session.end(
-        state,
-        result.summary is not None,
-        {
-            "seconds": round(result.seconds, 3),
-            "load_seconds": round(result.load_seconds, 3),
-            "kernel_seconds": round(result.kernel_seconds, 3),
-            "blocks": result.blocks,
-            "peak_memory": _peak_memory(),
-        },
-    )
+    session.end(state, result)
 
 
 def _sum_up(session: Session, result: Result) -> None:
@@ -138,17 +116,6 @@ def _sum_up(session: Session, result: Result) -> None:
         return
     result.missing = len(session.missing())
     if not result.missing:
-        result.summary = summarise(
-            session.store, session.plan.cases, columns_for(session.plan.config)
-        )
-        session.store.write_summary(result.summary)
-
-
-def _peak_memory() -> int | None:
-    """Most memory this process has held, in bytes; None where the system does not say."""
-    try:
-        import resource
-    except ImportError:  # Windows
-        return None
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak if sys.platform == "darwin" else 1024 * peak
+        plan, store = session.plan, session.store
+        result.summary = summarise(store, plan.cases, columns_for(plan.config))
+        store.write_summary(result.summary)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import os
 import socket
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rattlesweep.errors import ConfigError, DamagedError, OutputError
@@ -23,12 +23,13 @@ from rattlesweep.sweeps.store.manifest import (
 )
 from rattlesweep.sweeps.store.output import Output
 from rattlesweep.sweeps.store.provenance import now
-from rattlesweep.sweeps.store.staged import Staged
 from rattlesweep.sweeps.store.store import Store
+from rattlesweep.sweeps.store.stored import Staged
 from rattlesweep.sweeps.tables.arrow import same_schema
 
 if TYPE_CHECKING:
     from rattlesweep.sweeps.cases.plan import Block, Plan
+    from rattlesweep.sweeps.engines.job import Result
     from rattlesweep.sweeps.engines.progress import Progress
 
 # Seconds between two notes in the manifest; more where writing it takes long.
@@ -39,39 +40,26 @@ REMEMBERED = 1000
 
 @dataclass
 class Session:
-    """A process's share of a sweep, while it holds it.
-
-    Attributes
-    ----------
-    costs : Costs
-        Expected, of the plan's blocks.
-    blocks : list of Block
-        All of the share.
-    pending : list of Block
-        Those that are not in place, or are to be done again in part.
-    receipts : dict
-        Receipts of blocks found whole or written by this session.
-    begun : dict
-        By the numbers of pending blocks of which there are rows already: how many need not be
-        integrated.
-    retype, retry : list of int
-        Numbers of complete blocks with types of other thresholds or columns of before, and with
-        failed runs to do again.
-    """
+    """A process's share of a sweep, while it holds it."""
 
     output: Output
-    base: Path | None
     shard: Shard | None
     threads: int
-    costs: Costs
-    blocks: list[Block]
+    costs: Costs  # expected, of the plan's blocks
+    blocks: list[Block]  # all of the share
+    staged: Staged | None  # of a sweep that decides what to run next
+    # Blocks that are not in place, or are to be done again in part.
     pending: list[Block] = field(default_factory=list)
+    # Those found whole or written by this session.
     receipts: dict[int, Receipt] = field(default_factory=dict)
+    # By the numbers of pending blocks of which there are rows already: how many need not be
+    # integrated.
     begun: dict[int, int] = field(default_factory=dict)
+    # Numbers of complete blocks with types of other thresholds or columns of before, and with
+    # failed runs to do again.
     retype: list[int] = field(default_factory=list)
     retry: list[int] = field(default_factory=list)
-    kept: int = 0
-    staged: Staged | None = None
+    kept: int = 0  # runs found on disk
     # Blocks about to be written anew: the manifest is to have no receipt of them.
     _forgotten: set[int] = field(default_factory=set)
     _due: float = 0.0
@@ -102,49 +90,55 @@ class Session:
         parts = [rows for index, rows in self.begun.items() if index not in self.receipts]
         return sum(receipt.rows for receipt in self.receipts.values()) + sum(parts)
 
+    @property
+    def left(self) -> dict[int, int]:
+        """Runs to integrate of each pending block, by its number."""
+        return {block.index: block.rows - self.begun.get(block.index, 0) for block in self.pending}
+
     # ------------------------------------------------------------ what is there
 
     def scan(self) -> None:
-        """Read every block of the share, and sort out what is left to do; errors as `_scan`."""
-        self._scan(self.blocks)
+        """Read every block of the share, and sort out what is left to do.
+
+        Raises
+        ------
+        ConfigError
+            If blocks were done under another limit of steps that shows in their rows, or, of a
+            shard, have types of other thresholds, which only the whole sweep may change.
+        OutputError
+            If a block may not be read.
+        """
+        self._sort_out(self.blocks)
+        if self.shard is not None and self.retype:
+            raise ConfigError(
+                f"{self.store.directory}: its types are of other thresholds; a shard cannot change "
+                "them, `rattlesweep classify` can"
+            )
 
     def advance(self) -> bool:
         """Go on to what is to be done next; whether there is anything."""
         if self.staged is None or not self.staged.advance():
             return False
         known = len(self.blocks)
-        plan = replace(self.plan, stages=tuple(self.staged.stages))
+        plan = self.staged.of(self.plan)
         self.output = replace(self.output, plan=plan)
         self.costs = self.costs.following(plan)
         self.blocks += [plan.block(index) for index in range(known, plan.n_blocks)]
         self.pending = []
-        self._scan(self.blocks[known:])
+        self._sort_out(self.blocks[known:])
         self.store.update_manifest(self._enter_stages, self._blank)
         return True
 
-    def _scan(self, blocks: list[Block]) -> None:
-        """Read blocks, and sort out what is left to do.
-
-        Raises
-        ------
-        ConfigError
-            If blocks were done under another limit of steps that shows in their rows.
-        OutputError
-            If a block may not be read.
-        """
-        schema = self.plan.schema
-        known = self.output.manifest.receipts if self.output.manifest else {}
+    def _sort_out(self, blocks: list[Block]) -> None:
+        """Read blocks, and sort out what is left to do of them."""
+        schema, manifest = self.plan.schema, self.output.manifest
         for block in blocks:
-            try:
-                found = self.store.read_block(block.index)
-            except DamagedError:
-                self.pending.append(block)
-                continue
             wanted = self.output.note(block)
-            old = known.get(block.index)
+            old = None if manifest is None else manifest.receipts.get(block.index)
+            found = self.store.find_block(block.index, wanted.runs)
             if (
-                found.note is None
-                or not wanted.same_runs(found.note)
+                found is None
+                or found.note is None
                 or found.receipt.rows > block.rows
                 or not same_schema(found.schema, schema)
                 or (old is not None and old.sha256 != found.receipt.sha256)
@@ -169,47 +163,29 @@ class Session:
                 self.retry.append(block.index)
 
     def _check_limit(self, old: Note, new: Note, receipt: Receipt) -> None:
+        where = f"{self.store.directory}: "
         if old.max_steps > new.max_steps:
             raise ConfigError(
-                f"{self.store.directory}: its runs were done with integrator.max_steps "
-                f"{old.max_steps}, which may only grow; {new.max_steps} needs another output"
+                f"{where}its runs were done with integrator.max_steps {old.max_steps}, which may "
+                f"only grow; {new.max_steps} needs another output"
             )
-        if (
-            old.max_steps < new.max_steps
-            and "step_limit" in receipt.failed
-            and not (self.output.retry_failed)
-        ):
+        more = old.max_steps < new.max_steps and "step_limit" in receipt.failed
+        if more and not self.output.retry_failed:
             raise ConfigError(
-                f"{self.store.directory}: some of its runs ended at integrator.max_steps "
-                f"{old.max_steps}; to do them again with {new.max_steps}, add --retry-failed"
-            )
-
-    def check_shared(self) -> None:
-        """Refuse what only the whole sweep may do.
-
-        Raises
-        ------
-        ConfigError
-            If this is a shard and the stored types are of other thresholds.
-        """
-        if self.shard is not None and self.retype:
-            raise ConfigError(
-                f"{self.store.directory}: its types are of other thresholds; a shard cannot change "
-                "them, `rattlesweep classify` can"
+                f"{where}some of its runs ended at integrator.max_steps {old.max_steps}; to do "
+                f"them again with {new.max_steps}, add --retry-failed"
             )
 
     # --------------------------------------------------------- what is noted
 
     def begin(self) -> None:
         """Say in the manifest that this session is at work."""
-        config = self.plan.config.model_copy(update={"block_size": self.plan.block_size})
 
         def change(manifest: Manifest) -> None:
-            manifest.state, manifest.config = "running", config
+            manifest.state, manifest.config = "running", self.plan.config
             self._enter_stages(manifest)
             # Of files that were not found as they were written.
-            lost = (block.index for block in self.pending if block.index not in self.receipts)
-            manifest.forget(lost)
+            manifest.forget(b.index for b in self.pending if b.index not in self.receipts)
             manifest.clear("classified")
             manifest.sessions = [*self._others(manifest)[-REMEMBERED:], self._record]
 
@@ -220,7 +196,7 @@ class Session:
 
     def _blank(self) -> Manifest:
         """A manifest with all that this session knows: it may be removed while that is at work."""
-        manifest = Manifest.begin(self.plan, self.output.hash_, self.base)
+        manifest = Manifest.begin(self.plan, self.output.hash_, self.output.base)
         manifest.receipts, manifest.sessions = dict(self.receipts), [self._record]
         return manifest
 
@@ -245,19 +221,14 @@ class Session:
 
         self.store.update_manifest(change, self._blank)
 
-    def replaces(self, index: int) -> None:
-        """Forget the receipt of a block that is about to be written, if it has one."""
-        if index in self.receipts:
-            self.forget([index])
+    def forget(self, indices: list[int]) -> None:
+        """Take receipts out of the manifest before their blocks are replaced, if there are any."""
+        if old := [index for index in indices if index in self.receipts]:
+            self._forgotten.update(old)
+            self.store.update_manifest(lambda manifest: manifest.forget(old), self._blank)
 
     def wrote(self, index: int, receipt: Receipt, seconds: float | None = None) -> bool:
-        """Keep the receipt of a block that was written; one that is not whole has none.
-
-        Returns
-        -------
-        bool
-            Whether it is whole.
-        """
+        """Keep the receipt of a block that was written, if it is whole; whether it is."""
         if not self.output.note(self.plan.block(index)).is_whole(receipt.rows):
             self.begun[index] = receipt.rows
             return False
@@ -271,10 +242,7 @@ class Session:
     def missing(self) -> list[int]:
         """Numbers of the blocks of the whole sweep that are not there, or not all of them.
 
-        Raises
-        ------
-        OutputError
-            A block is gone that this session has found or written.
+        An OutputError if one is gone that this session has found or written.
         """
         plan, there = self.plan, set(self.store.block_indices())
         if gone := [index for index in self.receipts if index not in there]:
@@ -283,18 +251,11 @@ class Session:
                 f"{f', and {len(gone) - 1} more blocks' if len(gone) > 1 else ''}: something else "
                 "removes files there; the same command does them again"
             )
-        missing = [index for index in range(plan.n_blocks) if index not in there]
-        if not missing:
-            # Of other shards: what was stopped has left rows, but not a block.
-            others = [index for index in range(plan.n_blocks) if index not in self.receipts]
-            missing = [index for index in others if not self.store.is_complete(index)]
-        return missing
-
-    def forget(self, indices: list[int]) -> None:
-        """Take receipts out of the manifest before their blocks are replaced."""
-        if indices:
-            self._forgotten.update(indices)
-            self.store.update_manifest(lambda manifest: manifest.forget(indices), self._blank)
+        others = [index for index in range(plan.n_blocks) if index not in self.receipts]
+        # Of other shards: what was stopped has left rows, but not a block.
+        return [index for index in others if index not in there] or [
+            index for index in others if not self.store.is_complete(index)
+        ]
 
     def note(self, progress: Progress) -> None:
         """Write receipts and progress down, if it is time to."""
@@ -304,19 +265,21 @@ class Session:
             self.store.update_manifest(self._enter, self._blank)
             self._due = time.monotonic() + max(NOTE_EVERY, 50 * (time.monotonic() - start))
 
-    def end(self, state: str, whole: bool, totals: dict[str, Any]) -> None:
+    def end(self, state: str, result: Result) -> None:
         """Write down how the session ended, and whether the whole sweep is done."""
         fields = self._record.model_dump(exclude_unset=True, exclude={"progress"})
-        self._record = SessionRecord(**fields | {"finished": now(), "state": state} | totals)
+        fields |= {"finished": now(), "state": state, "blocks": result.blocks}
+        for name in ("seconds", "load_seconds", "kernel_seconds"):
+            fields[name] = round(getattr(result, name), 3)
+        self._record = SessionRecord(**fields, peak_memory=_peak_memory())
 
         def change(manifest: Manifest) -> None:
             self._enter(manifest)
-            others = self._others(manifest)
-            if whole and state == "complete":
+            if state == "complete" and result.summary is not None:
                 manifest.state, manifest.finished = "complete", now()
             elif manifest.state == state == "complete":
                 pass  # Another share ended since this one looked, and found all blocks there.
-            elif any(session.state == "running" for session in others):
+            elif any(session.state == "running" for session in self._others(manifest)):
                 manifest.state = "running"
             else:
                 # A share may be complete where the sweep is not.
@@ -341,3 +304,13 @@ class Session:
         }
         mine = self._record
         manifest.sessions = [mine if s.key == mine.key else s for s in manifest.sessions]
+
+
+def _peak_memory() -> int | None:
+    """Most memory this process has held, in bytes; None where the system does not say."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return None
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else 1024 * peak

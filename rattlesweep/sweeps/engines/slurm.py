@@ -5,11 +5,17 @@ from __future__ import annotations
 import math
 import re
 import shlex
-from dataclasses import dataclass
+import sys
+from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rattlesweep.errors import ConfigError
+from rattlesweep.sweeps.store.provenance import package_version
+
+if TYPE_CHECKING:
+    from rattlesweep.sweeps.cases.plan import Plan
 
 # Seconds before its time limit at which a task stops by itself, at most, and the share of a short
 # limit. Slurm's own warning comes after half of that, up to a minute early.
@@ -19,66 +25,11 @@ SHORTEST = 120
 MOST_SHARDS = 1001
 
 
-@dataclass(frozen=True)
-class ArrayJob:
-    """What a job script is made of.
-
-    Attributes
-    ----------
-    name : str
-        Of the sweep.
-    version : str
-        Of rattlesweep; the script refuses to run with another.
-    program : Path
-        The command `rattlesweep` of the environment that writes the script.
-    directory, config, output : Path
-        Absolute: where the command was given, the config, the output.
-    overrides : tuple of str
-        Those of ``--set``.
-    runs, blocks, shards : int
-    own : bool
-        Whether each share has a directory of its own, ``OUTPUT-I``.
-    limit : int
-        Seconds a task may take.
-    cpus : int
-    memory : int
-        Bytes.
-    partition : str or None
-    restarts : int
-        How often a task puts itself into the queue again.
-    expected : float or None
-        Seconds of the longest share on the machine that writes the script.
-    """
-
-    name: str
-    version: str
-    program: Path
-    directory: Path
-    config: Path
-    output: Path
-    overrides: tuple[str, ...]
-    runs: int
-    blocks: int
-    shards: int
-    own: bool
-    limit: int
-    cpus: int
-    memory: int
-    partition: str | None
-    restarts: int
-    expected: float | None = None
-
-
 def limit_of(text: str) -> int:
-    """Seconds of a time limit as Slurm writes it.
+    """Seconds of a time limit as Slurm writes it; a ValueError says what is wrong with it.
 
     ``minutes``, ``minutes:seconds``, ``hours:minutes:seconds``, ``days-hours``,
     ``days-hours:minutes`` or ``days-hours:minutes:seconds``.
-
-    Raises
-    ------
-    ValueError
-        It is something else, or too short.
     """
     match = re.fullmatch(r"(?:(\d{1,4})-)?(\d{1,6})(?::(\d{1,3}))?(?::(\d{1,3}))?", text.strip())
     if not match:
@@ -101,10 +52,7 @@ def limit_of(text: str) -> int:
 def memory_of(text: str) -> int:
     """Bytes of a size of memory as Slurm writes it: ``4G``, ``800M``; megabytes without a unit.
 
-    Raises
-    ------
-    ValueError
-        It is something else.
+    A ValueError says what is wrong with it.
     """
     match = re.fullmatch(r"(\d{1,9})\s*([KMGT]?)B?", text.strip(), re.IGNORECASE)
     if not match or not int(match[1]):
@@ -118,68 +66,94 @@ def margin_of(limit: int) -> int:
     return round(min(MARGIN, MARGIN_SHARE * limit))
 
 
-def job_script(job: ArrayJob) -> str:
-    """Text of the script.
+def job_script(
+    plan: Plan,
+    config: Path,
+    output: Path,
+    overrides: Sequence[str],
+    *,
+    shards: int,
+    own: bool,
+    limit: int,
+    cpus: int,
+    memory: int,
+    partition: str | None,
+    restarts: int,
+    expected: float | None,
+) -> str:
+    """Text of the script, for the command of this environment in this directory.
+
+    Parameters
+    ----------
+    config, output : Path
+        Absolute.
+    overrides : sequence of str
+        Those of ``--set``.
+    own : bool
+        Whether each share has a directory of its own, ``OUTPUT-I``.
+    limit, memory : int
+        Seconds and bytes that a task may take.
+    restarts : int
+        How often a task puts itself into the queue again.
+    expected : float or None
+        Seconds of the longest share on this machine.
 
     Raises
     ------
     ConfigError
         A value has a line break, which a script's head cannot hold.
     """
-    texts = (job.name, str(job.config), str(job.output), str(job.directory), job.partition or "")
-    if any("\n" in text or "\r" in text for text in (*texts, *job.overrides)):
+    name, where = plan.config.name, Path.cwd()
+    texts = (name, str(config), str(output), str(where), partition or "", *overrides)
+    if any("\n" in text or "\r" in text for text in texts):
         raise ConfigError("a name, path or override with a line break cannot stand in a script")
-    if job.partition is not None and not re.fullmatch(r"[\w.,+-]+", job.partition):
-        raise ConfigError(f"--partition {job.partition}: is no name of a partition")
-    margin = margin_of(job.limit)
-    safe = re.sub(r"[^\w.-]+", "-", job.name).strip("-.") or "sweep"
+    if partition is not None and not re.fullmatch(r"[\w.,+-]+", partition):
+        raise ConfigError(f"--partition {partition}: is no name of a partition")
+    margin = margin_of(limit)
+    safe = re.sub(r"[^\w.-]+", "-", name).strip("-.") or "sweep"
     head = [
         f"--job-name={safe}",
-        f"--array=0-{job.shards - 1}",
+        f"--array=0-{shards - 1}",
         "--ntasks=1",
-        f"--cpus-per-task={job.cpus}",
-        f"--mem={math.ceil(job.memory / 1024**2)}M",
-        f"--time={_clock(job.limit)}",
+        f"--cpus-per-task={cpus}",
+        f"--mem={math.ceil(memory / 1024**2)}M",
+        f"--time={_clock(limit)}",
         f"--signal=B:USR1@{margin // 2}",
         "--requeue",
         "--open-mode=append",
         f"--output={safe}-%A_%a.log",
     ]
-    if job.partition is not None:
-        head.append(f"--partition={job.partition}")
-    target = f'{_quoted(job.output)}"-$index"' if job.own else _quoted(job.output)
-    sets = " ".join(f"--set {_quoted(text)}" for text in job.overrides)
-    about = f"# {job.runs} runs in {job.blocks} blocks, in {job.shards} shares"
-    if job.expected is not None:
-        about += f"; the longest takes about {_clock(round(job.expected))} (h:mm:ss)\n"
+    if partition is not None:
+        head.append(f"--partition={partition}")
+    about = f"# {plan.runs} runs in {plan.n_blocks} blocks, in {shards} shares"
+    if expected is not None:
+        about += f"; the longest takes about {_clock(round(expected))} (h:mm:ss)\n"
         about += "# on the machine that wrote this, with up to as many threads as it has"
+    target, merged = _quoted(output), _quoted(f"{output}-merged")
+    if own:
+        parts = f"{target}-{{0..{shards - 1}}}" if shards > 1 else f"{target}-0"
+        finish = f"#   rattlesweep merge {parts} --output {merged}\n#   rattlesweep verify {merged}"
+    else:
+        finish = (
+            f"#   rattlesweep verify {target}\n"
+            f"#   rattlesweep merge {target} --output {merged}    # fewer, larger files"
+        )
     values = {
         "DIRECTIVES": "\n".join(f"#SBATCH {line}" for line in head),
         "ABOUT": about + ".",
-        "VERSION": job.version,
-        "PROGRAM": _quoted(job.program),
-        "WHERE": _quoted(job.directory),
-        "CONFIG": _quoted(job.config),
-        "OUTPUT": target,
-        "SETS": f" {sets}" if sets else "",
-        "SHARDS": str(job.shards),
-        "SECONDS": str(job.limit - margin),
-        "RESTARTS": str(job.restarts),
-        "FINISH": _finish(job),
+        "VERSION": package_version(),
+        "PROGRAM": _quoted(Path(sys.executable).with_name("rattlesweep")),
+        "WHERE": _quoted(where),
+        "CONFIG": _quoted(config),
+        "OUTPUT": f'{target}"-$index"' if own else target,
+        "SETS": "".join(f" --set {_quoted(text)}" for text in overrides),
+        "SHARDS": str(shards),
+        "SECONDS": str(limit - margin),
+        "RESTARTS": str(restarts),
+        "FINISH": finish,
     }
     template = files(__package__).joinpath("slurm_array.sh").read_text(encoding="utf-8")
     return re.sub(r"@(\w+)@", lambda match: values[match[1]], template)
-
-
-def _finish(job: ArrayJob) -> str:
-    output, merged = _quoted(job.output), _quoted(f"{job.output}-merged")
-    if job.own:
-        parts = f"{output}-{{0..{job.shards - 1}}}" if job.shards > 1 else f"{output}-0"
-        return f"#   rattlesweep merge {parts} --output {merged}\n#   rattlesweep verify {merged}"
-    return (
-        f"#   rattlesweep verify {output}\n"
-        f"#   rattlesweep merge {output} --output {merged}    # fewer, larger files"
-    )
 
 
 def _quoted(text: str | Path) -> str:

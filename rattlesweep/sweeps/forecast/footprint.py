@@ -1,14 +1,17 @@
 """What a sweep's blocks take on disk and in memory, and in time beside the kernel.
 
-Measured on runs of the pilot, encoded as they would be written; nothing is written.
+Measured on runs of the pilot, encoded as they would be written; nothing is written. And what of
+that this machine has not.
 """
 
 from __future__ import annotations
 
 import os
+import shutil
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -37,24 +40,14 @@ GIVEN = ("keys", "body", "launch", "theory")
 
 @dataclass(frozen=True)
 class Footprint:
-    """What the whole sweep takes beside the kernel.
+    """What the whole sweep takes beside the kernel."""
 
-    Attributes
-    ----------
-    bytes, memory : int
-        Of all files; and of memory at most.
-    start_seconds : float
-        Paid once in a process, by the first table.
-    prepare_seconds, type_seconds, write_seconds : float
-        To prepare all rows, to type them, and to write them, rest on the disk aside.
-    """
-
-    bytes: int
-    memory: int
-    start_seconds: float
-    prepare_seconds: float
+    bytes: int  # of all files
+    memory: int  # bytes at most
+    start_seconds: float  # paid once in a process, by the first table
+    prepare_seconds: float  # for all rows
     type_seconds: float
-    write_seconds: float
+    write_seconds: float  # rest on the disk aside
 
 
 def measure(plan: Plan, pilot: Pilot) -> Footprint:
@@ -142,3 +135,39 @@ def _resident() -> int:
             return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
     except (OSError, ValueError, IndexError):
         return 0
+
+
+def shortages(memory: float, size: float, directory: Path) -> list[str]:
+    """Sentences on what is wanted and not there, of bytes of memory and on the directory's disk."""
+    lines = []
+    free = free_memory()
+    if free is not None and memory > free:
+        lines.append(
+            f"it needs {memory / 1e9:.1f} GB of memory, and {free / 1e9:.1f} GB are free; a "
+            "smaller block_size needs less"
+        )
+    place = directory.resolve()
+    while not place.exists() and place != place.parent:
+        place = place.parent
+    space = shutil.disk_usage(place).free
+    if size > space:
+        lines.append(
+            f"it needs {size / 1e9:.1f} GB on disk, and {place} has {space / 1e9:.1f} GB free; "
+            "choose another --output"
+        )
+    return lines
+
+
+def free_memory() -> int | None:
+    """Bytes of memory that can be had; None where the system does not say."""
+    try:
+        with open("/proc/meminfo") as file:
+            for line in file:
+                if line.startswith("MemAvailable:"):
+                    return 1024 * int(line.split()[1])
+    except (OSError, ValueError, IndexError):
+        pass
+    try:
+        return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, ValueError, OSError):
+        return None

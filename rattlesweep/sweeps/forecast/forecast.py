@@ -234,6 +234,3 @@ def _size(count: float) -> str:
             break
         count /= 1000
     return f"{count:.3g} {unit}"
-
-
-__all__ = ["Forecast", "describe", "expectation", "forecast"]

@@ -57,12 +57,7 @@ PLAYED_ROWS = 20_000
 def turns(steps: Floats, cost: Floats, lanes: int) -> float:
     """Turns until all runs are done, taken up by free lanes, dearest first.
 
-    Parameters
-    ----------
-    steps, cost : ndarray, shape (runs,)
-        Steps of the runs, and the expected costs by which they are queued.
-    lanes : int
-        Of all threads together.
+    `steps` are those of the runs, and `cost` what they are queued by; `lanes` those of all threads.
     """
     ends = [0.0] * max(1, min(lanes, len(steps)))
     for more in steps[np.argsort(-cost, kind="stable")].tolist():
@@ -73,25 +68,10 @@ def turns(steps: Floats, cost: Floats, lanes: int) -> float:
 class Pilot:
     """Integrates runs of a plan, drawn by their cost, until the time is up.
 
-    Attributes
-    ----------
-    launches : Launches
-        Some samples of every case, the same for all cases: `each` of them.
-    cost : ndarray, shape (rows of launches,)
-        Expected.
-    whole : bool
-        Whether these are all runs of the sweep.
-    low, high, spent : ndarray, shape (rows of launches,)
-        Bounds of the steps of a run, apart where it was not waited for, and the time it integrated;
-        NaN where it was not tried.
-    drawn : ndarray of int64
-        Rows, in proportion to their cost; one may come again.
-    columns : mapping or None
-        Of some runs.
-    cut : int
-        Runs that were under way when the time was up.
-    draw_seconds : float
-        To draw all bodies that are drawn for a target.
+    `case`, `sample`, `launches` and their `cost` (expected) are some samples of every case, the
+    same for all cases: `each` of them; `whole`, if these are all runs of the sweep. `low` and
+    `high` are bounds of the steps of each of these runs, apart where it was not waited for, and
+    `spent` the time that it integrated; NaN where it was not tried.
     """
 
     def __init__(self, plan: Plan, threads: int) -> None:
@@ -110,12 +90,14 @@ class Pilot:
             self.launches: Launches = prepare(self.small, self.case, self.sample)
             times.append(time.perf_counter())
         first, again = np.diff(times)
+        # To draw all bodies that are drawn for a target.
         self.draw_seconds = max(0.0, first - again) * (plan.samples / self.each) * (targets > 0)
         self.cost = expected_cost(self.launches, plan.config.model)
         self.low, self.high, self.spent = np.full((3, len(self.cost)), np.nan)
+        # Rows of the launches, in proportion to their cost; one may come again.
         self.drawn: Integers = np.zeros(0, dtype=np.int64)
-        self.columns: Mapping[str, Any] | None = None
-        self.cut = 0
+        self.columns: Mapping[str, Any] | None = None  # of some runs
+        self.cut = 0  # runs that were under way when the time was up
         self.load_seconds = 0.0
         self.compile_seconds: float | None = None
         self._turns = self._seconds = 0.0
@@ -288,10 +270,7 @@ class Pilot:
     def waiting(self, lanes: int) -> float:
         """Turns of blocks over those without idle lanes, from playing their queues through.
 
-        Parameters
-        ----------
-        lanes : int
-            Of all threads of the sweep.
+        `lanes` are those of all threads of the sweep.
         """
         if not len(self.drawn):
             return 1.0

@@ -17,7 +17,6 @@ import pyarrow.parquet as pq
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps.config.load import differences, physics_part, resolved
 from rattlesweep.sweeps.store.atomic import streamed_file
-from rattlesweep.sweeps.store.staged import refuse_stages
 from rattlesweep.sweeps.store.stored import Stored, open_stored
 from rattlesweep.sweeps.tables import columns
 from rattlesweep.sweeps.tables.columns import F64, I32, I64, TEXT, TIME
@@ -37,6 +36,8 @@ MOST_LISTED = 10
 _RUN = ("alpha", "beta", "gamma", "theta", "phi", "xi", "n_i", "omega_xy0")
 _KEYS, _OPTIONAL = ["case", "sample"], ["t_r_error", "type_sure"]
 _COLUMNS = [*_KEYS, *_RUN, "t_r", "type", "status", *_OPTIONAL]
+# All; those that reverse in both, of these equal to the last bit of t_r, and beyond both errors;
+# types that differ, of these sure in both; not ok in one of them or both.
 _COUNTS = ("runs", "reversing", "equal", "beyond", "types", "types_sure", "not_ok")
 
 _SIDES = [("a", "the first directory"), ("b", "the second")]
@@ -58,39 +59,21 @@ DATA = pa.schema(
 
 
 class Tally:
-    """Runs that both directories have, counted.
-
-    Attributes
-    ----------
-    counts : dict
-        ``runs``; ``reversing`` in both; of these ``equal`` to the last bit of ``t_r``, and
-        ``beyond`` both errors; ``types`` that differ, of these ``types_sure`` in both directories;
-        ``not_ok`` in one of them or both.
-    worst : float
-        Largest relative difference of ``t_r``.
-    histogram : array of int
-        Runs by relative difference, if it is not 0, `FINE` bins a decade.
-    """
+    """Runs that both directories have, counted."""
 
     def __init__(self) -> None:
         self.counts = dict.fromkeys(_COUNTS, 0)
-        self.worst = 0.0
+        self.worst = 0.0  # largest relative difference of t_r
+        # Runs by relative difference, if it is not 0, FINE bins a decade.
         self.histogram = np.zeros((HIGHEST - LOWEST) * FINE, np.int64)
 
     def add(self, rows: pd.DataFrame) -> None:
         """Count more runs."""
         relative = rows.relative.dropna().to_numpy()
-        new = (
-            len(rows),
-            len(relative),
-            np.sum(relative == 0),
-            np.sum(rows.over_errors > 1),
-            np.sum(rows.differs),
-            np.sum(rows.differs & rows.sure),
-            np.sum(rows.not_ok),
-        )
+        new = (len(rows), len(relative), relative == 0, rows.over_errors > 1, rows.differs,
+               rows.differs & rows.sure, rows.not_ok)  # fmt: skip
         for name, count in zip(_COUNTS, new, strict=True):
-            self.counts[name] += int(count)
+            self.counts[name] += int(np.sum(count))
         self.worst = float(np.max(relative, initial=self.worst))
         np.add.at(self.histogram, place(relative[relative > 0], FINE), 1)
 
@@ -113,41 +96,24 @@ def place(values: Floats, bins: int) -> Integers:
 
 @dataclass
 class Comparison:
-    """How two directories of the same runs differ.
-
-    Attributes
-    ----------
-    directories : list of Path
-    differ : list of str
-        In what else they do: settings, versions and processors.
-    planned : int
-        Runs of their sweep.
-    errors, sure : list of bool
-        Whether each of them has ``t_r_error``, and ``type_sure``.
-    rows : list of int
-        Runs that each of them has.
-    total : Tally
-    cases : list of dict
-        A row for each case of which both have runs.
-    times, types : list of dict
-        Rows of `DATA`: of the runs that differ most in ``t_r``, in terms of their errors where
-        these are stored, and else relatively; and of the first runs that differ in type, those that
-        both directories are sure of before others.
-    plane : array of int, shape (bins, bins)
-        Runs by both errors together over ``t_r``, and by relative difference if it is not 0;
-        `COARSE` bins a decade.
-    """
+    """How two directories of the same runs differ."""
 
     directories: list[Path]
-    differ: list[str]
-    planned: int
-    errors: list[bool]
-    sure: list[bool]
-    rows: list[int] = field(default_factory=lambda: [0, 0])
+    differ: list[str]  # in what else: settings, versions and processors
+    planned: int  # runs of their sweep
+    errors: list[bool]  # whether each of them has t_r_error
+    sure: list[bool]  # and type_sure
+    rows: list[int] = field(default_factory=lambda: [0, 0])  # runs that each of them has
     total: Tally = field(default_factory=Tally)
+    # A row for each case of which both have runs.
     cases: list[dict[str, Any]] = field(default_factory=list)
+    # Rows of DATA: of the runs that differ most in t_r, in terms of their errors where these are
+    # stored, and else relatively; and of the first runs that differ in type, those that both
+    # directories are sure of before others.
     times: list[dict[str, Any]] = field(default_factory=list)
     types: list[dict[str, Any]] = field(default_factory=list)
+    # Runs by both errors together over t_r, and by relative difference if it is not 0; COARSE bins
+    # a decade.
     plane: Integers = field(
         default_factory=lambda: np.zeros(((HIGHEST - LOWEST) * COARSE,) * 2, np.int64)
     )
@@ -187,13 +153,12 @@ class Comparison:
         np.add.at(self.plane, (place(relative / over, COARSE), place(relative, COARSE)), 1)
         by = "over_errors" if all(self.errors) else "relative"
         most = rows[rows[by] > 0].nlargest(MOST_LISTED, by)
-        times = [*self.times, *_plain(most)]
-        # Infinity, beyond errors of 0, is null.
-        times.sort(key=lambda row: np.inf if row[by] is None else row[by], reverse=True)
+        # Infinity, beyond errors of 0, is null. Among equals the order stays.
+        times = [*self.times, *_table(most).to_pylist()]
+        times.sort(key=lambda row: -np.inf if row[by] is None else -row[by])
         self.times = times[:MOST_LISTED]
         other = rows[rows.differs].sort_values("sure", ascending=False, kind="stable")
-        types = [*self.types, *_plain(other.head(MOST_LISTED))]
-        # True before False and before None; among equals the order stays.
+        types = [*self.types, *_table(other.head(MOST_LISTED)).to_pylist()]
         types.sort(key=lambda row: not (row["type_sure_a"] and row["type_sure_b"]))
         self.types = types[:MOST_LISTED]
 
@@ -201,11 +166,6 @@ class Comparison:
 def _table(rows: pd.DataFrame) -> pa.Table:
     finite = rows.assign(over_errors=rows.over_errors.where(np.isfinite(rows.over_errors)))
     return pa.Table.from_pandas(finite[DATA.names], DATA, preserve_index=False)
-
-
-def _plain(rows: pd.DataFrame) -> list[dict[str, Any]]:
-    plain: list[dict[str, Any]] = _table(rows).to_pylist() if len(rows) else []
-    return plain
 
 
 class _Side:
@@ -262,14 +222,9 @@ def compare(
 ) -> Comparison:
     """Compare the runs that two directories both have; memory does not grow with them.
 
-    Parameters
-    ----------
-    a, b : Path
-        Output directories of one sweep, apart from how it was integrated and what was recorded.
-    write : callable
-        Called with the differences of the next runs, of the schema `DATA`.
-    report : callable
-        Called with the fraction of the runs that is done.
+    They are of one sweep, apart from how it was integrated and what was recorded. `write` is called
+    with the differences of the next runs, of the schema `DATA`, and `report` with the fraction of
+    the runs that is done.
 
     Raises
     ------
@@ -280,7 +235,7 @@ def compare(
     """
     one, other = open_stored(a), open_stored(b)
     for stored in (one, other):
-        refuse_stages(stored.manifest, stored.directory, "another directory has others")
+        stored.refuse_stages("another directory has others")
     if changes := differences(_runs(one), _runs(other)):
         raise _not_same(one, other, "; ".join(changes[:3]))
     left, right = _Side(one), _Side(other)

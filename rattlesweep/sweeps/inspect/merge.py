@@ -13,11 +13,9 @@ from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps.config.load import differences, physics_part, resolved
 from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.inspect.summary import summarise
-from rattlesweep.sweeps.store.atomic import probe_directory
 from rattlesweep.sweeps.store.locks import hold
 from rattlesweep.sweeps.store.manifest import Manifest, SessionRecord
 from rattlesweep.sweeps.store.provenance import command_line, now
-from rattlesweep.sweeps.store.staged import refuse_stages
 from rattlesweep.sweeps.store.store import Store
 from rattlesweep.sweeps.store.stored import Stored, open_stored
 from rattlesweep.sweeps.tables.cells import columns_for
@@ -29,24 +27,14 @@ MERGED_SIZE = 200_000
 
 @dataclass
 class Merged:
-    """What a merge came to: what is in the merged directory, which has so many runs and files.
-
-    Attributes
-    ----------
-    missing : list of tuple
-        Spans ``(first, stop)`` of run numbers that it does not have.
-    failed : dict
-        Runs by status, other than ``ok``.
-    summary : pa.Table or None
-        One row a case; None if runs are missing.
-    """
+    """What is in the merged directory."""
 
     directory: Path
     runs: int = 0
     files: int = 0
-    missing: list[tuple[int, int]] = field(default_factory=list)
-    failed: dict[str, int] = field(default_factory=dict)
-    summary: pa.Table | None = None
+    missing: list[tuple[int, int]] = field(default_factory=list)  # runs, spans from and up to
+    failed: dict[str, int] = field(default_factory=dict)  # runs by status, other than ok
+    summary: pa.Table | None = None  # one row a case; None if runs are missing
 
 
 @dataclass(frozen=True)
@@ -91,20 +79,18 @@ def merge(
     """
     shares = [open_stored(path) for path in sources]
     for share in shares:
-        refuse_stages(share.manifest, share.directory, "there are no shares of it to merge")
+        share.refuse_stages("there are no shares of it to merge")
     _check_config(shares)
     if any(share.directory.resolve() == output.resolve() for share in shares):
         raise ConfigError(f"--output {output}: is one of the directories to be merged; give a new")
     pieces, absent = _cover(shares)
     target = Store(output)
-    target.check_ours()
-    probe_directory(output)
+    target.prepare()
     with hold(output) as alone:
         earlier = _earlier(target, shares[0])
         size = MERGED_SIZE if not absent else shares[0].config.block_size
         if earlier is not None:
             size = earlier.config.block_size
-        target.prepare()
         target.remove_stale_temporaries(alone)
         result = Merged(output)
         manifest = _manifest(shares, earlier, output, size)

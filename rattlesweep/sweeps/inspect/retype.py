@@ -16,7 +16,6 @@ from rattlesweep.sweeps.inspect.summary import Summary
 from rattlesweep.sweeps.store.locks import hold
 from rattlesweep.sweeps.store.manifest import Classified, Manifest, Receipt
 from rattlesweep.sweeps.store.provenance import now
-from rattlesweep.sweeps.store.staged import refuse_stages
 from rattlesweep.sweeps.store.store import Store
 from rattlesweep.sweeps.store.stored import Stored, open_stored
 from rattlesweep.sweeps.tables.types import with_types
@@ -28,15 +27,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Retyped:
-    """What a directory was typed by again: runs that have changed, blocks that were written.
+    """What typing a directory again came to."""
 
-    The thresholds are those behind the types before, those of its sweep's config, and those of now.
-    """
-
-    changed: int
-    blocks: int
-    before: dict[str, float]
-    own: dict[str, float]
+    changed: int  # runs
+    blocks: int  # that were written
+    before: dict[str, float]  # thresholds behind the types before
+    own: dict[str, float]  # those of its sweep's config
     now: dict[str, float]
     summary: pa.Table
 
@@ -59,7 +55,7 @@ def retype(directory: Path, overrides: Sequence[str] = ()) -> Retyped:
     `overrides` are ``classify.KEY=VALUE`` texts over the directory's own thresholds.
     """
     stored = open_stored(directory)
-    refuse_stages(stored.manifest, directory, "its types cannot change")
+    stored.refuse_stages("its types cannot change")
     _changed_config(stored, overrides)  # before anything is made there
     with hold(directory) as alone:
         stored = open_stored(directory)

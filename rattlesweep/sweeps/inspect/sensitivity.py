@@ -42,25 +42,16 @@ _COLUMNS = ("case", "sample", "t_r", "type", "status", "gamma", "f_sd", "theta",
 
 @dataclass(frozen=True)
 class Indices:
-    """What a parameter has to do with a quantity in a case; NaN is what cannot be told.
-
-    Attributes
-    ----------
-    of : str
-        ``t_r``, ``log10 t_r`` or ``P(R)`` and so on.
-    used, left_out : int
-        Runs by which it is told, and runs that were done but have no value: those that did not
-        reverse or failed, and with ``draw: saltelli`` those that differ from them in a parameter.
-    first, total : float
-        With the ends of their intervals of 95 % (bootstrap).
-    """
+    """What a parameter has to do with a quantity in a case; NaN is what cannot be told."""
 
     case: int
-    of: str
+    of: str  # one of QUANTITIES
     parameter: str
-    used: int
+    used: int  # runs by which it is told
+    # Runs that were done but have no value: those that did not reverse or failed, and with
+    # `draw: saltelli` those that differ from them in a parameter.
     left_out: int
-    first: float
+    first: float  # index of first order, with its interval of 95 % (bootstrap)
     first_low: float
     first_high: float
     total: float
@@ -157,7 +148,7 @@ def _of_values(
         f = np.full((GROUP, sample.max() // GROUP + 1), np.nan)
         f[sample % GROUP, sample // GROUP] = y
     for place, name in enumerate(PARAMETERS):
-        runs = f[[0, 1, 2 + place]] if designed else np.stack([_bins(x[place], y), y])
+        runs = f[[0, 1, 2 + place]] if designed else np.stack([bins_of(x[place], y), y])
         together = runs.shape[0] if designed else 1
         done = together * runs.shape[1]
         runs = runs[:, np.isfinite(runs).all(axis=0)]
@@ -189,15 +180,7 @@ def from_design(f_a: Floats, f_b: Floats, f_ab: Floats) -> tuple[float, float]:
     return float(first), float(np.mean((f_a - f_ab) ** 2) / 2 / variance)
 
 
-def from_sample(x: Floats, y: Floats) -> tuple[float, float]:
-    """First-order index of a parameter with the values `x`, from means of `y` in bins of it.
-
-    There is no total one (NaN).
-    """
-    return from_bins(_bins(x, y), y)
-
-
-def _bins(x: Floats, y: Floats) -> Floats:
+def bins_of(x: Floats, y: Floats) -> Floats:
     """Bins with as many values of `x` each, as numbers from 0."""
     rank = np.argsort(np.argsort(x, kind="stable"))
     places: Floats = np.floor(rank / (len(x) / max(4, np.isfinite(y).sum() // IN_BIN)))
@@ -205,7 +188,10 @@ def _bins(x: Floats, y: Floats) -> Floats:
 
 
 def from_bins(place: Floats, y: Floats) -> tuple[float, float]:
-    """The same from bins; the variance of the means is less what they vary by chance."""
+    """First-order index of a parameter from means of `y` in bins of it; no total one (NaN).
+
+    The variance of the means is less what they vary by chance.
+    """
     variance, at = y.var(ddof=1), place.astype(np.int64)
     if variance == 0:
         return 0.0, np.nan

@@ -8,7 +8,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from rattlesweep.durations import clock
-from rattlesweep.errors import MAX_LINE, DamagedError, one_line
+from rattlesweep.errors import MAX_LINE, one_line
 from rattlesweep.sweeps.store.locks import holder
 from rattlesweep.sweeps.store.manifest import Manifest
 from rattlesweep.sweeps.store.stored import open_stored
@@ -19,53 +19,29 @@ LONGEST = 1e11
 
 @dataclass(frozen=True)
 class Status:
-    """How far a sweep is.
-
-    Attributes
-    ----------
-    state : str
-        ``complete``, ``running``, ``stopped`` (on purpose or by a signal), ``partial`` (a shard's
-        share is done, others are not here) or ``died`` (its process ended without a word).
-    holder : str or None
-        Who is at work there.
-    runs, runs_done, blocks, blocks_done : int
-        Done are those of complete blocks.
-    runs_begun : int
-        Runs of other blocks, which a stopped session has left and the next one completes.
-    failed : dict
-        Runs in place by status, other than ``ok``.
-    sensitive, unsure : int or None
-        Runs in place whose ``t_r`` is known to a few digits only, and whose type is not sure; None
-        where no errors are recorded.
-    damaged : list of int
-        Blocks in place that do not read, or hold other runs; `verify` says more.
-    strays : list of str
-        Files that readers take for runs, but none of this sweep's blocks.
-    seconds : float
-        Time spent by all sessions that have ended.
-    left : float or None
-        Seconds left at the speed so far, of the processes at work now if there are any.
-    ends : str or None
-        When it will be done, in UTC, if somebody is at work.
-    """
+    """How far a sweep is; done are the runs of complete blocks."""
 
     directory: str
     name: str
+    # complete, running, stopped (on purpose or by a signal), partial (a shard's share is done,
+    # others are not here) or died (its process ended without a word)
     state: str
-    holder: str | None
+    holder: str | None  # who is at work there
     runs: int
     runs_done: int
     blocks: int
     blocks_done: int
-    runs_begun: int
-    failed: dict[str, int]
+    runs_begun: int  # of other blocks, which a stopped session has left and the next one completes
+    failed: dict[str, int]  # runs in place by status, other than ok
+    # Runs in place whose t_r is known to a few digits only, and whose type is not sure; None where
+    # no errors are recorded.
     sensitive: int | None
     unsure: int | None
-    damaged: list[int]
-    strays: list[str]
-    seconds: float
-    left: float | None
-    ends: str | None
+    damaged: list[int]  # blocks that do not read, or hold other runs; `verify` says more
+    strays: list[str]  # files that readers take for runs, but none of this sweep's blocks
+    seconds: float  # spent by all sessions that have ended
+    left: float | None  # seconds, at the speed so far of the processes at work if there are any
+    ends: str | None  # when it will be done, in UTC, if somebody is at work
 
 
 def status_of(directory: Path) -> Status:
@@ -81,15 +57,11 @@ def status_of(directory: Path) -> Status:
         receipt = manifest.receipts.get(index)
         if receipt is None:
             # Not noted yet, so the file is asked.
-            try:
-                file = store.read_block(index)
-            except DamagedError:
+            file = store.find_block(index, stored.note(index).runs)
+            if file is None:
                 damaged.append(index)
                 continue
             receipt = file.receipt
-            if not stored.note(index).same_runs(file.note):
-                damaged.append(index)
-                continue
             if not file.complete:
                 begun += receipt.rows
                 continue

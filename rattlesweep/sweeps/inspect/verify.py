@@ -47,32 +47,17 @@ _BROKEN = {
 
 @dataclass
 class Verdict:
-    """What a look at everything came to.
+    """What a look at everything came to."""
 
-    Attributes
-    ----------
-    problems : list of str
-        What is wrong, a sentence each.
-    blocks, runs : int
-        Blocks and runs in place that are whole.
-    missing : list of tuple
-        Spans ``(first, stop)`` of blocks not in place; a problem only if the sweep is said to be
-        complete.
-    begun : int
-        Runs in place of missing blocks, which a stopped session has left.
-    recomputed : int
-        Runs integrated again.
-    remarks : list of str
-        What is not wrong, but worth knowing.
-    """
-
-    problems: list[str] = field(default_factory=list)
-    blocks: int = 0
+    problems: list[str] = field(default_factory=list)  # what is wrong, a sentence each
+    blocks: int = 0  # in place and whole, with so many runs
     runs: int = 0
+    # Spans, from and up to, of blocks not in place: a problem only if the sweep is said to be
+    # complete; and runs of theirs in place, which a stopped session has left.
     missing: list[tuple[int, int]] = field(default_factory=list)
     begun: int = 0
-    recomputed: int = 0
-    remarks: list[str] = field(default_factory=list)
+    recomputed: int = 0  # runs integrated again
+    remarks: list[str] = field(default_factory=list)  # what is not wrong, but worth knowing
 
     @property
     def absent(self) -> int:
@@ -97,11 +82,8 @@ def verify(
     Parameters
     ----------
     recompute : int
-        Number of random runs to integrate again and compare bit for bit.
-    seed : int, optional
-        Of their choice; by default another one each time.
-    threads : int, optional
-        Of the kernel.
+        Number of random runs to integrate again and compare bit for bit, chosen by a `seed`, by
+        default another one each time.
     report : callable
         Called with the fraction of the blocks that are done.
     """
@@ -179,8 +161,8 @@ def _faults(
     index: int, file: BlockFile, rows: pa.Table, stored: Stored, schema: pa.Schema
 ) -> Iterator[str]:
     """What is wrong with a block, worst first."""
-    manifest, wanted = stored.manifest, stored.note(index)
-    if not wanted.same_runs(file.note):
+    manifest, wanted, note = stored.manifest, stored.note(index), file.note
+    if note is None or note.runs != wanted.runs:
         yield "is a block of another sweep, or of another place in this one"
         return
     if not same_schema(file.schema, schema):
@@ -200,7 +182,7 @@ def _faults(
     if not np.array_equal(numbers, some) or not ((sample >= 0) & (sample < samples)).all():
         yield "has runs missing, double or out of order"
     yield from _bad_values(rows)
-    if file.note is not None and file.note.classify != wanted.classify:
+    if note.classify != wanted.classify:
         yield "has types of other thresholds; `rattlesweep classify` renews them"
         return
     names = [name for name in ("type", "type_sure") if name in rows.schema.names]

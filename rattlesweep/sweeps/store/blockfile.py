@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import json
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -68,25 +68,13 @@ def reading(path: Path, lost: type[OSError] | tuple[()] = ()) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Note:
-    """Written into a block's file: which runs of which sweep it is to hold.
+    """Written into a block's file: which runs of which sweep it is to hold."""
 
-    Attributes
-    ----------
-    sweep : str
-        Hash of what determines the numbers (`provenance.identity`).
-    first, stop : int
-        Numbers of its runs, ``first <= run < stop``.
-    classify : dict
-        Thresholds behind its types.
-    max_steps : int
-        Limit under which its runs were done.
-    """
-
-    sweep: str
-    first: int
+    sweep: str  # hash of what determines the numbers (`provenance.identity`)
+    first: int  # places of its runs in the sweep, from and up to
     stop: int
-    classify: dict[str, float]
-    max_steps: int
+    classify: dict[str, float]  # thresholds behind its types
+    max_steps: int  # limit under which its runs were done
 
     @classmethod
     def of(cls, config: Config, sweep: str, borders: tuple[int, int]) -> Note:
@@ -107,13 +95,10 @@ class Note:
         """As text for a file's metadata."""
         return json.dumps(asdict(self), sort_keys=True).encode()
 
-    def same_runs(self, other: Note | None) -> bool:
-        """Whether another block is to hold the same numbers, types and limit aside."""
-        return other is not None and (self.sweep, self.first, self.stop) == (
-            other.sweep,
-            other.first,
-            other.stop,
-        )
+    @property
+    def runs(self) -> tuple[str, int, int]:
+        """Which runs it is to hold; their types and limit may be others."""
+        return self.sweep, self.first, self.stop
 
     def is_whole(self, rows: int) -> bool:
         """Whether so many rows are all that it speaks of."""
@@ -122,19 +107,11 @@ class Note:
 
 @dataclass(frozen=True)
 class BlockFile:
-    """A block's file, read once and undamaged to the bit; its bytes stay in memory with this.
-
-    Attributes
-    ----------
-    note : Note or None
-        None if the file is no block's.
-    receipt : Receipt
-        What the manifest keeps of it, but for the time it took.
-    """
+    """A block's file, read once and undamaged to the bit; its bytes stay in memory with this."""
 
     path: Path
-    note: Note | None
-    receipt: Receipt
+    note: Note | None  # None if the file is no block's
+    receipt: Receipt  # what the manifest keeps of it, but for the time it took
     _file: pq.ParquetFile
 
     @property
@@ -155,20 +132,26 @@ class BlockFile:
     def table(self, columns: Sequence[str] | None = None) -> pa.Table:
         """Its rows."""
         with reading(self.path):
-            wanted = columns_to_read(columns, self._file.schema_arrow)
-            rows = with_chaotic(read_rows(self._file, wanted))
-        return rows if columns is None else rows.select(list(dict.fromkeys(columns)))
+            return rows_of(self._file.schema_arrow, columns, lambda n: read_rows(self._file, n))
+
+
+def rows_of(
+    schema: pa.Schema,
+    columns: Sequence[str] | None,
+    read: Callable[[list[str] | None], pa.Table],
+) -> pa.Table:
+    """Rows of a file of this schema with these columns, also those that its rows tell; None: all.
+
+    `read` reads columns that the file has.
+    """
+    rows = with_chaotic(read(columns_to_read(columns, schema)))
+    return rows if columns is None else rows.select(list(dict.fromkeys(columns)))
 
 
 def read_block_file(path: Path) -> BlockFile:
-    """Read the file of a block, by whatever name.
+    """Read the file of a block, by whatever name; DamagedError if it is not there, or not whole.
 
-    Raises
-    ------
-    DamagedError
-        It is not there, or not whole.
-    OutputError
-        It may not be read, which says nothing about what it holds.
+    That it may not be read is another OutputError, and says nothing about what it holds.
     """
     with reading(path, lost=OSError):
         data = read_file(path, MOST_BYTES)

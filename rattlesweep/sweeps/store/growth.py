@@ -9,18 +9,17 @@ comes after a killed process begins anew or ends what was begun.
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
 
-from rattlesweep.errors import DamagedError
+from rattlesweep.sweeps.cases.stages import borders
 from rattlesweep.sweeps.config.bodies import SdSource, TableSource
 from rattlesweep.sweeps.config.load import differences, physics_part, resolved
 from rattlesweep.sweeps.store.atomic import explained, rename_file
-from rattlesweep.sweeps.store.blockfile import BlockFile, Note
+from rattlesweep.sweeps.store.blockfile import Note
 from rattlesweep.sweeps.store.manifest import Manifest
 from rattlesweep.sweeps.store.store import Store
 from rattlesweep.sweeps.tables.types import with_types
@@ -32,6 +31,7 @@ if TYPE_CHECKING:
 
     from rattlesweep.sweeps.cases.plan import Case, Plan
     from rattlesweep.sweeps.config.schema import Config
+    from rattlesweep.sweeps.store.blockfile import BlockFile
     from rattlesweep.sweeps.store.manifest import StoredCase
 
 FOLDER = ".growing"
@@ -39,22 +39,12 @@ FOLDER = ".growing"
 
 @dataclass(frozen=True)
 class Growth:
-    """Where the runs of a smaller sweep are in a larger one.
+    """Where the runs of a smaller sweep are in a larger one."""
 
-    Attributes
-    ----------
-    sweep : str
-        Hash of the smaller one, which its blocks have.
-    old, new : int
-        Samples of each case in both.
-    cases : ndarray of int64
-        Number in the larger sweep of each case of the smaller one, ascending.
-    """
-
-    sweep: str
-    old: int
-    new: int
-    cases: NDArray[np.int64]
+    sweep: str  # hash of the smaller one, which its blocks have
+    old: int  # samples of each case of the smaller one
+    new: int  # and of the larger one
+    cases: NDArray[np.int64]  # number there of each case of the smaller one, ascending
 
     def before(self, number: int) -> int:
         """How many runs of the smaller sweep come before a number of the larger one."""
@@ -62,6 +52,10 @@ class Growth:
         whole = int(np.searchsorted(self.cases, case))
         here = whole < len(self.cases) and self.cases[whole] == case
         return whole * self.old + (min(sample, self.old) if here else 0)
+
+    def runs(self, index: int, size: int) -> tuple[str, int, int]:
+        """The runs of a block of the smaller one (`Note.runs`)."""
+        return self.sweep, *borders([len(self.cases) * self.old], size, index)
 
     @property
     def end(self) -> int:
@@ -119,13 +113,16 @@ def grow(store: Store, plan: Plan, hash_: str, growth: Growth) -> None:
     new = Store(store.directory / FOLDER)
     new.prepare()
     size = plan.block_size
-    # An old block is read once, though several new ones may take of it.
+    # An old block is read once, though several new ones may take of it; what is damaged will be
+    # computed again.
     read: dict[int, BlockFile | None] = {}
     for index in range(-(-growth.end // size)):
         block = plan.block(index)
         first, stop = growth.before(block.first), growth.before(block.stop)
         wanted = range(first // size, -(-stop // size)) if stop > first else range(0)
-        read = {i: read[i] if i in read else _old(store, i, growth) for i in wanted}
+        read = {
+            i: read[i] if i in read else store.find_block(i, growth.runs(i, size)) for i in wanted
+        }
         files = [file for file in read.values() if file is not None]
         parts = [_renumbered(file.table(), growth, block.first, block.stop) for file in files]
         if any(len(part) for part in parts):
@@ -172,15 +169,6 @@ def remove_growth(store: Store) -> None:
             path.rmdir() if path.is_dir() else path.unlink()
         if folder.exists():
             folder.rmdir()
-
-
-def _old(store: Store, index: int, growth: Growth) -> BlockFile | None:
-    """A block of the smaller sweep, if there is one; what is damaged will be computed again."""
-    with suppress(DamagedError):
-        file = store.read_block(index)
-        if file.note is not None and file.note.sweep == growth.sweep:
-            return file
-    return None
 
 
 def _renumbered(rows: pa.Table, growth: Growth, first: int, stop: int) -> pa.Table:

@@ -15,7 +15,6 @@ import json
 import os
 import shlex
 import socket
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -25,7 +24,7 @@ from typing import Any
 
 from rattlesweep.errors import OutputError
 from rattlesweep.sweeps.store.atomic import explained, read_file
-from rattlesweep.sweeps.store.provenance import now
+from rattlesweep.sweeps.store.provenance import command_line, now
 
 fcntl: Any
 try:
@@ -132,7 +131,7 @@ def _me() -> dict[str, Any]:
     return {
         "pid": os.getpid(),
         "host": socket.gethostname(),
-        "command": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
+        "command": shlex.join(command_line()),
         "since": now(),
     }
 

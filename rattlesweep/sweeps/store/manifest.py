@@ -13,6 +13,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+import pyarrow as pa
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -33,13 +34,10 @@ from rattlesweep.sweeps.cases.stages import borders, n_blocks
 from rattlesweep.sweeps.config.bodies import SdSource, TableSource
 from rattlesweep.sweeps.config.load import override_config, resolved
 from rattlesweep.sweeps.config.schema import Config
-from rattlesweep.sweeps.store.extra import ExtraColumn
 from rattlesweep.sweeps.store.provenance import command_line, machine, now, versions
 from rattlesweep.sweeps.tables import columns
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from rattlesweep.sweeps.cases.plan import Plan
 
 FORMAT: Literal[2] = 2
@@ -100,15 +98,6 @@ class Receipt(_Part):
         """The same with the time of its integration."""
         return self.model_copy(update={"seconds": None if seconds is None else round(seconds, 4)})
 
-    def dump(self) -> dict[str, Any]:
-        """As plain data, for other processes."""
-        return self.model_dump()
-
-    @classmethod
-    def load(cls, data: Any) -> Receipt:
-        """From that."""
-        return cls.model_validate(data)
-
 
 class StoredCase(_Part):
     """A case; a target is there only where it has one."""
@@ -128,6 +117,29 @@ class StoredCase(_Part):
     def target(self) -> float | None:
         """Target value of that."""
         return None if self.target_name is None else getattr(self, self.target_name)
+
+
+class ExtraColumn(_Part):
+    """A column of the runs that their bodies and launches bring along."""
+
+    name: str
+    type: Literal["double", "int64", "string"]
+    unit: str
+    description: str
+    nullable: bool
+
+    @classmethod
+    def of(cls, field: pa.Field) -> ExtraColumn:
+        """What is to be kept of it."""
+        words = {key.decode(): text.decode() for key, text in field.metadata.items()}
+        kept = {"name": field.name, "type": str(field.type), "nullable": field.nullable}
+        return cls.model_validate(kept | words)
+
+    @property
+    def field(self) -> pa.Field:
+        """The column itself."""
+        kind = pa.type_for_alias(self.type)
+        return columns.field(self.name, kind, self.unit, self.description, nullable=self.nullable)
 
 
 class SessionProgress(_Part):
@@ -304,7 +316,7 @@ class Manifest(_Part):
             format=FORMAT,
             name=plan.config.name,
             state="running",
-            config=plan.config.model_copy(update={"block_size": plan.block_size}),
+            config=plan.config,
             config_hash=hash_,
             base=None if base is None else str(base),
             cases=[

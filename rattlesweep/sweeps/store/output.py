@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +11,7 @@ from rattlesweep.sweeps.config.load import differences, resolved
 from rattlesweep.sweeps.store.atomic import explained
 from rattlesweep.sweeps.store.blockfile import Note, block_number, read_block_file
 from rattlesweep.sweeps.store.growth import Growth, growth
-from rattlesweep.sweeps.store.manifest import Manifest
+from rattlesweep.sweeps.store.manifest import Manifest, Receipt
 from rattlesweep.sweeps.store.provenance import identity, machine, versions
 from rattlesweep.sweeps.store.store import Store
 
@@ -21,35 +21,24 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Output:
-    """Where the blocks of a plan come to rest.
-
-    Attributes
-    ----------
-    plan : Plan
-        In the blocks that the directory was begun with.
-    hash_ : str
-        Of what determines its numbers.
-    manifest : Manifest or None
-        None where the sweep begins, or its manifest is lost.
-    remarks : list of str
-        What the user should know: versions that have changed, a lost manifest.
-    retry_failed : bool
-        Whether runs that failed are to be done again.
-    growth : Growth or None
-        How the runs of a smaller sweep, which the directory holds, lie in the plan's.
-    """
+    """Where the blocks of a plan come to rest."""
 
     store: Store
-    plan: Plan
-    hash_: str
-    manifest: Manifest | None
-    remarks: list[str]
-    retry_failed: bool = False
-    growth: Growth | None = None
+    plan: Plan  # in the blocks that the directory was begun with
+    base: Path | None  # where the relative path of its table of bodies starts
+    hash_: str  # of what determines its numbers
+    manifest: Manifest | None = None  # None where the sweep begins, or its manifest is lost
+    remarks: list[str] = field(default_factory=list)  # what the user should know of the directory
+    retry_failed: bool = False  # whether runs that failed are to be done again
+    growth: Growth | None = None  # how a smaller sweep, which it holds, lies in this one
 
     def note(self, block: Block) -> Note:
         """What a block of this plan says of itself."""
         return Note.of(self.plan.config, self.hash_, (block.first, block.stop))
+
+    def finished(self, block: Block) -> Receipt | None:
+        """The receipt of a block that is in place, whole and as this session would write it."""
+        return self.store.finished_block(block.index, self.note(block))
 
 
 def examine(plan: Plan, directory: Path, base: Path | None) -> Output:
@@ -62,7 +51,6 @@ def examine(plan: Plan, directory: Path, base: Path | None) -> Output:
     """
     store, hash_ = Store(directory), identity(plan, base)
     store.check_ours()
-    blocks = store.block_indices()
     remarks: list[str] = []
     manifest: Manifest | None = None
     try:
@@ -71,9 +59,9 @@ def examine(plan: Plan, directory: Path, base: Path | None) -> Output:
     except DamagedError as error:
         remarks.append(f"{error}; it is rebuilt from the blocks")
     if manifest is None:
-        if blocks and not plan.stages:
-            plan = replace(plan, block_size=_block_size(store, blocks, hash_, plan))
-        return Output(store, plan, hash_, None, remarks)
+        if not plan.stages and (blocks := store.block_indices()):
+            plan = _in_blocks(plan, _block_size(store, blocks, hash_, plan))
+        return Output(store, plan, base, hash_, None, remarks)
     theirs, ours = resolved(manifest.config), resolved(plan.config)
     larger: Growth | None = None
     if manifest.config_hash != hash_:
@@ -92,7 +80,7 @@ def examine(plan: Plan, directory: Path, base: Path | None) -> Output:
     size = manifest.config.block_size
     if size != plan.block_size:
         remarks.append(f"{directory} was begun in blocks of {size} runs, and keeps that size")
-        plan = replace(plan, block_size=size)
+        plan = _in_blocks(plan, size)
     if changed := differences(theirs["classify"], ours["classify"]):
         by = "`rattlesweep classify`" if manifest.classified else "an earlier config"
         remarks.append(
@@ -108,18 +96,14 @@ def examine(plan: Plan, directory: Path, base: Path | None) -> Output:
                 f"{directory} was begun with other {part} ({'; '.join(changed[:3])}): last bits "
                 "may differ"
             )
-    return Output(store, plan, hash_, manifest, remarks, growth=larger)
+    return Output(store, plan, base, hash_, manifest, remarks, growth=larger)
 
 
 def put_in_order(output: Output) -> list[str]:
     """Take blocks of a sweep away from where none of them belongs, such as copied files.
 
-    One whose own place is empty or damaged is put there.
-
-    Returns
-    -------
-    list of str
-        What was done, and which other files readers will take for runs, a sentence each.
+    One whose own place is empty or damaged is put there. Returns sentences: what was done, and
+    which other files readers will take for runs.
     """
     store, plan, remarks = output.store, output.plan, []
     for path in store.strays(plan.n_blocks):
@@ -137,7 +121,7 @@ def put_in_order(output: Output) -> list[str]:
             if (note.first, note.stop) != (block.first, block.stop):
                 path.unlink(missing_ok=True)
                 remarks.append(f"removed {path}: a block of another size than this sweep's")
-            elif note.same_runs(_note(place)):
+            elif (there := _note(place)) is not None and there.runs == note.runs:
                 path.unlink(missing_ok=True)
                 remarks.append(f"removed {path}: a copy of {place.name}")
             else:
@@ -146,13 +130,14 @@ def put_in_order(output: Output) -> list[str]:
     return remarks
 
 
+def _in_blocks(plan: Plan, size: int) -> Plan:
+    return replace(plan, config=plan.config.model_copy(update={"block_size": size}))
+
+
 def _block_size(store: Store, blocks: list[int], sweep: str, plan: Plan) -> int:
     """Runs a block in a directory whose manifest is lost, told from the blocks.
 
-    Raises
-    ------
-    ConfigError
-        They are not known to be of this sweep.
+    A ConfigError if they are not known to be of this sweep.
     """
     ours = False
     for index in blocks:

@@ -5,10 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from rattlesweep.errors import DamagedError
 
@@ -18,8 +15,8 @@ _KEY = "checksum"
 def dump(data: Mapping[str, Any]) -> bytes:
     """Turn plain data into bytes, keys in the order given; floats come back bit for bit.
 
-    NumPy scalars and paths are written as what they mean. NaN, infinity and what JSON has no word
-    for are mistakes of the calling code: a ValueError or TypeError.
+    NaN, infinity and what JSON has no word for are mistakes of the calling code: a ValueError or
+    TypeError.
     """
     digest = hashlib.sha256(_text(data)).hexdigest()
     return _text({**data, _KEY: digest})
@@ -42,13 +39,5 @@ def load(text: bytes) -> dict[str, Any]:
 
 
 def _text(data: Mapping[str, Any]) -> bytes:
-    text = json.dumps(dict(data), indent=2, allow_nan=False, ensure_ascii=False, default=_plain)
+    text = json.dumps(dict(data), indent=2, allow_nan=False, ensure_ascii=False)
     return text.encode() + b"\n"
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.generic):
-        return value.item()
-    if isinstance(value, Path):
-        return str(value)
-    raise TypeError(f"internal error: {type(value).__name__} in the manifest")

@@ -12,6 +12,7 @@ import errno
 import os
 import stat
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
 import pyarrow as pa
@@ -38,11 +39,12 @@ from rattlesweep.sweeps.store.blockfile import (
     read_block_file,
     reading,
     receipt_of,
+    rows_of,
 )
 from rattlesweep.sweeps.store.locks import manifest_lock
 from rattlesweep.sweeps.store.manifest import Manifest, Receipt
 from rattlesweep.sweeps.tables.arrow import encode_hashed, open_sealed, read_rows
-from rattlesweep.sweeps.tables.chaos import columns_to_read, with_chaotic, with_chaotic_field
+from rattlesweep.sweeps.tables.chaos import with_chaotic_field
 
 # Seconds for which another process may have a half-written file in its hands.
 YOUNG = 3600.0
@@ -68,20 +70,15 @@ class Store:
         self._opened = self._folders()
 
     def check_ours(self) -> None:
-        """Refuse a directory that holds something, but nothing of this program.
+        """Refuse a directory that holds something, but nothing of this program (ConfigError).
 
-        Raises
-        ------
-        ConfigError
-            It does; its files might be overwritten.
+        Its files might be overwritten.
         """
-        try:
-            with explained(f"cannot read {self.directory}"):
+        with explained(f"cannot read {self.directory}"):
+            try:
                 names = sorted(os.listdir(self.directory))
-        except OutputError as error:
-            if isinstance(error.__cause__, FileNotFoundError | NotADirectoryError):
+            except (FileNotFoundError, NotADirectoryError):
                 return
-            raise
         # Hidden files are not in the way, and among them is what a killed process leaves.
         shown = [name for name in names if not name.startswith(".") and name != "runs"]
         if not shown or self.block_indices():
@@ -173,13 +170,18 @@ class Store:
         """Block `index`, proved undamaged to the bit; errors as for `read_block_file`."""
         return read_block_file(self.block_path(index))
 
-    def finished_block(self, index: int, note: Note) -> Receipt | None:
-        """The receipt of block `index`, if it is whole and just what `note` speaks of."""
+    def find_block(self, index: int, runs: tuple[str, int, int]) -> BlockFile | None:
+        """Block `index`, if it is undamaged and holds these runs (`Note.runs`) or some of them."""
         try:
             found = self.read_block(index)
         except DamagedError:
             return None
-        return found.receipt if found.note == note and found.complete else None
+        return found if found.note is not None and found.note.runs == runs else None
+
+    def finished_block(self, index: int, note: Note) -> Receipt | None:
+        """The receipt of block `index`, if it is whole and just what `note` speaks of."""
+        found = self.find_block(index, note.runs)
+        return found.receipt if found and found.note == note and found.complete else None
 
     def glance(self, index: int) -> tuple[Note | None, bool]:
         """The note of block `index`, and whether it is complete; unproved, but soon known."""
@@ -199,26 +201,23 @@ class Store:
     ) -> Iterator[pa.RecordBatch]:
         """Yield all rows in order, in pieces of bounded size, reading only these columns.
 
-        With `complete`, blocks of which a stopped session has left only a part are left out.
-
-        Page checksums are verified; the seal of the whole file, which takes a read of all of
-        it, is not.
+        With `complete`, blocks of which a stopped session has left only a part are left out. Page
+        checksums are verified; the seal of the whole file, which takes a read of all of it, is not.
         """
         for index in self.block_indices():
             with self._streamed(index) as file:
                 note = Note.load(file)
                 if complete and note and not note.is_whole(file.metadata.num_rows):
                     continue
-                schema = with_chaotic_field(file.schema_arrow)
-                if absent := sorted(set(columns or ()).difference(schema.names)):
+                schema = file.schema_arrow
+                if absent := sorted(
+                    set(columns or ()).difference(with_chaotic_field(schema).names)
+                ):
                     raise OutputError(f"{self.block_path(index)} has no column {', '.join(absent)}")
                 # One row group at a time: ParquetFile.iter_batches holds a whole block.
-                wanted = columns_to_read(columns or None, file.schema_arrow)
                 for group in range(file.num_row_groups):
-                    rows = with_chaotic(file.read_row_group(group, wanted))
-                    yield from (
-                        rows.select([*dict.fromkeys(columns)]) if columns else rows
-                    ).to_batches()
+                    read = partial(file.read_row_group, group)
+                    yield from rows_of(schema, columns or None, read).to_batches()
 
     @contextlib.contextmanager
     def _streamed(self, index: int) -> Iterator[pq.ParquetFile]:
@@ -247,14 +246,10 @@ class Store:
             return self.manifest_path.exists()
 
     def read_manifest(self) -> Manifest:
-        """Read `manifest.json`, proved whole and checked part by part.
+        """Read `manifest.json`, proved whole and checked part by part, or else a DamagedError.
 
-        Raises
-        ------
-        ConfigError
-            There is none, so this is no output directory, or it is of another format.
-        DamagedError
-            It is not what `write_manifest` writes, or says what cannot be.
+        Where there is none, so that this is no output directory, or one of another format, it is a
+        ConfigError.
         """
         try:
             with reading(self.manifest_path):

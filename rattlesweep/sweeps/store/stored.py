@@ -10,18 +10,73 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rattlesweep.errors import ConfigError
+from rattlesweep.sweeps.cases.stages import borders, make_stages, n_blocks
 from rattlesweep.sweeps.config.bodies import TableSource
 from rattlesweep.sweeps.store.blockfile import Note
 from rattlesweep.sweeps.store.manifest import Manifest
 from rattlesweep.sweeps.store.provenance import identity
-from rattlesweep.sweeps.store.staged import Staged
 from rattlesweep.sweeps.store.store import Store
 
 if TYPE_CHECKING:
+    import pyarrow as pa
     from numpy.typing import NDArray
 
     from rattlesweep.sweeps.cases.plan import Plan
+    from rattlesweep.sweeps.cases.stages import Stages
     from rattlesweep.sweeps.config.schema import Config
+
+
+class Staged:
+    """Follows a sweep that decides what to run next, as far as its blocks are there and whole.
+
+    Attributes
+    ----------
+    stages : list of ndarray of int64
+        Numbers of the runs of each stage that is known.
+    done : bool
+        Whether the last of them is in place, and nothing more is asked for.
+    """
+
+    def __init__(self, store: Store, decide: Stages, size: int, sweep: str) -> None:
+        self._store, self._decide, self._size, self._sweep = store, decide, size, sweep
+        self.stages: list[NDArray[np.int64]] = [decide.first()]
+        self.done = False
+        self.advance()
+
+    def advance(self) -> bool:
+        """Take all stages that are in place; whether there are new ones."""
+        known = len(self.stages)
+        while not self.done and (tables := self._last()) is not None:
+            for table in tables:
+                for rows in table.select(list(self._decide.columns)).to_batches():
+                    self._decide.add(rows)
+            following = self._decide.next()
+            if len(following):
+                self.stages.append(following)
+            else:
+                self.done = True
+        return len(self.stages) > known
+
+    def of(self, plan: Plan) -> Plan:
+        """The plan with the stages that are known."""
+        return replace(plan, stages=tuple(self.stages))
+
+    def _last(self) -> list[pa.Table] | None:
+        """Rows of the last stage that is known, block by block; None if one is not whole."""
+        sizes, tables = [len(stage) for stage in self.stages], []
+        for index in range(n_blocks(sizes[:-1], self._size), n_blocks(sizes, self._size)):
+            runs = (self._sweep, *borders(sizes, self._size, index))
+            file = self._store.find_block(index, runs)
+            if file is None or not file.complete:
+                return None
+            tables.append(file.table())
+        return tables
+
+
+def follow_stages(store: Store, plan: Plan, sweep: str) -> Staged | None:
+    """What a sweep of this identity has decided so far; None if it does all runs."""
+    decide = make_stages(plan.config, len(plan.cases), plan.samples)
+    return None if decide is None else Staged(store, decide, plan.block_size, sweep)
 
 
 @dataclass(frozen=True)
@@ -53,13 +108,16 @@ class Stored:
     @cached_property
     def staged(self) -> Staged | None:
         """What it has decided so far; None if it does all runs."""
-        manifest = self.manifest
-        staged = Staged.of(
-            self.store, manifest.config, len(manifest.cases), manifest.samples, manifest.config_hash
-        )
-        if staged is not None:
-            staged.advance()
-        return staged
+        manifest, config = self.manifest, self.config
+        decide = make_stages(config, len(manifest.cases), manifest.samples)
+        size, sweep = config.block_size, manifest.config_hash
+        return None if decide is None else Staged(self.store, decide, size, sweep)
+
+    def refuse_stages(self, what: str) -> None:
+        """Refuse (ConfigError) what goes only where all runs are done, and none were chosen."""
+        if self.manifest.stages:
+            key = "bodies.refine" if self.config.stop is None else "stop"
+            raise ConfigError(f"{self.directory}: {key} chose its runs by what came out, so {what}")
 
     def numbers(self, index: int) -> NDArray[np.int64] | None:
         """Numbers of the runs of a block; None where stages before it are not whole."""
@@ -71,13 +129,7 @@ class Stored:
 
     @cached_property
     def plan(self) -> Plan:
-        """What its runs can be had again from.
-
-        Raises
-        ------
-        ConfigError
-            Its table of bodies is not there, or has changed.
-        """
+        """What its runs can be had again from; a ConfigError if its table of bodies has changed."""
         # Numba, which most readers of a sweep do without.
         from rattlesweep.sweeps.cases.plan import make_plan
 
@@ -91,7 +143,7 @@ class Stored:
                 f"{self.directory}: its table of bodies has changed, so its runs cannot be had "
                 "again"
             )
-        return plan if self.staged is None else replace(plan, stages=tuple(self.staged.stages))
+        return plan if self.staged is None else self.staged.of(plan)
 
 
 def open_stored(directory: Path | str) -> Stored:
