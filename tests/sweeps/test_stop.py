@@ -33,8 +33,7 @@ from rattlesweep.integrate.batch import available_threads
 from rattlesweep.sweeps.cases.plan import Plan, make_plan
 from rattlesweep.sweeps.config.load import parse_config
 from rattlesweep.sweeps.engines import local
-from rattlesweep.sweeps.engines.job import Result
-from rattlesweep.sweeps.engines.progress import Progress
+from rattlesweep.sweeps.engines.job import Progress, Result
 from rattlesweep.sweeps.engines.run import run_sweep
 from rattlesweep.sweeps.inspect.content_hash import content_hash
 from rattlesweep.sweeps.inspect.merge import merge

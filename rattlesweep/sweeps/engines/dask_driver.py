@@ -11,7 +11,6 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
-from itertools import count
 from typing import TYPE_CHECKING
 
 from rattlesweep.errors import ConfigError, OutputError
@@ -108,7 +107,6 @@ class _Driver:
         self._pending = deque(blocks)
         self._flying: dict[Future, Block] = {}
         self._completed = as_completed(loop=client.loop)
-        self._handed_out = count()
         self._killed: Counter[int] = Counter()
         self._workers = 0
         self._due = 0.0
@@ -165,7 +163,6 @@ class _Driver:
                 str(self._order),
                 block.index,
                 block.index in self._job.session.begun,
-                key=f"rattlesweep-{self._order.stem[-16:]}-{next(self._handed_out)}",
                 pure=False,
             )
             self._flying[future] = block
@@ -244,11 +241,9 @@ class _Driver:
         job = self._job
         job.result.lost += answer.lost
         receipt = answer.receipt
-        if receipt is not None:
-            job.tracker.finish(block)
-        elif answer.columns is None or job.session.output.finished(block):
-            return
-        else:
+        if receipt is None:
+            if answer.columns is None or job.session.output.finished(block):
+                return
             receipt = job.prepare(block).write(answer.columns)
         job.wrote(block, receipt, answer.rows, answer.seconds)
         if answer.cpu not in self._cpus:

@@ -49,7 +49,6 @@ def work_off(job: Job) -> None:
                 ready = job.prepare(pending[place + 1])
             columns = task.wait(lambda control, block=block: _tick(job, block, control))  # type: ignore[misc]
             done, task = (under_way, columns, task.seconds), None
-            job.tracker.finish(block)
         if done is not None:
             _write(job, *done)
     except BaseException as error:

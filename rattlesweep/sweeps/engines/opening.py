@@ -75,8 +75,8 @@ def _grown(output: Output, half: bool) -> Output:
         finish_growth(output.store)
     else:
         remove_growth(output.store)
-    if output.growth is not None:
-        grow(output.store, output.plan, output.hash_, output.growth)
+    if output.growth is not None and output.manifest is not None:
+        grow(output.store, output.manifest, output.plan, output.hash_, output.growth)
     elif not half:
         return output
     again = examine(output.plan, output.store.directory, output.base)

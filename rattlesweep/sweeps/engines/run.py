@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING
 from rattlesweep.errors import OutputError
 from rattlesweep.integrate.batch import available_threads
 from rattlesweep.sweeps.engines import local
-from rattlesweep.sweeps.engines.job import Job, Result
+from rattlesweep.sweeps.engines.job import Job, Progress, Result, Tracker
 from rattlesweep.sweeps.engines.opening import open_session
-from rattlesweep.sweeps.engines.progress import Progress, Tracker
 from rattlesweep.sweeps.inspect.retype import retype_block
 from rattlesweep.sweeps.inspect.summary import summarise
 from rattlesweep.sweeps.tables.cells import columns_for

@@ -29,8 +29,7 @@ from rattlesweep.sweeps.tables.arrow import same_schema
 
 if TYPE_CHECKING:
     from rattlesweep.sweeps.cases.plan import Block, Plan
-    from rattlesweep.sweeps.engines.job import Result
-    from rattlesweep.sweeps.engines.progress import Progress
+    from rattlesweep.sweeps.engines.job import Progress, Result
 
 # Seconds between two notes in the manifest; more where writing it takes long.
 NOTE_EVERY = 10.0

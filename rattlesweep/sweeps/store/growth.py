@@ -9,13 +9,12 @@ comes after a killed process begins anew or ends what was begun.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
 
-from rattlesweep.sweeps.cases.stages import borders
 from rattlesweep.sweeps.config.bodies import SdSource, TableSource
 from rattlesweep.sweeps.config.load import differences, physics_part, resolved
 from rattlesweep.sweeps.store.atomic import explained, rename_file
@@ -31,40 +30,18 @@ if TYPE_CHECKING:
 
     from rattlesweep.sweeps.cases.plan import Case, Plan
     from rattlesweep.sweeps.config.schema import Config
-    from rattlesweep.sweeps.store.blockfile import BlockFile
     from rattlesweep.sweeps.store.manifest import StoredCase
+
+    Integers = NDArray[np.int64]
 
 FOLDER = ".growing"
 
 
-@dataclass(frozen=True)
-class Growth:
-    """Where the runs of a smaller sweep are in a larger one."""
+def growth(manifest: Manifest, plan: Plan) -> tuple[Integers | None, str]:
+    """How a directory's sweep grows into that of a plan; and what differs, in words.
 
-    sweep: str  # hash of the smaller one, which its blocks have
-    old: int  # samples of each case of the smaller one
-    new: int  # and of the larger one
-    cases: NDArray[np.int64]  # number there of each case of the smaller one, ascending
-
-    def before(self, number: int) -> int:
-        """How many runs of the smaller sweep come before a number of the larger one."""
-        case, sample = divmod(number, self.new)
-        whole = int(np.searchsorted(self.cases, case))
-        here = whole < len(self.cases) and self.cases[whole] == case
-        return whole * self.old + (min(sample, self.old) if here else 0)
-
-    def runs(self, index: int, size: int) -> tuple[str, int, int]:
-        """The runs of a block of the smaller one (`Note.runs`)."""
-        return self.sweep, *borders([len(self.cases) * self.old], size, index)
-
-    @property
-    def end(self) -> int:
-        """Number in the larger sweep behind the last run of the smaller one."""
-        return int(self.cases[-1]) * self.new + self.old
-
-
-def growth(manifest: Manifest, plan: Plan, hash_: str) -> tuple[Growth | None, str]:
-    """How a directory's sweep grows into that of a plan, or None; and what differs, in words."""
+    That is the number that each of its cases has in the plan, ascending; None if it does not grow.
+    """
     theirs, ours = physics_part(resolved(manifest.config)), physics_part(resolved(plan.config))
     what = "; ".join(differences(theirs, ours)[:3]) or "the table of bodies has changed"
     if differences(_fixed(theirs), _fixed(ours)) or isinstance(plan.config.bodies, TableSource):
@@ -84,7 +61,7 @@ def growth(manifest: Manifest, plan: Plan, hash_: str) -> tuple[Growth | None, s
         return None, f"{what}; new values may stand between the old ones, which keep their order"
     if (limit := manifest.config.integrator.max_steps) > plan.config.integrator.max_steps:
         return None, f"{what}; integrator.max_steps {limit} may only grow, too"
-    return Growth(manifest.config_hash, manifest.samples, plan.samples, np.array(cases)), what
+    return np.array(cases), what
 
 
 def _fixed(part: dict[str, Any]) -> dict[str, Any]:
@@ -107,29 +84,39 @@ def _targets(config: Config) -> Sequence[float]:
     return [] if target is None else target.values
 
 
-def grow(store: Store, plan: Plan, hash_: str, growth: Growth) -> None:
-    """Make the directory one of the larger sweep; it is held, and by nobody else."""
+def grow(store: Store, smaller: Manifest, plan: Plan, hash_: str, cases: Integers) -> None:
+    """Make the directory one of the larger sweep; it is held, and by nobody else.
+
+    `cases` are as `growth` says.
+    """
     remove_growth(store)
     new = Store(store.directory / FOLDER)
     new.prepare()
-    size = plan.block_size
-    # An old block is read once, though several new ones may take of it; what is damaged will be
-    # computed again.
-    read: dict[int, BlockFile | None] = {}
-    for index in range(-(-growth.end // size)):
-        block = plan.block(index)
-        first, stop = growth.before(block.first), growth.before(block.stop)
-        wanted = range(first // size, -(-stop // size)) if stop > first else range(0)
-        read = {
-            i: read[i] if i in read else store.find_block(i, growth.runs(i, size)) for i in wanted
-        }
-        files = [file for file in read.values() if file is not None]
-        parts = [_renumbered(file.table(), growth, block.first, block.stop) for file in files]
-        if any(len(part) for part in parts):
+    # What is known of new blocks: rows, and the limit of steps under which they were done.
+    known: dict[int, list[tuple[pa.Table, int]]] = {}
+
+    def write(below: float) -> None:
+        for index in [index for index in known if index < below]:
+            block, (parts, limits) = plan.block(index), zip(*known.pop(index), strict=True)
             note = Note.of(plan.config, hash_, (block.first, block.stop))
-            limit = min(file.note.max_steps for file in files if file.note)
             rows = with_types(pa.concat_tables(parts), plan.config.classify)
-            new.write_block(index, rows, replace(note, max_steps=limit))
+            new.write_block(index, rows, replace(note, max_steps=min(limits)))
+
+    for index in range(smaller.blocks):
+        # What is damaged will be computed again.
+        file = store.find_block(index, (smaller.config_hash, *smaller.borders(index)))
+        if file is None or file.note is None:
+            continue
+        rows = file.table()
+        case = cases[rows.column("case").to_numpy()]
+        blocks = (case * plan.samples + rows.column("sample").to_numpy()) // plan.block_size
+        place = rows.schema.get_field_index("case")
+        rows = rows.set_column(place, rows.schema.field(place), pa.array(case, pa.int32()))
+        for block in np.unique(blocks).tolist():
+            write(block)  # numbers ascend, so that what comes before is complete
+            part = rows.filter(pa.array(blocks == block))
+            known.setdefault(block, []).append((part, file.note.max_steps))
+    write(np.inf)
     larger = Manifest.begin(plan, hash_, None)
 
     def change(manifest: Manifest) -> None:
@@ -169,12 +156,3 @@ def remove_growth(store: Store) -> None:
             path.rmdir() if path.is_dir() else path.unlink()
         if folder.exists():
             folder.rmdir()
-
-
-def _renumbered(rows: pa.Table, growth: Growth, first: int, stop: int) -> pa.Table:
-    """Rows of the smaller sweep that are in a span of the larger one, by their cases there."""
-    case = growth.cases[rows.column("case").to_numpy()]
-    number = case * growth.new + rows.column("sample").to_numpy()
-    place = rows.schema.get_field_index("case")
-    rows = rows.set_column(place, rows.schema.field("case"), pa.array(case, pa.int32()))
-    return rows.filter(pa.array((number >= first) & (number < stop)))

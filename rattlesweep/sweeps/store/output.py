@@ -10,12 +10,15 @@ from rattlesweep.errors import ConfigError, DamagedError, OutputError
 from rattlesweep.sweeps.config.load import differences, resolved
 from rattlesweep.sweeps.store.atomic import explained
 from rattlesweep.sweeps.store.blockfile import Note, block_number, read_block_file
-from rattlesweep.sweeps.store.growth import Growth, growth
+from rattlesweep.sweeps.store.growth import growth
 from rattlesweep.sweeps.store.manifest import Manifest, Receipt
 from rattlesweep.sweeps.store.provenance import identity, machine, versions
 from rattlesweep.sweeps.store.store import Store
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from rattlesweep.sweeps.cases.plan import Block, Plan
 
 
@@ -30,7 +33,8 @@ class Output:
     manifest: Manifest | None = None  # None where the sweep begins, or its manifest is lost
     remarks: list[str] = field(default_factory=list)  # what the user should know of the directory
     retry_failed: bool = False  # whether runs that failed are to be done again
-    growth: Growth | None = None  # how a smaller sweep, which it holds, lies in this one
+    # Numbers here of the cases of a smaller sweep, which the directory holds.
+    growth: NDArray[np.int64] | None = None
 
     def note(self, block: Block) -> Note:
         """What a block of this plan says of itself."""
@@ -63,10 +67,10 @@ def examine(plan: Plan, directory: Path, base: Path | None) -> Output:
             plan = _in_blocks(plan, _block_size(store, blocks, hash_, plan))
         return Output(store, plan, base, hash_, None, remarks)
     theirs, ours = resolved(manifest.config), resolved(plan.config)
-    larger: Growth | None = None
+    cases: NDArray[np.int64] | None = None
     if manifest.config_hash != hash_:
-        larger, what = growth(manifest, plan, hash_)
-        if larger is None:
+        cases, what = growth(manifest, plan)
+        if cases is None:
             raise ConfigError(
                 f"{directory}: it holds the runs of another config ({what}); choose another "
                 "output, or start over with --fresh"
@@ -96,7 +100,7 @@ def examine(plan: Plan, directory: Path, base: Path | None) -> Output:
                 f"{directory} was begun with other {part} ({'; '.join(changed[:3])}): last bits "
                 "may differ"
             )
-    return Output(store, plan, base, hash_, manifest, remarks, growth=larger)
+    return Output(store, plan, base, hash_, manifest, remarks, growth=cases)
 
 
 def put_in_order(output: Output) -> list[str]:
