@@ -250,9 +250,14 @@ def one_sentence(err: str) -> bool:
     return len(lines) == 1 and lines[0].startswith("error: ") and "internal error" not in err
 
 
-def wait_until(what: Callable[[], Any], seconds: float = 60) -> None:
-    """Wait for something to become true."""
+def wait_until(
+    what: Callable[[], Any],
+    seconds: float = 60,
+    process: subprocess.Popen[str] | None = None,
+) -> None:
+    """Wait for something to become true, which a process brings about that has not ended."""
     end = time.monotonic() + seconds
     while not what():
         assert time.monotonic() < end, f"not within {seconds} s"
+        assert process is None or process.poll() is None, process.communicate()
         time.sleep(0.002)

@@ -21,9 +21,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from click.testing import CliRunner
+from hardship import wait_until
+from test_run import invoke
 
-from rattlesweep import cli
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps.cases.plan import Plan, make_plan
 from rattlesweep.sweeps.cases.shards import Shard
@@ -65,12 +65,20 @@ def plan_of(config: dict[str, Any] = CONFIG, **changes: Any) -> Plan:
 
 
 def wait_for(condition: Callable[[], Any], process: subprocess.Popen[str] | None = None) -> None:
-    """Wait for a condition that only a process that runs can bring about."""
-    end = time.monotonic() + NEVER
-    while not condition():
-        assert time.monotonic() < end
-        assert process is None or process.poll() is None, process.communicate()
-        time.sleep(0.02)
+    wait_until(condition, NEVER, process)
+
+
+def spread(
+    plan: Plan, output: Path, cluster: Cluster, threads: int | None = None, **how: Any
+) -> Any:
+    """Run a sweep on a cluster."""
+    return run_sweep(plan, output, engine=make_engine(cluster.address, threads=threads), **how)
+
+
+def check(output: Path, content: str) -> None:
+    """The directory is whole and has these rows."""
+    assert verify(output).problems == []
+    assert content_hash(output) == content
 
 
 class Cluster:
@@ -179,6 +187,13 @@ def begin(config: Path, output: Path, *options: str) -> subprocess.Popen[str]:
     )  # fmt: skip
 
 
+def begin_held(config: Path, output: Path, *options: str) -> subprocess.Popen[str]:
+    """The same, with the one block in place that the `gate` lets through."""
+    process = begin(config, output, *options)
+    wait_for(lambda: in_place(output) >= 1, process)
+    return process
+
+
 def in_place(output: Path) -> int:
     return len(list((output / "runs").glob("block-*.parquet"))) if output.exists() else 0
 
@@ -213,13 +228,6 @@ def alive(pid: int) -> bool:
         return False
 
 
-def invoke(*args: Any) -> Any:
-    result = CliRunner().invoke(cli.main, [str(a) for a in args])
-    if result.exception is not None and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    return result
-
-
 # -- the same table ------------------------------------------------------------------------------
 
 
@@ -228,15 +236,11 @@ def test_workers_come_to_the_same_table_for_any_threads_and_shares(
     count, threads, cluster, plain, tmp_path
 ):
     output = tmp_path / "out"
-    engine = make_engine(cluster.address, threads=threads)
-    reports = [
-        run_sweep(plan_of(), output, shard=None if count == 1 else Shard(i, count), engine=engine)
-        for i in range(count)
-    ]
+    shards = [None] if count == 1 else [Shard(i, count) for i in range(count)]
+    reports = [spread(plan_of(), output, cluster, threads, shard=shard) for shard in shards]
     assert sum(report.blocks for report in reports) == 12
     assert reports[-1].summary is not None
-    assert verify(output).problems == []
-    assert content_hash(output) == plain
+    check(output, plain)
     # Nothing but the sweep is left.
     assert sorted(p.name for p in output.iterdir() if p.name != ".locks") == [
         "manifest.json", "runs", "summary.parquet",
@@ -257,15 +261,14 @@ def test_embedded_cluster_comes_to_the_same_table(plain, tmp_path):
     lines = [line for line in said.splitlines() if "%" not in line]
     assert [line.split()[0] for line in lines] == ["360", "see"]
     assert printed.count("\n") >= 12  # a row for each case
-    assert verify(tmp_path / "out").problems == []
-    assert content_hash(tmp_path / "out") == plain
+    check(tmp_path / "out", plain)
 
 
 def test_blocks_in_place_are_not_done_again(cluster, plain, tmp_path):
     output = tmp_path / "out"
     run_sweep(plan_of(), output, shard=Shard(0, 2))
     there = {p.name: p.stat().st_mtime_ns for p in (output / "runs").iterdir()}
-    report = run_sweep(plan_of(), output, engine=make_engine(cluster.address))
+    report = spread(plan_of(), output, cluster)
     assert report.blocks == 12 - len(there)
     assert all((output / "runs" / n).stat().st_mtime_ns == t for n, t in there.items())
     assert content_hash(output) == plain
@@ -290,8 +293,7 @@ def test_progress_is_told_and_what_flies_and_travels_is_bounded(cluster, tmp_pat
     monkeypatch.setattr(daskengine._Driver, "_hand_out", hand_out)
     monkeypatch.setattr(daskengine._Driver, "_keep", weigh)
     seen: list[Any] = []
-    run_sweep(plan_of(block_size=10), tmp_path / "out", report=seen.append,
-              engine=make_engine(cluster.address))  # fmt: skip
+    spread(plan_of(block_size=10), tmp_path / "out", cluster, report=seen.append)
     fractions = [progress.fraction for progress in seen]
     assert fractions == sorted(fractions)
     assert fractions[-1] == pytest.approx(1.0)
@@ -307,12 +309,12 @@ def test_time_that_is_up_stops_the_driver_and_the_workers(cluster, tmp_path):
     # Spins that never reverse, and would be watched for hours.
     spin = {"n_i": -0.9, "omega_xy0": 1e-3}
     plan = plan_of(HELD, block_size=40, spin=spin, horizon={"t": 1e10})
-    report = run_sweep(plan, output, engine=make_engine(cluster.address), max_time=2)
+    report = spread(plan, output, cluster, max_time=2)
     # A few of the bodies do reverse, and are kept.
     assert report.stopped is not None
     assert report.stopped.startswith("the time")
     # The workers hear it: they are free for something else at once.
-    small = run_sweep(plan_of(), tmp_path / "small", engine=make_engine(cluster.address))
+    small = spread(plan_of(), tmp_path / "small", cluster)
     assert small.summary is not None
     assert not any(Store(output).is_complete(index) for index in Store(output).block_indices())
     assert list(output.glob(".order*")) == []
@@ -323,8 +325,7 @@ def test_stopped_workers_hand_in_what_has_ended(cluster, held_plain, tmp_path):
     plan = plan_of(HELD, block_size=80)
     reports = []
     while not reports or reports[-1].stopped:
-        reports.append(run_sweep(plan, tmp_path, max_time=1e-9,
-                                 engine=make_engine(cluster.address, threads=1)))  # fmt: skip
+        reports.append(spread(plan, tmp_path, cluster, threads=1, max_time=1e-9))
         assert len(reports) < 30
         assert verify(tmp_path).problems == []
     assert sum(report.done for report in reports) == 80
@@ -348,10 +349,9 @@ def test_killed_worker_costs_nothing_but_time(cluster, gate, held_plain, tmp_pat
         if in_place(output) >= 4:
             mortal.kill()
 
-    run_sweep(plan_of(HELD), output, report=kill_in_the_middle, engine=make_engine(cluster.address))
+    spread(plan_of(HELD), output, cluster, report=kill_in_the_middle)
     assert mortal.wait() == -signal.SIGKILL
-    assert verify(output).problems == []
-    assert content_hash(output) == held_plain
+    check(output, held_plain)
 
 
 def test_lost_scheduler_is_one_sentence_and_the_sweep_goes_on_later(
@@ -366,7 +366,7 @@ def test_lost_scheduler_is_one_sentence_and_the_sweep_goes_on_later(
             it.scheduler.kill()
 
     with pytest.raises(OutputError) as caught:
-        run_sweep(plan_of(HELD), output, report=kill_in_the_middle, engine=make_engine(it.address))
+        spread(plan_of(HELD), output, it, report=kill_in_the_middle)
     assert str(caught.value) == (
         f"the scheduler at {it.address} is lost; completed work is kept, and with a new one "
         "the same command resumes from there"
@@ -375,16 +375,14 @@ def test_lost_scheduler_is_one_sentence_and_the_sweep_goes_on_later(
     assert in_place(output) == 1
     report = run_sweep(plan_of(HELD), output)
     assert report.resumed_runs == 10
-    assert verify(output).problems == []
-    assert content_hash(output) == held_plain
+    check(output, held_plain)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_signal_to_the_whole_group_ends_it_quietly(number, gate, held_config, held_plain, tmp_path):
     output = tmp_path / "out"
-    process = begin(held_config, output, "--workers", "2")
-    wait_for(lambda: in_place(output) >= 1, process)
+    process = begin_held(held_config, output, "--workers", "2")
     wait_for(lambda: len(dask_workers(process.pid)) == 2, process)
     workers = dask_workers(process.pid)
     os.killpg(process.pid, number)
@@ -407,8 +405,7 @@ def test_killed_and_paused_workers_of_an_embedded_cluster_are_replaced(
     gate, held_config, held_plain, tmp_path
 ):
     output = tmp_path / "out"
-    process = begin(held_config, output, "--workers", "2")
-    wait_for(lambda: in_place(output) >= 1, process)
+    process = begin_held(held_config, output, "--workers", "2")
     wait_for(lambda: len(dask_workers(process.pid)) == 2, process)
     first, second = dask_workers(process.pid)
     os.kill(first, signal.SIGKILL)
@@ -416,8 +413,7 @@ def test_killed_and_paused_workers_of_an_embedded_cluster_are_replaced(
     gate.touch()
     said = process.communicate(timeout=NEVER)[1]
     assert process.returncode == 0, said
-    assert verify(output).problems == []
-    assert content_hash(output) == held_plain
+    check(output, held_plain)
 
 
 @pytest.mark.slow
@@ -426,8 +422,7 @@ def test_paused_worker_is_given_up_and_may_come_back(
 ):
     it = own_cluster(2, ttl="6s")
     output = tmp_path / "out"
-    process = begin(held_config, output, "--scheduler", it.address, "--threads", "1")
-    wait_for(lambda: in_place(output) >= 1, process)
+    process = begin_held(held_config, output, "--scheduler", it.address, "--threads", "1")
     os.kill(it.workers[0].pid, signal.SIGSTOP)
     gate.touch()
     said = process.communicate(timeout=NEVER)[1]
@@ -436,8 +431,7 @@ def test_paused_worker_is_given_up_and_may_come_back(
     os.kill(it.workers[0].pid, signal.SIGCONT)
     time.sleep(3)
     # It finds the order gone, or writes what is there already.
-    assert verify(output).problems == []
-    assert content_hash(output) == held_plain
+    check(output, held_plain)
 
 
 @pytest.mark.slow
@@ -446,8 +440,7 @@ def test_worker_killed_and_worker_paused_and_scheduler_lost(
 ):
     it = own_cluster(3, ttl="6s")
     output = tmp_path / "out"
-    process = begin(held_config, output, "--scheduler", it.address, "--threads", "1")
-    wait_for(lambda: in_place(output) >= 1, process)
+    process = begin_held(held_config, output, "--scheduler", it.address, "--threads", "1")
     it.workers[0].kill()
     os.kill(it.workers[1].pid, signal.SIGSTOP)
     for more in (2, 3):
@@ -468,16 +461,14 @@ def test_killed_driver_leaves_workers_that_stop_and_a_directory_that_goes_on(
 ):
     it = own_cluster(2)
     output = tmp_path / "out"
-    process = begin(held_config, output, "--scheduler", it.address, "--threads", "1")
-    wait_for(lambda: in_place(output) >= 1, process)
+    process = begin_held(held_config, output, "--scheduler", it.address, "--threads", "1")
     process.kill()
     process.communicate()
     gate.touch()
-    report = run_sweep(plan_of(HELD), output, engine=make_engine(it.address))
+    report = spread(plan_of(HELD), output, it)
     assert report.summary is not None
     assert list(output.glob(".order*")) == []
-    assert verify(output).problems == []
-    assert content_hash(output) == held_plain
+    check(output, held_plain)
 
 
 def test_block_that_takes_its_workers_along_is_given_up(cluster, tmp_path, monkeypatch):
@@ -489,7 +480,7 @@ def test_block_that_takes_its_workers_along_is_given_up(cluster, tmp_path, monke
 
     monkeypatch.setattr(daskengine, "do_block", do_block)
     with pytest.raises(OutputError, match=r"block \d+ is given up: workers .*tcp://127.0.0.1:5"):
-        run_sweep(plan_of(), tmp_path / "out", engine=make_engine(cluster.address))
+        spread(plan_of(), tmp_path / "out", cluster)
 
 
 def test_embedded_cluster_is_closed_to_others_and_has_a_directory_of_its_own(tmp_path, monkeypatch):
@@ -541,7 +532,7 @@ def test_worker_without_the_directory_is_named(cluster, tmp_path, monkeypatch):
 
     monkeypatch.setattr(daskengine, "place_order", elsewhere)
     with pytest.raises(OutputError, match=r"the worker at tcp://127\S+ on \S+ does not see /"):
-        run_sweep(plan_of(), tmp_path / "out", engine=make_engine(cluster.address))
+        spread(plan_of(), tmp_path / "out", cluster)
     assert in_place(tmp_path / "out") == 0
 
 
@@ -549,7 +540,7 @@ def test_worker_of_another_version_is_named(cluster, tmp_path, monkeypatch):
     ours = daskworker.essentials()
     monkeypatch.setattr(daskworker, "essentials", lambda: {**ours, "numba": "0.1"})
     with pytest.raises(OutputError) as caught:
-        run_sweep(plan_of(), tmp_path / "out", engine=make_engine(cluster.address))
+        spread(plan_of(), tmp_path / "out", cluster)
     assert re.search(
         r"^the worker at tcp://127\S+ on \S+ would compute other bits: "
         rf"numba {ours['numba']} there, 0.1 here; give all workers the environment of the driver$",
@@ -563,7 +554,7 @@ def test_worker_without_the_package_is_named(cluster, tmp_path, monkeypatch):
 
     monkeypatch.setattr(daskengine, "do_block", do_block)
     with pytest.raises(OutputError, match="a worker cannot import rattlesweep"):
-        run_sweep(plan_of(), tmp_path / "out", engine=make_engine(cluster.address))
+        spread(plan_of(), tmp_path / "out", cluster)
 
 
 def test_file_that_cannot_be_written_is_told_by_the_worker(cluster, tmp_path):
@@ -572,14 +563,14 @@ def test_file_that_cannot_be_written_is_told_by_the_worker(cluster, tmp_path):
     absent = next(i for i in range(12) if not (output / f"runs/block-{i:06d}.parquet").exists())
     (output / f"runs/block-{absent:06d}.parquet").mkdir()
     with pytest.raises(OutputError, match=rf"cannot write .*block-{absent:06d}"):
-        run_sweep(plan_of(), output, engine=make_engine(cluster.address))
+        spread(plan_of(), output, cluster)
 
 
 def test_scheduler_without_workers_is_told(own_cluster, tmp_path, monkeypatch):
     it = own_cluster(0)
     monkeypatch.setattr(daskengine, "WORKERLESS", 1.0)
     with pytest.raises(OutputError) as caught:
-        run_sweep(plan_of(), tmp_path / "out", engine=make_engine(it.address))
+        spread(plan_of(), tmp_path / "out", it)
     assert f"the scheduler at {it.address} has had no worker for 1 s" in str(caught.value)
     assert f"`dask worker {it.address}`" in str(caught.value)
 

@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from click.testing import CliRunner
+from test_run import CONFIGS, invoke
 
-from rattlesweep.cli import plan as command
 from rattlesweep.integrate.batch import Control, most_threads
 from rattlesweep.integrate.task import Task
 from rattlesweep.sweeps.blocks.block import prepare_block, run_batch
@@ -29,7 +28,6 @@ from rattlesweep.sweeps.forecast import pilot as pilots
 from rattlesweep.sweeps.forecast.forecast import Forecast, describe, expectation, forecast
 from rattlesweep.sweeps.forecast.pilot import Pilot, turns
 
-CONFIGS = Path(__file__).parents[2] / "configs"
 SMALL = ("bodies.samples=40", "spin.n_i=[-0.1, -0.3]", "horizon={t_rgh: 5, t: 2000}")
 
 
@@ -282,10 +280,6 @@ def listing(folder: Path) -> dict[str, int]:
     return {str(p): p.stat().st_mtime_ns for p in sorted(folder.rglob("*"))}
 
 
-def invoke(*arguments: str) -> Any:
-    return CliRunner().invoke(command.plan, list(arguments))
-
-
 def test_a_machine_that_others_use_widens_the_interval(monkeypatch):
     plan = plan_of("quickstart.yaml", *SMALL)
     wide = []
@@ -308,7 +302,7 @@ def test_the_command_prints_a_table_and_writes_nothing(tmp_path, monkeypatch):
     before = listing(tmp_path)
     overrides = [word for text in SMALL for word in ("--set", text)]
     done = invoke(
-        str(CONFIGS / "quickstart.yaml"), *overrides, "--budget", "0.2s", "--shards", "3",
+        "plan", str(CONFIGS / "quickstart.yaml"), *overrides, "--budget", "0.2s", "--shards", "3",
         "--threads", "1",
     )  # fmt: skip
     assert done.exit_code == 0
@@ -320,7 +314,7 @@ def test_the_command_prints_a_table_and_writes_nothing(tmp_path, monkeypatch):
 
 
 def test_the_command_prints_json():
-    done = invoke(str(CONFIGS / "gh.yaml"), "--json", "--budget", "0.2s")
+    done = invoke("plan", str(CONFIGS / "gh.yaml"), "--json", "--budget", "0.2s")
     assert done.exit_code == 0
     data = json.loads(done.stdout)
     assert data["runs"] == 2
@@ -336,7 +330,7 @@ def test_the_command_prints_json():
     ],
 )
 def test_what_is_wrong_is_said_in_a_sentence(arguments, words):
-    done = invoke(str(CONFIGS / "quickstart.yaml"), *arguments)
+    done = invoke("plan", str(CONFIGS / "quickstart.yaml"), *arguments)
     assert done.exit_code == 2
     assert words in done.stderr
     assert "Traceback" not in done.output
@@ -367,5 +361,5 @@ def test_a_forecast_for_more_cores_than_there_are(tmp_path):
     assert found.pilot_threads <= most_threads()
     assert found.kernel_seconds < few.kernel_seconds
     assert f"on {many} threads of cores like those here" in describe(found)
-    done = invoke(str(CONFIGS / "gh.yaml"), "--threads", str(many))
+    done = invoke("plan", str(CONFIGS / "gh.yaml"), "--threads", str(many))
     assert done.exit_code == 0

@@ -12,9 +12,8 @@ import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
-from click.testing import CliRunner
+from test_run import invoke
 
-from rattlesweep import cli
 from rattlesweep.sweeps.cases.costs import Costs
 from rattlesweep.sweeps.cases.plan import Plan, make_plan
 from rattlesweep.sweeps.cases.shards import Shard, deal
@@ -38,10 +37,7 @@ def plan_of(**changes: Any) -> Plan:
 
 
 def merge(*args: Any) -> Any:
-    result = CliRunner().invoke(cli.main, ["merge", *map(str, args)])
-    if result.exception is not None and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    return result
+    return invoke("merge", *args)
 
 
 def shares(place: Path, plan: Plan, count: int, **options: Any) -> list[Path]:

@@ -23,6 +23,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
+from hardship import wait_until
 
 import rattlesweep as rs
 from rattlesweep import cli
@@ -679,20 +680,12 @@ def begin(output: Path, *sets: str) -> subprocess.Popen[str]:
     return start("run", CONFIGS / "quickstart.yaml", "--output", output, *args)
 
 
-def wait_for(what: Any, child: subprocess.Popen[str], seconds: float = 60) -> None:
-    end = time.monotonic() + seconds
-    while not what():
-        assert child.poll() is None, child.communicate()
-        assert time.monotonic() < end
-        time.sleep(0.005)
-
-
 def test_a_stopped_run_goes_on_to_the_same_rows(long_hash, tmp_path):
     output = tmp_path / "out"
     resumed = 0
     for blocks in (1, 5):
         child = begin(output)
-        wait_for(lambda blocks=blocks: len([*output.glob("runs/*.parquet")]) >= blocks, child)
+        wait_until(lambda n=blocks: len([*output.glob("runs/*.parquet")]) >= n, process=child)
         child.send_signal(signal.SIGINT)
         table, said = child.communicate(timeout=60)
         assert child.returncode == 130
@@ -722,7 +715,7 @@ def test_ctrl_c_is_heard_within_a_block_and_while_bodies_are_drawn(tmp_path):
     long_block = ("block_size=100000", "bodies.samples=6000")
     hard = ("bodies.target={K_r: 0.1, rel_tol: 1e-9, max_draws: 4000000000000}",)
     children = [begin(tmp_path / str(k), *sets) for k, sets in enumerate((long_block, hard))]
-    wait_for((tmp_path / "0" / "manifest.json").exists, children[0])
+    wait_until((tmp_path / "0" / "manifest.json").exists, process=children[0])
     time.sleep(1.5)
     for child in children:
         child.send_signal(signal.SIGINT)

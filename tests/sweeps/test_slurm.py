@@ -7,15 +7,13 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
-from click.testing import CliRunner
+from hardship import wait_until
+from test_run import PROGRAM, invoke
 
-from rattlesweep import cli
 from rattlesweep.integrate.cache import directory, source_hash
 from rattlesweep.integrate.lanes import kernel as lanes
 from rattlesweep.sweeps.cases import sampler
@@ -27,7 +25,6 @@ from rattlesweep.sweeps.inspect.content_hash import content_hash
 from rattlesweep.sweeps.inspect.verify import verify
 
 ROOT = Path(__file__).parents[2]
-PROGRAM = Path(sys.executable).with_name("rattlesweep")
 SHELLCHECK = Path(sys.executable).with_name("shellcheck")
 # Eight blocks of which each takes a moment: a fixed step and nothing that ends early.
 SWEEP = """\
@@ -48,13 +45,6 @@ def home(tmp_path: Path) -> Path:
     place.mkdir()
     (place / "sweep.yaml").write_text(SWEEP)
     return place
-
-
-def invoke(*args: Any) -> Any:
-    result = CliRunner().invoke(cli.main, [str(a) for a in args])
-    if result.exception is not None and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    return result
 
 
 def script(home: Path, *options: Any, shards: int = 3, mem: str | None = "1G") -> str:
@@ -125,14 +115,6 @@ def stub(cluster: Cluster, text: str, body: str) -> str:
                                       + body)  # fmt: skip
     assert str(PROGRAM) in text
     return text.replace(str(PROGRAM), str(path))
-
-
-def wait_for(condition: Callable[[], Any], task: subprocess.Popen[str] | None = None) -> None:
-    end = time.monotonic() + 120
-    while not condition():
-        assert time.monotonic() < end
-        assert task is None or task.poll() is None, task.communicate()[0]
-        time.sleep(0.02)
 
 
 # -- the text ------------------------------------------------------------------------------------
@@ -268,7 +250,7 @@ def test_signals_reach_the_program_and_only_a_warning_means_again(
     ready = cluster.place / "ready"
     body = f'trap "exit 143" TERM\ntouch {ready}\nwhile :; do sleep 0.05; done\n'
     task = cluster.start(stub(cluster, script(home), body), 0)
-    wait_for(ready.exists, task)
+    wait_until(ready.exists, 120, task)
     # To the script alone, as `--signal=B:` has it.
     task.send_signal(getattr(signal, f"SIG{number}"))
     assert task.wait(30) == code
@@ -335,7 +317,7 @@ def test_array_with_a_warning_in_the_middle_comes_to_the_same_table(own, home, c
     places = [home / f"out-{i}" if own else home / "out" for i in range(2)]
     runs = places[0] / "runs"
     task = cluster.start(text, 0)
-    wait_for(lambda: runs.is_dir() and any(runs.glob("block-*.parquet")), task)
+    wait_until(lambda: any(runs.glob("block-*.parquet")), 120, task)
     task.send_signal(signal.SIGUSR1)
     assert task.wait(60) == 0
     assert task.stdout is not None
