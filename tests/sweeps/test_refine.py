@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -121,6 +122,15 @@ def test_whatever_the_blocks(refined, tmp_path):
 
 
 # -- where cells are halved ------------------------------------------------------------------------
+
+
+def test_goes_on_in_the_blocks_that_it_was_begun_in(refined, tmp_path):
+    output = Path(shutil.copytree(refined, tmp_path / "out"))
+    (output / "runs" / "block-000003.parquet").unlink()
+    result = sweep(output, CONFIG | {"block_size": 40})
+    assert any("was begun in blocks of 100 runs" in remark for remark in result.remarks)
+    assert verify(output).problems == []
+    assert content_hash(output) == content_hash(refined)
 
 
 def asked(kind: Any, axes: dict[str, int], **refine: Any) -> tuple[np.ndarray, np.ndarray, int]:

@@ -8,10 +8,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.cases.costs import Costs
 from rattlesweep.sweeps.cases.shards import Shard, deal
 from rattlesweep.sweeps.engines.session import Session
+from rattlesweep.sweeps.store.atomic import explained
 from rattlesweep.sweeps.store.growth import finish_growth, grow, remove_growth
 from rattlesweep.sweeps.store.locks import hold
 from rattlesweep.sweeps.store.output import Output, examine, put_in_order
@@ -41,8 +42,7 @@ def open_session(
     store.prepare()
     with hold(directory, None if shard is None else shard.name) as alone:
         if fresh:
-            _check_not_input(plan, base, store)
-            _remove_runs(store)
+            _start_over(store, plan, base)
         store.remove_stale_temporaries(alone)
         output = examine(plan, directory, base)
         half = output.manifest is not None and bool(output.manifest.growing)
@@ -83,27 +83,18 @@ def _grown(output: Output, half: bool) -> Output:
     return replace(again, remarks=output.remarks)
 
 
-def _remove_runs(store: Store) -> None:
-    """Remove the files of a sweep, and only those."""
-    try:
-        for path in _files_of(store):
-            path.unlink(missing_ok=True)
-    except OSError as error:
-        raise OutputError(f"cannot remove the runs in {store.directory}: {error}") from error
-
-
-def _files_of(store: Store) -> list[Path]:
+def _start_over(store: Store, plan: Plan, base: Path | None) -> None:
+    """Remove the files of a sweep, and only those; not what this one is to begin from."""
     # The manifest first: without it, what is left is nobody's.
-    files = [store.block_path(index) for index in store.block_indices()]
-    return [store.manifest_path, store.summary_path, *files]
-
-
-def _check_not_input(plan: Plan, base: Path | None, store: Store) -> None:
-    """Refuse to remove what the sweep is to begin from."""
-    removed = {path.resolve() for path in _files_of(store)}
+    blocks = map(store.block_path, store.block_indices())
+    files = [store.manifest_path, store.summary_path, *blocks]
+    removed = {path.resolve() for path in files}
     for path in table_files(plan, base):
         if path.resolve() in removed:
             raise ConfigError(
                 f"--fresh: would remove {path}, which this sweep takes its bodies from; choose "
                 "another output"
             )
+    with explained(f"cannot remove the runs in {store.directory}"):
+        for path in files:
+            path.unlink(missing_ok=True)

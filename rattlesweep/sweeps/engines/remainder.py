@@ -18,12 +18,11 @@ import pyarrow.compute as pc
 
 from rattlesweep.integrate.task import Task
 from rattlesweep.sweeps.blocks.block import Interrupted, finish_block, prepare_runs
+from rattlesweep.sweeps.store.blockfile import numbers_of
 from rattlesweep.sweeps.tables.arrow import build_table
 from rattlesweep.sweeps.tables.types import with_types
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from rattlesweep.integrate.batch import Batch
     from rattlesweep.sweeps.cases.launches import Launches
     from rattlesweep.sweeps.cases.plan import Block
@@ -61,7 +60,7 @@ class Remainder:
             limit = limit if file.note is None else file.note.max_steps
             old = with_types(file.table(), plan.config.classify)
             kept = old.filter(pc.equal(old.column("status"), "ok")) if output.retry_failed else old
-            left = ~np.isin(case * plan.samples + sample, _numbers(kept, plan.samples))
+            left = ~np.isin(case * plan.samples + sample, numbers_of(kept, plan.samples))
             case, sample = case[left], sample[left]
         return cls(output, block, old, limit, *prepare_runs(plan, case, sample))
 
@@ -89,7 +88,7 @@ class Remainder:
         if self.old is None:
             return store.write_block(index, build_table(columns, plan.schema), note)
         new = build_table(columns, self.old.schema)
-        others = ~np.isin(_numbers(self.old, plan.samples), _numbers(new, plan.samples))
+        others = ~np.isin(numbers_of(self.old, plan.samples), numbers_of(new, plan.samples))
         rows = pa.concat_tables([self.old.filter(pa.array(others)), new])
         rows = rows.take(pc.sort_indices(rows, [("case", "ascending"), ("sample", "ascending")]))
         if self.output.retry_failed and len(new) < self.rows:
@@ -107,10 +106,3 @@ def gather(task: Task[Columns]) -> tuple[Columns | None, int]:
         return stopped.columns, stopped.lost
     except TimeoutError:
         return None, task.control.runs_begun
-
-
-def _numbers(rows: pa.Table, samples: int) -> NDArray[np.int64]:
-    """Run numbers of rows."""
-    case, sample = (rows.column(key).to_numpy().astype(np.int64) for key in ("case", "sample"))
-    numbers: NDArray[np.int64] = case * samples + sample
-    return numbers

@@ -17,7 +17,7 @@ from rattlesweep.sweeps.blocks.block import STATUS_WORDS
 from rattlesweep.sweeps.blocks.memory import differing_rows
 from rattlesweep.sweeps.inspect.summary import Summary, same_summary
 from rattlesweep.sweeps.store.atomic import temporaries
-from rattlesweep.sweeps.store.blockfile import BlockFile
+from rattlesweep.sweeps.store.blockfile import BlockFile, numbers_of
 from rattlesweep.sweeps.store.growth import FOLDER
 from rattlesweep.sweeps.store.locks import holder
 from rattlesweep.sweeps.store.manifest import count_failed
@@ -173,9 +173,8 @@ def _faults(
         yield "is not the file that the manifest has the checksum of"
     if receipt is None and file.complete and manifest.state == "complete":
         yield "has no checksum in the manifest"
-    samples = manifest.samples
-    sample = rows.column("sample").to_numpy()
-    numbers = rows.column("case").to_numpy().astype(np.int64) * samples + sample
+    sample, samples = rows.column("sample").to_numpy(), manifest.samples
+    numbers = numbers_of(rows, samples)
     all_runs = stored.numbers(index)
     # A stopped session leaves some of them, in their order.
     some = numbers if all_runs is None else all_runs[np.isin(all_runs, numbers)]

@@ -13,9 +13,11 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 
 from rattlesweep.errors import DamagedError, OutputError
 from rattlesweep.sweeps.config.schema import Classify, Config
@@ -146,6 +148,13 @@ def rows_of(
     """
     rows = with_chaotic(read(columns_to_read(columns, schema)))
     return rows if columns is None else rows.select(list(dict.fromkeys(columns)))
+
+
+def numbers_of(rows: pa.Table, samples: int) -> NDArray[np.int64]:
+    """Numbers of runs in their sweep, which has so many samples of each case."""
+    case, sample = (rows.column(key).to_numpy().astype(np.int64) for key in ("case", "sample"))
+    numbers: NDArray[np.int64] = case * samples + sample
+    return numbers
 
 
 def read_block_file(path: Path) -> BlockFile:
