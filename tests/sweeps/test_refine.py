@@ -121,9 +121,6 @@ def test_whatever_the_blocks(refined, tmp_path):
     assert content_hash(tmp_path) == content_hash(refined)
 
 
-# -- where cells are halved ------------------------------------------------------------------------
-
-
 def test_goes_on_in_the_blocks_that_it_was_begun_in(refined, tmp_path):
     output = Path(shutil.copytree(refined, tmp_path / "out"))
     (output / "runs" / "block-000003.parquet").unlink()
@@ -131,6 +128,9 @@ def test_goes_on_in_the_blocks_that_it_was_begun_in(refined, tmp_path):
     assert any("was begun in blocks of 100 runs" in remark for remark in result.remarks)
     assert verify(output).problems == []
     assert content_hash(output) == content_hash(refined)
+
+
+# -- where cells are halved ------------------------------------------------------------------------
 
 
 def asked(kind: Any, axes: dict[str, int], **refine: Any) -> tuple[np.ndarray, np.ndarray, int]:
