@@ -21,13 +21,8 @@ class Sequence:
     """A scrambled Sobol' sequence, from which points are taken by their numbers."""
 
     def __init__(self, dimensions: int, seed: int, group: int) -> None:
-        self._random = (seed, group)
         self._dimensions = dimensions
-        self._begin()
-
-    def _begin(self) -> None:
-        self._sequence = qmc.Sobol(self._dimensions, rng=np.random.default_rng(self._random))
-        self._next = 0
+        self._sequence = qmc.Sobol(dimensions, rng=np.random.default_rng((seed, group)))
 
     def points(self, numbers: Integers) -> Floats:
         """Points of the unit cube, shape (dimensions, numbers); spans that follow are cheap."""
@@ -42,13 +37,12 @@ class Sequence:
         return points
 
     def _span(self, first: int, stop: int) -> Floats:
-        if first < self._next:
-            self._begin()
-        if first > self._next:
-            self._sequence.fast_forward(first - self._next)
+        if first < self._sequence.num_generated:
+            self._sequence.reset()
+        if first > self._sequence.num_generated:
+            self._sequence.fast_forward(first - self._sequence.num_generated)
         with warnings.catch_warnings():
             # Of a first span whose length is no power of 2: all spans together are the sweep.
             warnings.simplefilter("ignore", UserWarning)
             span: Floats = self._sequence.random(stop - first).T
-        self._next = stop
         return span
