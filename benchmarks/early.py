@@ -18,13 +18,13 @@ import numpy as np
 import pandas as pd
 from peer_work import processor
 
+from rattlesweep.arrays import take
 from rattlesweep.integrate.batch import Outcome, integrate
 from rattlesweep.integrate.defaults import TOL
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.sweeps.blocks.block import prepare_runs
-from rattlesweep.sweeps.blocks.rows import take
 from rattlesweep.sweeps.cases.plan import make_plan
 from rattlesweep.sweeps.config.load import load_config
 from rattlesweep.sweeps.tables.types import TYPES, classify

@@ -25,6 +25,7 @@ import click
 import double_double
 import numpy as np
 
+from rattlesweep.arrays import take
 from rattlesweep.integrate.batch import integrate
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.status import Status
@@ -38,7 +39,6 @@ from rattlesweep.sweeps.blocks.error import (
     relative_error,
     with_errors,
 )
-from rattlesweep.sweeps.blocks.rows import take
 from rattlesweep.sweeps.cases.plan import make_plan
 from rattlesweep.sweeps.config.integrator import Integrator
 from rattlesweep.sweeps.config.load import load_config

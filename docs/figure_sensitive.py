@@ -12,13 +12,13 @@ import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 
+from rattlesweep.arrays import take
 from rattlesweep.integrate.batch import integrate
 from rattlesweep.integrate.follow.trajectory import Follower
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics.steady import growth, steady_modes
 from rattlesweep.sweeps.blocks.block import prepare_runs
-from rattlesweep.sweeps.blocks.rows import take
 from rattlesweep.sweeps.cases.plan import make_plan
 from rattlesweep.sweeps.config.load import load_config
 

@@ -114,7 +114,7 @@ def _planned(
 ) -> tuple[Plan, Path, Path | None, list[str]]:
     """The plan of a sweep, where it goes, where its table is looked for, and what is doubtful."""
     from rattlesweep.sweeps.config.load import load_config, parse_config
-    from rattlesweep.sweeps.sense.sense import checked_plan
+    from rattlesweep.sweeps.sense import checked_plan
 
     base: Path | None = None
     if is_frame(config):

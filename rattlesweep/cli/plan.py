@@ -40,7 +40,7 @@ def plan(
     from rattlesweep.sweeps.config.load import load_config
     from rattlesweep.sweeps.forecast.footprint import shortages
     from rattlesweep.sweeps.forecast.forecast import describe, forecast
-    from rattlesweep.sweeps.sense.sense import checked_plan
+    from rattlesweep.sweeps.sense import checked_plan
 
     loaded = load_config(config, overrides)
     made, doubts = checked_plan(loaded, config.resolve().parent)

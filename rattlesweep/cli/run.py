@@ -65,7 +65,7 @@ def run(
     """
     from rattlesweep.sweeps.engines.run import run_sweep
     from rattlesweep.sweeps.forecast.forecast import describe, forecast
-    from rattlesweep.sweeps.sense.sense import checked_plan
+    from rattlesweep.sweeps.sense import checked_plan
     from rattlesweep.sweeps.store.output import examine
 
     loaded = options.load_sweep(config, overrides, output)

@@ -23,7 +23,7 @@ def validate(config: Path, overrides: tuple[str, ...]) -> None:
     Prints how many runs it makes, or everything that is wrong, each with its line and column.
     """
     from rattlesweep.sweeps.config.load import load_config
-    from rattlesweep.sweeps.sense.sense import checked_plan
+    from rattlesweep.sweeps.sense import checked_plan
 
     plan, warnings = checked_plan(load_config(config, overrides), config.resolve().parent)
     for warning in warnings:

@@ -27,7 +27,7 @@ from rattlesweep.sweeps.cases.plan import make_plan
 from rattlesweep.sweeps.config.bodies import SdSource
 from rattlesweep.sweeps.config.load import load_config, parse_config, physics_hash, resolved
 from rattlesweep.sweeps.config.schema import Config
-from rattlesweep.sweeps.sense.sense import check_physics
+from rattlesweep.sweeps.sense import check_physics
 
 JARGON = ("Traceback", "pydantic", "Input should", "ruamel", "http", "<class", "object at")
 QUICK = settings(

@@ -17,7 +17,7 @@ from rattlesweep.sweeps.cases.plan import make_plan
 from rattlesweep.sweeps.cases.sampler import draw_bodies
 from rattlesweep.sweeps.config.bodies import SdSource, Target
 from rattlesweep.sweeps.config.load import load_config, parse_config
-from rattlesweep.sweeps.sense.sense import (
+from rattlesweep.sweeps.sense import (
     check_physics,
     checked_plan,
     stability_limit,

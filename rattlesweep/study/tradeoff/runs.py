@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rattlesweep.arrays import Flags, Floats, Integers, Places
+from rattlesweep.arrays import Flags, Floats, Integers, Places, take
 from rattlesweep.integrate.batch import Batch
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.task import Task
@@ -17,7 +17,6 @@ from rattlesweep.study.tradeoff.scalar_rk4 import scalar_rk4
 from rattlesweep.study.tradeoff.settings import Setting
 from rattlesweep.sweeps.blocks.block import columns_of, load_kernel, run_batch
 from rattlesweep.sweeps.blocks.error import Estimated
-from rattlesweep.sweeps.blocks.rows import take
 from rattlesweep.sweeps.cases.launches import Launches, full_batch, prepare, reduced_batch
 from rattlesweep.sweeps.cases.plan import make_plan
 from rattlesweep.sweeps.config.bodies import SdSource

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
-from rattlesweep.arrays import Flags, Integers
+from rattlesweep.arrays import Flags, Integers, take
 from rattlesweep.integrate.batch import Batch, Control, Outcome, has_settled, integrate
 from rattlesweep.integrate.defaults import DT, TOL
 from rattlesweep.integrate.follow.lyapunov import exponents
@@ -23,7 +22,6 @@ from rattlesweep.physics import steady
 from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.physics.theory import damping_rates, unsteady
 from rattlesweep.sweeps.blocks.error import Estimated, integrate_estimated
-from rattlesweep.sweeps.blocks.rows import take
 from rattlesweep.sweeps.cases.launches import (
     Launches,
     ending_early,
@@ -179,7 +177,7 @@ def run_batch(
 
 def _spread(outcome: Outcome, good: Flags) -> Outcome:
     """Put the outcomes of the runs ``good`` back into their places."""
-    wide = {part.name: getattr(outcome, part.name) for part in fields(outcome)}
+    wide = dict(vars(outcome))
     for name, values in wide.items():
         if name == "stopped" or len(values) != good.sum():  # not recorded
             continue

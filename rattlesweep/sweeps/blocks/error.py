@@ -26,19 +26,18 @@ after a change of the integrator; docs/sensitive.md says what the runs are that 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from rattlesweep.arrays import Flags, Floats, Integers
+from rattlesweep.arrays import Flags, Floats, Integers, put, take
 from rattlesweep.integrate.batch import Batch, Control, Outcome, has_settled, integrate
 from rattlesweep.integrate.defaults import DT, MAX_STEPS, TOL
 from rattlesweep.integrate.model import REDUCED, Model
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS, Tableau
 from rattlesweep.physics import full
-from rattlesweep.sweeps.blocks.rows import put, take
 from rattlesweep.sweeps.cases.launches import model_of
 from rattlesweep.sweeps.config.integrator import Integrator
 from rattlesweep.sweeps.config.schema import Config
@@ -241,7 +240,7 @@ def with_errors(
         stopped=runs.stopped or companions.stopped,
     )
     return Estimated(
-        **{part.name: getattr(runs, part.name) for part in fields(Outcome)},
+        **vars(runs),
         t_r_error=t_r_error,
         amp_growth_error=growth,
         n_departure_error=departure,

@@ -12,7 +12,7 @@ import pyarrow as pa
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.cases.table import COLUMNS, columns_of
 from rattlesweep.sweeps.config.load import parse_config
-from rattlesweep.sweeps.sense.sense import checked_plan
+from rattlesweep.sweeps.sense import checked_plan
 from rattlesweep.sweeps.store.atomic import replace_file
 from rattlesweep.sweeps.store.output import examine
 from rattlesweep.sweeps.store.store import Store

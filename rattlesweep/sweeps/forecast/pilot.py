@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rattlesweep.arrays import take
 from rattlesweep.integrate.batch import Batch, Control, Outcome
 from rattlesweep.integrate.batch import expected_cost as kernel_cost
 from rattlesweep.integrate.defaults import DT
@@ -29,7 +30,6 @@ from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.integrate.task import Task
 from rattlesweep.sweeps.blocks.block import columns_of, load_kernel, prepare_runs, run_batch
 from rattlesweep.sweeps.blocks.error import Estimated, ladder, prices
-from rattlesweep.sweeps.blocks.rows import take
 from rattlesweep.sweeps.cases.costs import SEED, expected_cost, some_runs
 from rattlesweep.sweeps.cases.launches import Launches, prepare
 from rattlesweep.sweeps.config.bodies import SdSource

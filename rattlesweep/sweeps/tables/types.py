@@ -71,31 +71,23 @@ def sure_types(
     return sure & (codes >= 0)
 
 
-def typed(rows: pa.Table, thresholds: Classify) -> pa.Array:
-    """Types that the numbers of stored runs give under these thresholds."""
-    ok = rows.column("status").to_numpy() == "ok"
-    t_r, growth, departure = (
-        rows.column(name).to_numpy() for name in ("t_r", "amp_growth", "n_departure")
-    )
-    left = rows.column("energy_left").to_numpy() if "energy_left" in rows.schema.names else None
-    codes = classify(ok, t_r, growth, departure, thresholds, left)
-    indices = pa.array(codes, mask=codes < 0)
-    return pa.DictionaryArray.from_arrays(indices, pa.array(TYPES)).cast(pa.string())
-
-
 def with_types(rows: pa.Table, thresholds: Classify) -> pa.Table:
-    """Stored runs with these types in the place of theirs, and how sure they are where told."""
-    types = typed(rows, thresholds)
-    changed = {"type": types}
-    if "type_sure" in rows.schema.names:
-        growth, departure, growth_error, departure_error = (
-            rows.column(name).to_numpy()
-            for name in ("amp_growth", "n_departure", "amp_growth_error", "n_departure_error")
-        )
-        codes = pc.fill_null(pc.index_in(types, pa.array(TYPES)), -1).to_numpy()
+    """Stored runs with the types that their numbers give, and how sure they are where told."""
+    names = rows.schema.names
+
+    def of(name: str) -> Floats:
+        values: Floats = rows.column(name).to_numpy()
+        return values
+
+    observed = of("amp_growth"), of("n_departure")
+    left = of("energy_left") if "energy_left" in names else None
+    codes = classify(of("status") == "ok", of("t_r"), *observed, thresholds, left)
+    indices = pa.array(codes, mask=codes < 0)
+    changed = {"type": pa.DictionaryArray.from_arrays(indices, pa.array(TYPES)).cast(pa.string())}
+    if "type_sure" in names:
         # That of a reversal does not depend on thresholds.
         before = pc.fill_null(rows.column("type_sure"), False).to_numpy()
-        observed, errors = (growth, departure), (growth_error, departure_error)
+        errors = of("amp_growth_error"), of("n_departure_error")
         sure = sure_types(codes, before, observed, errors, thresholds)
         changed["type_sure"] = pa.array(sure, mask=codes < 0)
     for name, values in changed.items():

@@ -1,1 +1,0 @@
-"""Whether a config makes physical sense."""
