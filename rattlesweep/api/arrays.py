@@ -98,11 +98,7 @@ def numbers(name: str, value: Any) -> Floats:
 
 
 def full_states(omega: Any, u: Any) -> dict[str, Floats]:
-    """Components of full states by the names of their columns; none where none is given."""
-    if omega is None and u is None:
-        return {}
-    if omega is None:
-        raise ConfigError("omega: missing; a full state has omega and u")
+    """Components of full states by the names of their columns."""
     state: dict[str, Floats] = {}
     for name, value in (("omega", omega), ("u", (0.0, 0.0, -1.0) if u is None else u)):
         vectors = numbers(name, value)

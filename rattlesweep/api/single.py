@@ -193,21 +193,15 @@ def simulate(
         dt_step = dt
     from rattlesweep.integrate.compiling import listening
     from rattlesweep.sweeps.blocks.memory import integrate_plan
-    from rattlesweep.sweeps.blocks.single import Launch, plan_of
+    from rattlesweep.sweeps.blocks.single import Launch, is_full_state, plan_of
     from rattlesweep.sweeps.cases.sources import TableBodies
     from rattlesweep.sweeps.cases.table import launched_from
 
     check_threads(threads)
     columns = body_columns(body)
     given = {"n_i": n_i, "omega_xy0": omega_xy0, "t_end": t_end}
-    state = full_states(omega, u)
-    spin = {"n_i": n_i, "omega_xy0": omega_xy0, "psi": psi}
-    twice = [name for name, value in spin.items() if value is not None]
-    if state and twice:
-        raise ConfigError(
-            f"{' and '.join(twice)} given with a full state, which says the spin and the "
-            "oscillation itself; keep omega and u, or n_i, omega_xy0 and psi"
-        )
+    full = is_full_state(omega, u, {"n_i": n_i, "omega_xy0": omega_xy0, "psi": psi})
+    state = full_states(omega, u) if full else {}
     arrays = {name: numbers(name, value) for name, value in given.items() if value is not None}
     if psi is not None and not isinstance(psi, str):
         arrays["psi"] = np.radians(numbers("psi", psi))

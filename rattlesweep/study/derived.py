@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import full, steady, theory
 from rattlesweep.physics.body import PARAMETERS, PRESETS, Rattleback
 from rattlesweep.physics.launch import direction, garcia_hubbard
+from rattlesweep.physics.si import Units
 from rattlesweep.units import SI
-
-if TYPE_CHECKING:
-    from rattlesweep.physics.si import Units
 
 FREQUENCY, TIME = "sqrt(g/a)", "sqrt(a/g)"
 SPINS = ("n_c1", "n_i", "n_0")

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from rattlesweep.arrays import Floats
 from rattlesweep.study.onerun.channels import CHANNELS
-from rattlesweep.study.onerun.course import Course
+from rattlesweep.study.onerun.course import Course, PreparedRun
 from rattlesweep.study.onerun.rows import Rows
 from rattlesweep.study.style import (
     BLUE,
@@ -28,14 +31,6 @@ from rattlesweep.study.style import (
 )
 from rattlesweep.sweeps.blocks.single import Launch
 from rattlesweep.sweeps.store.atomic import replace_file
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-    from pathlib import Path
-
-    from matplotlib.figure import Figure
-
-    from rattlesweep.study.onerun.course import PreparedRun
 
 WIDTH, DPI = 7.2, 160
 # Every period of the pitch is to be seen, as far as the points are not too many.

@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any, BinaryIO
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, BinaryIO
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pcsv
 import pyarrow.parquet as pq
 
+from rattlesweep.study.onerun.course import Course
 from rattlesweep.sweeps.store.atomic import streamed_file
 from rattlesweep.sweeps.store.provenance import package_version
 from rattlesweep.sweeps.tables.arrow import build_table
 from rattlesweep.sweeps.tables.columns import F64, field
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    from rattlesweep.study.onerun.course import Course
 
 # A table of more rows is not printed whole, but only so many rows from either end.
 MOST_PRINTED, ENDS = 10_000, 20

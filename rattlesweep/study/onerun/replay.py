@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
@@ -12,20 +12,15 @@ import pyarrow.compute as pc
 
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.integrate.model import MODELS
+from rattlesweep.study.onerun.course import Course, PreparedRun
 from rattlesweep.study.where import parse_condition
 from rattlesweep.sweeps.blocks.block import run_batch
 from rattlesweep.sweeps.blocks.error import PARTED, Estimated
 from rattlesweep.sweeps.blocks.memory import differing_rows
-from rattlesweep.sweeps.cases.launches import make_batch, prepare
+from rattlesweep.sweeps.cases.launches import Launches, make_batch, prepare
+from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.store.stored import open_stored
 from rattlesweep.sweeps.tables.cells import is_sensitive
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from rattlesweep.study.onerun.course import Course, PreparedRun
-    from rattlesweep.sweeps.cases.launches import Launches
-    from rattlesweep.sweeps.config.schema import Config
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -11,13 +11,11 @@ from matplotlib.figure import Figure
 
 from rattlesweep.study import style
 from rattlesweep.study.style import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
+from rattlesweep.study.tradeoff.measure import Study
 from rattlesweep.study.tradeoff.table import SCHEMA, number
 from rattlesweep.sweeps.store.atomic import probe_directory, replace_file
 from rattlesweep.sweeps.store.provenance import machine, package_version
 from rattlesweep.sweeps.tables import arrow
-
-if TYPE_CHECKING:
-    from rattlesweep.study.tradeoff.measure import Study
 
 WIDTH, HEIGHT, DPI = 8.4, 8.0, 150
 # Colour, shape, and where beside its points a method's settings are written.

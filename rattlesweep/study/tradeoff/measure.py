@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -31,9 +31,7 @@ from rattlesweep.study.tradeoff.reference import Reference, confirm, make_refere
 from rattlesweep.study.tradeoff.runs import Runs, Solution, draw
 from rattlesweep.study.tradeoff.settings import FULL, PLAIN, Scope, Setting
 from rattlesweep.sweeps.cases.launches import with_theory
-
-if TYPE_CHECKING:
-    from rattlesweep.sweeps.config.schema import Config
+from rattlesweep.sweeps.config.schema import Config
 
 Report = Callable[[str], None]
 

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from rattlesweep.arrays import Floats
+from rattlesweep.integrate.batch import Batch
 from rattlesweep.integrate.cache import cached
 from rattlesweep.physics import full
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
-    from rattlesweep.integrate.batch import Batch
 
 DT = 0.002
 
@@ -61,7 +57,7 @@ def _compiled() -> Callable[..., Any]:
     return compiled
 
 
-def scalar_rk4(batch: Batch) -> NDArray[np.float64]:
+def scalar_rk4(batch: Batch) -> Floats:
     """Times of reversal by RK4 at dt 0.002 with the package's own equations.
 
     The spin's sign is looked at once a step and its zero interpolated linearly; nothing else is

@@ -13,27 +13,23 @@ import html
 import json
 import math
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics.body import PARAMETERS
-from rattlesweep.study.onerun.course import Course
+from rattlesweep.study.onerun.course import Course, PreparedRun
+from rattlesweep.study.onerun.replay import Replay, StoredRun
 from rattlesweep.study.onerun.rows import EvenTimes, Rows
+from rattlesweep.sweeps.blocks.single import Launch
 from rattlesweep.sweeps.store.atomic import replace_file
 from rattlesweep.sweeps.store.provenance import package_version
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    from rattlesweep.study.onerun.course import PreparedRun
-    from rattlesweep.study.onerun.replay import Replay, StoredRun
-    from rattlesweep.sweeps.blocks.single import Launch
 
 # What is shown of each row, in the order in which the page holds it.
 COLUMNS = ("q0", "q1", "q2", "q3", "trace_x", "trace_y", "n", "E_p", "E_r")

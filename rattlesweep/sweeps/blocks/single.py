@@ -52,25 +52,31 @@ class Launch:
     def config(self) -> dict[str, Any]:
         """The part of a config that says it."""
         spin = {"n_i": self.n_i, "omega_xy0": self.omega_xy0, "psi": self.psi}
-        given = {name: value for name, value in spin.items() if value is not None}
-        if self.omega is None and self.u is None:
-            for name in ("n_i", "omega_xy0"):
-                if name not in given:
-                    raise ConfigError(f"{name}: missing; give n_i and omega_xy0, or omega and u")
-            if self.t_end is None and self.n_i == 0:
-                raise ConfigError(
-                    "t_end: missing; a launch without spin has no t_rGH, so give t_end in sqrt(a/g)"
-                )
-            return {"spin": given}
-        if given:
+        if is_full_state(self.omega, self.u, spin):
+            state = {"omega": self.omega, "u": self.u}
+            return {"launch": {name: list(v) for name, v in state.items() if v is not None}}
+        for name in ("n_i", "omega_xy0"):
+            if spin[name] is None:
+                raise ConfigError(f"{name}: missing; give n_i and omega_xy0, or omega and u")
+        if self.t_end is None and self.n_i == 0:
             raise ConfigError(
-                f"{' and '.join(given)} given with a full state, which says the spin and the "
-                "oscillation itself; keep omega and u, or n_i, omega_xy0 and psi"
+                "t_end: missing; a launch without spin has no t_rGH, so give t_end in sqrt(a/g)"
             )
-        if self.omega is None:
-            raise ConfigError("omega: missing; a full state has omega and u")
-        state = {"omega": self.omega} | ({} if self.u is None else {"u": self.u})
-        return {"launch": {name: list(vector) for name, vector in state.items()}}
+        return {"spin": {name: value for name, value in spin.items() if value is not None}}
+
+
+def is_full_state(omega: Any, u: Any, spin: Mapping[str, Any]) -> bool:
+    """Whether a launch is a full state; refuses half of one, and one beside a spin."""
+    if omega is None and u is None:
+        return False
+    if given := [name for name, value in spin.items() if value is not None]:
+        raise ConfigError(
+            f"{' and '.join(given)} given with a full state, which says the spin and the "
+            "oscillation itself; keep omega and u, or n_i, omega_xy0 and psi"
+        )
+    if omega is None:
+        raise ConfigError("omega: missing; a full state has omega and u")
+    return True
 
 
 def plan_of(launch: Launch, source: Source | None = None) -> Plan:
