@@ -37,18 +37,14 @@ def plan(
     Integrates a sample of its runs for about two seconds and writes nothing. The interval is a 95 %
     confidence interval, for a machine as busy as it is now.
     """
-    from rattlesweep.sweeps.config.load import load_config
     from rattlesweep.sweeps.forecast.footprint import shortages
     from rattlesweep.sweeps.forecast.forecast import describe, forecast
-    from rattlesweep.sweeps.sense import checked_plan
 
-    loaded = load_config(config, overrides)
-    made, doubts = checked_plan(loaded, config.resolve().parent)
-    for doubt in doubts:
-        say(f"warning: {doubt}")
+    loaded = options.load_sweep(config, overrides, output)
+    made = options.planned(loaded, config)
     found = forecast(made, threads, budget=budget, shards=shards)
     click.echo(to_json(found.as_data()) if as_json else describe(found))
     if made.stages:
         say(f"note: that is at most; {made.stages_by} leaves runs out")
-    for line in shortages(found.memory, found.bytes, output or Path(loaded.directory)):
+    for line in shortages(found.memory, found.bytes, Path(loaded.directory)):
         say(f"warning: {line}")

@@ -65,7 +65,6 @@ def run(
     """
     from rattlesweep.sweeps.engines.run import run_sweep
     from rattlesweep.sweeps.forecast.forecast import describe, forecast
-    from rattlesweep.sweeps.sense import checked_plan
     from rattlesweep.sweeps.store.output import examine
 
     loaded = options.load_sweep(config, overrides, output)
@@ -76,9 +75,7 @@ def run(
     work_off = _engine(engine, scheduler, workers, threads)
     if scheduler is None:
         types.check_threads(threads)
-    plan, warnings = checked_plan(loaded, base)
-    for warning in warnings:
-        say(f"warning: {warning}")
+    plan = options.planned(loaded, config)
     directory = Path(loaded.directory)
     if dry_run:
         if not session["fresh"]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from rattlesweep.cli.common import command, options, say
+from rattlesweep.cli.common import command, options
 from rattlesweep.errors import one_line
 
 
@@ -22,11 +22,6 @@ def validate(config: Path, overrides: tuple[str, ...]) -> None:
 
     Prints how many runs it makes, or everything that is wrong, each with its line and column.
     """
-    from rattlesweep.sweeps.config.load import load_config
-    from rattlesweep.sweeps.sense import checked_plan
-
-    plan, warnings = checked_plan(load_config(config, overrides), config.resolve().parent)
-    for warning in warnings:
-        say(f"warning: {warning}")
+    plan = options.planned(options.load_sweep(config, overrides), config)
     count = f"{len(plan.cases)} cases x {plan.samples} samples = {plan.runs} runs"
     click.echo(f"{one_line(str(config), 200)} is valid: {count}")

@@ -142,17 +142,6 @@ def test_simulate_takes_models_and_methods():
     assert 100 <= run.n_steps <= 110
 
 
-@pytest.mark.parametrize(
-    "wrong",
-    [{"n_i": 0}, {"omega_xy0": -1}, {"psi": "yaw"}, {"model": "half"}, {"method": "euler"},
-     {"tol": 1.0}, {"t_end": -1.0}, {"t_end": float("nan")}, {"n_i": "a"}, {"model": "gh "}],
-    ids=str,
-)  # fmt: skip
-def test_simulate_refuses(wrong):
-    with pytest.raises(ConfigError, match=r".+"):
-        rs.simulate(GH, **{"n_i": 0.1, "omega_xy0": 0.01, **wrong})
-
-
 def test_step_has_one_name_and_its_old_one_still_works():
     launch: dict[str, Any] = {"n_i": 0.1, "omega_xy0": 0.01}
     for call in (rs.simulate, rs.trajectory):
@@ -167,18 +156,6 @@ def test_step_has_one_name_and_its_old_one_still_works():
         rs.simulate(GH, dt=0.1, **launch)
     with pytest.raises(ConfigError, match="dt and dt_step are both given"):
         rs.simulate(GH, dt=0.01, dt_step=0.01, **launch)
-
-
-@pytest.mark.parametrize(
-    ("n_i", "omega", "words"),
-    [(0.0, 0.01, "n_i: a launch without spin, n_i = 0, has no time of reversal"),
-     (math.inf, 0.01, "n_i inf: the initial spin must be finite"),
-     (0.1, -1, "omega_xy0 -1: the oscillation must be finite and positive"),
-     (0.1, 0.0, "omega_xy0 0: "), (0.1, math.nan, "omega_xy0 nan: ")],
-)  # fmt: skip
-def test_reversal_time_of_no_launch_is_refused(n_i, omega, words):
-    with pytest.raises(ConfigError, match=words):
-        rs.reversal_time_gh(GH, n_i, omega)
 
 
 def test_summary_of_an_earlier_version_is_read_and_made_anew(tmp_path):

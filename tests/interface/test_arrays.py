@@ -111,6 +111,10 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
     "no oscillation": ({"omega_xy0": None}, "omega_xy0 missing; give n_i and omega_xy0"),
     "angle": ({"psi": [0, 400]}, r"psi\[1\] 400: an angle from -360 to 360 degrees is needed"),
     "direction": ({"psi": "yaw"}, '"yaw" is not one of relevant, pitch, roll'),
+    "past": ({"t_end": -1}, "t_end -1: the horizon must be finite and positive"),
+    "model": ({"model": "gh "}, '"gh " is not one of full, reduced, gh'),
+    "method": ({"method": "euler"}, '"euler" is not one of dop853'),
+    "tolerance": ({"tol": 1.0}, "1 is out of range"),
     "threads": ({"threads": 0}, r"threads: 0 \(int\) is none; give a whole number from 1 on"),
     "body": ({"body": 3}, r"bodies: 3 \(int\) is none; give a Rattleback, a sequence"),
     "one of them": ({"body": [GH, "GH"]}, r"bodies\[1\]: 'GH' \(str\) is no Rattleback"),
@@ -176,6 +180,9 @@ def test_bondi_threshold_is_where_the_roll_stops_growing():
      (lambda: rs.growth_rates(GH, math.inf), "n inf: it must be finite"),
      (lambda: rs.growth_rates([GH, GH], [1, 2, 3]), r"bodies \(2,\), n \(3,\)"),
      (lambda: rs.reversal_time_gh(GH, [0.1, 0], 0.1), "n_i: a launch without spin, n_i = 0, has"),
+     (lambda: rs.reversal_time_gh(GH, math.inf, 0.01), "n_i inf: the initial spin must be finite"),
+     (lambda: rs.reversal_time_gh(GH, 0.1, 0.0), "omega_xy0 0: the oscillation must be finite and"),
+     (lambda: rs.reversal_time_gh(GH, 0.1, math.nan), "omega_xy0 nan: the oscillation must be fin"),
      (lambda: rs.bondi_threshold({"theta": [0.7]}), "the column alpha is missing")],
 )  # fmt: skip
 def test_theory_refuses(call, words):

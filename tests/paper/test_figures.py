@@ -9,6 +9,7 @@ import oracle
 import pandas as pd
 import pyarrow as pa
 import pytest
+from telling import quiet
 
 from rattlesweep.paper.claims.claim import claims, judge
 from rattlesweep.paper.claims.runs import force_words
@@ -17,11 +18,6 @@ from rattlesweep.paper.figures.follow import forces, thin
 from rattlesweep.paper.registry import FIGURES
 
 GH = ("G1", "G2", "G3")
-
-
-def quiet(fraction, words):
-    assert 0 <= fraction <= 1 + 1e-12
-    assert words
 
 
 @pytest.fixture(scope="module")

@@ -20,6 +20,8 @@ import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 from matplotlib.image import imread
+from refusal import assert_refused
+from telling import quiet
 
 from rattlesweep import cli
 from rattlesweep.errors import ConfigError
@@ -44,11 +46,6 @@ ROOT = Path(__file__).parents[2]
 SWEEPS = ["fig5", "fig6", "fig7"]
 SMALL = Sizes(samples=4, rk4=1, rk4_least_K_r=0.05, lyapunov=15, windows=30)
 CASES = 8 * 5 * 3
-
-
-def quiet(share, words):
-    assert 0 <= share <= 1 + 1e-12
-    assert words
 
 
 @pytest.fixture(scope="module")
@@ -508,15 +505,11 @@ def test_the_command_makes_what_is_asked_for(figures, tmp_path):
 
 
 def test_the_command_refuses_in_one_sentence(tmp_path):
-    wrong = invoke("--only", "fgi6", "--output", tmp_path / "o")
-    assert wrong.exit_code == 2
-    assert wrong.stderr.count("\n") == 1
+    assert_refused(invoke("--only", "fgi6", "--output", tmp_path / "o"), 2, "fgi6")
     assert not (tmp_path / "o").exists()
     file = tmp_path / "file"
     file.write_text("")
-    full = invoke("--quick", "--only", "fig5", "--output", file)
-    assert full.exit_code == 1
-    assert full.stderr.startswith("error: cannot write in")
+    assert_refused(invoke("--quick", "--only", "fig5", "--output", file), 1, "cannot write in")
 
 
 def test_ctrl_c_ends_the_command_with_130(figures, tmp_path):

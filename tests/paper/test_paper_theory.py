@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import theory_mp
 from mpmath import mp
+from telling import quiet
 
 from rattlesweep.paper.claims import bodies
 from rattlesweep.paper.claims import theory as measures
@@ -14,11 +15,6 @@ from rattlesweep.paper.figures import fig2, fig3, sd
 from rattlesweep.physics import full, theory
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.sweeps.config.bodies import SdRanges
-
-
-def quiet(share, words):
-    assert 0 <= share <= 1 + 1e-12
-    assert words
 
 
 @pytest.fixture(scope="module")

@@ -433,11 +433,7 @@ def test_what_is_wrong_is_one_sentence(
     monkeypatch.chdir(damaged)
     arguments, code, words = WRONG[case]
     before = tree(damaged)
-    done = invoke("plot", *arguments)
-    assert (done.exit_code, done.stdout) == (code, "")
-    assert words in done.stderr
-    assert done.stderr.count("\n") == 1
-    assert done.stderr.startswith("error: ")
+    assert_refused(invoke("plot", *arguments), code, words)
     assert tree(damaged) == before
 
 

@@ -14,6 +14,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
+from refusal import assert_refused
 from test_run import invoke, tree
 
 import rattlesweep as rs
@@ -248,10 +249,7 @@ def test_what_is_wrong_is_one_sentence(
     monkeypatch.chdir(damaged)
     before = tree(damaged)
     arguments, code, words = WRONG[case]
-    done = invoke("report", *arguments)
-    assert (done.exit_code, done.stdout) == (code, "")
-    assert words in done.stderr
-    assert done.stderr.count("\n") == 1
+    assert_refused(invoke("report", *arguments), code, words)
     assert tree(damaged) == before
 
 

@@ -16,6 +16,7 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 from matplotlib.image import imread
+from refusal import assert_refused
 
 from rattlesweep import cli
 from rattlesweep.cli.common import to_json
@@ -159,10 +160,7 @@ def test_what_cannot_be_measured_is_one_sentence(tmp_path):
     steady = SMALL.replace("t_rgh: 5, t: 1000", "t: 1")
     for path, words in ((small(tmp_path, steady), "no run of this config reverses"),
                         (tmp_path / "none.yaml", "there is no such file")):  # fmt: skip
-        result = tradeoff_command(path, "--output", tmp_path / "o", "--samples", 1)
-        assert result.exit_code == 2
-        assert words in result.stderr
-        assert result.stderr.count("\n") == 1
+        assert_refused(tradeoff_command(path, "--output", tmp_path / "o", "--samples", 1), 2, words)
     assert not list((tmp_path / "o").glob("*"))
 
 

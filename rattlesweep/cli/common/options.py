@@ -11,9 +11,11 @@ import click
 from click import argument, option
 
 from rattlesweep.cli.common import types
+from rattlesweep.cli.common.output import say
 from rattlesweep.text import align
 
 if TYPE_CHECKING:
+    from rattlesweep.sweeps.cases.plan import Plan
     from rattlesweep.sweeps.config.schema import Config
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
@@ -202,9 +204,19 @@ channels = option(
 )
 
 
-def load_sweep(path: Path, overrides: tuple[str, ...], output: Path | None) -> Config:
+def load_sweep(path: Path, overrides: tuple[str, ...], output: Path | None = None) -> Config:
     """The config of a sweep, with what the command line says instead."""
     from rattlesweep.sweeps.config.load import load_config
 
     loaded = load_config(path, overrides)
     return loaded if output is None else loaded.model_copy(update={"output": str(output)})
+
+
+def planned(loaded: Config, path: Path) -> Plan:
+    """The plan of a config that was read from a file; what is doubtful in it is said."""
+    from rattlesweep.sweeps.sense import checked_plan
+
+    plan, doubts = checked_plan(loaded, path.resolve().parent)
+    for doubt in doubts:
+        say(f"warning: {doubt}")
+    return plan
