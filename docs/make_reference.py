@@ -41,6 +41,7 @@ EXAMPLES = {
     "omega": [0.0, 0.01, -0.1],
     "t_rgh": 5,
     "t": 3.0e4,
+    "t_decay": 5,
     "method": "verner98",
     "tol": 1.0e-9,
     "dt": 0.002,
@@ -116,10 +117,14 @@ columns, if there are any, replace parts of the config row by row; what no colum
 | `psi`, beside these | `spin.psi` | radians |
 | `omega_x omega_y omega_z u_x u_y u_z` | `spin`: a full state | `sqrt(g/a)`; 1 |
 | `t_end` (empty: the config's) | `horizon` | `sqrt(a/g)` |
+| `c` (empty: the config's), with `bodies.surface` | `bodies.c` | `a` |
+| `sigma`, in all rows | `dissipation.sigma` | `M a^2 sqrt(g/a)` |
+| `rolling`, in all rows | `dissipation.rolling` | `a` |
 | `xi_deg` | `xi` | degrees |
 
 In SI units a body is `mass_kg height_m ixx_kg_m2 iyy_kg_m2 izz_kg_m2 r1_m r2_m`, and perhaps `ixy_kg_m2 axes_angle_deg gravity_m_s2`, as
-`rs.Rattleback.from_si` takes them ([stones.md](stones.md)); a launch is `n_i_rpm omega_xy0_rpm`, and `t_end_s` a horizon. Where there is a
+`rs.Rattleback.from_si` takes them ([stones.md](stones.md)); a launch is `n_i_rpm omega_xy0_rpm`, and `t_end_s` a horizon; the vertical semi-axis is
+`c_m`, dissipation `sigma_N_m_s` (newton metre seconds, with `mass_kg`) and `rolling_m`. Where there is a
 `height_m`, be the body in SI units or not, the runs have `t_r_s` and `n_i_rpm` too. Columns of any other name are carried through to the runs:
 words, whole numbers and numbers, such as the name of a stone. A name that is that of a result is refused.
 
@@ -323,7 +328,8 @@ def short(value: float) -> str:
 UNITS = (
     (r"\bno unit\b", "1"), (r"\bin radians\b", "rad"), (r"\bin degrees\b", "degree"),
     (r"\bM a\^2 sqrt\(g/a\)", "`M a^2 sqrt(g/a)`"), (r"sqrt\(a/g\)", "`sqrt(a/g)`"),
-    (r"sqrt\(g/a\)", "`sqrt(g/a)`"), (r"units of t_rGH", "t_rGH"), (r"[Uu]nit vector|fraction", "1"),
+    (r"sqrt\(g/a\)", "`sqrt(g/a)`"), (r"units of t_rGH", "t_rGH"),
+    (r"units of gamma/sigma", "gamma/sigma"), (r"[Uu]nit vector|fraction", "1"),
 )  # fmt: skip
 
 

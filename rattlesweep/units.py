@@ -37,6 +37,7 @@ KINDS: dict[str, tuple[Dimension, str]] = {
     "spin": ((0, 0, -1, 1), "60 rpm"),
     "time": ((0, 0, 1, 0), "2.5 s"),
     "acceleration": ((0, 1, -2, 0), "9.81 m/s^2"),
+    "torque per spin": ((1, 2, -1, 0), "1e-4 N m s"),
 }
 """What is asked for: its dimension, and an example."""
 

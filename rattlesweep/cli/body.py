@@ -32,7 +32,7 @@ def body(body: dict[str, Any], spin: dict[str, Any], dissipation: dict[str, Any]
     from rattlesweep.study.derived import derived, in_units_of, make_body
 
     made = make_body(body)
-    values = derived(made, **in_units_of(made.units, spin), **dissipation)
+    values = derived(made, **in_units_of(made.units, spin | dissipation))
     if as_json:
         si = {q.name: dict(zip(("value", "unit"), q.in_si, strict=True)) for q in values if q.in_si}
         units = {} if made.units is None else {"units": asdict(made.units), "si": si}

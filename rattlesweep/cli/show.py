@@ -75,8 +75,8 @@ def show(
             if which:
                 raise ConfigError("--case, --sample and --where go with --from")
             made = make_body(body)
-            start = in_units_of(made.units, options.launched(launch) | {"t_end": t_end})
-            run = Launch(made, integrator=integrator, **start, **dissipation)
+            given = options.launched(launch) | dissipation | {"t_end": t_end}
+            run = Launch(made, integrator=integrator, **in_units_of(made.units, given))
             name = " ".join(["Rattleback", *([body["preset"]] if "preset" in body else [])])
             course = pages.course_of(run, points, watch, from_time=from_time)
             scene = pages.make_scene(course)

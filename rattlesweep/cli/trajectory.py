@@ -56,8 +56,8 @@ def trajectory(
     from rattlesweep.sweeps.blocks.single import Launch
 
     made = make_body(body)
-    start = in_units_of(made.units, options.launched(launch) | {"t_end": t_end})
-    run = Launch(made, **start, **dissipation, **rest)
+    given = options.launched(launch) | dissipation | {"t_end": t_end}
+    run = Launch(made, **in_units_of(made.units, given), **rest)
     probe(output, figure)
     course = write_course(run, channels, Rows(**rows), output, figure, quiet)
     return say_outcome(course, quiet, None if made.units is None else made.units.time)

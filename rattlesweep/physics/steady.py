@@ -26,7 +26,7 @@ POSSIBLE = (0.0, 0.25, 0.5)
 MOST_SLOPE = 0.1
 
 
-def matrix(constants: Floats, n: ArrayLike, sigma: float = 0.0) -> Floats:
+def matrix(constants: Floats, n: ArrayLike, sigma: ArrayLike = 0.0) -> Floats:
     """Matrix of the linear system.
 
     Parameters
@@ -35,7 +35,7 @@ def matrix(constants: Floats, n: ArrayLike, sigma: float = 0.0) -> Floats:
         Of :func:`rattlesweep.physics.full.constants`.
     n : array_like
         Steady spin, in ``sqrt(g/a)``.
-    sigma : float
+    sigma : array_like
         Of the torque ``-sigma omega``.  The spin itself then falls at the rate ``sigma / gamma``,
         which the matrix knows; its eigenvalues are rates for as long as that is slow.
 
@@ -44,7 +44,9 @@ def matrix(constants: Floats, n: ArrayLike, sigma: float = 0.0) -> Floats:
     ndarray, shape (..., 4, 4)
         Acting on ``(p, q, omega_x, omega_y)``.
     """
-    ix, iy, iz, cxx, cxy, cyy, c = np.broadcast_arrays(*constants, -np.asarray(n, float))
+    ix, iy, iz, cxx, cxy, cyy, c, loss = np.broadcast_arrays(
+        *constants, -np.asarray(n, float), np.asarray(sigma, float)
+    )
     zero, one = np.zeros_like(ix), np.ones_like(ix)
     # Rows as coefficients of (p, q, a, b); Eq. diff-u first.
     dp = np.stack([zero, c, zero, -one])
@@ -57,11 +59,11 @@ def matrix(constants: Floats, n: ArrayLike, sigma: float = 0.0) -> Floats:
     a = np.stack([zero, zero, one, zero])
     b = np.stack([zero, zero, zero, one])
     # Eq. diff-omega to first order: gyroscopic, contact point, gravity, the falling spin.
-    fall = -sigma * c / iz
+    fall = -loss * c / iz
     x = np.stack([one, zero, zero, zero]) + fx
     y = np.stack([zero, one, zero, zero]) + fy
-    da = ((iy - iz) * c * b - c * wx - fy - sigma * a + fall * x) / (ix + 1)
-    db = ((iz - ix) * c * a - c * wy + fx - sigma * b + fall * y) / (iy + 1)
+    da = ((iy - iz) * c * b - c * wx - fy - loss * a + fall * x) / (ix + 1)
+    db = ((iz - ix) * c * a - c * wy + fx - loss * b + fall * y) / (iy + 1)
     rows = np.stack([dp, dq, da, db])
     return np.moveaxis(rows, (0, 1), (-2, -1))
 
@@ -85,7 +87,7 @@ class SteadyModes:
     roll_probe: Complexes
 
 
-def steady_modes(constants: Floats, n: ArrayLike, sigma: float = 0.0) -> SteadyModes:
+def steady_modes(constants: Floats, n: ArrayLike, sigma: ArrayLike = 0.0) -> SteadyModes:
     """Eigenvalues and left eigenvectors at spin ``n``; the pitch is the faster mode.
 
     Parameters
@@ -93,7 +95,7 @@ def steady_modes(constants: Floats, n: ArrayLike, sigma: float = 0.0) -> SteadyM
     constants : ndarray, shape (6, ...)
     n : array_like
         Steady spin.
-    sigma : float
+    sigma : array_like
         As for :func:`matrix`.
     """
     values, vectors = np.linalg.eig(np.swapaxes(matrix(constants, n, sigma), -1, -2))
@@ -105,7 +107,7 @@ def steady_modes(constants: Floats, n: ArrayLike, sigma: float = 0.0) -> SteadyM
     return SteadyModes(values[..., 0], values[..., 1], vectors[..., :, 0], vectors[..., :, 1])
 
 
-def growth(constants: Floats, n: ArrayLike, sigma: float = 0.0) -> tuple[Floats, Floats]:
+def growth(constants: Floats, n: ArrayLike, sigma: ArrayLike = 0.0) -> tuple[Floats, Floats]:
     """Growth rates of the pitch and the roll amplitude at any spin, in ``sqrt(g/a)``."""
     found = steady_modes(constants, n, sigma)
     return found.pitch.real, found.roll.real

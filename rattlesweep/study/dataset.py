@@ -13,7 +13,7 @@ from rattlesweep.study.plots.layout import Axis, Layout, iter_rows
 from rattlesweep.sweeps.config.fields import PARAMETERS
 from rattlesweep.sweeps.config.messages import not_one_of
 from rattlesweep.sweeps.store.provenance import package_version
-from rattlesweep.sweeps.tables.columns import FLAG, TEXT, runs_schema
+from rattlesweep.sweeps.tables.columns import FLAG, RUNS, TEXT
 
 if TYPE_CHECKING:
     import xarray
@@ -25,9 +25,10 @@ UNITS = "mass M, height of the centre of mass at rest a and gravity g are 1"
 def make_dataset(layout: Layout, columns: Sequence[str] | None = None) -> xarray.Dataset:
     """The runs along the axes of their sweep: these columns, or all that hold one value a run.
 
-    Dimensions are targets, ``n_i`` and ``omega_xy0`` where the config has them, then the axes of a
-    grid of bodies, or ``sample`` where bodies are drawn or from a table.  What is not stored yet,
-    or not chosen, is missing: NaN in numbers, which whole ones then become, and no text in words.
+    Dimensions are targets, ``n_i`` and ``omega_xy0`` where the config has them, ``sigma`` and
+    ``rolling`` of several values, then the axes of a grid of bodies, or ``sample`` where bodies are
+    drawn or from a table.  What is not stored yet, or not chosen, is missing: NaN in numbers, which
+    whole ones then become, and no text in words.
     """
     try:
         import xarray
@@ -87,7 +88,7 @@ def _chosen(
 
 
 def _coordinate(axis: Axis) -> tuple[str, Any, dict[str, str]]:
-    columns = {column.name: column for column in runs_schema()}
+    columns = {column.name: column for part in RUNS.values() for column in part}
     if axis.name in columns:
         return axis.name, axis.values, _attributes(columns[axis.name])
     words = {"units": "degree", "long_name": PARAMETERS[axis.name].meaning}

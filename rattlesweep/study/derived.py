@@ -18,6 +18,8 @@ FREQUENCY, TIME = "sqrt(g/a)", "sqrt(a/g)"
 SPINS = ("n_c1", "n_i", "n_0")
 """Quantities that people tell in turns a minute."""
 SI_NAMES = ("mass", "height", "inertia", "radii")
+UNIT_OF = {"t_end": TIME, "sigma": "M a^2 sqrt(g/a)", "rolling": "a"}
+"""Units of what is no spin among the options that may be in SI units."""
 
 
 class Quantity(NamedTuple):
@@ -33,6 +35,11 @@ class Quantity(NamedTuple):
 def make_body(given: dict[str, Any]) -> Rattleback:
     """Body from the options of the command line; None stands for not given."""
     given = {name: value for name, value in given.items() if value is not None}
+    if isinstance(given.get("c"), SI) and "height" not in given:
+        raise ConfigError(
+            f"--c has a unit, but the body has no size; give it with {_options(SI_NAMES)}, or a "
+            "number in a"
+        )
     if "xi" in given and "xi_deg" in given:
         raise ConfigError("--xi and --xi-deg are both given; keep one of them")
     if "xi_deg" in given:
@@ -67,7 +74,7 @@ def make_body(given: dict[str, Any]) -> Rattleback:
 def _from_si(given: dict[str, Any], preset: str | None, measured: set[str]) -> Rattleback:
     """Body from the options in SI units."""
     given = given | ({} if preset is None else {"preset": preset})
-    others = [name for name in given if name not in {*SI_NAMES, "axes_angle", "z_up"}]
+    others = [name for name in given if name not in {*SI_NAMES, "axes_angle", "z_up", "c"}]
     if others:
         raise ConfigError(
             f"{_options(others)} given beside {_options(measured)}; keep a body in SI units or one "
@@ -76,6 +83,8 @@ def _from_si(given: dict[str, Any], preset: str | None, measured: set[str]) -> R
     if missing := [name for name in SI_NAMES if name not in given]:
         raise ConfigError(f"{_options(missing)} missing; a body in SI units has all of "
                           f"{_options(SI_NAMES)}")  # fmt: skip
+    if (c := given.get("c")) is not None and not isinstance(c, SI):
+        given["c"] = c * given["height"]
     return Rattleback.from_si(**given)
 
 
@@ -84,16 +93,17 @@ def _options(names: Iterable[str]) -> str:
 
 
 def in_units_of(units: Units | None, given: dict[str, Any]) -> dict[str, Any]:
-    """Spins and times in the units of a body; SI units are for one that was given in such."""
+    """Spins, times and losses in the units of a body; SI units are for one given in such."""
     found = dict(given)
     for name, value in given.items():
         if isinstance(value, SI):
+            unit = UNIT_OF.get(name, FREQUENCY)
             if units is None:
                 raise ConfigError(
                     f"{_options([name])} has a unit, but the body has no size; give it with "
-                    f"{_options(SI_NAMES)}, or a number in {TIME if name == 't_end' else FREQUENCY}"
+                    f"{_options(SI_NAMES)}, or a number in {unit}"
                 )
-            found[name] = value / units.time if name == "t_end" else value * units.time
+            found[name] = value * units.time if unit == FREQUENCY else value / units.sizes[unit][0]
     return found
 
 

@@ -20,7 +20,7 @@ from rattlesweep.study.style import encode, styled
 from rattlesweep.sweeps.config.load import resolved
 from rattlesweep.sweeps.inspect.content_hash import RowsHash
 from rattlesweep.sweeps.inspect.status import Status, status_of
-from rattlesweep.sweeps.inspect.summary import Summary
+from rattlesweep.sweeps.inspect.summary import Summary, absent_columns
 from rattlesweep.sweeps.store.manifest import Manifest
 from rattlesweep.sweeps.tables.cells import columns_for
 
@@ -36,6 +36,8 @@ CASE_COLUMNS = {
     "K_r": "K_r",
     "n_i": "n_i",
     "omega_xy0": "ω_xy0",
+    "sigma": "σ",
+    "rolling": "rolling",
     "runs": "runs",
     "fraction_R": "R",
     "fraction_SS": "SS",
@@ -96,7 +98,8 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
     readers: list[Reader] = [facts, summary, *([] if digest is None else [digest])]
     readers += [each for each in pictures.values() if isinstance(each, Picture)]
     read_rows(layout, *readers)
-    absent = {"K_p", "K_r"}.difference(layout.targets)
+    table = summary.table()
+    absent = {"K_p", "K_r"}.difference(layout.targets) | absent_columns(table)
     if not summary.cells.has_errors:
         absent |= {"t_r_mean_error", "sensitive", "unsure"}
     if not summary.cells.has_losses:
@@ -114,7 +117,7 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
         unsure=int(summary.cells.unsure.sum()),
         pictures=[_shown(kind, picture) for kind, picture in pictures.items()],
         case_head=[CASE_COLUMNS[name] for name in columns],
-        cases=[[_shorten(row[n], n) for n in columns] for row in summary.table().to_pylist()],
+        cases=[[_shorten(row[n], n) for n in columns] for row in table.to_pylist()],
         open_cases=OPEN_CASES,
         most_cases=MOST_CASES,
         failures=_failures(facts),
@@ -232,4 +235,5 @@ def _horizon(layout: Layout) -> str:
     horizon = layout.config.horizon
     ends = [] if horizon.t_rgh is None else [f"{horizon.t_rgh:g} t_rGH"]
     ends += [] if horizon.t is None else [f"t = {horizon.t:g}"]
+    ends += [] if horizon.t_decay is None else [f"{horizon.t_decay:g} γ/σ"]
     return " or ".join(ends)

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from rattlesweep.study import style
-from rattlesweep.sweeps.inspect.sensitivity import PARAMETERS, QUANTITIES, Indices, Sensitivity
+from rattlesweep.sweeps.inspect.sensitivity import QUANTITIES, Indices, Sensitivity
 from rattlesweep.text import align
 
 DPI = 150
@@ -28,7 +28,7 @@ def as_text(found: Sensitivity, most_cases: int) -> str:
 
 
 def _lines(found: Sensitivity, most_cases: int) -> Iterator[str]:
-    table = [["case", "n_i", "omega_xy0", "of", "runs", "left out", "index", *PARAMETERS]]
+    table = [["case", "n_i", "omega_xy0", "of", "runs", "left out", "index", *found.parameters]]
     for case, of, rows in _grouped(found):
         if case >= most_cases:
             continue
@@ -38,7 +38,7 @@ def _lines(found: Sensitivity, most_cases: int) -> Iterator[str]:
         for index in ("first", "total"):
             if not np.isnan(getattr(one, index)):
                 by = {row.parameter: _cell(row, index) for row in rows}
-                cells = [by.get(name, "-") for name in PARAMETERS]
+                cells = [by.get(name, "-") for name in found.parameters]
                 table.append([*head, of, str(one.used), str(one.left_out), index, *cells])
     yield align(table)
     yield "in brackets intervals of 95 %; left out: runs without a value, which did not reverse or"
@@ -75,7 +75,7 @@ def draw(found: Sensitivity) -> Figure:
     shown = {(case, of): rows for case, of, rows in _grouped(found)}
     for line, case in zip(panels, cases, strict=True):
         for axes, of in zip(line, names, strict=True):
-            _bars(axes, shown.get((case, of), []))
+            _bars(axes, shown.get((case, of), []), found.parameters)
         said = found.cases[case]
         words = [style.value_text(k, said[k]) for k in _SPIN if k in said]
         line[0].set_ylabel("\n".join(words) or f"case {case}")
@@ -88,15 +88,15 @@ def draw(found: Sensitivity) -> Figure:
     return figure
 
 
-def _bars(axes: Any, rows: list[Indices]) -> None:
+def _bars(axes: Any, rows: list[Indices], names: tuple[str, ...]) -> None:
     for k, (index, (_, colour)) in enumerate(_INDICES.items()):
         for row in rows:
             value, low, high = (getattr(row, index + end) for end in ("", "_low", "_high"))
             if np.isfinite(value):
-                at = PARAMETERS.index(row.parameter) + 0.38 * k - 0.19
+                at = names.index(row.parameter) + 0.38 * k - 0.19
                 ends = [[max(0.0, value - low)], [max(0.0, high - value)]]
                 axes.bar(at, value, 0.36, color=colour, yerr=ends, error_kw={"linewidth": 0.9})
     if not rows:
         axes.text(0.5, 0.5, "too few, or does\nnot vary", transform=axes.transAxes, ha="center")
-    axes.set_xticks(range(len(PARAMETERS)), [style.symbol(name) for name in PARAMETERS])
+    axes.set_xticks(range(len(names)), [style.symbol(name) for name in names])
     style.light_grid(axes)

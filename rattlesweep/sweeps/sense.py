@@ -160,6 +160,8 @@ def _horizon(config: Config, sample: Sample) -> Iterator[Finding]:
     key: Key = ("horizon", "t")
     if launches.bodies.t_end is not None:
         key = ("bodies", "path")
+    elif horizon.t_decay is not None:
+        key = ("horizon", "t_decay")
     elif horizon.t is None or (horizon.t_rgh is not None and horizon.t_rgh < 1):
         key = ("horizon", "t_rgh")
     t_end, t_rgh = launches.t_end, launches.gh.t_rgh
@@ -167,10 +169,13 @@ def _horizon(config: Config, sample: Sample) -> Iterator[Finding]:
     endless, early = ~np.isfinite(t_end), t_end < t_rgh
     brief = (t_end < period) & (config.model not in ("reduced", "gh"))
     if endless.any():
+        name, what = "t_rgh", "t_rgh times t_rGH"
+        if horizon.t_rgh is None:
+            name, what = "t_decay", "t_decay times gamma/sigma"
         yield Finding(
-            ("horizon", "t_rgh"),
-            f"t_rgh times t_rGH is not a finite time in {sample.told(endless)}; give t as well, "
-            "which then counts",
+            ("horizon", name),
+            f"{what} is not a finite time in {sample.told(endless)}; give t as well, which then "
+            "counts",
             fatal=bool(endless.all()),
         )
     elif brief.mean() >= MOST:
@@ -179,7 +184,7 @@ def _horizon(config: Config, sample: Sample) -> Iterator[Finding]:
             f"the horizon of {_span(t_end)} is shorter than one pitch oscillation, {_span(period)},"
             f" in {sample.told(brief)}, and no type can be told; give a longer one",
         )
-    elif early.mean() >= MOST:
+    elif early.mean() >= MOST and horizon.t_decay is None:
         yield Finding(
             key,
             f"the horizon comes before t_rGH, the time of reversal by theory, in "

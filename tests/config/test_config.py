@@ -665,9 +665,9 @@ def test_reading_a_config_loads_nothing_heavy() -> None:
 CONFIGS = sorted((Path(__file__).parents[2] / "configs").glob("*.yaml"))
 
 
-class _Dissipation(Base):
-    sigma: float = 0.0
-    rolling: float = 0.0
+class _Wind(Base):
+    speed: float = 0.0
+    gust: float = 0.0
 
 
 @pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
@@ -678,17 +678,17 @@ def test_a_key_that_is_added_changes_no_hash_while_it_has_its_default(path: Path
         "Config",
         __base__=Config,
         integrator=(integrator, Field(default_factory=integrator)),
-        surface=(str, "paraboloid"),
-        dissipation=(_Dissipation, Field(default_factory=_Dissipation)),
+        ground=(str, "flat"),
+        wind=(_Wind, Field(default_factory=_Wind)),
     )
     today = load_config(path)
     data = resolved(today)
-    for given in ({}, {"surface": "paraboloid"}, {"dissipation": {"sigma": 0.0}}):
+    for given in ({}, {"ground": "flat"}, {"wind": {"speed": 0.0}}):
         assert physics_hash(later.model_validate(data | given)) == physics_hash(today)
     others = [
-        {"surface": "ellipsoid"},
-        {"dissipation": {"sigma": 0.1}},
-        {"dissipation": {"rolling": 0.1}},
+        {"ground": "rough"},
+        {"wind": {"speed": 0.1}},
+        {"wind": {"gust": 0.1}},
         {"integrator": data["integrator"] | {"safety": 0.8}},
     ]
     hashes = {physics_hash(later.model_validate(data | given)) for given in others}

@@ -211,3 +211,60 @@ def test_a_trajectory_in_seconds():
 )
 def test_options_that_do_not_fit(words, said):
     assert_refused(invoke("body", *words), 2, said)
+
+
+KL = ["--mass", "1kg", "--height", "1cm", "--inertia", "2,16,17,-0.2 kg cm^2", "--radii",
+      "200,4.5 cm"]  # fmt: skip
+
+
+@pytest.mark.parametrize("c", [0.02, "2 cm", "20mm"])
+def test_the_vertical_semi_axis_of_an_ellipsoid(c):
+    """Kane and Levinson's is 2 cm, twice the height."""
+    body = rs.Rattleback.from_si(**STONE, c=c)
+    assert body.c == 2
+    assert numbers(body) == pytest.approx(numbers(rs.Rattleback.kl()), rel=1e-12)
+    with pytest.raises(ValueError, match=r"not above theta 0\.222222: the ellipsoid's horizontal"):
+        rs.Rattleback.from_si(**STONE, c="2 mm")
+    with pytest.raises(ValueError, match="c: '2 kg' is a mass; a length is needed"):
+        rs.Rattleback.from_si(**STONE, c="2 kg")
+
+
+@pytest.mark.parametrize("c", ["2cm", "0.02m", "2"])
+def test_semi_axis_and_dissipation_with_units(c):
+    """Of a semi-axis a plain number is in units of the height, as of a body without units."""
+    told = invoke("body", *KL, "--c", c, "--sigma", "1e-4 N m s", "--json")
+    assert told.exit_code == 0, told.output
+    data = json.loads(told.stdout)
+    assert data["c"] == 2
+    assert data["si"]["c"] == {"value": pytest.approx(0.02), "unit": "m"}
+    # Over M a^2 sqrt(g/a), as docs/stones.md has it.
+    assert data["sigma"] == pytest.approx(1e-4 / (1e-4 * math.sqrt(981)), rel=1e-14)
+    assert data["si"]["sigma"] == {"value": pytest.approx(1e-4), "unit": "N m s"}
+    rolling = json.loads(invoke("body", *KL, "--rolling", "50um", "--json").stdout)
+    assert rolling["rolling"] == pytest.approx(0.005)
+    assert "c" not in rolling
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--preset", "GH", "--c", "2cm"], "--c has a unit, but the body has no size; give it"),
+        ([*KL, "--c", "2kg"], "--c 2kg: is a mass; a length is needed, such as 12 mm"),
+        ([*KL, "--c", "2mm"], "c 0.2 is not above theta 0.222222"),
+        ([*KL, "--c", "tall"], "--c tall: is no number with a unit; a length is needed"),
+        (["--preset", "KL", "--sigma", "1e-4 N m s"],
+         "--sigma has a unit, but the body has no size; give it with --height, --inertia, --mass, "
+         "--radii, or a number in M a^2 sqrt(g/a)"),
+        (["--preset", "KL", "--rolling", "50um"], "or a number in a"),
+        ([*KL, "--sigma", "1e-4 N m"],
+         "--sigma 1e-4 N m: is something else; a torque per spin is needed, such as 1e-4 N m "
+         "s"),
+        ([*KL, "--sigma", "-1e-4 N m s"], " -0.0319"),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("command", ["body", "trajectory"])
+def test_units_that_do_not_fit(command, options, words):
+    refused = invoke(command, *options)
+    assert refused.exit_code == 2
+    assert words in refused.stderr
+    assert refused.stderr.count("\n") == 1

@@ -16,19 +16,18 @@ from rattlesweep.cli import main
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.cases.plan import make_plan
 from rattlesweep.sweeps.cases.quasi import Sequence
-from rattlesweep.sweeps.config.bodies import GROUP
 from rattlesweep.sweeps.config.load import parse_config
 from rattlesweep.sweeps.engines.run import run_sweep
 from rattlesweep.sweeps.inspect.content_hash import content_hash
 from rattlesweep.sweeps.inspect.sensitivity import (
-    PARAMETERS,
     bins_of,
     from_bins,
     from_design,
     sensitivity,
 )
 
-GROUPS = 4096
+GROUP, GROUPS = 7, 4096
+PARAMETERS = ("gamma", "f_sd", "theta", "phi", "minus_xi_deg")
 CONFIG: dict[str, Any] = {
     "seed": 4,
     "bodies": {"source": "sd", "samples": GROUP * GROUPS, "draw": "saltelli"},

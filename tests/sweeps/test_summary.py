@@ -28,6 +28,8 @@ class Case:
     target: float | None = None
     n_i: float | None = -0.1
     omega_xy0: float | None = 0.01
+    sigma: float | None = None
+    rolling: float | None = None
 
 
 CASES = [Case(0, "K_r", 0.01), Case(1, "K_p", 0.3), Case(2, n_i=None, omega_xy0=None)]
@@ -209,7 +211,7 @@ def test_summary_is_written_as_it_was_made(tmp_path: Path) -> None:
 
 def test_closing_table() -> None:
     values = [0, None, 0.0041, -0.5, 0.001, 10_000_000, 0.5, 0.25, 0.25, 0.0, 0.125]
-    values += [812.4567, 3.0, 1600.0, 1.01557, 0.003, 12, 0, None, None, None, None]
+    values += [812.4567, 3.0, 1600.0, 1.01557, 0.003, 12, 0, *[None] * 6]
     first = dict(zip(summary_schema().names, values, strict=True))
     second = dict.fromkeys(first, None) | {"case": 11, "runs": 0, "failed": 0, "near_tangencies": 0}
     text = closing_table(pa.Table.from_pylist([first, second], summary_schema()))

@@ -100,7 +100,8 @@ body = Group(
     option("--phi", type=float, help="Smaller principal curvature, in 1/a."),
     option("--xi", type=float, help="Skew angle in radians."),
     option("--xi-deg", type=float, help="Skew angle in degrees."),
-    option("--c", type=float, help="Vertical semi-axis of an ellipsoid, in a."),
+    option("--c", type=types.SEMI_AXIS,
+           help="Vertical semi-axis of an ellipsoid, in a, or as in 2cm."),
     option("--mass", type=types.MASS, help="Instead of all these in SI units: mass, as in 85g."),
     option("--height", type=types.LENGTH, help="Height of the centre of mass over the contact."),
     option("--inertia", type=types.INERTIA,
@@ -113,9 +114,12 @@ body = Group(
 )  # fmt: skip
 dissipation = Group(
     "dissipation",
-    option("--sigma", type=float, help="Dissipation: sigma of a torque -sigma omega."),
-    option("--rolling", type=float, help="Dissipation: lever of a rolling resistance, in a."),
-)
+    option("--sigma", type=types.DAMPING,
+           help="Dissipation: sigma of a torque -sigma omega, in M a^2 sqrt(g/a), or as in "
+           "'1e-4 N m s'."),
+    option("--rolling", type=types.LEVER,
+           help="Dissipation: lever of a rolling resistance, in a, or as in 50um."),
+)  # fmt: skip
 spin = Group(
     "spin",
     option("--n-i", type=types.SPIN, default=0.1,

@@ -169,6 +169,8 @@ INERTIA = Grammar(
 ANGLE = Grammar("angle", partial(quantity, kind="angle"))
 SPIN = Grammar("spin", _measured("spin"))
 DURATION = Grammar("time", _measured("time"))
+SEMI_AXIS = LEVER = Grammar("length", _measured("length"))
+DAMPING = Grammar("sigma", _measured("torque per spin"))
 VECTOR = Grammar("x,y,z", _numbers(3, lambda *xyz: True,
                  "is no vector; give three numbers, such as 0,0,-1"))  # fmt: skip
 NAMES = Grammar("a,b,...", _names)

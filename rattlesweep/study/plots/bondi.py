@@ -29,6 +29,8 @@ def threshold(
     # The source numbers bodies with its own first axis slowest.
     order = [name for name in layout.bodies if name in values]
     data = resolved(layout.config)
+    if "c" in layout.bodies:  # be it among the axes or beside them
+        data["bodies"].pop("c", None)
     data["bodies"]["axes"] = {name: [value] for name, value in fixed.items()} | {
         name: {"linspace": [values[name][0], values[name][-1], float(count)]} for name in order
     }

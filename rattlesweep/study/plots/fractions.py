@@ -41,10 +41,10 @@ class Fractions(Counted):
     def order(layout: Layout, x: str | None) -> Sequence[str]:
         """Rows for the oscillation, as in the paper, columns for the others."""
         first = abscissa(layout, [*layout.targets, *layout.bodies, *layout.launch], x)
-        others = [n for n in ("n_i", *layout.targets, *layout.bodies) if n != first]
-        others = [n for n in others if layout.lengths.get(n, 1) > 1]
+        others = [n for n in (*layout.launch, *layout.targets, *layout.bodies)
+                  if n not in (first, "omega_xy0") and layout.lengths[n] > 1]  # fmt: skip
         if first != "omega_xy0":
-            return (first, "omega_xy0", *others)
+            return (first, *(n for n in layout.launch if n == "omega_xy0"), *others)
         # One of a single value keeps the row, so that the rest makes columns.
         single = [n for n, count in layout.lengths.items() if count == 1 and len(others) == 1]
         return (first, *single[:1], *others)

@@ -31,7 +31,7 @@ TARGETS = ("K_p", "K_r")
 class Axis:
     """One thing that varies."""
 
-    name: str  # K_p, K_r, n_i, omega_xy0 or a body parameter
+    name: str  # K_p, K_r, n_i, omega_xy0, sigma, rolling or a body parameter
     values: Floats  # those that are shown, ascending
     rank: Integers
     """Place in `values` of each value of the config, in the config's order; -1: not shown."""
@@ -103,7 +103,7 @@ class Layout:
 
     @property
     def launch(self) -> list[str]:
-        """Spin and oscillation, where the config has them."""
+        """Spin and oscillation, where the config has them, and dissipation of several values."""
         return [axis.name for axis in self.cases if axis.name not in TARGETS]
 
     @property
@@ -210,8 +210,11 @@ def read_layout(directory: Path) -> Layout:
         cases[config.bodies.target.name] = config.bodies.target.values
     if config.spin is not None and manifest.cases[0].n_i is not None:
         cases |= {"n_i": config.spin.n_i, "omega_xy0": config.spin.omega_xy0}
+    for name in ("sigma", "rolling"):
+        if isinstance(values := getattr(config.dissipation, name), list):
+            cases[name] = values
     bodies = config.bodies
-    grid = bodies.axes.values() if isinstance(bodies, GridSource) else {}
+    grid = bodies.varying if isinstance(bodies, GridSource) else {}
     return Layout(store, manifest, config, _axes(cases), _axes(grid))
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 from matplotlib.colors import BoundaryNorm, ListedColormap, LogNorm, Normalize
 from matplotlib.patches import Patch
 
@@ -25,6 +26,7 @@ from rattlesweep.study.plots.panels import (
 )
 from rattlesweep.study.style import FAILED, MISSING, TYPE_STYLE, label
 from rattlesweep.sweeps.config.bodies import GridSource
+from rattlesweep.sweeps.tables.cells import Moments, floats
 
 # From this many values on along both sides, a grid is a map.
 SIDE = 8
@@ -36,6 +38,9 @@ LINES: tuple[dict[str, Any], ...] = (
     {"colors": "#000000", "linewidths": 1.3, "zorder": 6},
 )
 BONDI_LABEL = r"Bondi's threshold, $|n_i| = |n_{c1}|$"
+GROWTH = "growth"
+BALANCE_LABEL = "growth at the launch balances damping"
+BALANCE: dict[str, Any] = {"color": "#000000", "linestyle": "--", "linewidth": 1.3}
 # Ratios beyond these are drawn in the end colours; within them most of a map lies.
 TAILS = (0.5, 99.5)
 # What a cell is: its most common type, or none of them.
@@ -60,6 +65,15 @@ class Map(Counted):
                 raise ConfigError(
                     f"--kind map: only one value of {axis.name} is left; a map needs two or more"
                 )
+        self.growth = Moments(len(self.cells.runs)) if layout.config.dissipation else None
+        if self.growth is not None:
+            self.columns = (*self.columns, GROWTH)
+
+    def add(self, rows: pa.RecordBatch) -> None:
+        """Count more rows."""
+        super().add(rows)
+        if self.growth is not None:
+            add_finite(self.growth, self.layout.cells(rows, self.axes), rows.column(GROWTH))
 
     @staticmethod
     def fits(layout: Layout) -> bool:
@@ -88,7 +102,7 @@ class Map(Counted):
         code, ratio = self.shown()
         norm, extend = _ratio_norm(ratio)
         edges = self._edges()
-        bondi = False
+        bondi = balance = False
         for panel in panels:
             here: Any = (slice(None), slice(None), *panel.where)
             colours = [colour for colour, _ in CELLS.values()]
@@ -105,6 +119,7 @@ class Map(Counted):
             else:
                 panel.axes.set_ylabel(label(y.name))
             bondi |= self._bondi(panel)
+            balance |= self._balance(panel)
             self._scale(panel, edges, log)
             if panel.row == 0:
                 panel.axes.set_title(titles[panel.part], fontsize="medium")
@@ -118,7 +133,7 @@ class Map(Counted):
         for panel, found in zip((p for p in panels if not p.part), self.boundaries(), strict=True):
             if np.isfinite(found.exponent):
                 panel.axes.set_title(found.symbols, loc="right", fontsize="x-small")
-        self._legend(figure, set(np.unique(code)), bondi)
+        self._legend(figure, set(np.unique(code)), bondi, balance)
 
     def _edges(self) -> tuple[Floats, Floats]:
         """Borders of the cells along both axes."""
@@ -166,6 +181,8 @@ class Map(Counted):
 
     def _bondi(self, panel: Panel) -> bool:
         """Draw Bondi's line where theory knows it; whether it did."""
+        if self.layout.config.dissipation:
+            return False  # no spin stays beyond it
         x, y, *rest = self.axes
         at = {a.name: float(a.values[k]) for a, k in zip(rest, panel.where, strict=True)}
         single = (a for a in self.layout.axes.values() if len(a.values) == 1)
@@ -197,18 +214,41 @@ class Map(Counted):
                             zorder=line["zorder"])  # fmt: skip
         return bool((n_c1 >= spin.values[0]).any())
 
-    def _legend(self, figure: Any, codes: set[int], bondi: bool) -> None:
+    def _balance(self, panel: Panel) -> bool:
+        """Draw where the relevant oscillation, at the launch, neither grows nor decays; whether it
+        did.
+        """
+        if self.growth is None:
+            return False
+        x, y, *_ = self.axes
+        here: Any = (slice(None), slice(None), *panel.where)
+        mean = self.grid(self.growth.means())[here]
+        if not (np.nanmin(mean, initial=0) < 0 < np.nanmax(mean, initial=0)):
+            return False
+        for line in LINES:
+            panel.axes.contour(x.values, y.values, mean.T, [0], linestyles=["--"], **line)
+        return True
+
+    def _legend(self, figure: Any, codes: set[int], bondi: bool, balance: bool) -> None:
         handles: list[Any] = [patch(*look) for name, look in CELLS.items() if CODES[name] in codes]
         if codes & {CODES[name] for name in TYPE_STYLE if name != "R"}:
             handles.append(patch(NO_REVERSAL, "right: no reversal"))
         if bondi:
             handles.append(entry(BONDI_LABEL, color="#000000", linestyle="-", linewidth=1.3))
+        handles += [entry(BALANCE_LABEL, **BALANCE)] if balance else []
         legend_above(figure, handles, 1.9)
 
 
 def patch(colour: str, words: str) -> Patch:
     """Cells of a colour in a legend."""
     return Patch(facecolor=colour, label=words, edgecolor="#555555", linewidth=0.5)
+
+
+def add_finite(moments: Moments, cell: Integers, column: pa.Array) -> None:
+    """Add to cells the values of a column, but for nulls and rows that are not shown."""
+    values = floats(column)
+    kept = (cell >= 0) & np.isfinite(values)
+    moments.add(cell[kept], values[kept])
 
 
 def inferred(code: Integers, ratio: Floats) -> tuple[Integers, Floats]:

@@ -12,10 +12,18 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 
 from rattlesweep.arrays import Floats
 from rattlesweep.study.plots.layout import Layout
-from rattlesweep.study.plots.map import CELLS, NO_REVERSAL, Map, patch
-from rattlesweep.study.plots.panels import draw_panels, legend_above
+from rattlesweep.study.plots.map import (
+    BALANCE,
+    BALANCE_LABEL,
+    CELLS,
+    NO_REVERSAL,
+    Map,
+    add_finite,
+    patch,
+)
+from rattlesweep.study.plots.panels import draw_panels, entry, legend_above
 from rattlesweep.study.style import label
-from rattlesweep.sweeps.tables.cells import Moments, floats
+from rattlesweep.sweeps.tables.cells import Moments
 
 # So many numbers have a colour each; beyond, a colour is of more and more of them.
 SINGLE = 6
@@ -41,10 +49,7 @@ class Reversals(Map):
     def add(self, rows: pa.RecordBatch) -> None:
         """Count more rows."""
         super().add(rows)
-        cell = self.layout.cells(rows, self.axes)
-        count = floats(rows.column(COLUMN))
-        kept = (cell >= 0) & np.isfinite(count)
-        self.count.add(cell[kept], count[kept])
+        add_finite(self.count, self.layout.cells(rows, self.axes), rows.column(COLUMN))
 
     def table(self) -> pa.Table:
         """One row a cell that holds runs."""
@@ -67,6 +72,7 @@ class Reversals(Map):
         norm = BoundaryNorm(np.array(borders) - 0.5, len(borders) - 1)
         colours = ListedColormap([NO_REVERSAL, *shades][: len(borders) - 1])
         kinds = [name for name in ("failed", "missing") if (self._lost() == name).any()]
+        balance = False
         for panel in panels:
             here: Any = (slice(None), slice(None), *panel.where)
             for name in kinds:
@@ -76,6 +82,7 @@ class Reversals(Map):
             shown = np.ma.masked_invalid(mean[here].T)
             mesh = panel.axes.pcolormesh(*edges, shown, cmap=colours, norm=norm, rasterized=True)
             panel.axes.set_ylabel(label(y.name))
+            balance |= self._balance(panel)
             self._scale(panel, edges, log)
         figure.supxlabel(label(x.name), fontsize="medium")
         bar = figure.colorbar(mesh, ax=[panel.axes for panel in panels], pad=0.03, aspect=30)
@@ -86,8 +93,10 @@ class Reversals(Map):
         bar.ax.tick_params(which="both", length=0)
         several = self.cells.runs.max() > 1
         bar.set_label("mean number of reversals" if several else "number of reversals")
-        if kinds:
-            legend_above(figure, [patch(*CELLS[kind]) for kind in kinds], 1.9)
+        handles: list[Any] = [patch(*CELLS[kind]) for kind in kinds]
+        handles += [entry(BALANCE_LABEL, **BALANCE)] if balance else []
+        if handles:
+            legend_above(figure, handles, 1.9)
 
     def _lost(self) -> Any:
         """What a cell without a number is, in words."""

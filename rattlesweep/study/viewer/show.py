@@ -169,6 +169,7 @@ def _facts(course: Course, cause: str) -> list[tuple[str, str]]:
     method = ", ".join(f"{value:g}" if isinstance(value, float) else str(value)
                        for value in course.integrator.values())  # fmt: skip
     t_rgh, losses = float(course.launches.gh.t_rgh[0]), course.launches
+    sigma, rolling = (0.0 if of is None else of[0] for of in (losses.sigma, losses.rolling))
     lines = [
         ("α, β, γ", f"{b['alpha']:.5g}, {b['beta']:.5g}, {b['gamma']:.5g}"),
         ("θ, φ", f"{b['theta']:.5g}, {b['phi']:.5g}"),
@@ -176,8 +177,8 @@ def _facts(course: Course, cause: str) -> list[tuple[str, str]]:
     ]
     if "c" in b:
         lines.append(("c", f"{b['c']:.5g} (ellipsoid)"))
-    if losses.sigma or losses.rolling:
-        lines.append(("dissipation", f"σ {losses.sigma:.4g}, rolling {losses.rolling:.4g}"))
+    if sigma or rolling:
+        lines.append(("dissipation", f"σ {sigma:.4g}, rolling {rolling:.4g}"))
     lines += [
         ("n_i, ω_xy0", f"{launch['n_i']:g}, {launch['omega_xy0']:g}"),
         ("launched along", f"{math.degrees(launch['psi']):.4g}°"),

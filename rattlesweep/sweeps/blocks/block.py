@@ -122,7 +122,7 @@ def columns_of(
         spin = np.sqrt(2 * outcome.energy_0 / launches.bodies.gamma)
         spin = np.copysign(spin, launches.n_i)
         columns["n_end"] = np.where(has_settled(batch, outcome), spin, columns["n_end"])
-    if launches.sigma > 0 or launches.rolling > 0:
+    if batch is not None and outcome is not None:
         columns |= _dissipation(launches, batch, outcome)
     codes = classify(ok, columns["t_r"], columns["amp_growth"], columns["n_departure"],
                      config.classify, columns.get("energy_left"))  # fmt: skip
@@ -211,25 +211,22 @@ def _named(values: Any, *names: str) -> dict[str, Any]:
     return {name: getattr(values, name) for name in names}
 
 
-def _dissipation(
-    launches: Launches, batch: Batch | None, outcome: Outcome | None
-) -> dict[str, Any]:
-    """Columns of runs with dissipation."""
-    assert batch is not None
-    assert outcome is not None
+def _dissipation(launches: Launches, batch: Batch, outcome: Outcome) -> dict[str, Any]:
+    """Columns of runs of a sweep with dissipation."""
+    sigma, rolling = launches.sigma, launches.rolling
+    if sigma is None or rolling is None:
+        return {}
     b, m, n_i = launches.bodies, launches.modes, launches.n_i
-    rows, pitch = len(n_i), unsteady(m.K_p, n_i)
-    growth = n_growth = np.full(rows, np.nan)
-    if launches.rolling == 0:
-        growth = np.where(pitch, *steady.growth(batch.constants[:, :6].T, n_i, launches.sigma))
-        loss = np.where(pitch, *damping_rates(b.alpha, b.beta, m, launches.sigma))
-        n_growth = np.sign(n_i) * 2 * loss / np.abs(launches.gh.K)
+    pitch = unsteady(m.K_p, n_i)
+    growth = np.where(pitch, *steady.growth(batch.constants[:, :6].T, n_i, sigma))
+    loss = np.where(pitch, *damping_rates(b.alpha, b.beta, m, sigma))
+    n_growth = np.sign(n_i) * 2 * loss / np.abs(launches.gh.K)
     # The work is the state's last component.
     return {
-        "sigma": np.full(rows, launches.sigma),
-        "rolling": np.full(rows, launches.rolling),
-        "growth": growth,
-        "n_growth": n_growth,
+        "sigma": sigma,
+        "rolling": rolling,
+        "growth": np.where(rolling > 0, np.nan, growth),
+        "n_growth": np.where(rolling > 0, np.nan, n_growth),
         "energy_left": 1 + outcome.y_end[:, -1] / outcome.energy_0,
     }
 

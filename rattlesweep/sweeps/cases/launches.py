@@ -47,7 +47,7 @@ class Launches:
     `gh` is the spin as Garcia and Hubbard have it; `t_end` the horizon, not finite where it cannot
     be told; `omega` and `u` are full states, of shape (runs, 3), None where launches are none;
     `second` is the unit of time in seconds, None where it is not stored, and `carried` has columns
-    that the runs get from a table. What `sigma` and `rolling` are not zero for has dissipation.
+    that the runs get from a table. `sigma` and `rolling` are None in a sweep without dissipation.
     """
 
     case: NDArray[np.int64]
@@ -64,8 +64,8 @@ class Launches:
     u: Floats | None = None
     second: Floats | None = None
     carried: dict[str, NDArray[Any]] = field(default_factory=dict)
-    sigma: float = 0.0
-    rolling: float = 0.0
+    sigma: Floats | None = None
+    rolling: Floats | None = None
 
     @property
     def tapped(self) -> NDArray[np.bool_]:
@@ -96,14 +96,21 @@ def prepare(plan: Plan, case: NDArray[np.int64], sample: NDArray[np.int64]) -> L
         psi = bodies.psi
     else:
         psi = launch.direction(modes, n_i, spin.psi if spin is not None else "relevant")
-    horizon, losses = plan.config.horizon, plan.config.dissipation
-    found = with_theory(case, sample, bodies, n_i, omega_xy0, psi, modes, horizon)
-    if losses:
-        # No spin stays beyond a threshold that dies.
-        none = np.full(len(n_i), np.nan)
-        found = replace(found, n_c1=none, sigma=losses.sigma, rolling=losses.rolling)
+    horizon = plan.config.horizon
+    losses = _losses(plan, bodies, case) if plan.config.dissipation else None
+    found = with_theory(case, sample, bodies, n_i, omega_xy0, psi, modes, horizon, losses)
     measured = getattr(plan.source, "measured", None)
     return found if measured is None else _measured(found, measured, plan.extra)
+
+
+def _losses(plan: Plan, bodies: Bodies, case: NDArray[np.int64]) -> tuple[Floats, Floats]:
+    """``sigma`` and ``rolling`` of runs: of their rows in a table, else of their cases."""
+
+    def values(name: str) -> Floats:
+        own: Floats | None = getattr(bodies, name)
+        return np.array([getattr(c, name) for c in plan.cases], float)[case] if own is None else own
+
+    return values("sigma"), values("rolling")
 
 
 def _measured(launches: Launches, measured: Measured, fields: Sequence[pa.Field]) -> Launches:
@@ -125,19 +132,27 @@ def with_theory(
     psi: Floats,
     modes: theory.Modes,
     horizon: Horizon,
+    losses: tuple[Floats, Floats] | None = None,
 ) -> Launches:
-    """Launches with what theory says of them."""
+    """Launches with what theory says of them; `losses` are ``sigma`` and ``rolling``."""
     gh = launch.garcia_hubbard(bodies, modes, n_i, omega_xy0, psi)
     if bodies.omega is not None and bodies.u is not None:
         # The tilt has energy too.
         gh = replace(gh, speed=_oscillation_speed(bodies, n_i, bodies.omega, bodies.u))
     n_c1 = theory.bondi_threshold(bodies.alpha, bodies.beta, bodies.gamma, bodies.theta, bodies.phi)
+    sigma, rolling = losses or (None, None)
+    if sigma is not None and rolling is not None:
+        # No spin stays beyond a threshold that dies.
+        n_c1 = np.where((sigma > 0) | (rolling > 0), np.nan, n_c1)
     t_end = np.full(len(n_i), np.inf)
     if horizon.t_rgh is not None:
         # Without t_rGH, which is NaN, the other counts.
         t_end = np.fmin(t_end, horizon.t_rgh * gh.t_rgh)
     if horizon.t is not None:
         t_end = np.minimum(t_end, horizon.t)
+    if horizon.t_decay is not None and sigma is not None:
+        with np.errstate(divide="ignore"):
+            t_end = np.minimum(t_end, horizon.t_decay * bodies.gamma / sigma)
     if bodies.t_end is not None:
         t_end = np.where(np.isfinite(bodies.t_end), bodies.t_end, t_end)
     return Launches(
@@ -154,6 +169,8 @@ def with_theory(
         t_end=t_end,
         omega=bodies.omega,
         u=bodies.u,
+        sigma=sigma,
+        rolling=rolling,
     )
 
 
@@ -187,9 +204,8 @@ def model_of(config: Config) -> Model:
     if config.model != "full":
         return MODELS[config.model]
     surface = ELLIPSOID if config.bodies.ellipsoidal else FULL
-    losses = config.dissipation
-    kind = "rolling" if losses.rolling > 0 else "viscous"
-    return FRICTION[surface.name, kind] if losses else surface
+    kind = config.dissipation.kind
+    return FRICTION[surface.name, kind] if kind else surface
 
 
 def make_batch(launches: Launches, model: str) -> Batch | None:
@@ -216,18 +232,18 @@ def full_batch(launches: Launches) -> Batch:
     else:
         y0 = np.ascontiguousarray(full.from_vectors(launches.u.T, launches.omega.T).T)
     constants = full.constants(b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi)
-    modes = steady_modes(constants, launches.n_i, launches.sigma)
+    sigma, rolling = launches.sigma, launches.rolling
+    modes = steady_modes(constants, launches.n_i, 0.0 if sigma is None else sigma)
     pitch = theory.unsteady(launches.modes.K_p, launches.n_i)
     probe = np.where(pitch[:, None], modes.pitch_probe, modes.roll_probe)
     # The spin swings at twice the oscillation's frequency.
     fastest = np.maximum(np.abs(modes.pitch.imag), launches.modes.omega_p)
     slower = np.where(modes.roll.imag > 0, modes.roll.imag, launches.modes.omega_r)
     more = []
-    if b.c is not None or launches.sigma > 0 or launches.rolling > 0:
+    if b.c is not None or sigma is not None:
         more = [np.broadcast_to(stone.inverse_semi_axis(b.c), len(y0))]
-    if launches.sigma > 0 or launches.rolling > 0:
-        losses = (launches.sigma, launches.rolling, stone.SMOOTHING)
-        more += [np.full(len(y0), value) for value in losses]
+    if sigma is not None and rolling is not None:
+        more += [sigma, rolling, np.full(len(y0), stone.SMOOTHING)]
         # Behind the state the work, none yet.
         y0 = np.concatenate([y0, np.zeros((len(y0), 1))], axis=1)
     oscillation = b.gamma * (launches.gh.n_0**2 - launches.n_i**2)

@@ -32,7 +32,9 @@ OPTIONAL = {"ixy_kg_m2": 0.0, "axes_angle_deg": 0.0, "gravity_m_s2": si.GRAVITY}
 """And the product of inertia, the angle from the x axis to the direction of r1, and gravity."""
 LAUNCH = {"n_i_rpm": "n_i", "omega_xy0_rpm": "omega_xy0", "t_end_s": "t_end"}
 """Launch and horizon, and the columns without units that they stand for."""
-INPUT = ("xi_deg", *BODY, *OPTIONAL, *LAUNCH)
+MORE = {"c_m": "c", "sigma_N_m_s": "sigma", "rolling_m": "rolling"}
+"""Vertical semi-axis and dissipation, likewise."""
+INPUT = ("xi_deg", *BODY, *OPTIONAL, *LAUNCH, *MORE)
 # What the runs keep of these.
 KEPT = {"mass_kg": "kg", "height_m": "m", "gravity_m_s2": "m/s^2"}
 RPM = np.pi / 30
@@ -127,6 +129,19 @@ def without_units(
                 )
         else:
             made_once(plain, name, values)
+    for name, plain in MORE.items():
+        if name not in given:
+            continue
+        needed = ("mass_kg", "height_m") if plain == "sigma" else ("height_m",)
+        if absent := [other for other in needed if other not in frame.columns]:
+            raise ConfigError(
+                f"{where}: {name} needs the body's units; add the column {' and '.join(absent)}"
+            )
+        unit = given["height_m"]
+        if plain == "sigma":
+            assert second is not None
+            unit = given["mass_kg"] * given["height_m"] ** 2 / second
+        made_once(plain, name, given[name] / unit)
     return frame.assign(**made) if made else frame, second
 
 

@@ -1,9 +1,10 @@
 """From a config to cases and blocks.
 
-A case is one combination of target, ``n_i`` and ``omega_xy0``; its runs are the samples of
-the source.  Runs are numbered case by case, and a block is a fixed slice of these numbers: its rows
-depend on the config and on the block's number alone.  A sweep that decides what to run next does so
-in stages (:mod:`rattlesweep.sweeps.cases.stages`), each with blocks of its own.
+A case is one combination of target, ``n_i`` and ``omega_xy0``, and of the dissipation where it has
+several values; its runs are the samples of the source.  Runs are numbered case by case, and a block
+is a fixed slice of these numbers: its rows depend on the config and on the block's number alone.  A
+sweep that decides what to run next does so in stages (:mod:`rattlesweep.sweeps.cases.stages`), each
+with blocks of its own.
 """
 
 from __future__ import annotations
@@ -19,10 +20,12 @@ from rattlesweep.physics.launch import spin_and_oscillation
 from rattlesweep.sweeps.cases.sources import Source, TableBodies, make_source
 from rattlesweep.sweeps.cases.stages import borders, make_stages, n_blocks
 from rattlesweep.sweeps.config.bodies import SdSource
-from rattlesweep.sweeps.config.schema import Config
+from rattlesweep.sweeps.config.fields import TABLE
+from rattlesweep.sweeps.config.schema import Config, Dissipation
 from rattlesweep.sweeps.tables.columns import STATE, runs_schema
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
     import pyarrow as pa
@@ -43,6 +46,8 @@ class Case:
     target: float | None
     n_i: float | None
     omega_xy0: float | None
+    sigma: float | None = None
+    rolling: float | None = None
 
 
 @dataclass(frozen=True)
@@ -160,8 +165,10 @@ def make_plan(config: Config, base: Path | None = None, source: Source | None = 
         If the source cannot deliver, nothing says how to launch, the model and the recordings do
         not go together, or there would be too many blocks.
     """
-    runs_schema(config.parts, config.model)
     source = source or make_source(config, base)
+    if isinstance(source, TableBodies):
+        config = _with_losses(config, source.losses)
+    runs_schema(config.parts, config.model)
     targets: list[tuple[str | None, float | None]] = [(None, None)]
     if isinstance(config.bodies, SdSource) and config.bodies.target is not None:
         aim = config.bodies.target
@@ -191,10 +198,11 @@ def make_plan(config: Config, base: Path | None = None, source: Source | None = 
         )
     if isinstance(source, TableBodies) and source.measured is not None:
         extra += source.measured.fields
-    groups = product(enumerate(targets), launches)
+    losses = config.dissipation.cases if config.dissipation else [(None, None)]
+    groups = product(enumerate(targets), launches, losses)
     cases = tuple(
-        Case(index, group, *target, *launch)
-        for index, ((group, target), launch) in enumerate(groups)
+        Case(index, group, *target, *launch, *loss)
+        for index, ((group, target), launch, loss) in enumerate(groups)
     )
     stages = make_stages(config, len(cases), source.samples)
     first = () if stages is None else (stages.first(),)
@@ -206,6 +214,34 @@ def make_plan(config: Config, base: Path | None = None, source: Source | None = 
             "or larger blocks"
         )
     return plan
+
+
+def _with_losses(config: Config, own: Mapping[str, float | str]) -> Config:
+    """The config of a table that says the dissipation of its rows."""
+    given = config.dissipation
+    for name in Dissipation.model_fields:
+        if getattr(given, name) == TABLE and name not in own:
+            raise ConfigError(
+                f"dissipation.{name}: the table has no column {name}; add it, or give a number"
+            )
+        if isinstance(getattr(given, name), list) and name in own:
+            raise ConfigError(
+                f"dissipation.{name}: there are several values, and the table has a column {name}; "
+                "keep one of them"
+            )
+    found = given.model_copy(update=dict(own))
+    if found and config.model != "full":
+        raise ConfigError(
+            f"model: {config.model} conserves energy, and the table has a column "
+            f"{next(name for name, value in own.items() if value)}; take model: full, or leave the "
+            "column out"
+        )
+    if found and ("lyapunov" in config.record or config.classify.early):
+        raise ConfigError(
+            "bodies.path: the table has dissipation, and record: [lyapunov] and classify.early are "
+            "for paraboloids without it; leave them or its columns out"
+        )
+    return config if found == given else config.model_copy(update={"dissipation": found})
 
 
 def _check_launches(config: Config, state: bool, tapped: bool, lost: bool, which: str = "") -> None:
@@ -224,7 +260,7 @@ def _check_launches(config: Config, state: bool, tapped: bool, lost: bool, which
         raise ConfigError(
             "model: gh begins with a spin, and n_i is 0; take the model full or reduced"
         )
-    if config.horizon.t is None and lost:
+    if config.horizon.t is None and config.horizon.t_decay is None and lost:
         raise ConfigError(
             f"horizon.t: missing; a launch without spin{which} has no t_rGH, so give horizon: "
             "{t: TIME} in sqrt(a/g)"

@@ -17,13 +17,13 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.physics.body import PARAMETERS, PRESETS, shell_dumbbell, violations
 from rattlesweep.sweeps.cases.sampler import bodies_of, draw_bodies
 from rattlesweep.sweeps.config.bodies import (
-    GROUP,
     GridSource,
     PresetBase,
     PresetSource,
     SdSource,
     TableSource,
 )
+from rattlesweep.sweeps.config.fields import TABLE
 from rattlesweep.sweeps.config.schema import Config
 
 if TYPE_CHECKING:
@@ -45,9 +45,9 @@ class Bodies:
 
     ``c`` is None for paraboloids, and NaN for those among ellipsoids.
 
-    ``n_i``, ``omega_xy0``, ``psi``, ``t_end`` and a full state, ``omega`` and ``u`` of shape
-    (samples, 3), are None unless a table gives them; NaN in ``t_end`` stands for the config's
-    horizon.
+    ``n_i``, ``omega_xy0``, ``psi``, ``t_end``, ``sigma``, ``rolling`` and a full state, ``omega``
+    and ``u`` of shape (samples, 3), are None unless a table gives them; NaN in ``t_end`` stands for
+    the config's horizon.
     """
 
     alpha: Floats
@@ -64,6 +64,8 @@ class Bodies:
     omega: Floats | None = None
     u: Floats | None = None
     c: Floats | None = None
+    sigma: Floats | None = None
+    rolling: Floats | None = None
 
 
 class Source(Protocol):
@@ -121,7 +123,7 @@ class SdBodies:
         self._ranges = np.array(ends if source.c is None else [*ends, source.c])
         self._target = source.target
         # All cases share the points of group 0: with targets, there are random bodies only.
-        self._designed = source.draw == "saltelli"
+        self._designed, self._group = source.draw == "saltelli", source.group
         dimensions = len(self._ranges) * (1 + self._designed)
         self._sequence = None if source.draw == "random" else _sequence(dimensions, seed)
         self._chunk = lru_cache(maxsize=64)(self._draw_chunk)
@@ -156,9 +158,10 @@ class SdBodies:
         samples = np.ascontiguousarray(samples, dtype=np.int64)
         target = self._target
         if self._sequence is not None:
-            points = self._sequence.points(samples // GROUP if self._designed else samples)
+            group = self._group
+            points = self._sequence.points(samples // group if self._designed else samples)
             if self._designed:
-                points = _swapped(points, samples % GROUP)
+                points = _swapped(points, samples % group)
             return bodies_of(points, self._ranges)
         if target is None:
             return draw_bodies(self._seed, group, samples, self._ranges)[0]
@@ -252,9 +255,7 @@ def _grid(source: GridSource) -> GridBodies:
     base = source.base
     parameters = _preset(base.preset) if isinstance(base, PresetBase) else base.given()
     parameters |= _c_of(source)
-    axes = {name: np.asarray(values, float) for name, values in source.axes.values().items()}
-    if source.c is not None and len(source.c) > 1:
-        axes["c"] = np.asarray(source.c, float)
+    axes = {name: np.asarray(values, float) for name, values in source.varying.items()}
     if not source.ellipsoidal:
         parameters.pop("c", None)
     for name, sign in (("xi_deg", 1), ("minus_xi_deg", -1)):
@@ -284,6 +285,11 @@ class TableBodies:
         self.has_launch = "n_i" in columns
         # Whether that is a full state.
         self.has_state = "u_x" in columns
+        # What it says of the dissipation: a number that all rows share, or that rows differ.
+        own = {name: np.unique(columns[name]) for name in ("sigma", "rolling") if name in columns}
+        self.losses: dict[str, float | str] = {
+            name: float(values[0]) if len(values) == 1 else TABLE for name, values in own.items()
+        }
 
     def bodies(self, group: int, samples: Integers) -> Bodies:
         """Bodies of some samples; ``group`` is always 0."""

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import product
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import pyarrow as pa
@@ -136,9 +136,13 @@ class Refining:
     def __init__(self, config: Config, refine: Refine) -> None:
         bodies, spin = config.bodies, config.spin
         assert isinstance(bodies, GridSource)
-        spins = {} if spin is None else {"n_i": spin.n_i, "omega_xy0": spin.omega_xy0}
+        launches: dict[str, Any] = {}
+        if spin is not None:
+            launches |= {"n_i": spin.n_i, "omega_xy0": spin.omega_xy0}
+        if losses := config.dissipation:
+            launches |= {name: losses.values(name) for name in ("sigma", "rolling")}
         axes = bodies.axes.values()
-        lengths = {name: len(values) for name, values in (spins | axes).items()}
+        lengths = {name: len(values) for name, values in (launches | axes).items()}
         self.names = tuple(lengths)
         self.shape = tuple(lengths.values())
         self.strides = strides(self.shape, refine.levels)
@@ -147,7 +151,7 @@ class Refining:
                 f"bodies.refine: no axis has {FEWEST} values or more, so there is nothing to leave "
                 "out; the axes are those of the finest grid"
             )
-        if refine.by not in runs_schema(config.record, config.model).names:
+        if refine.by not in runs_schema(config.parts, config.model).names:
             raise ConfigError(
                 f"bodies.refine.by: there is no column {refine.by} in these runs; have it "
                 "recorded, or take another"

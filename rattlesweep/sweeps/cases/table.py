@@ -30,8 +30,9 @@ Floats = NDArray[np.float64]
 
 LAUNCH = ("n_i", "omega_xy0")
 OMEGA, U = ("omega_x", "omega_y", "omega_z"), ("u_x", "u_y", "u_z")
-NULLABLE = ("t_end", "psi", "f_sd", "t_r", "c", "t_end_s")
-COLUMNS = (*PARAMETERS, *LAUNCH, *OMEGA, *U, *NULLABLE[:5])
+LOSSES = ("sigma", "rolling")
+NULLABLE = ("t_end", "psi", "f_sd", "t_r", "c", "t_end_s", "c_m")
+COLUMNS = (*PARAMETERS, *LAUNCH, *OMEGA, *U, *NULLABLE[:5], *LOSSES)
 # Of an output table, both the full state and the spin it has are there; so far may they differ.
 SPIN_SLACK = 1e-9
 
@@ -43,6 +44,9 @@ RULES: tuple[tuple[str, Callable[[Floats], NDArray[np.bool_]], str], ...] = (
     ("t_end", lambda t_end: t_end > MAX_TIME, f"at most {MAX_TIME:g} is allowed"),
     *((name, lambda omega: np.abs(omega) > MAX_SPEED, f"at most {MAX_SPEED:g} is allowed")
       for name in OMEGA),
+    *((name, lambda loss: loss < 0, "it must be at least 0") for name in LOSSES),
+    ("sigma", lambda sigma: sigma > MAX_SPEED, f"at most {MAX_SPEED:g} is allowed"),
+    ("rolling", lambda rolling: rolling > 1, "at most 1 is allowed"),
 )  # fmt: skip
 # And where there is no full state, which may have no oscillation.
 SPIN_RULES = (("omega_xy0", lambda omega: omega <= 0, "it must be positive"),)
@@ -74,7 +78,8 @@ def read_table(path: str, base: Path | None = None) -> tuple[dict[str, Floats], 
     -------
     columns : dict
         ``alpha .. xi``; ``n_i``, ``omega_xy0`` and ``psi`` where the table has a launch,
-        and ``omega_x .. u_z`` where it is a full state, which says the others;
+        and ``omega_x .. u_z`` where it is a full state, which says the others; ``sigma`` and
+        ``rolling`` where it has them;
         ``t_end`` where it has one, NaN for rows that have a ``t_r``: in an output table the
         ``t_end`` of a run that reversed is its result, not its horizon.
     measured : Measured

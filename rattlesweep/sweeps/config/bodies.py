@@ -26,9 +26,6 @@ ELLIPSOIDS = ("KL",)
 """Presets that are ellipsoids."""
 MAX_BODIES = 10**12
 MAX_SOBOL = 2**30
-GROUP = 7
-"""Samples that `draw: saltelli` draws together: at two points, and at the first with each of five
-parameters of the second."""
 
 
 class SdRanges(Base):
@@ -137,12 +134,24 @@ class SdSource(Surfaced):
     draw: Literal["random", "sobol", "saltelli"] = "random"
     """random: each body by itself; sobol: by a scrambled Sobol' sequence, whose points fill the
     ranges more evenly, so that shares and means come closer with as many samples; saltelli: seven
-    at a time that differ in one parameter each, for `rattlesweep sensitivity`."""
+    at a time, eight if c has a range, that differ in one parameter each, for `rattlesweep
+    sensitivity`."""
     target: Target | None = None
     """Keep only bodies with this torque coefficient; null: keep all."""
     c: Annotated[list[fields.C], *fields.number_or_interval()] | None = Field(
         default=None, description=f"A number, or a range [low, high]. {PARAMETERS['c'].meaning}"
     )
+
+    @property
+    def drawn(self) -> tuple[str, ...]:
+        """What is drawn from a range, in its order."""
+        varies = self.c is not None and self.c[0] < self.c[1]
+        return (*SdRanges.model_fields, *(["c"] if varies else []))
+
+    @property
+    def group(self) -> int:
+        """Samples that saltelli draws together: at two points, and with one parameter moved."""
+        return 2 + len(self.drawn)
 
     @field_validator("draw")
     @classmethod
@@ -220,7 +229,8 @@ class TableSource(Surfaced):
     path: str = Field(min_length=1, pattern=r"^[^\x00]*$")
     """CSV or Parquet file with columns alpha beta gamma theta phi xi (radians), and optionally
     n_i omega_xy0 t_end, which replace spin and horizon row by row, or a full state instead of
-    n_i omega_xy0: omega_x omega_y omega_z u_x u_y u_z."""
+    n_i omega_xy0: omega_x omega_y omega_z u_x u_y u_z; sigma and rolling replace those of
+    dissipation."""
     c: fields.C | None = Field(
         default=None, description=f"Of rows without a c. {PARAMETERS['c'].meaning}"
     )
@@ -358,6 +368,12 @@ class GridSource(Surfaced):
         """Whether its bodies have a vertical semi-axis of their own."""
         preset = getattr(self.base, "preset", None)
         return self.axes.c is not None or preset in ELLIPSOIDS
+
+    @property
+    def varying(self) -> dict[str, list[float]]:
+        """The values of each axis in their order, `c` behind the others where it is one."""
+        own = {} if self.c is None or len(self.c) == 1 else {"c": self.c}
+        return self.axes.values() | own
 
     @field_validator("c")
     @classmethod

@@ -1,18 +1,22 @@
 """The kinds of values that configs are made of: numbers with limits, lists, spaced values."""
 
 import math
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import (
     AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
+    Discriminator,
     Field,
+    Tag,
     WithJsonSchema,
     field_validator,
 )
 from pydantic_core import PydanticCustomError
+
+from rattlesweep.sweeps.config.yamlfile import is_number
 
 
 class Base(BaseModel):
@@ -186,17 +190,54 @@ def _as_list(value: Any) -> Any:
     return value
 
 
+def _several(**item: Any) -> list[dict[str, Any]]:
+    """JSON Schemas of a list of distinct numbers, and of spaced ones."""
+    numbers = {"type": "array", "items": {"type": "number", **item}, "minItems": 1,
+               "uniqueItems": True}  # fmt: skip
+    return [
+        numbers,
+        *({"type": "object", "properties": {name: _array(3)}, "required": [name],
+           "additionalProperties": False} for name in ("linspace", "logspace")),
+    ]  # fmt: skip
+
+
 def _numbers(**item: Any) -> Any:
     """Annotations of a list of distinct numbers that may be one number, or spaced ones."""
-    number = {"type": "number", **item}
-    spaced = [
-        {"type": "object", "properties": {name: _array(3)}, "required": [name],
-         "additionalProperties": False}
-        for name in ("linspace", "logspace")
-    ]  # fmt: skip
-    numbers = {"type": "array", "items": number, "minItems": 1, "uniqueItems": True}
-    schema = WithJsonSchema({"anyOf": [number, numbers, *spaced]})
-    return BeforeValidator(_as_list), AfterValidator(no_repeats), schema
+    return (
+        BeforeValidator(_as_list),
+        AfterValidator(no_repeats),
+        WithJsonSchema({"anyOf": [{"type": "number", **item}, *_several(**item)]}),
+    )
+
+
+TABLE = "table"
+"""The word for values that stand in the rows of a table."""
+
+
+def word_or_number(value: Any) -> str:
+    """Tag of a word, of a number or of several; quoted numbers count as numbers."""
+    if isinstance(value, list | dict):
+        return "several"
+    return "word" if isinstance(value, str) and not is_number(value) else "number"
+
+
+def _alone(values: list[Any]) -> Any:
+    """A list of one number is that number."""
+    return values[0] if len(no_repeats(values)) == 1 else values
+
+
+def losses(most: float) -> Any:
+    """Type of a number from 0 to a limit, which may be several, or stand in a table."""
+    number = Annotated[float, Field(ge=0, le=most)]
+    several = WithJsonSchema({"anyOf": _several(minimum=0, maximum=most)})
+    return Annotated[
+        Annotated[number, Tag("number")]
+        | Annotated[
+            list[number], BeforeValidator(_as_list), AfterValidator(_alone), several, Tag("several")
+        ]
+        | Annotated[Literal["table"], Tag("word")],
+        Discriminator(word_or_number),
+    ]
 
 
 def _unsigned_zero(spin: float) -> float:

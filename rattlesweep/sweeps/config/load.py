@@ -120,6 +120,9 @@ def physics_part(data: Mapping[str, Any]) -> dict[str, Any]:
 def physics_hash(config: Config) -> str:
     """SHA-256, in hex, of everything in the config that determines the stored numbers."""
     part = physics_part(_hashed(config, resolved(config)))
+    if config.bodies.source == "sd" and config.bodies.draw == "saltelli":
+        # Before, samples came seven at a time even where c had a range.
+        part |= {"group": config.bodies.group} if "c" in config.bodies.drawn else {}
     text = json.dumps(part, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
 

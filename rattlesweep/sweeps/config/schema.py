@@ -1,8 +1,10 @@
 """What a sweep is, as frozen models. Units are M = a = g = 1: times in sqrt(a/g)."""
 
+import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from itertools import product
 from typing import Annotated, Any, Literal, get_args
 
 from pydantic import (
@@ -20,24 +22,20 @@ from rattlesweep.sweeps.config.bodies import GridSource, PresetSource, SdSource,
 from rattlesweep.sweeps.config.fields import (
     MAX_SPEED,
     MAX_TIME,
+    TABLE,
     Base,
     OscillationNumbers,
     SpinNumbers,
     check_one,
+    losses,
     no_repeats,
+    word_or_number,
 )
 from rattlesweep.sweeps.config.integrator import Integrator
 from rattlesweep.sweeps.config.launch import State
 from rattlesweep.sweeps.config.places import Places, Problem, dotted
-from rattlesweep.sweeps.config.yamlfile import is_number
 
 MAX_CASES = 100_000
-
-
-def _word_or_number(value: Any) -> str:
-    # Quoted numbers count as numbers.
-    return "word" if isinstance(value, str) and not is_number(value) else "number"
-
 
 Bodies = Annotated[
     SdSource | PresetSource | TableSource | GridSource, Field(discriminator="source")
@@ -45,7 +43,7 @@ Bodies = Annotated[
 Psi = Annotated[
     Annotated[Literal["relevant", "pitch", "roll"], Tag("word")]
     | Annotated[Annotated[float, Field(ge=-360, le=360)], Tag("number")],
-    Discriminator(_word_or_number),
+    Discriminator(word_or_number),
 ]
 Record = Literal["energy", "contact", "windows", "lyapunov", "error", "reversals"]
 
@@ -65,31 +63,54 @@ class Spin(Base):
 
 
 class Horizon(Base):
-    """When a run ends that has not reversed. Where both are given, the smaller counts."""
+    """When a run ends that has not reversed. Where several are given, the smallest counts."""
 
     t_rgh: float | None = Field(default=None, gt=0, le=MAX_TIME)
     """In units of t_rGH, the reversal time of Garcia and Hubbard in the spin's direction."""
     t: float | None = Field(default=None, gt=0, le=MAX_TIME)
     """A time in sqrt(a/g)."""
+    t_decay: float | None = Field(default=None, gt=0, le=MAX_TIME)
+    """In units of gamma/sigma, in which dissipation.sigma takes an upright spin down to 1/e; for
+    runs with sigma 0 the others count."""
 
     @model_validator(mode="after")
     def _one_at_least(self) -> "Horizon":
-        check_one(self, "t_rgh", "t", both=True)
+        check_one(self, "t_rgh", "t", needed=self.t_decay is None, both=True)
         return self
 
 
 class Dissipation(Base):
-    """What takes energy from the body: nothing by default."""
+    """What takes energy from the body: nothing by default. Of several values each is combined with
+    every launch; `table` stands for the column of that name in a table of bodies, which counts
+    wherever there is one.
+    """
 
-    sigma: float = Field(default=0.0, ge=0, le=MAX_SPEED)
+    sigma: losses(MAX_SPEED) = 0.0  # type: ignore[valid-type]
     """Torque -sigma omega about the centre of mass, in M a^2 sqrt(g/a)."""
-    rolling: float = Field(default=0.0, ge=0, le=1)
+    rolling: losses(1) = 0.0  # type: ignore[valid-type]
     """Lever of the rolling resistance, in a: a moment of so much times the normal force against the
     angular velocity in the plane."""
 
+    def values(self, name: str) -> list[float | None]:
+        """Values of one of the two, in their order; None stands for those of a table."""
+        value: Any = getattr(self, name)
+        return [None] if value == TABLE else value if isinstance(value, list) else [value]
+
+    @property
+    def cases(self) -> list[tuple[float | None, float | None]]:
+        """Both, in every combination."""
+        return list(product(self.values("sigma"), self.values("rolling")))
+
+    @property
+    def kind(self) -> Literal["", "viscous", "rolling"]:
+        """What some run has: nothing, sigma alone, or a rolling resistance too."""
+        if any(self.values("rolling")) or self.rolling == TABLE:
+            return "rolling"
+        return "viscous" if any(self.values("sigma")) or self.sigma == TABLE else ""
+
     def __bool__(self) -> bool:
         """Whether there is any."""
-        return self.sigma > 0 or self.rolling > 0
+        return bool(self.kind)
 
 
 class Classify(Base):
@@ -132,6 +153,17 @@ def _are_plain(info: ValidationInfo) -> bool:
     return not info.data.get("dissipation") and not (bodies is not None and bodies.ellipsoidal)
 
 
+def _check_cases(data: Mapping[str, Any]) -> None:
+    """Refuse more cases than there can be; `data` are the keys that are right so far."""
+    target, spin = getattr(data.get("bodies"), "target", None), data.get("spin")
+    lost: Dissipation = data.get("dissipation") or Dissipation()
+    names = {"targets": target.values if target else [0]}
+    names |= {} if spin is None else {"n_i": spin.n_i, "omega_xy0": spin.omega_xy0}
+    names |= {name: lost.values(name) for name in ("sigma", "rolling")} if lost else {}
+    if (cases := math.prod(map(len, names.values()))) > MAX_CASES:
+        raise ValueError(f"{cases} cases ({' x '.join(names)}); at most {MAX_CASES} are possible")
+
+
 class Config(Base):
     """A sweep: which bodies, launched how, integrated with what, and written where."""
 
@@ -153,8 +185,8 @@ class Config(Base):
     of Garcia and Hubbard, without integration."""
     horizon: Horizon = Field(default_factory=lambda: Horizon(t_rgh=5.0))
     """When runs end that do not reverse."""
-    dissipation: Dissipation = Field(default_factory=lambda: Dissipation())
-    """What takes energy from the bodies of the full model, the same for all runs."""
+    dissipation: Dissipation = Field(default_factory=lambda: Dissipation(), validate_default=True)
+    """What takes energy from the bodies of the full model."""
     integrator: Integrator = Field(default_factory=lambda: Integrator())
     """How states move."""
     classify: Classify = Field(default_factory=lambda: Classify())
@@ -211,12 +243,7 @@ class Config(Base):
                     "omega_xy0, or a launch with omega and u"
                 )
             return None
-        target = getattr(bodies, "target", None)
-        cases = len(target.values if target else [0]) * len(spin.n_i) * len(spin.omega_xy0)
-        if cases > MAX_CASES:
-            raise ValueError(
-                f"{cases} cases (targets x n_i x omega_xy0); at most {MAX_CASES} are possible"
-            )
+        _check_cases({**info.data, "spin": spin})
         return spin
 
     @field_validator("integrator")
@@ -265,6 +292,26 @@ class Config(Base):
         if classify.early and not _are_plain(info):
             raise ValueError("early is for paraboloids without dissipation; leave it out")
         return classify
+
+    @field_validator("dissipation")
+    @classmethod
+    def _of_a_table(cls, dissipation: Dissipation, info: ValidationInfo) -> Dissipation:
+        bodies = info.data.get("bodies")
+        _check_cases({**info.data, "dissipation": dissipation})
+        for name in Dissipation.model_fields:
+            if getattr(dissipation, name) == TABLE and bodies and bodies.source != "table":
+                raise ValueError(
+                    f"{name} is that of a table, and the bodies are of source {bodies.source}; "
+                    "give a number, or several"
+                )
+        horizon, table = info.data.get("horizon"), bodies is not None and bodies.source == "table"
+        decays = table or any(dissipation.values("sigma"))
+        if horizon and horizon.t_decay is not None and not decays:
+            raise ValueError(
+                "horizon.t_decay is in units of gamma/sigma, and sigma is 0; give sigma, or "
+                "another horizon"
+            )
+        return dissipation
 
     @field_validator("dissipation")
     @classmethod

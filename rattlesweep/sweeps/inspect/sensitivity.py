@@ -8,7 +8,7 @@ Phys. Commun. 117, 35, 1999), else first-order ones from means in bins of a para
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.sweeps.config.bodies import GROUP, SdRanges, SdSource
+from rattlesweep.sweeps.config.bodies import SdSource
 from rattlesweep.sweeps.store.stored import Stored, open_stored
 from rattlesweep.sweeps.tables.cells import codes, floats
 from rattlesweep.sweeps.tables.types import TYPES
@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
     Integers = NDArray[np.int64]
 
-PARAMETERS = tuple(SdRanges.model_fields)
-"""Of bodies, as they are drawn."""
 TIMES = ("t_r", "log10 t_r")
 QUANTITIES = (*TIMES, *(f"P({name})" for name in TYPES))
 REPLICATES = 500
@@ -37,7 +35,7 @@ FEWEST = 64
 IN_BIN = 16
 """Values in a bin: more would blur what a quantity does within, fewer tell no variance."""
 _SEED = 20170427
-_COLUMNS = ("case", "sample", "t_r", "type", "status", "gamma", "f_sd", "theta", "phi", "xi")
+_COLUMNS = ("case", "sample", "t_r", "type", "status")
 
 
 @dataclass(frozen=True)
@@ -65,10 +63,11 @@ class Indices:
 
 @dataclass
 class Sensitivity:
-    """Indices of a sweep, by case, quantity and parameter."""
+    """Indices of a sweep, by case, quantity and parameter, of which these are all."""
 
     directory: Path
     draw: str
+    parameters: tuple[str, ...]
     cases: list[dict[str, Any]]
     rows: list[Indices]
 
@@ -105,34 +104,36 @@ def sensitivity(directory: Path) -> Sensitivity:
             "each other; indices need a sweep without bodies.target"
         )
     rows: list[Indices] = []
-    for case, sample, x, y in _cases(stored):
+    for case, sample, x, y in _cases(stored, bodies.drawn):
         for of, values in y.items():
-            rows += _of_values(case, of, sample, x, values, bodies.draw == "saltelli")
+            rows += _of_values(case, of, sample, dict(zip(bodies.drawn, x, strict=True)), values,
+                               bodies.group if bodies.draw == "saltelli" else 0)  # fmt: skip
     if not rows:
         raise OutputError(
             f"{directory}: no case has {FEWEST} values of anything that varies; it takes more runs"
         )
     cases = [case.model_dump(exclude_none=True) for case in manifest.cases]
-    return Sensitivity(directory, bodies.draw, cases, rows)
+    return Sensitivity(directory, bodies.draw, bodies.drawn, cases, rows)
 
 
-def _cases(stored: Stored) -> Iterator[tuple[int, Integers, Floats, dict[str, Floats]]]:
+def _cases(
+    stored: Stored, drawn: tuple[str, ...]
+) -> Iterator[tuple[int, Integers, Floats, dict[str, Floats]]]:
     """Case by case: samples, parameters of the shape (parameters, samples), and quantities."""
     parts: dict[int, list[tuple[Any, ...]]] = {}
-    for rows in stored.store.iter_batches(_COLUMNS, complete=True):
+    own = ["xi" if name == "minus_xi_deg" else name for name in drawn]
+    for rows in stored.store.iter_batches([*_COLUMNS, *own], complete=True):
         case = rows.column("case").to_numpy()
-        x = np.stack([floats(rows.column(name)) for name in _COLUMNS[5:]])
+        x = np.stack([floats(rows.column(name)) for name in own])
         ok = codes(rows.column("status"), ("ok",)) == 0
         kind = np.where(ok, codes(rows.column("type"), TYPES), -1)
         t_r = np.where(kind == 0, floats(rows.column("t_r")), np.nan)
         sample = rows.column("sample").to_numpy()
         for one in np.unique(case).tolist():
-            own = case == one
-            parts.setdefault(one, []).append((sample[own], x[:, own], t_r[own], kind[own]))
-    for one, own in sorted(parts.items()):
-        sample, x, t_r, kind = (
-            np.concatenate(arrays, axis=-1) for arrays in zip(*own, strict=True)
-        )
+            here = case == one
+            parts.setdefault(one, []).append((sample[here], x[:, here], t_r[here], kind[here]))
+    for one, arrays in sorted(parts.items()):
+        sample, x, t_r, kind = (np.concatenate(some, axis=-1) for some in zip(*arrays, strict=True))
         types = {
             f"P({name})": np.where(kind < 0, np.nan, kind == code)
             for code, name in enumerate(TYPES)
@@ -141,14 +142,19 @@ def _cases(stored: Stored) -> Iterator[tuple[int, Integers, Floats, dict[str, Fl
 
 
 def _of_values(
-    case: int, of: str, sample: Integers, x: Floats, y: Floats, designed: bool
+    case: int, of: str, sample: Integers, x: Mapping[str, Floats], y: Floats, group: int
 ) -> Iterator[Indices]:
-    """Indices of one quantity; nothing if it is too seldom or does not vary."""
+    """Indices of one quantity; nothing if it is too seldom or does not vary.
+
+    `x` are the parameters in their order, `group` is how many samples are drawn together, if they
+    are so for the sake of the indices.
+    """
+    designed = group > 0
     if designed:
-        f = np.full((GROUP, sample.max() // GROUP + 1), np.nan)
-        f[sample % GROUP, sample // GROUP] = y
-    for place, name in enumerate(PARAMETERS):
-        runs = f[[0, 1, 2 + place]] if designed else np.stack([bins_of(x[place], y), y])
+        f = np.full((group, sample.max() // group + 1), np.nan)
+        f[sample % group, sample // group] = y
+    for place, (name, values) in enumerate(x.items()):
+        runs = f[[0, 1, 2 + place]] if designed else np.stack([bins_of(values, y), y])
         together = runs.shape[0] if designed else 1
         done = together * runs.shape[1]
         runs = runs[:, np.isfinite(runs).all(axis=0)]

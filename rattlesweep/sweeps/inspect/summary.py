@@ -57,7 +57,8 @@ class Summary:
                 for name in ("K_p", "K_r")
             },
             "n_i": _values(case.n_i for case in self._cases),
-            "omega_xy0": _values(case.omega_xy0 for case in self._cases),
+            **{name: _values(getattr(case, name) for case in self._cases)
+               for name in ("omega_xy0", "sigma", "rolling")},
             **self.cells.columns(),
         }  # fmt: skip
         return build_table(columns, summary_schema())
@@ -101,6 +102,8 @@ def _values(values: Iterable[float | None]) -> NDArray[np.float64]:
 _SHOWN = {
     "n_i": ("n_i", ".4g"),
     "omega_xy0": ("omega_xy0", ".4g"),
+    "sigma": ("sigma", ".4g"),
+    "rolling": ("rolling", ".4g"),
     "runs": ("runs", "d"),
     "fraction_R": ("R", ".3f"),
     "fraction_SS": ("SS", ".3f"),
@@ -116,18 +119,24 @@ _SHOWN = {
 }
 
 
+def absent_columns(summary: pa.Table) -> set[str]:
+    """Columns that say nothing of these cases: of what they do not have, or all share."""
+    cases = len(summary)
+    optional = ("sensitive", "unsure", "fraction_D")
+    return {n for n in optional if summary.column(n).null_count == cases} | {
+        n for n in ("sigma", "rolling") if len(summary.column(n).unique()) < 2
+    }
+
+
 def closing_table(summary: pa.Table) -> str:
     """Lay a summary out as an aligned text table about 100 characters wide.
 
     ``t_r`` and ``t_r/t_rGH`` are means over type R, the latter of the ratio of each run; what there
-    is nothing of is "-". Sensitive runs and unsure types are shown where errors are recorded, and
-    type D where there is dissipation.
+    is nothing of is "-". Sensitive runs and unsure types are shown where errors are recorded, type
+    D where there is dissipation, and what this is where cases differ in it.
     """
     shown_columns = {
-        name: how
-        for name, how in _SHOWN.items()
-        if name not in ("sensitive", "unsure", "fraction_D")
-        or summary.column(name).null_count < len(summary)
+        name: how for name, how in _SHOWN.items() if name not in absent_columns(summary)
     }
     lines = [["case", "target", *(heading for heading, _ in shown_columns.values())]]
     for row in summary.to_pylist():

@@ -72,11 +72,14 @@ def _fixed(part: dict[str, Any]) -> dict[str, Any]:
         values = {name: [] if name in ("K_r", "K_p") else value for name, value in target.items()}
         bodies["target"] = values
     spin = None if spin is None else spin | {"n_i": [], "omega_xy0": []}
-    return part | {"bodies": bodies, "spin": spin}
+    # By what they lose at all runs have their kernel.
+    losses = part["dissipation"]
+    losses = losses | {"sigma": [] if losses["sigma"] else 0.0}
+    return part | {"bodies": bodies, "spin": spin, "dissipation": losses}
 
 
 def _key(case: Case | StoredCase) -> tuple[Any, ...]:
-    return case.target_name, case.target, case.n_i, case.omega_xy0
+    return case.target_name, case.target, case.n_i, case.omega_xy0, case.sigma, case.rolling
 
 
 def _targets(config: Config) -> Sequence[float]:

@@ -90,13 +90,15 @@ class Receipt(_Part):
 
 
 class StoredCase(_Part):
-    """A case; a target is there only where it has one."""
+    """A case; a target is there only where it has one, and dissipation likewise."""
 
     case: Count
     K_p: float | None = None
     K_r: float | None = None
     n_i: float | None = None
     omega_xy0: float | None = None
+    sigma: float | None = None
+    rolling: float | None = None
 
     @property
     def target_name(self) -> str | None:
@@ -249,8 +251,15 @@ class Manifest(_Part):
             targets = 1 if target is None else len(target.values)
             spin = config.spin
             launches = 1 if spin is None else len(spin.n_i) * len(spin.omega_xy0)
-            if len(cases) != targets * launches:
+            if len(cases) != targets * launches * len(config.dissipation.cases):
                 raise ValueError("they are not those of its config")
+        if config is not None and config.dissipation:
+            # Manifests of before do not say of each what all share.
+            shared = zip(("sigma", "rolling"), config.dissipation.cases[0], strict=True)
+            for name, value in shared:
+                for case in cases:
+                    if value is not None and getattr(case, name) is None:
+                        setattr(case, name, value)
         return cases
 
     @model_validator(mode="after")
@@ -315,6 +324,11 @@ class Manifest(_Part):
                     n_i=case.n_i,
                     omega_xy0=case.omega_xy0,
                     **({case.target_name: case.target} if case.target_name else {}),
+                    **{
+                        name: value
+                        for name in ("sigma", "rolling")
+                        if (value := getattr(case, name)) is not None
+                    },
                 )
                 for case in plan.cases
             ],

@@ -24,6 +24,8 @@ COLUMNS = ("n_i", "K_p", "omega_p", "n_c1", "t_rgh", "t_r", "type", "status", "n
 """Columns of `runs` that `Cells.add` reads."""
 ERRORS = ("t_r_error", "type_sure")
 """Columns that it reads too, where they are recorded."""
+LOSSES = ("energy_left", "sigma", "rolling")
+"""And where there is dissipation."""
 SENSITIVE = 1e-6
 """A run is sensitive if its ``t_r_error`` is a larger share of ``t_r``."""
 Z95 = 1.959963984540054
@@ -32,7 +34,7 @@ Z95 = 1.959963984540054
 
 def columns_for(config: Config) -> tuple[str, ...]:
     """Columns of the runs of a sweep that `Cells.add` reads."""
-    losses = ("energy_left",) if config.dissipation else ()
+    losses = LOSSES if config.dissipation else ()
     return (*COLUMNS, *(ERRORS if "error" in config.record else ()), *losses)
 
 
@@ -87,9 +89,9 @@ class Cells:
         Runs, those with status ``ok``, and of these the runs of each of `TYPES`; of D only if the
         runs have dissipation.
     steady, bondi
-        Runs in the steady direction that have a theory (``omega_p`` is not null), and of these
-        the ones past Bondi's threshold, ``abs(n_c1) < abs(n_i)``. In the other direction the pitch
-        always grows.
+        Runs in the steady direction that have a theory (``omega_p`` is not null) and no
+        dissipation, and of these the ones past Bondi's threshold, ``abs(n_c1) < abs(n_i)``. In the
+        other direction the pitch always grows.
     near_tangencies
         Sum over the runs.
     t_r, ratio : Moments
@@ -132,6 +134,10 @@ class Cells:
         for code, name in enumerate(TYPES):
             np.add.at(self._types[name], cell[ok & (kind == code)], 1)
         steady = np.isfinite(omega_p) & ~unsteady(K_p, n_i)
+        if "energy_left" in rows.schema.names:
+            self.has_losses = True
+            for name in ("sigma", "rolling"):
+                steady &= floats(rows.column(name))[kept] == 0
         np.add.at(self.steady, cell[steady], 1)
         # A null threshold is NaN here, which is below nothing.
         np.add.at(self.bondi, cell[steady & (np.abs(n_c1) < np.abs(n_i))], 1)
@@ -144,7 +150,6 @@ class Cells:
         with np.errstate(over="ignore"):
             self.ratio.add(cell[timed], t_r[timed] / t_rgh[timed])
         self.t_rgh.add(cell[known], t_rgh[known])
-        self.has_losses |= "energy_left" in rows.schema.names
         if "t_r_error" in rows.schema.names:
             self.has_errors = True
             error = floats(rows.column("t_r_error"))[kept]

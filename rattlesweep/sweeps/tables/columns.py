@@ -20,6 +20,7 @@ TIME = "sqrt(a/g)"
 RATE = "sqrt(g/a)"
 ENERGY = "M g a"
 FORCE = "M g"
+DAMPING = "M a^2 sqrt(g/a)"
 
 F64, I32, I64 = pa.float64(), pa.int32(), pa.int64()
 FLAG, TEXT = pa.bool_(), pa.string()
@@ -97,7 +98,7 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
         field("c", F64, "a", "vertical semi-axis of the ellipsoid below; null: a paraboloid"),
     ),
     "dissipation": (
-        required("sigma", F64, "M a^2 sqrt(g/a)", "torque -sigma omega"),
+        required("sigma", F64, DAMPING, "torque -sigma omega"),
         required("rolling", F64, "a", "lever of the rolling resistance"),
         field("growth", F64, RATE,
               "growth rate of the relevant oscillation at n_i, damping counted; null with "
@@ -215,6 +216,8 @@ SUMMARY: tuple[pa.Field, ...] = (
           "mean t_r_error of type R: what t_r_mean inherits from its runs at most"),
     field("fraction_D", F64, "1",
           "share of type D among runs with status ok; null without dissipation"),
+    field("sigma", F64, DAMPING, "torque -sigma omega; null: no dissipation, or rows differ"),
+    field("rolling", F64, "a", "lever of the rolling resistance; null likewise"),
 )
 """Columns of `summary` in their order."""
 # fmt: on
