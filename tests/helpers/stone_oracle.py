@@ -7,35 +7,30 @@ body-fixed components, ``z`` down at rest.
 """
 
 import math
+from functools import cache
 
 import numpy as np
 import oracle
+from oracle import cross, matrix_of
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 SMOOTHING = 1e-4
 
 
-def matrix_of(v):
-    """The matrix of ``v x``."""
-    x, y, z = v
-    return np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-
-
-def ellipsoid_of(body):
+@cache
+def ellipsoid(theta, phi, xi, c):
     """Centre and matrix ``E`` of the ellipsoid ``x.E^-1 x = 1``, from its semi-axes."""
-    c = oracle.get(body, "c")
     turn = np.eye(3)
-    turn[:2, :2] = oracle.rotation(oracle.get(body, "xi"))
-    squares = c / oracle.get(body, "theta"), c / oracle.get(body, "phi"), c**2
-    return np.array([0, 0, 1 - c]), turn @ np.diag(squares) @ turn.T
+    turn[:2, :2] = oracle.rotation(xi)
+    return np.array([0, 0, 1 - c]), turn @ np.diag([c / theta, c / phi, c**2]) @ turn.T
 
 
 def contact(u, du, body):
     """The contact point from the centre of mass, and its rate in the body's frame."""
     if body.get("c") is None:
         return oracle.contact_point(u, body), oracle.contact_point_dot(u, du, body)
-    centre, e = ellipsoid_of(body)
+    centre, e = ellipsoid(*(oracle.get(body, name) for name in ("theta", "phi", "xi", "c")))
     # The outward normal at the contact points down.
     s = np.sqrt(u @ e @ u)
     return centre - e @ u / s, -e @ du / s + e @ u * (u @ e @ du) / s**3
@@ -44,18 +39,18 @@ def contact(u, du, body):
 def forces(y, body, sigma=0.0, rolling=0.0):
     """Angular acceleration, contact force, and the power of the friction."""
     u, w = y[:3], y[3:6]
-    r, dr = contact(u, np.cross(u, w), body)
-    inertia = oracle.inertia(body)
+    r, dr = contact(u, cross(u, w), body)
+    inertia = oracle.matrices(body)[2]
     across = w - (u @ w) * u
     direction = across / np.sqrt(across @ across + SMOOTHING**2)
     left, right = np.zeros((6, 6)), np.zeros(6)
     # dv/dt of v = r x omega in space is F - u.
     left[:3, :3], left[:3, 3:] = matrix_of(r), -np.eye(3)
-    right[:3] = -u - np.cross(dr, w) - np.cross(w, np.cross(r, w))
+    right[:3] = -u - cross(dr, w) - cross(w, cross(r, w))
     # I domega/dt + omega x I omega = r x F - sigma omega - rolling (F.u) direction
     left[3:, :3] = inertia
     left[3:, 3:] = -matrix_of(r) + rolling * np.outer(direction, u)
-    right[3:] = -np.cross(w, inertia @ w) - sigma * w
+    right[3:] = -cross(w, inertia @ w) - sigma * w
     found = np.linalg.solve(left, right)
     force = found[3:]
     if rolling and force @ u < 0:
@@ -68,15 +63,15 @@ def forces(y, body, sigma=0.0, rolling=0.0):
 def rhs(t, y, body, sigma=0.0, rolling=0.0):
     """Rates of ``u, omega`` and the work."""
     acceleration, _, power = forces(y, body, sigma, rolling)
-    return np.concatenate([np.cross(y[:3], y[3:6]), acceleration, [power]])
+    return np.concatenate([cross(y[:3], y[3:6]), acceleration, [power]])
 
 
 def energy(y, body):
     """Kinetic and potential energy, the latter 0 upright."""
     u, w = y[:3], y[3:6]
     r, _ = contact(u, np.zeros(3), body)
-    v = np.cross(r, w)
-    return 0.5 * (v @ v + w @ oracle.inertia(body) @ w) - r @ u - 1
+    v = cross(r, w)
+    return 0.5 * (v @ v + w @ oracle.matrices(body)[2] @ w) - r @ u - 1
 
 
 def follow(body, u, omega, t_end, sigma=0.0, rolling=0.0, tol=1e-13):
@@ -87,9 +82,9 @@ def follow(body, u, omega, t_end, sigma=0.0, rolling=0.0, tol=1e-13):
 
 
 def first_zero(found, value, samples=40_000):
-    """The first zero of a function of the state along a solution, None if there is none."""
+    """The first zero of a function of the state (or of columns of them), None if there is none."""
     times = np.linspace(0, found.t[-1], samples)
-    values = np.array([value(y) for y in found.sol(times).T])
+    values = value(found.sol(times))
     changes = np.flatnonzero(values[1:] * values[:-1] < 0)
     if not changes.size:
         return None
@@ -113,16 +108,17 @@ def kane_levinson(omega_3, sigma=0.0, t_end=12.0):
 
     def rates(t, y):
         u, w = y[:3], y[3:]
-        du = np.cross(u, w)
+        du = cross(u, w)
         s = np.sqrt(u @ e @ u)
         r, dr = centre - e @ u / s, -e @ du / s + e @ u * (u @ e @ du) / s**3
         left = KL_INERTIA + matrix_of(r).T @ matrix_of(r)
         # Angular momentum about the contact, with the force of the plane eliminated.
-        push = np.cross(dr, w) + np.cross(w, np.cross(r, w)) + KL_GRAVITY * u
-        right = np.cross(r, push) - np.cross(w, KL_INERTIA @ w) - sigma * w
+        push = cross(dr, w) + cross(w, cross(r, w)) + KL_GRAVITY * u
+        right = cross(r, push) - cross(w, KL_INERTIA @ w) - sigma * w
         return np.concatenate([du, np.linalg.solve(left, right)])
 
     down = np.array([-math.cos(tilt) * math.sin(tilt), math.sin(tilt), math.cos(tilt) ** 2])
     found = solve_ivp(rates, (0, t_end), [*-down, 0, 0, omega_3], "DOP853", dense_output=True,
-                      rtol=1e-13, atol=1e-15)  # fmt: skip
-    return first_zero(found, lambda y: y[:3] @ y[3:]), first_zero(found, lambda y: y[5])
+                      rtol=1e-11, atol=1e-13)  # fmt: skip
+    spin = first_zero(found, lambda y: np.sum(y[:3] * y[3:], axis=0))
+    return spin, first_zero(found, lambda y: y[5])

@@ -158,7 +158,8 @@ def tapped_oracle(omega_xy0: float, psi: float, t_end: float) -> tuple[float, fl
     path = solve_ivp(oracle.rhs, (0, t_end), y0, args=(BODY,), method="DOP853", rtol=1e-12,
                      atol=1e-15, dense_output=True)  # fmt: skip
     times = np.arange(0.0, t_end, 0.01)
-    n = np.array([oracle.spin(path.sol(t)) for t in times])
+    y = path.sol(times)
+    n = np.sum(y[:3] * y[3:], axis=0)
     begin = int(np.argmax(np.abs(n) > far))
     turn = begin + int(np.argmax(n[begin:] * n[begin] <= 0))
     zero = brentq(lambda t: oracle.spin(path.sol(t)), times[turn - 1], times[turn], xtol=1e-13)
