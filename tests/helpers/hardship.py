@@ -80,6 +80,10 @@ class Child:
         """Send a signal."""
         os.kill(self.pid, number)
 
+    def go_on(self) -> None:
+        """Let the blocks go on that ``hold`` keeps back."""
+        self.kill(signal.SIGUSR1)
+
     def ended(self) -> bool:
         """Whether it has ended."""
         return self._nursery.code(self._number, 0) is not None
@@ -115,6 +119,7 @@ class Nursery:
         ----------
         how
             ``calls``: arguments of `syscalls.Calls`. ``pace``: seconds that each block takes.
+            ``hold``: how many blocks are done before `Child.go_on`.
             ``uid``: user to become. ``fsize``: largest file that may be written, in bytes.
         """
         self._number += 1

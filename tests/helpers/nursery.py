@@ -113,6 +113,19 @@ def _prepare(order: dict[str, Any]) -> None:
             return finish(*args, control=control, **kwargs)
 
         remainder.finish_block = slowly
+    if "hold" in order:
+        honest, passed, released = remainder.finish_block, [], []
+        signal.signal(signal.SIGUSR1, lambda *_: released.append(True))
+
+        def held(*args: Any, control: Any, **kwargs: Any) -> Any:
+            while len(passed) >= order["hold"] and not released:
+                if control.stopping:
+                    raise remainder.Interrupted
+                time.sleep(0.005)
+            passed.append(None)
+            return honest(*args, control=control, **kwargs)
+
+        remainder.finish_block = held
     if "calls" in order:
         calls = dict(order["calls"])
         log = calls.pop("log", None)

@@ -31,7 +31,7 @@ from syscalls import CHANGES, Calls
 CONFIGS = Path(__file__).parents[2] / "configs"
 
 
-@pytest.mark.parametrize("stride", [5, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("stride", [10, pytest.param(1, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", SCENES)
 def test_killed_at_every_call(name, stride, tmp_path, record_property):
     scene = make_scene(name, tmp_path)

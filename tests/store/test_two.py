@@ -47,10 +47,11 @@ def sweep(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Referen
     return finished_sweep(tmp_path_factory.mktemp("sweep"))
 
 
-def at_work(config: Path, output: Path, *options: str, pace: float = 0.1) -> Child:
-    """A sweep that takes a while, and holds its directory."""
-    child = nursery().start("run", config, "--output", output, "-q", *options, pace=pace)
-    wait_until(lambda: child.ended() or blocks_of(output))
+def at_work(config: Path, output: Path, *options: str, **how: Any) -> Child:
+    """A sweep that holds its directory after a block, until it is let go on."""
+    how, before = how or {"hold": 1}, len(blocks_of(output))
+    child = nursery().start("run", config, "--output", output, "-q", *options, **how)
+    wait_until(lambda: child.ended() or len(blocks_of(output)) > before)
     assert not child.ended(), child.wait()
     return child
 
@@ -84,6 +85,7 @@ def test_a_second_run_is_told_who_works_there(sweep, tmp_path):
     ):
         done = nursery().run(*command)
         assert told_who(done, first, output, *args), done
+    first.go_on()
     first.kill(signal.SIGCONT)
     assert first.wait().code == 0
     check_finished(output, reference)
@@ -157,11 +159,10 @@ def test_a_directory_that_is_moved_is_left_alone(then, sweep, tmp_path):
     output.rename(moved)
     other: Child | None = None
     if then == "another sweep":
-        other = nursery().start("run", config, "--output", output, "--set", "seed=1", "-q",
-                                pace=0.1)  # fmt: skip
-        wait_until(lambda: blocks_of(output))
+        other = at_work(config, output, "--set", "seed=1")
     elif then == "an empty directory":
         (output / "runs").mkdir(parents=True)
+    first.go_on()
     first.kill(signal.SIGCONT)
     done = first.wait()
     assert done.code == 1, done
@@ -169,6 +170,7 @@ def test_a_directory_that_is_moved_is_left_alone(then, sweep, tmp_path):
     assert "has been moved, removed or replaced while it was in use" in done.err
     if other is not None:
         assert holder(output) is not None
+        other.go_on()
         assert other.wait().code == 0
         assert not set(blocks_of(output).values()) & set(reference.runs.values())
         assert verify(output).problems == []
@@ -210,9 +212,9 @@ def test_without_locks_two_do_the_same_blocks_twice(sweep, tmp_path):
     no_locks = {"root": output, "kinds": ("lock",), "at": 0, "number": errno.ENOLCK,
                 "for_good": True}  # fmt: skip
     args = ("run", config, "--output", output, "-q")
-    first = nursery().start(*args, pace=0.1, calls=no_locks)
-    wait_until(lambda: blocks_of(output))
-    second = nursery().start(*args, pace=0.1, calls=no_locks)
+    first = at_work(config, output, hold=1, calls=no_locks)
+    second = nursery().start(*args, calls=no_locks)
+    first.go_on()
     assert first.wait().code == 0
     assert second.wait().code == 0
     assert blocks_of(output) == reference.runs
@@ -235,7 +237,9 @@ def test_only_a_lock_says_that_nobody_else_is_there(lock, alone, tmp_path, monke
 def test_two_shards_at_once_share_a_directory(sweep, tmp_path):
     config, _, reference = sweep
     output = tmp_path / "out"
-    shards = [at_work(config, output, "--shard", f"{k}/2", pace=0.1) for k in range(2)]
+    shards = [at_work(config, output, "--shard", f"{k}/2") for k in range(2)]
+    for shard in shards:
+        shard.go_on()
     done = [shard.wait() for shard in shards]
     assert [end.code for end in done] == [0, 0], done
     check_finished(output, reference)
@@ -281,6 +285,7 @@ def test_the_same_share_twice_or_all_of_it_is_refused(sweep, tmp_path):
     for command in (who, run, (*run, "--fresh"), ("classify", output, "--set", OTHER_TYPES)):
         done = nursery().run(*command)
         assert told_who(done, first, output, *who), done
+    first.go_on()
     first.kill(signal.SIGCONT)
     assert first.wait().code == 0
     assert nursery().run(*run).code == 0
@@ -290,7 +295,8 @@ def test_the_same_share_twice_or_all_of_it_is_refused(sweep, tmp_path):
 def test_a_shard_that_is_killed_leaves_the_others_alone(sweep, tmp_path):
     config, _, reference = sweep
     output = tmp_path / "out"
-    shards = [at_work(config, output, "--shard", f"{k}/2", pace=0.1) for k in range(2)]
+    shards = [at_work(config, output, "--shard", f"{k}/2") for k in range(2)]
+    shards[1].go_on()
     shards[0].kill()
     assert shards[0].wait().code == -signal.SIGKILL
     assert shards[1].wait().code == 0

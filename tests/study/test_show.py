@@ -249,10 +249,16 @@ def open_page(window: Browser, page: Path, **wishes: Any) -> Browser:
     """The page anew, in a small window, since software draws slowly."""
     window.console.clear()
     window.requests.clear()
-    window.size(**({"width": 420, "height": 600, "still": True} | wishes))
+    window.size(**({"width": 340, "height": 460, "still": True} | wishes))
     window.open(page)
     window.frame()
     return window
+
+
+@pytest.fixture(scope="module")
+def opened(window: Browser, page: Path) -> Browser:
+    """The page for tests that leave it as it was: drawing it first takes most of their time."""
+    return open_page(window, page)
 
 
 def pixels(window: Browser) -> Any:
@@ -272,8 +278,8 @@ def time_of(window: Browser) -> float:
 
 
 @needs_browser
-def test_it_draws_and_asks_nothing_of_anyone(window: Browser, page: Path):
-    open_page(window, page)
+def test_it_draws_and_asks_nothing_of_anyone(opened: Browser, page: Path):
+    window = opened
     first = pixels(window)
     # A body of some size before a plane, not one colour.
     assert first[..., :3].std() > 0.05
@@ -286,11 +292,12 @@ def test_it_draws_and_asks_nothing_of_anyone(window: Browser, page: Path):
     asked = "fetch('http://127.0.0.1:9/').then(() => 'sent', () => 'refused')"
     assert window.run(asked) == "refused"
     assert any("Content Security Policy" in line for line in window.console)
+    window.console.clear()
 
 
 @needs_browser
-def test_the_drawn_body_touches_the_plane_and_hardly_slips(window: Browser, page: Path):
-    open_page(window, page)
+def test_the_drawn_body_touches_the_plane_and_hardly_slips(opened: Browser):
+    window = opened
     times = np.concatenate([scene().t[7:500:61], np.linspace(3.01, 128.9, 30)])
     step = 1e-3
     asked = np.concatenate([times, times - step, times + step]).tolist()
@@ -317,8 +324,8 @@ def test_the_drawn_body_touches_the_plane_and_hardly_slips(window: Browser, page
 
 
 @needs_browser
-def test_the_drawn_surface_is_the_true_one(window: Browser, page: Path):
-    open_page(window, page)
+def test_the_drawn_surface_is_the_true_one(opened: Browser):
+    window = opened
     for t in (0.0, 77.7):
         window.run(f"show.goTo({t})")
         window.frame()
@@ -335,6 +342,29 @@ def test_the_drawn_surface_is_the_true_one(window: Browser, page: Path):
         # Its lowest corner is on the plane but for the distance of two corners.
         assert -1e-6 < points[:, 5].min() < 2e-3
         assert np.ptp(points[:, 5]) > 0.5
+
+
+@needs_browser
+def test_the_camera_turns_comes_nearer_and_returns(opened: Browser):
+    window = opened
+    at = "show.scene.camera.position.toArray()"
+    first = np.array(window.run(at))
+    x, y = window.centre("#view")
+    window.mouse((x, y), (x + 40, y + 10), (x + 90, y + 20))
+    dragged = np.array(window.run(at))
+    assert np.linalg.norm(dragged - first) > 1
+    assert np.linalg.norm(dragged) == pytest.approx(np.linalg.norm(first), rel=0.05)
+    window.key("ArrowRight", shift=True)
+    assert np.linalg.norm(np.array(window.run(at)) - dragged) > 0.5
+    before = np.linalg.norm(window.run(at))
+    window.key("+")
+    nearer = np.linalg.norm(window.run(at))
+    assert nearer < 0.95 * before
+    window.call("Input.dispatchMouseEvent", type="mouseWheel", x=x, y=y, deltaX=0, deltaY=240)
+    window.until(f"Math.hypot(...{at}) > {nearer * 1.05}")
+    window.click("#reset")
+    np.testing.assert_allclose(window.run(at), first, rtol=1e-9, atol=1e-9)
+    assert window.console == []
 
 
 @needs_browser
@@ -406,29 +436,6 @@ def test_it_works_with_the_keyboard_alone(window: Browser, page: Path):
 
 
 @needs_browser
-def test_the_camera_turns_comes_nearer_and_returns(window: Browser, page: Path):
-    open_page(window, page)
-    at = "show.scene.camera.position.toArray()"
-    first = np.array(window.run(at))
-    x, y = window.centre("#view")
-    window.mouse((x, y), (x + 40, y + 10), (x + 90, y + 20))
-    dragged = np.array(window.run(at))
-    assert np.linalg.norm(dragged - first) > 1
-    assert np.linalg.norm(dragged) == pytest.approx(np.linalg.norm(first), rel=0.05)
-    window.key("ArrowRight", shift=True)
-    assert np.linalg.norm(np.array(window.run(at)) - dragged) > 0.5
-    before = np.linalg.norm(window.run(at))
-    window.key("+")
-    nearer = np.linalg.norm(window.run(at))
-    assert nearer < 0.95 * before
-    window.call("Input.dispatchMouseEvent", type="mouseWheel", x=x, y=y, deltaX=0, deltaY=240)
-    window.until(f"Math.hypot(...{at}) > {nearer * 1.05}")
-    window.click("#reset")
-    np.testing.assert_allclose(window.run(at), first, rtol=1e-9, atol=1e-9)
-    assert window.console == []
-
-
-@needs_browser
 def test_motion_begins_by_itself_unless_less_is_wanted(window: Browser, page: Path):
     open_page(window, page, still=False)
     assert window.run("show.state.playing") is True
@@ -436,20 +443,22 @@ def test_motion_begins_by_itself_unless_less_is_wanted(window: Browser, page: Pa
 
 
 @needs_browser
-@pytest.mark.parametrize("width", [840, 420])
-def test_light_and_dark_wide_and_narrow(window: Browser, page: Path, width: int):
-    open_page(window, page, width=width, height=520)
-    # Nothing runs out of the window at the side.
-    assert window.run("document.documentElement.scrollWidth") <= width
-    side = window.run("document.querySelector('aside').getBoundingClientRect().left")
-    assert side > 400 if width == 840 else side < 30
-    grounds = []
-    for dark in (False, True):
-        # The page hears of the change while it is open.
-        window.size(width, 520, dark=dark, still=True)
+def test_light_and_dark_wide_and_narrow(window: Browser, page: Path):
+    open_page(window, page)
+    for width in (840, 340):
+        # The page hears of the changes while it is open.
+        window.size(width, 420, still=True)
         window.frame()
-        grounds.append(pixels(window)[..., :3].mean())
-    assert grounds[0] > 2 * grounds[1]
+        # Nothing runs out of the window at the side.
+        assert window.run("document.documentElement.scrollWidth") <= width
+        side = window.run("document.querySelector('aside').getBoundingClientRect().left")
+        assert side > 400 if width == 840 else side < 30
+        grounds = []
+        for dark in (False, True):
+            window.size(width, 420, dark=dark, still=True)
+            window.frame()
+            grounds.append(pixels(window)[..., :3].mean())
+        assert grounds[0] > 2 * grounds[1]
     assert window.console == []
 
 
