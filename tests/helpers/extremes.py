@@ -201,12 +201,12 @@ def touches(body, omega_xy0, direction, count=2, t_end=20.0):
     return found
 
 
-def pairs():
+def pairs(grazing=GRAZING, count=2):
     """Cases beside the touches, from a thousandth to 1e-13 of the spin away."""
     return [
         Case(f"{name}, touch {k + 1}, {away:+.0e}", body, n * (1 + away), omega, 20.0)
-        for name, body, omega, direction in GRAZING
-        for k, n in enumerate(touches(body, omega, direction))
+        for name, body, omega, direction in grazing
+        for k, n in enumerate(touches(body, omega, direction, count))
         for away in BESIDE
     ]
 

@@ -28,7 +28,7 @@ EPS = np.array([[0.0, 1.0], [-1.0, 0.0]])  # Eq. lin-u
 
 
 def cross(a, b):
-    """a x b; NumPy's own takes ten times as long."""
+    """Vector product; NumPy's own takes ten times as long."""
     (a0, a1, a2), (b0, b1, b2) = a.tolist(), b.tolist()
     return np.array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])
 

@@ -403,26 +403,19 @@ def python(code, **environment):
 
 def pool(layer):
     """In a fresh process: results before a fork, and of a pool of forked processes."""
-    before = states("rk4")
+    before = states("dop853")
     assert numba.threading_layer() == layer
     with multiprocessing.get_context("fork").Pool(2) as workers:
-        after = workers.map(states, ["rk4"] * 4)
+        after = workers.map(states, ["dop853"] * 4)
     assert after == [before] * 4
-    assert states("rk4") == before
-
-
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
-@pytest.mark.parametrize("layer", ["omp", "workqueue"])
-def test_a_pool_that_is_forked_after_the_first_use_works(layer):
-    done = python(f"import test_kernel_cache as t; t.pool({layer!r})", NUMBA_THREADING_LAYER=layer)
-    assert (done.returncode, done.stderr) == (0, "")
+    assert states("dop853") == before
 
 
 def side_by_side():
     """In a fresh process: several threads that integrate."""
-    whole, found = states("rk4"), []
+    whole, found = states("dop853"), []
     threads = [
-        threading.Thread(target=lambda: found.extend(states("rk4") for _ in range(20)))
+        threading.Thread(target=lambda: found.extend(states("dop853") for _ in range(20)))
         for _ in range(4)
     ]
     for thread in threads:
@@ -432,9 +425,11 @@ def side_by_side():
     assert found == [whole] * 80
 
 
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
 @pytest.mark.parametrize("layer", ["omp", "workqueue"])
-def test_threads_integrate_side_by_side(layer):
-    done = python("import test_kernel_cache as t; t.side_by_side()", NUMBA_THREADING_LAYER=layer)
+def test_threads_and_a_pool_that_is_forked_after_the_first_use_integrate(layer):
+    code = f"import test_kernel_cache as t; t.side_by_side(); t.pool({layer!r})"
+    done = python(code, NUMBA_THREADING_LAYER=layer)
     assert (done.returncode, done.stderr) == (0, "")
 
 
@@ -442,10 +437,11 @@ def test_threads_integrate_side_by_side(layer):
     ("setting", "said"),
     [
         ("NUMBA_NUM_THREADS=0", "it must be a whole number from 1 to 4096"),
-        ("NUMBA_NUM_THREADS=many", "it must be a whole number from 1 to 4096"),
+        pytest.param("NUMBA_NUM_THREADS=many", "it must be a whole number from 1 to 4096",
+                     marks=pytest.mark.slow),
         ("NUMBA_THREADING_LAYER=nonsense", "The threading layer requested 'nonsense' is unknown"),
     ],
-)
+)  # fmt: skip
 def test_a_setting_that_cannot_be_is_one_sentence(setting, said, tmp_path):
     config = Path(__file__).parents[2] / "configs" / "quickstart.yaml"
     code = (

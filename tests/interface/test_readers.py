@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from pathlib import Path
 
 import duckdb
@@ -102,6 +103,7 @@ def test_readable_while_it_runs(tmp_path):
                 assert len(frame) == 200
                 assert frame.n_steps.min() > 0
                 seen.append(count[0])
+                time.sleep(0.05)
     finally:
         child.kill()
         _, said = child.communicate()
