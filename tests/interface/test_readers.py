@@ -82,7 +82,7 @@ def test_queries_need_no_help(output):
 def test_readable_while_it_runs(tmp_path):
     output = tmp_path / "out"
     glob = str(output / "runs" / "*.parquet")
-    child = begin(output, "bodies.samples=1000", "block_size=200")
+    child = begin(output, "bodies.samples=500", "block_size=100")
     seen = []
     states = set()
     try:
@@ -96,11 +96,11 @@ def test_readable_while_it_runs(tmp_path):
                 question = f"SELECT count(*), count(status) FROM '{glob}'"
                 count = connection.execute(question).fetchall()[0]
                 assert count[0] == count[1]
-                assert count[0] % 200 == 0
+                assert count[0] % 100 == 0
                 lazy = pl.scan_parquet(glob).select(pl.col("t_end").is_finite().sum()).collect()
                 assert lazy.item() >= count[0]
                 frame = pd.read_parquet(files[-1])
-                assert len(frame) == 200
+                assert len(frame) == 100
                 assert frame.n_steps.min() > 0
                 seen.append(count[0])
                 time.sleep(0.05)
