@@ -3,31 +3,27 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
 
+from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import N_WINDOWS, Batch
-from rattlesweep.integrate.model import ELLIPSOID, FRICTION, FULL, MODELS
+from rattlesweep.integrate.model import ELLIPSOID, FRICTION, FULL, MODELS, Model
 from rattlesweep.physics import full, launch, reduced, stone, theory
 from rattlesweep.physics.steady import settled_oscillation, steady_modes
+from rattlesweep.sweeps.cases.plan import Plan
+from rattlesweep.sweeps.cases.sources import Bodies
+from rattlesweep.sweeps.config.schema import Config, Horizon
 from rattlesweep.sweeps.tables.columns import MEASURED
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    import pyarrow as pa
-    from numpy.typing import NDArray
-
-    from rattlesweep.integrate.model import Model
     from rattlesweep.sweeps.cases.measured import Measured
-    from rattlesweep.sweeps.cases.plan import Plan
-    from rattlesweep.sweeps.cases.sources import Bodies
-    from rattlesweep.sweeps.config.schema import Config, Horizon
-
-    Floats = NDArray[np.float64]
 
 # A window is at least this many periods of the slower mode, so that it holds its largest
 # amplitude; see the evidence in docs/types.md.
@@ -50,8 +46,8 @@ class Launches:
     that the runs get from a table. `sigma` and `rolling` are None in a sweep without dissipation.
     """
 
-    case: NDArray[np.int64]
-    sample: NDArray[np.int64]
+    case: Integers
+    sample: Integers
     bodies: Bodies
     n_i: Floats
     omega_xy0: Floats
@@ -68,7 +64,7 @@ class Launches:
     rolling: Floats | None = None
 
     @property
-    def tapped(self) -> NDArray[np.bool_]:
+    def tapped(self) -> Flags:
         """Which are launched without spin."""
         return np.equal(self.n_i, 0.0)
 
@@ -78,7 +74,7 @@ class Launches:
         return np.where(self.tapped, self.gh.n_0, np.abs(self.n_i))
 
 
-def prepare(plan: Plan, case: NDArray[np.int64], sample: NDArray[np.int64]) -> Launches:
+def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
     """Bodies, launches, theory and horizons of runs, in any order."""
     bodies = _bodies(plan, np.array([c.group for c in plan.cases])[case], sample)
     spin, state = plan.config.spin, plan.config.launch
@@ -103,7 +99,7 @@ def prepare(plan: Plan, case: NDArray[np.int64], sample: NDArray[np.int64]) -> L
     return found if measured is None else _measured(found, measured, plan.extra)
 
 
-def _losses(plan: Plan, bodies: Bodies, case: NDArray[np.int64]) -> tuple[Floats, Floats]:
+def _losses(plan: Plan, bodies: Bodies, case: Integers) -> tuple[Floats, Floats]:
     """``sigma`` and ``rolling`` of runs: of their rows in a table, else of their cases."""
 
     def values(name: str) -> Floats:
@@ -124,8 +120,8 @@ def _measured(launches: Launches, measured: Measured, fields: Sequence[pa.Field]
 
 
 def with_theory(
-    case: NDArray[np.int64],
-    sample: NDArray[np.int64],
+    case: Integers,
+    sample: Integers,
     bodies: Bodies,
     n_i: Floats,
     omega_xy0: Floats,
@@ -183,7 +179,7 @@ def _oscillation_speed(bodies: Bodies, n_i: Floats, omega: Floats, u: Floats) ->
     return speed
 
 
-def _bodies(plan: Plan, groups: NDArray[np.int64], sample: NDArray[np.int64]) -> Bodies:
+def _bodies(plan: Plan, groups: Integers, sample: Integers) -> Bodies:
     """Bodies of samples of some groups, each in the place of its run."""
     found = {int(group): groups == group for group in np.unique(groups)}
     parts = [plan.source.bodies(group, sample[mask]) for group, mask in found.items()]

@@ -9,22 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
+from numpy.typing import NDArray
 
+from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.physics import si
 from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.sweeps.tables import columns
 from rattlesweep.sweeps.tables.columns import F64, I64, MEASURED, RUNS, STATE, TEXT
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
 
 BODY = ("mass_kg", "height_m", "ixx_kg_m2", "iyy_kg_m2", "izz_kg_m2", "r1_m", "r2_m")
 """Mass, height of the centre of mass, inertia about it, radii of curvature at the bottom."""
@@ -71,10 +68,8 @@ def without_units(
 ) -> tuple[pd.DataFrame, Floats | None]:
     """The table in the body's own units, and these in seconds; `numbers` reads a column.
 
-    Raises
-    ------
-    ConfigError
-        A column is missing, there in two ways, or out of range; begins with `where`.
+    What is missing, there in two ways, or out of range is refused in a line that begins with
+    `where`.
     """
     given = {name: numbers(name) for name in INPUT if name in frame.columns}
     made: dict[str, Floats] = {}
@@ -148,10 +143,7 @@ def without_units(
 def own_columns(frame: pd.DataFrame, known: tuple[str, ...], where: str) -> Measured:
     """What the runs get of a table beside what is known: words, whole numbers, numbers.
 
-    Raises
-    ------
-    ConfigError
-        A column has the name of a result, and the table is none of results.
+    Names of results are refused, unless the table is one of results.
     """
     carried: dict[str, NDArray[Any]] = {}
     fields: list[pa.Field] = []
@@ -183,19 +175,12 @@ def _kind(series: pd.Series[Any]) -> tuple[pa.DataType, NDArray[Any]] | None:
         return None
     # A CSV is text.
     numbers = pd.to_numeric(series, errors="coerce").to_numpy(dtype=float)
-    if empty.all() or np.isnan(numbers[~empty]).any():
-        values = series.to_numpy(dtype=object)
-        values[empty] = None
-        return TEXT, values
-    plain = series[~empty].str.fullmatch(r"[+-]?\d{1,18}").all()
+    words = series.to_numpy(dtype=object)
+    words[empty] = None
+    text = empty.all() or bool(np.isnan(numbers[~empty]).any())
+    if text or not series[~empty].str.fullmatch(r"[+-]?\d{1,18}").all():
+        return (TEXT, words) if text else (F64, numbers)
     # Leading zeros belong to a name.
-    if plain and not series[~empty].str.fullmatch(r"[+-]?0\d+").any():
-        found = np.array(
-            [None if e else int(v) for v, e in zip(series, empty, strict=True)], object
-        )
-        return I64, found
-    if plain:
-        values = series.to_numpy(dtype=object)
-        values[empty] = None
-        return TEXT, values
-    return F64, numbers
+    if series[~empty].str.fullmatch(r"[+-]?0\d+").any():
+        return TEXT, words
+    return I64, np.array([None if word is None else int(word) for word in words], object)

@@ -9,12 +9,15 @@ with blocks of its own.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 
+from rattlesweep.arrays import Floats, Integers
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics.launch import spin_and_oscillation
 from rattlesweep.sweeps.cases.sources import Source, TableBodies, make_source
@@ -23,14 +26,6 @@ from rattlesweep.sweeps.config.bodies import SdSource
 from rattlesweep.sweeps.config.fields import TABLE
 from rattlesweep.sweeps.config.schema import Config, Dissipation
 from rattlesweep.sweeps.tables.columns import STATE, runs_schema
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    import pyarrow as pa
-    from numpy.typing import NDArray
-
 
 # Files in one directory, all of which are looked at as a sweep begins: some seconds.
 MAX_BLOCKS = 100_000
@@ -80,7 +75,7 @@ class Plan:
     source: Source
     cases: tuple[Case, ...]
     extra: tuple[pa.Field, ...] = ()
-    stages: tuple[NDArray[np.int64], ...] = ()
+    stages: tuple[Integers, ...] = ()
 
     @property
     def schema(self) -> pa.Schema:
@@ -126,11 +121,11 @@ class Plan:
         """One block."""
         return Block(index, *borders(self.sizes, self.block_size, index))
 
-    def runs_of(self, block: Block) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def runs_of(self, block: Block) -> tuple[Integers, Integers]:
         """Case and sample numbers of a block's runs."""
         return self.runs_at(np.arange(block.first, block.stop))
 
-    def runs_at(self, places: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def runs_at(self, places: Integers) -> tuple[Integers, Integers]:
         """Case and sample numbers of runs by their places in the sweep."""
         numbers = np.concatenate(self.stages)[places] if self.stages else places
         case, sample = np.divmod(numbers, self.samples)
@@ -158,12 +153,6 @@ def make_plan(config: Config, base: Path | None = None, source: Source | None = 
     """Cases, source (:func:`rattlesweep.sweeps.cases.sources.make_source`) and blocks of a config.
 
     Another `source` may take the place of its own.
-
-    Raises
-    ------
-    ConfigError
-        If the source cannot deliver, nothing says how to launch, the model and the recordings do
-        not go together, or there would be too many blocks.
     """
     source = source or make_source(config, base)
     if isinstance(source, TableBodies):
@@ -179,18 +168,15 @@ def make_plan(config: Config, base: Path | None = None, source: Source | None = 
         extra = STATE if source.has_state else ()
         rows = source.bodies(0, np.arange(source.samples))
         assert rows.n_i is not None
-        lost = (rows.n_i == 0) & (rows.t_end is None or ~np.isfinite(rows.t_end))
-        which = f" (row {np.argmax(lost) + 1} of the table)" if lost.any() else ""
-        _check_launches(config, bool(extra), bool((rows.n_i == 0).any()), bool(lost.any()), which)
+        _check_launches(config, bool(extra), rows.n_i, rows.t_end, " (row {} of the table)")
     elif config.launch is not None:
         n_i, omega_xy0, _ = spin_and_oscillation(config.launch.omega, config.launch.u)
         launches = [(float(n_i), float(omega_xy0))]
         extra = STATE
-        _check_launches(config, True, n_i == 0, n_i == 0)
+        _check_launches(config, True, np.array([n_i]))
     elif config.spin is not None:
         launches = list(product(config.spin.n_i, config.spin.omega_xy0))
-        tapped = 0 in config.spin.n_i
-        _check_launches(config, False, tapped, tapped)
+        _check_launches(config, False, np.array(config.spin.n_i))
     else:
         raise ConfigError(
             "spin: missing; the table has no columns n_i and omega_xy0, so the config must "
@@ -244,24 +230,27 @@ def _with_losses(config: Config, own: Mapping[str, float | str]) -> Config:
     return config if found == given else config.model_copy(update={"dissipation": found})
 
 
-def _check_launches(config: Config, state: bool, tapped: bool, lost: bool, which: str = "") -> None:
+def _check_launches(
+    config: Config, state: bool, n_i: Floats, t_end: Floats | None = None, which: str = ""
+) -> None:
     """Refuse launches that go with no model, or have no horizon.
 
-    `state` says whether they are full states, `tapped` whether some have no spin, `lost` whether
-    some of these have no horizon of their own, and `which` is one of them, in words.
+    `state` says whether they are full states, `t_end` are horizons of their own, NaN for none, and
+    `which` has a place for the number of a row.
     """
-    model = config.model
+    model, tapped = config.model, n_i == 0
+    lost = tapped if t_end is None else tapped & ~np.isfinite(t_end)
     if model != "full" and state:
         raise ConfigError(
             f"model: {model} begins with a spin and an oscillation; launches from a full state are "
             "for the model full"
         )
-    if model == "gh" and tapped:
+    if model == "gh" and tapped.any():
         raise ConfigError(
             "model: gh begins with a spin, and n_i is 0; take the model full or reduced"
         )
-    if config.horizon.t is None and config.horizon.t_decay is None and lost:
+    if config.horizon.t is None and config.horizon.t_decay is None and lost.any():
         raise ConfigError(
-            f"horizon.t: missing; a launch without spin{which} has no t_rGH, so give horizon: "
-            "{t: TIME} in sqrt(a/g)"
+            f"horizon.t: missing; a launch without spin{which.format(np.argmax(lost) + 1)} has no "
+            "t_rGH, so give horizon: {t: TIME} in sqrt(a/g)"
         )

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from rattlesweep.arrays import Floats, Integers
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics.body import PARAMETERS, PRESETS, shell_dumbbell, violations
 from rattlesweep.sweeps.cases.sampler import bodies_of, draw_bodies
@@ -27,13 +28,8 @@ from rattlesweep.sweeps.config.fields import TABLE
 from rattlesweep.sweeps.config.schema import Config
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from rattlesweep.sweeps.cases.measured import Measured
     from rattlesweep.sweeps.cases.quasi import Sequence
-
-    Floats = NDArray[np.float64]
-    Integers = NDArray[np.int64]
 
 # Samples that are drawn and kept together while the cases of one target pass by.
 CHUNK = 4096
@@ -83,19 +79,12 @@ def make_source(config: Config, base: Path | None = None) -> Source:
     """The source that a config asks for.
 
     A table's relative path is looked up from the working directory and then from `base`.
-
-    Raises
-    ------
-    ConfigError
-        If a body is impossible, or a table unreadable.
     """
     bodies = config.bodies
     if isinstance(bodies, SdSource):
         return SdBodies(config.seed, bodies)
     if isinstance(bodies, PresetSource):
-        parameters = _preset(bodies.name) | bodies.overrides.given() | _c_of(bodies)
-        if not bodies.ellipsoidal:
-            parameters.pop("c", None)
+        parameters = _fixed(bodies)
         for _, sentence in violations(**parameters):
             raise ConfigError(f"bodies.overrides: {sentence}")
         return GridBodies(parameters, {})
@@ -214,16 +203,21 @@ class GridBodies:
         return Bodies(f_sd=f_sd, c=values.get("c"), **{name: values[name] for name in PARAMETERS})
 
 
-def _preset(name: str) -> dict[str, float]:
-    body = PRESETS[name]()
-    c = {} if body.c is None else {"c": body.c}
-    return {parameter: getattr(body, parameter) for parameter in PARAMETERS} | c
-
-
-def _c_of(source: PresetSource | GridSource) -> dict[str, float]:
-    """The one vertical semi-axis that a config gives."""
-    values = source.c if isinstance(source.c, list) else [source.c]
-    return {"c": values[0]} if len(values) == 1 and values[0] is not None else {}
+def _fixed(source: PresetSource | GridSource) -> dict[str, float]:
+    """Parameters of all bodies of a source, where no axis replaces them."""
+    given: dict[str, float] = {}
+    if isinstance(source, PresetSource):
+        preset, given = source.name, source.overrides.given()
+    elif isinstance(source.base, PresetBase):
+        preset = source.base.preset
+    else:
+        preset, given = None, source.base.given()
+    if preset is not None:
+        body = PRESETS[preset]()
+        given = {name: getattr(body, name) for name in (*PARAMETERS, "c")} | given
+    c = source.c[0] if isinstance(source.c, list) else source.c or given.get("c")
+    rest = {name: value for name, value in given.items() if name != "c"}
+    return rest if c is None or not source.ellipsoidal else rest | {"c": c}
 
 
 def _surfaced(columns: dict[str, Floats], source: TableSource) -> dict[str, Floats]:
@@ -252,12 +246,8 @@ def _surfaced(columns: dict[str, Floats], source: TableSource) -> dict[str, Floa
 
 
 def _grid(source: GridSource) -> GridBodies:
-    base = source.base
-    parameters = _preset(base.preset) if isinstance(base, PresetBase) else base.given()
-    parameters |= _c_of(source)
+    parameters = _fixed(source)
     axes = {name: np.asarray(values, float) for name, values in source.varying.items()}
-    if not source.ellipsoidal:
-        parameters.pop("c", None)
     for name, sign in (("xi_deg", 1), ("minus_xi_deg", -1)):
         if name in axes:
             axes["xi"] = sign * np.radians(axes.pop(name))

@@ -11,22 +11,15 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 
+from rattlesweep.arrays import Flags, Floats
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.physics.body import PARAMETERS, violations
 from rattlesweep.physics.launch import spin_and_oscillation
-from rattlesweep.sweeps.cases.measured import (
-    INPUT,
-    Measured,
-    own_columns,
-    without_units,
-)
+from rattlesweep.sweeps.cases.measured import INPUT, Measured, own_columns, without_units
 from rattlesweep.sweeps.config.fields import MAX_SPEED, MAX_TIME
 from rattlesweep.sweeps.config.launch import unit
 from rattlesweep.sweeps.tables.columns import MEASURED
-
-Floats = NDArray[np.float64]
 
 LAUNCH = ("n_i", "omega_xy0")
 OMEGA, U = ("omega_x", "omega_y", "omega_z"), ("u_x", "u_y", "u_z")
@@ -37,7 +30,7 @@ COLUMNS = (*PARAMETERS, *LAUNCH, *OMEGA, *U, *NULLABLE[:5], *LOSSES)
 SPIN_SLACK = 1e-9
 
 # Of columns that are no body's: what is wrong with a value, and what is wanted.
-RULES: tuple[tuple[str, Callable[[Floats], NDArray[np.bool_]], str], ...] = (
+RULES: tuple[tuple[str, Callable[[Floats], Flags], str], ...] = (
     ("n_i", lambda n_i: np.abs(n_i) > MAX_SPEED, f"at most {MAX_SPEED:g} is allowed"),
     ("omega_xy0", lambda omega: omega > MAX_SPEED, f"at most {MAX_SPEED:g} is allowed"),
     ("t_end", lambda t_end: t_end <= 0, "it must be positive"),
@@ -65,14 +58,9 @@ def check_value(name: str, values: Floats) -> tuple[int, str] | None:
 
 
 def read_table(path: str, base: Path | None = None) -> tuple[dict[str, Floats], Measured]:
-    """Read bodies from a file, or from a directory of Parquet files such as ``runs``.
+    """Read bodies from a CSV or Parquet file, or a directory of such, here or under `base`.
 
-    Parameters
-    ----------
-    path
-        CSV (with a header) or Parquet, by its ending.
-    base
-        A second directory to look in.
+    Whatever is wrong is a ConfigError that names the row.
 
     Returns
     -------
@@ -84,11 +72,6 @@ def read_table(path: str, base: Path | None = None) -> tuple[dict[str, Floats], 
         ``t_end`` of a run that reversed is its result, not its horizon.
     measured : Measured
         What else belongs to the rows.
-
-    Raises
-    ------
-    ConfigError
-        If the file cannot be read, a column is missing, or a row is wrong; the row is named.
     """
     where = f"bodies.path: {one_line(path, 200)}"
     file = Path(path)
@@ -159,10 +142,7 @@ def _columns_and_second(frame: pd.DataFrame, where: str) -> tuple[dict[str, Floa
 def launched_from(columns: dict[str, Floats], where: str) -> dict[str, Floats]:
     """The launch that full states are, with ``u`` of length 1.
 
-    Raises
-    ------
-    ConfigError
-        If a row is none, or says another spin beside; it begins with `where`.
+    A row that is none, or says another spin beside, is refused in a line that begins with `where`.
     """
     omega, u = (np.stack([columns[x] for x in names], axis=1) for names in (OMEGA, U))
     for row in range(len(u)):
