@@ -96,7 +96,7 @@ class Course:
         self.times = rows.up_to(t_end, self.periods)
         self._start = rows.from_time or 0.0
         needs = {channel.needs for channel in self.channels}
-        if "reduced" in needs and launches.omega is not None:
+        if "reduced" in needs and launches.bodies.omega is not None:
             raise ConfigError("channels: the reduced model begins with a spin and an oscillation, "
                               "and has no run beside one launched from a full state")  # fmt: skip
         if self.model == "full" and energies != (None, None) and "reduced" not in needs:

@@ -198,7 +198,7 @@ def _inputs(launches: Launches) -> dict[str, Any]:
         | _named(launches.gh, "n_0", "t_rgh")
     )
     for name in ("omega", "u"):
-        if (vectors := getattr(launches, name)) is not None:
+        if (vectors := getattr(launches.bodies, name)) is not None:
             columns |= {f"{name}_{x}": vectors[:, k] for k, x in enumerate("xyz")}
     if launches.second is not None:
         columns["n_i_rpm"] = launches.n_i / launches.second * 30 / np.pi

@@ -41,8 +41,7 @@ class Launches:
     """Runs that are ready to go; arrays over runs.
 
     `gh` is the spin as Garcia and Hubbard have it; `t_end` the horizon, not finite where it cannot
-    be told; `omega` and `u` are full states, of shape (runs, 3), None where launches are none;
-    `second` is the unit of time in seconds, None where it is not stored, and `carried` has columns
+    be told; `second` the unit of time in seconds, None where it is not stored; `carried` columns
     that the runs get from a table. `sigma` and `rolling` are None in a sweep without dissipation.
     """
 
@@ -56,8 +55,6 @@ class Launches:
     gh: launch.GarciaHubbard
     n_c1: Floats
     t_end: Floats
-    omega: Floats | None = None
-    u: Floats | None = None
     second: Floats | None = None
     carried: dict[str, NDArray[Any]] = field(default_factory=dict)
     sigma: Floats | None = None
@@ -82,31 +79,21 @@ def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
         omega, u = (np.tile(x, (len(sample), 1)) for x in (state.omega, state.u))
         n_i, omega_xy0, psi = launch.spin_and_oscillation(omega, u)
         bodies = replace(bodies, n_i=n_i, omega_xy0=omega_xy0, psi=psi, omega=omega, u=u)
-    if bodies.n_i is not None and bodies.omega_xy0 is not None:
-        n_i, omega_xy0 = bodies.n_i, bodies.omega_xy0
-    else:
-        n_i = np.array([c.n_i for c in plan.cases], dtype=float)[case]
-        omega_xy0 = np.array([c.omega_xy0 for c in plan.cases], dtype=float)[case]
-    modes = theory.modes(bodies.alpha, bodies.beta, bodies.theta, bodies.phi, bodies.xi)
-    if bodies.psi is not None:
-        psi = bodies.psi
-    else:
-        psi = launch.direction(modes, n_i, spin.psi if spin is not None else "relevant")
-    horizon = plan.config.horizon
-    losses = _losses(plan, bodies, case) if plan.config.dissipation else None
-    found = with_theory(case, sample, bodies, n_i, omega_xy0, psi, modes, horizon, losses)
-    measured = getattr(plan.source, "measured", None)
-    return found if measured is None else _measured(found, measured, plan.extra)
 
-
-def _losses(plan: Plan, bodies: Bodies, case: Integers) -> tuple[Floats, Floats]:
-    """``sigma`` and ``rolling`` of runs: of their rows in a table, else of their cases."""
-
-    def values(name: str) -> Floats:
+    def told(name: str) -> Floats:
+        """What the runs' rows in a table say, or else their cases."""
         own: Floats | None = getattr(bodies, name)
         return np.array([getattr(c, name) for c in plan.cases], float)[case] if own is None else own
 
-    return values("sigma"), values("rolling")
+    n_i, omega_xy0, psi = told("n_i"), told("omega_xy0"), bodies.psi
+    modes = theory.modes(bodies.alpha, bodies.beta, bodies.theta, bodies.phi, bodies.xi)
+    if psi is None:
+        psi = launch.direction(modes, n_i, spin.psi if spin is not None else "relevant")
+    horizon = plan.config.horizon
+    losses = (told("sigma"), told("rolling")) if plan.config.dissipation else None
+    found = with_theory(case, sample, bodies, n_i, omega_xy0, psi, modes, horizon, losses)
+    measured = getattr(plan.source, "measured", None)
+    return found if measured is None else _measured(found, measured, plan.extra)
 
 
 def _measured(launches: Launches, measured: Measured, fields: Sequence[pa.Field]) -> Launches:
@@ -114,9 +101,9 @@ def _measured(launches: Launches, measured: Measured, fields: Sequence[pa.Field]
     names = {field.name for field in fields}
     sample = launches.sample
     carried = {name: of[sample] for name, of in measured.carried.items() if name in names}
-    told = measured.second is not None and MEASURED[0].name in names
-    second = measured.second[sample] if told and measured.second is not None else None
-    return replace(launches, carried=carried, second=second)
+    if measured.second is None or MEASURED[0].name not in names:
+        return replace(launches, carried=carried)
+    return replace(launches, carried=carried, second=measured.second[sample])
 
 
 def with_theory(
@@ -163,8 +150,6 @@ def with_theory(
         # Mirrored bodies spin steadily with n > 0.
         n_c1=np.where(bodies.xi > 0, -n_c1, n_c1),
         t_end=t_end,
-        omega=bodies.omega,
-        u=bodies.u,
         sigma=sigma,
         rolling=rolling,
     )
@@ -223,10 +208,10 @@ def ending_early(batch: Batch, launches: Launches) -> Batch:
 def full_batch(launches: Launches) -> Batch:
     """Batch for the full dynamics."""
     b = launches.bodies
-    if launches.omega is None or launches.u is None:
+    if b.omega is None or b.u is None:
         y0 = launch.full_state(launches.n_i, launches.omega_xy0, launches.psi)
     else:
-        y0 = np.ascontiguousarray(full.from_vectors(launches.u.T, launches.omega.T).T)
+        y0 = np.ascontiguousarray(full.from_vectors(b.u.T, b.omega.T).T)
     constants = full.constants(b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi)
     sigma, rolling = launches.sigma, launches.rolling
     modes = steady_modes(constants, launches.n_i, 0.0 if sigma is None else sigma)
