@@ -103,21 +103,19 @@ class Surfaced(Base):
     @property
     def ellipsoidal(self) -> bool:
         """Whether the bodies are ellipsoids."""
-        implied = getattr(self, "c", None) is not None or self.has_own_c
-        return implied if self.surface is None else self.surface == "ellipsoid"
+        return self.has_c if self.surface is None else self.surface == "ellipsoid"
 
     @property
-    def has_own_c(self) -> bool:
-        """Whether its bodies have a vertical semi-axis of their own."""
-        return False
+    def has_c(self) -> bool:
+        """Whether a vertical semi-axis is given, or the preset has one."""
+        return getattr(self, "c", None) is not None
 
     @model_validator(mode="after")
     def _fits_surface(self) -> "Surfaced":
-        given = getattr(self, "c", None) is not None
-        if self.surface == "paraboloid" and given:
+        if self.surface == "paraboloid" and getattr(self, "c", None) is not None:
             raise ValueError("c is given, and a paraboloid has none; take surface: ellipsoid")
         # A table has it row by row.
-        if self.surface == "ellipsoid" and not (given or self.has_own_c or self.source == "table"):  # type: ignore[attr-defined]
+        if self.surface == "ellipsoid" and not (self.has_c or self.source == "table"):  # type: ignore[attr-defined]
             raise ValueError("an ellipsoid needs c, its vertical semi-axis over a; give c: 2")
         return self
 
@@ -216,9 +214,9 @@ class PresetSource(Surfaced):
     c: fields.C | None = meant("c", None)
 
     @property
-    def has_own_c(self) -> bool:
-        """Whether its bodies have a vertical semi-axis of their own."""
-        return self.name in ELLIPSOIDS
+    def has_c(self) -> bool:
+        """Whether a vertical semi-axis is given, or the preset has one."""
+        return self.c is not None or self.name in ELLIPSOIDS
 
 
 class TableSource(Surfaced):
@@ -364,10 +362,10 @@ class GridSource(Surfaced):
     )
 
     @property
-    def has_own_c(self) -> bool:
-        """Whether its bodies have a vertical semi-axis of their own."""
+    def has_c(self) -> bool:
+        """Whether a vertical semi-axis is given, or the preset has one."""
         preset = getattr(self.base, "preset", None)
-        return self.axes.c is not None or preset in ELLIPSOIDS
+        return self.c is not None or self.axes.c is not None or preset in ELLIPSOIDS
 
     @property
     def varying(self) -> dict[str, list[float]]:
