@@ -295,7 +295,7 @@ class Config(Base):
 
     @field_validator("dissipation")
     @classmethod
-    def _of_a_table(cls, dissipation: Dissipation, info: ValidationInfo) -> Dissipation:
+    def _of_what_can_lose(cls, dissipation: Dissipation, info: ValidationInfo) -> Dissipation:
         bodies = info.data.get("bodies")
         _check_cases({**info.data, "dissipation": dissipation})
         for name in Dissipation.model_fields:
@@ -311,11 +311,6 @@ class Config(Base):
                 "horizon.t_decay is in units of gamma/sigma, and sigma is 0; give sigma, or "
                 "another horizon"
             )
-        return dissipation
-
-    @field_validator("dissipation")
-    @classmethod
-    def _of_the_full_model(cls, dissipation: Dissipation, info: ValidationInfo) -> Dissipation:
         model = info.data.get("model")
         if dissipation and model not in (None, "full"):
             raise ValueError(
