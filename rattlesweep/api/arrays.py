@@ -48,7 +48,7 @@ def body_columns(bodies: Bodies) -> dict[str, Floats]:
             raise ConfigError(
                 f"bodies: cannot be read as a table ({one_line(str(error))})"
             ) from None
-        return columns_of(frame, "bodies")
+        return columns_of(frame, "bodies")[0]
     many: Any = bodies
     if isinstance(many, str) or not isinstance(many, Iterable):
         raise ConfigError(

@@ -23,7 +23,7 @@ from rattlesweep.physics import theory
 from rattlesweep.sweeps.cases.launches import Launches, make_batch, prepare
 from rattlesweep.sweeps.cases.plan import Plan, make_plan
 from rattlesweep.sweeps.cases.sampler import bodies_of
-from rattlesweep.sweeps.cases.sources import Bodies, SdBodies
+from rattlesweep.sweeps.cases.sources import Bodies, SdBodies, ranges_of
 from rattlesweep.sweeps.config.bodies import SdSource
 from rattlesweep.sweeps.config.places import Key, Problem
 from rattlesweep.sweeps.config.schema import Config
@@ -346,12 +346,11 @@ class DrawnBodies:
 
 def draw(source: SdSource, size: int = DRAWN) -> Bodies:
     """Bodies drawn evenly from the ranges of a source."""
-    ranges = np.array([*source.ranges.ends(), *([] if source.c is None else [source.c])])
+    ranges = ranges_of(source)
     points = np.random.default_rng(SEED).random((len(ranges), size))
     # From the upper ends of all ranges.
     points[:4] = 1 - points[:4]
-    gamma, f_sd, theta, phi, xi, alpha, beta, *c = bodies_of(points, ranges)
-    return Bodies(alpha, beta, gamma, theta, phi, xi, f_sd, c=c[0] if c else None)
+    return Bodies.drawn(bodies_of(points, ranges))
 
 
 def coefficient(bodies: Bodies, name: str) -> Floats:

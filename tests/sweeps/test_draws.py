@@ -37,9 +37,9 @@ def test_depend_on_their_number_alone():
     every = unit(list(range(2 * APART + 50)))
     for samples in ([5], [0, 1, 9], [APART + 3, 3, 2 * APART + 10], [8000, 8001, 0, 1]):
         assert np.array_equal(unit(samples), every[:, samples])
-    one = Sequence(5, 7, 0)
+    one = Sequence(5, 7)
     late, early = one.points(np.array([8000])), one.points(np.array([8]))
-    assert np.array_equal(np.hstack([late, early]), Sequence(5, 7, 0).points(np.array([8000, 8])))
+    assert np.array_equal(np.hstack([late, early]), Sequence(5, 7).points(np.array([8000, 8])))
 
 
 def test_depend_on_the_seed():

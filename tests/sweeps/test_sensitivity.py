@@ -59,7 +59,7 @@ def ishigami(u: np.ndarray) -> np.ndarray:
 
 
 def test_a_design_gives_ishigamis_indices():
-    points = Sequence(6, 1, 0).points(np.arange(2**14))
+    points = Sequence(6, 1).points(np.arange(2**14))
     a, b = points[:3], points[3:]
     for k in range(3):
         ab = np.where(np.arange(3)[:, None] == k, b, a)

@@ -7,7 +7,7 @@ result, such as the name of a stone, is carried through to the runs.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Container, Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -63,6 +63,13 @@ class Measured:
     fields: tuple[pa.Field, ...] = ()
 
 
+def require(names: Iterable[str], there: Container[str], where: str, wanted: str) -> None:
+    """Refuse a table in which a column is missing."""
+    for name in names:
+        if name not in there:
+            raise ConfigError(f"{where}: the column {name} is missing; {wanted}")
+
+
 def without_units(
     frame: pd.DataFrame, numbers: Callable[[str], Floats], where: str
 ) -> tuple[pd.DataFrame, Floats | None]:
@@ -95,11 +102,7 @@ def without_units(
         second = np.sqrt(given["height_m"] / gravity)
     inertia = [name for name in (*BODY[2:], "ixy_kg_m2", "axes_angle_deg") if name in given]
     if inertia:
-        if absent := [name for name in BODY if name not in given]:
-            raise ConfigError(
-                f"{where}: the column {absent[0]} is missing; a body in SI units has "
-                f"{' '.join(BODY)}"
-            )
+        require(BODY, given, where, f"a body in SI units has {' '.join(BODY)}")
         full = {name: np.full(len(frame), value) for name, value in OPTIONAL.items()} | given
         tensor = np.stack([full[f"i{x}_kg_m2"] for x in ("xx", "yy", "zz", "xy")], axis=1)
         radii = np.stack([full["r1_m"], full["r2_m"]], axis=1)

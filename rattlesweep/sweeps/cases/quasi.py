@@ -1,7 +1,7 @@
 """Points that fill the ranges of bodies more evenly than random ones: scrambled Sobol' sequences.
 
-A point is a function of ``(seed, group, sample)``, as every draw is: sample ``k`` is the ``k``-th
-point of a sequence that is scrambled (Owen, J. Complexity 14, 466, 1998) by the seed and the group.
+A point is a function of the seed and the sample: sample ``k`` is the ``k``-th point of a sequence
+that is scrambled (Owen, J. Complexity 14, 466, 1998) by the seed.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ APART = 4096
 class Sequence:
     """A scrambled Sobol' sequence, from which points are taken by their numbers."""
 
-    def __init__(self, dimensions: int, seed: int, group: int) -> None:
+    def __init__(self, dimensions: int, seed: int) -> None:
         self._dimensions = dimensions
-        self._sequence = qmc.Sobol(dimensions, rng=np.random.default_rng((seed, group)))
+        self._sequence = qmc.Sobol(dimensions, rng=np.random.default_rng((seed, 0)))
 
     def points(self, numbers: Integers) -> Floats:
         """Points of the unit cube, shape (dimensions, numbers); spans that follow are cheap."""
@@ -46,3 +46,22 @@ class Sequence:
             warnings.simplefilter("ignore", UserWarning)
             span: Floats = self._sequence.random(stop - first).T
         return span
+
+
+class Design(Sequence):
+    """Samples in groups about two points, for indices of sensitivity.
+
+    The first sample of a group is the one point, the second the other, and each of the rest the
+    first with one coordinate of the second.
+    """
+
+    def __init__(self, dimensions: int, seed: int, group: int) -> None:
+        super().__init__(2 * dimensions, seed)
+        self._group = group
+
+    def points(self, numbers: Integers) -> Floats:
+        """Points of the unit cube, shape (dimensions, numbers)."""
+        first, second = np.split(super().points(numbers // self._group), 2)
+        which = numbers % self._group
+        swapped = (which == 1) | (which == 2 + np.arange(len(first))[:, None])
+        return np.where(swapped, second, first)

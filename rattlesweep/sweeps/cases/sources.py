@@ -63,6 +63,12 @@ class Bodies:
     sigma: Floats | None = None
     rolling: Floats | None = None
 
+    @classmethod
+    def drawn(cls, columns: Floats) -> Bodies:
+        """Of what :func:`rattlesweep.sweeps.cases.sampler.draw_bodies` gives."""
+        gamma, f_sd, theta, phi, xi, alpha, beta, *c = columns
+        return cls(alpha, beta, gamma, theta, phi, xi, f_sd, c=c[0] if c else None)
+
 
 class Source(Protocol):
     """A source of bodies."""
@@ -102,19 +108,16 @@ class SdBodies:
     def __init__(self, seed: int, source: SdSource) -> None:
         self.samples = source.samples
         self._seed = seed
-        ends = source.ranges.ends()
-        theta = ends[2]
+        theta = source.ranges.theta
         if source.c is not None and not source.c[0] > theta[1]:
             raise ConfigError(
                 f"bodies.c: c down to {source.c[0]:g} and theta up to {theta[1]:g} give bodies "
                 "that would rather lie on their sides; c must be above theta in all of them"
             )
-        self._ranges = np.array(ends if source.c is None else [*ends, source.c])
+        self._ranges = ranges_of(source)
         self._target = source.target
-        # All cases share the points of group 0: with targets, there are random bodies only.
-        self._designed, self._group = source.draw == "saltelli", source.group
-        dimensions = len(self._ranges) * (1 + self._designed)
-        self._sequence = None if source.draw == "random" else _sequence(dimensions, seed)
+        # All cases share its points: with targets, there are random bodies only.
+        self._sequence = _sequence(source, len(self._ranges), seed)
         self._chunk = lru_cache(maxsize=64)(self._draw_chunk)
 
     def check_targets(self) -> None:
@@ -135,8 +138,7 @@ class SdBodies:
                 # A block may hold the end of one case and the start of the next.
                 here = chunk == number
                 columns[:, here] = self._chunk(group, number)[:, place[here]]
-        gamma, f_sd, theta, phi, xi, alpha, beta, *c = columns
-        return Bodies(alpha, beta, gamma, theta, phi, xi, f_sd, c=c[0] if c else None)
+        return Bodies.drawn(columns)
 
     def _draw_chunk(self, group: int, chunk: int) -> Floats:
         return self._columns(
@@ -147,11 +149,7 @@ class SdBodies:
         samples = np.ascontiguousarray(samples, dtype=np.int64)
         target = self._target
         if self._sequence is not None:
-            group = self._group
-            points = self._sequence.points(samples // group if self._designed else samples)
-            if self._designed:
-                points = _swapped(points, samples % group)
-            return bodies_of(points, self._ranges)
+            return bodies_of(self._sequence.points(samples), self._ranges)
         if target is None:
             return draw_bodies(self._seed, group, samples, self._ranges)[0]
         value = target.values[group]
@@ -169,17 +167,20 @@ class SdBodies:
         return columns
 
 
-def _swapped(points: Floats, which: Integers) -> Floats:
-    """Of points of the shape (2 d, n): the first half, the second, or the first with one of it."""
-    first, second = np.split(points, 2)
-    return np.where((which == 1) | (which == 2 + np.arange(len(first))[:, None]), second, first)
+def ranges_of(source: SdSource) -> Floats:
+    """Ranges that bodies are drawn from, shape (5, 2), or (6, 2) with that of ``c``."""
+    return np.array([*source.ranges.ends(), *([] if source.c is None else [source.c])])
 
 
-def _sequence(dimensions: int, seed: int) -> Sequence:
+def _sequence(source: SdSource, dimensions: int, seed: int) -> Sequence | None:
+    if source.draw == "random":
+        return None
     # scipy.stats takes longer to import than all the rest.
-    from rattlesweep.sweeps.cases.quasi import Sequence
+    from rattlesweep.sweeps.cases.quasi import Design, Sequence
 
-    return Sequence(dimensions, seed, 0)
+    if source.draw == "sobol":
+        return Sequence(dimensions, seed)
+    return Design(dimensions, seed, source.group)
 
 
 class GridBodies:

@@ -16,7 +16,7 @@ from rattlesweep.arrays import Flags, Floats
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.physics.body import PARAMETERS, violations
 from rattlesweep.physics.launch import spin_and_oscillation
-from rattlesweep.sweeps.cases.measured import INPUT, Measured, own_columns, without_units
+from rattlesweep.sweeps.cases.measured import INPUT, Measured, own_columns, require, without_units
 from rattlesweep.sweeps.config.fields import MAX_SPEED, MAX_TIME
 from rattlesweep.sweeps.config.launch import unit
 from rattlesweep.sweeps.tables.columns import MEASURED
@@ -89,35 +89,24 @@ def read_table(path: str, base: Path | None = None) -> tuple[dict[str, Floats], 
         reason = one_line(str(error).split("\n")[0] or type(error).__name__, 200)
         raise ConfigError(f"{where}: cannot be read as a table ({reason})") from None
     found = own_columns(frame, (*COLUMNS, *INPUT), where)
-    columns, second = _columns_and_second(frame, where)
+    columns, second = columns_of(frame, where)
     more = () if second is None else MEASURED
     return columns, replace(found, second=second, fields=(*found.fields, *more))
 
 
-def columns_of(frame: pd.DataFrame, where: str) -> dict[str, Floats]:
-    """Columns of bodies, and of their launches if there are any, as :func:`read_table` gives them.
+def columns_of(frame: pd.DataFrame, where: str) -> tuple[dict[str, Floats], Floats | None]:
+    """Columns as :func:`read_table` gives them, and the unit of time in seconds where it is known.
 
     `where` is what a complaint begins with.
     """
-    return _columns_and_second(frame, where)[0]
-
-
-def _columns_and_second(frame: pd.DataFrame, where: str) -> tuple[dict[str, Floats], Floats | None]:
-    """And the unit of time in seconds, where it is known."""
     _check_repeats(frame.columns.tolist(), where)
     if not len(frame):
         raise ConfigError(f"{where}: the table has no rows; give at least one body")
     frame, second = without_units(frame, lambda name: _numbers(frame[name], name, where), where)
-    for name in PARAMETERS:
-        if name not in frame.columns:
-            wanted = " ".join(PARAMETERS)
-            raise ConfigError(f"{where}: the column {name} is missing; {wanted} are wanted")
+    require(PARAMETERS, frame.columns, where, f"{' '.join(PARAMETERS)} are wanted")
     state = [name for name in (*OMEGA, *U) if name in frame.columns]
-    if state and (absent := [name for name in (*OMEGA, *U) if name not in state]):
-        raise ConfigError(
-            f"{where}: the column {absent[0]} is missing; a full state has {' '.join(OMEGA)} "
-            f"{' '.join(U)}"
-        )
+    if state:
+        require((*OMEGA, *U), state, where, f"a full state has {' '.join((*OMEGA, *U))}")
     lone = [name for name in LAUNCH if name in frame.columns]
     if len(lone) == 1 and not state:
         raise ConfigError(

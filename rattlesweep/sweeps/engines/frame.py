@@ -35,7 +35,7 @@ def keep_bodies(
     """
     if "bodies" in keys:
         raise ConfigError("bodies: the DataFrame gives them already; leave the key out")
-    columns = columns_of(bodies, "bodies")
+    columns = columns_of(bodies, "bodies")[0]
     fields = {column.name: column for part in (*RUNS.values(), STATE) for column in part}
     schema = pa.schema([fields[name].with_nullable(True) for name in COLUMNS if name in columns])
     table = build_table(columns, schema)
