@@ -85,9 +85,11 @@ def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
         own: Floats | None = getattr(bodies, name)
         return np.array([getattr(c, name) for c in plan.cases], float)[case] if own is None else own
 
-    n_i, omega_xy0, psi = told("n_i"), told("omega_xy0"), bodies.psi
+    n_i, omega_xy0 = told("n_i"), told("omega_xy0")
     modes = theory.modes(bodies.alpha, bodies.beta, bodies.theta, bodies.phi, bodies.xi)
-    if psi is None:
+    if bodies.psi is not None:
+        psi = bodies.psi
+    else:
         psi = launch.direction(modes, n_i, spin.psi if spin is not None else "relevant")
     horizon = plan.config.horizon
     losses = (told("sigma"), told("rolling")) if plan.config.dissipation else None
