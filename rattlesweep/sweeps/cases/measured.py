@@ -178,7 +178,8 @@ def _kind(series: pd.Series[Any]) -> tuple[pa.DataType, NDArray[Any]] | None:
         return None
     # A CSV is text.
     numbers = pd.to_numeric(series, errors="coerce").to_numpy(dtype=float)
-    words = np.where(empty, None, series.to_numpy(dtype=object))
+    words = series.to_numpy(dtype=object, copy=True)
+    words[empty] = None
     text = empty.all() or bool(np.isnan(numbers[~empty]).any())
     if text or not series[~empty].str.fullmatch(r"[+-]?\d{1,18}").all():
         return (TEXT, words) if text else (F64, numbers)
