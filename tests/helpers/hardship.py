@@ -119,7 +119,8 @@ class Nursery:
         ----------
         how
             ``calls``: arguments of `syscalls.Calls`. ``pace``: seconds that each block takes.
-            ``hold``: how many blocks are done before `Child.go_on`.
+            ``hold``: how many blocks are done before `Child.go_on`. ``grace``: seconds that a first
+            run is waited for when the time is up.
             ``uid``: user to become. ``fsize``: largest file that may be written, in bytes.
         """
         self._number += 1

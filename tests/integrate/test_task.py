@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import pytest
 
-from rattlesweep.integrate.task import Control, Task, side_by_side
+from rattlesweep.integrate.task import PATIENCE, Control, Task, side_by_side
 
 
 def until_stopped(control: Control) -> str:
@@ -22,11 +22,11 @@ def until_stopped(control: Control) -> str:
 def test_ctrl_c_leaves_a_task_its_time_to_hand_over():
     def call(control: Control) -> str:
         until_stopped(control)
-        time.sleep(1)
+        time.sleep(1.2 * PATIENCE)
         return "rest"
 
     at_work = Task(call)
-    threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
+    threading.Timer(0.05, os.kill, (os.getpid(), signal.SIGINT)).start()
     with pytest.raises(KeyboardInterrupt):
         at_work.wait()
     with pytest.raises(TimeoutError):

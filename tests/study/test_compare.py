@@ -250,8 +250,7 @@ def test_what_is_no_directory_of_runs_is_said(sweeps: Path, tmp_path: Path) -> N
     [
         ("a", False, "png", b"\x89PNG"),
         ("a", True, "svg", b"<?xml"),
-        ("b", False, "svg", b"<?xml"),
-        ("b", True, "pdf", b"%PDF"),
+        ("b", True, "png", b"\x89PNG"),
     ],
 )
 def test_the_figure_is_drawn_of_any_two(

@@ -309,7 +309,7 @@ def test_time_that_is_up_stops_the_driver_and_the_workers(cluster, tmp_path):
     # Spins that never reverse, and would be watched for hours.
     spin = {"n_i": -0.9, "omega_xy0": 1e-3}
     plan = plan_of(HELD, block_size=40, spin=spin, horizon={"t": 1e10})
-    report = spread(plan, output, cluster, max_time=2)
+    report = spread(plan, output, cluster, max_time=1)
     # A few of the bodies do reverse, and are kept.
     assert report.stopped is not None
     assert report.stopped.startswith("the time")
@@ -354,12 +354,19 @@ def test_killed_worker_costs_nothing_but_time(cluster, gate, held_plain, tmp_pat
     check(output, held_plain)
 
 
-def test_lost_scheduler_is_one_sentence_and_the_sweep_goes_on_later(
+def test_a_scheduler_without_workers_and_one_that_is_lost_are_one_sentence(
     gate, own_cluster, held_plain, tmp_path, monkeypatch
 ):
     monkeypatch.setattr(daskengine, "RETURN", 1.0)
-    it = own_cluster(1)
+    it = own_cluster(0)
+    with monkeypatch.context() as patch:
+        patch.setattr(daskengine, "WORKERLESS", 1.0)
+        with pytest.raises(OutputError) as caught:
+            spread(plan_of(), tmp_path / "none", it)
+    assert f"the scheduler at {it.address} has had no worker for 1 s" in str(caught.value)
+    assert f"`dask worker {it.address}`" in str(caught.value)
     output = tmp_path / "out"
+    it.worker()
 
     def kill_in_the_middle(progress: Progress) -> None:
         if in_place(output) == 1:
@@ -564,15 +571,6 @@ def test_file_that_cannot_be_written_is_told_by_the_worker(cluster, tmp_path):
     (output / f"runs/block-{absent:06d}.parquet").mkdir()
     with pytest.raises(OutputError, match=rf"cannot write .*block-{absent:06d}"):
         spread(plan_of(), output, cluster)
-
-
-def test_scheduler_without_workers_is_told(own_cluster, tmp_path, monkeypatch):
-    it = own_cluster(0)
-    monkeypatch.setattr(daskengine, "WORKERLESS", 1.0)
-    with pytest.raises(OutputError) as caught:
-        spread(plan_of(), tmp_path / "out", it)
-    assert f"the scheduler at {it.address} has had no worker for 1 s" in str(caught.value)
-    assert f"`dask worker {it.address}`" in str(caught.value)
 
 
 def test_address_where_nobody_is_is_told(tmp_path, monkeypatch):

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import random
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
+from stopping import again_and_again
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.blocks.block import finish_block, prepare_runs
@@ -16,8 +18,6 @@ from rattlesweep.sweeps.cases.plan import make_plan
 from rattlesweep.sweeps.cases.shards import Shard
 from rattlesweep.sweeps.cases.stages import FIRST, make_stages
 from rattlesweep.sweeps.config.load import parse_config
-from rattlesweep.sweeps.engines import local
-from rattlesweep.sweeps.engines.job import Job
 from rattlesweep.sweeps.engines.run import run_sweep
 from rattlesweep.sweeps.inspect.content_hash import content_hash
 from rattlesweep.sweeps.inspect.retype import retype
@@ -76,8 +76,9 @@ def test_mean_times_known_well_enough(tmp_path):
 
 
 def test_no_more_than_the_samples(tmp_path):
-    result = sweep(tmp_path, CONFIG | {"stop": {"fraction": 0.03, "t_r": 1e-4}})
-    assert result.runs == 12_000
+    bodies = {"source": "sd", "samples": 1000}
+    result = sweep(tmp_path, CONFIG | {"bodies": bodies, "stop": {"fraction": 0.03, "t_r": 1e-4}})
+    assert result.runs == 3000
     assert verify(tmp_path).problems == []
 
 
@@ -89,35 +90,19 @@ def test_the_rows_are_those_of_the_sweep_without_it(whole, tmp_path):
     pd.testing.assert_frame_equal(some, every.loc[some.index])
 
 
-class Stop(Exception):
-    """The engine has had enough."""
-
-
 def test_stopped_again_and_again_in_any_order_with_harm(whole, tmp_path):
     dice = random.Random(3)
 
-    def some(job: Job) -> None:
-        dice.shuffle(job.session.pending)
-        del job.session.pending[dice.randint(1, 6) :]
-        local.work_off(job)
-        raise Stop
+    def harm(trial: int) -> None:
+        blocks = sorted((tmp_path / "runs").iterdir())
+        if trial % 4 == 1:
+            (tmp_path / "manifest.json").unlink()
+        if trial % 5 == 2:
+            blocks[0].write_bytes(blocks[0].read_bytes()[:-5])
+        if trial % 7 == 3:
+            dice.choice(blocks).unlink()
 
-    for trial in range(200):
-        try:
-            sweep(tmp_path, engine=some)
-        except Stop:
-            blocks = sorted((tmp_path / "runs").iterdir())
-            if trial % 4 == 1:
-                (tmp_path / "manifest.json").unlink()
-            if trial % 5 == 2:
-                blocks[0].write_bytes(blocks[0].read_bytes()[:-5])
-            if trial % 7 == 3:
-                dice.choice(blocks).unlink()
-        else:
-            break
-    else:
-        pytest.fail("it does not end")
-    assert trial > 5
+    assert again_and_again(partial(sweep, tmp_path), 6, dice, harm) > 5
     assert verify(tmp_path).problems == []
     assert content_hash(tmp_path) == content_hash(whole)
     assert (tmp_path / "summary.parquet").read_bytes() == (whole / "summary.parquet").read_bytes()
@@ -146,20 +131,17 @@ def test_what_was_decided_is_verified(whole, tmp_path):
     assert content_hash(tmp_path / "out") == content_hash(whole)
 
 
-@pytest.mark.parametrize(
-    ("change", "options", "words"),
-    [
+def test_what_would_change_decisions_is_refused(whole):
+    before = content_hash(whole)
+    for change, options, words in (
         ({}, {"shard": Shard(0, 2)}, "there are no shares"),
         ({}, {"retry_failed": True}, "has chosen the runs"),
         ({"block_size": 100}, {}, "block_size: 150 against 100"),
         ({"classify": {"sw_departure": 0.1}}, {}, "classify.sw_departure"),
         ({"bodies": {"source": "sd", "samples": 5000}}, {}, "does not grow"),
-    ],
-)
-def test_what_would_change_decisions_is_refused(change, options, words, whole):
-    before = content_hash(whole)
-    with pytest.raises(ConfigError, match=words):
-        sweep(whole, CONFIG | change, **options)
+    ):
+        with pytest.raises(ConfigError, match=words):
+            sweep(whole, CONFIG | change, **options)
     with pytest.raises(ConfigError, match="its types cannot change"):
         retype(whole, ["classify.sw_departure=0.1"])
     assert content_hash(whole) == before

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import random
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+from stopping import Stop, after
 
 from rattlesweep.integrate.batch import most_threads
 from rattlesweep.sweeps.cases.plan import make_plan
@@ -98,21 +98,6 @@ def test_shares_of_different_deals_leave_nothing_out(expected, tmp_path):
     report = sweep(tmp_path, "block_size=3")
     assert 0 < report.resumed_runs < RUNS
     assert contents(tmp_path) == expected
-
-
-class Stop(Exception):
-    """The engine has had enough."""
-
-
-def after(blocks: int) -> Callable[[Job], None]:
-    """An engine that breaks off after some blocks."""
-
-    def some(job: Job) -> None:
-        del job.session.pending[blocks:]
-        local.work_off(job)
-        raise Stop
-
-    return some
 
 
 def test_resumed_again_and_again(expected, tmp_path):

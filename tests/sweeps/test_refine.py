@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 import shutil
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pytest
+from stopping import again_and_again
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.study.plots.layout import read_layout
@@ -19,8 +21,6 @@ from rattlesweep.study.plots.registry import read_picture
 from rattlesweep.sweeps.cases.plan import make_plan
 from rattlesweep.sweeps.cases.stages import make_stages, strides
 from rattlesweep.sweeps.config.load import parse_config, physics_hash
-from rattlesweep.sweeps.engines import local
-from rattlesweep.sweeps.engines.job import Job
 from rattlesweep.sweeps.engines.run import run_sweep
 from rattlesweep.sweeps.inspect.content_hash import content_hash
 from rattlesweep.sweeps.inspect.verify import verify
@@ -89,29 +89,16 @@ def test_times_between_runs_are_as_near_as_asked(full, tmp_path):
     assert runs < 0.5 * RUNS
 
 
-class Stop(Exception):
-    """The engine has had enough."""
-
-
 def test_stopped_again_and_again_in_any_order(refined, tmp_path):
     dice = random.Random(1)
 
-    def some(job: Job) -> None:
-        dice.shuffle(job.session.pending)
-        del job.session.pending[dice.randint(1, 4) :]
-        local.work_off(job)
-        raise Stop
+    def harm(trial: int) -> None:
+        blocks = sorted((tmp_path / "runs").iterdir())
+        if dice.random() < 0.3:
+            dice.choice(blocks).unlink()
+        assert not any("other stages" in text for text in verify(tmp_path).problems)
 
-    for _ in range(100):
-        try:
-            sweep(tmp_path, engine=some)
-        except Stop:
-            blocks = sorted((tmp_path / "runs").iterdir())
-            if dice.random() < 0.3:
-                dice.choice(blocks).unlink()
-            assert not any("other stages" in text for text in verify(tmp_path).problems)
-        else:
-            break
+    again_and_again(partial(sweep, tmp_path), 4, dice, harm)
     assert content_hash(tmp_path) == content_hash(refined)
     assert (tmp_path / "summary.parquet").read_bytes() == (refined / "summary.parquet").read_bytes()
 
