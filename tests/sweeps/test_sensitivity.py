@@ -105,6 +105,39 @@ def test_seven_samples_differ_in_one_parameter_each():
     assert np.array_equal(plan.source.bodies(0, some).theta, b.theta[some])
 
 
+def test_eight_where_the_semi_axis_has_a_range(tmp_path):
+    """Which changes nothing in the closed form, and shows as that."""
+    bodies = CONFIG["bodies"] | {"samples": 8 * 512, "c": [1.5, 4]}
+    plan = make_plan(parse_config(CONFIG | {"bodies": bodies}))
+    b = plan.source.bodies(0, np.arange(8 * 40))
+    values = np.array([b.gamma, b.f_sd, b.theta, b.phi, b.xi, b.c]).reshape(6, 40, 8)
+    first, second, others = values[:, :, 0], values[:, :, 1], values[:, :, 2:]
+    assert (first != second).all()
+    for k in range(6):
+        for p in range(6):
+            assert np.array_equal(others[p, :, k], (second if p == k else first)[p])
+    found = sensitivity(sweep(tmp_path / "out", bodies=bodies))
+    assert found.parameters == (*PARAMETERS, "c")
+    rows = [row for row in found.rows if row.parameter == "c"]
+    assert {row.of for row in rows} >= {"t_r", "P(R)"}
+    assert {row.total for row in rows} == {0}
+    assert {row.total for row in found.rows if row.parameter == "phi"} != {0}
+    text = CliRunner().invoke(main, ["sensitivity", str(tmp_path / "out"), "--figure",
+                                     str(tmp_path / "f.svg")])  # fmt: skip
+    assert text.exit_code == 0, text.output
+    assert text.stdout.splitlines()[0].split()[-2:] == ["minus_xi_deg", "c"]
+
+
+@pytest.mark.parametrize("draw", ["saltelli", "sobol"])
+def test_a_semi_axis_without_a_range_has_no_index(tmp_path, draw):
+    bodies = {"source": "sd", "samples": 7 * 128, "draw": draw, "c": 3}
+    assert parse_config(CONFIG | {"bodies": bodies}).bodies.group == 7
+    found = sensitivity(sweep(tmp_path / "out", bodies=bodies))
+    assert {row.parameter for row in found.rows} == set(PARAMETERS)
+    ranged = sensitivity(sweep(tmp_path / "ranged", bodies=bodies | {"c": [2, 3]}))
+    assert {row.parameter for row in ranged.rows} == {*PARAMETERS, "c"}
+
+
 def test_grows_like_others(tmp_path):
     small = {"source": "sd", "samples": 50, "draw": "saltelli"}
     grown = sweep(tmp_path / "grown", bodies=small)
