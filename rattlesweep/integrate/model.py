@@ -148,8 +148,16 @@ def _friction_error(  # type: ignore[no-untyped-def]
     ep, eq, ea, eb, ec, ework, p, q, a, b, c, work,
     ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps,
 ):  # fmt: skip
-    # The work is a quadrature beside, as accurate as what it is of.
-    return _full_error(ep, eq, ea, eb, ec, p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy)
+    # The work is a quadrature beside, as accurate as what it is of.  The spin, which falls by
+    # itself, has errors of rounding: where the oscillation has died, no step is judged by them.
+    size = full.oscillation(p, q, a, b, ix, iy, cxx, cxy, cyy) + 1e-290
+    known = min(1.0, size / (SPIN_KNOWN * iz * c * c + 1e-290))
+    return full.oscillation(ep, eq, ea, eb, ix, iy, cxx, cxy, cyy) + known * iz * ec * ec, size
+
+
+SPIN_KNOWN = 1e-14
+"""Of an oscillation with less than this share of the spin's energy the error of the spin counts as
+of one with so much: it is then 1e-7 of the tolerance, and no less than rounding."""
 
 
 def _with_friction(plain: Model, name: str, template: Callable[..., Any]) -> Model:

@@ -140,6 +140,20 @@ def test_without_losses_it_is_that_of_a_sweep_without(tmp_path):
     assert without.n_c1.equals(free.n_c1.reset_index(drop=True))
 
 
+def test_what_the_lever_stops_long_before_the_spin_takes_no_steps(tmp_path):
+    """Oscillations of 1e-20: errors of rounding in the spin that falls are far larger."""
+    kl = {"source": "preset", "name": "KL"}
+    losses, horizon = {"sigma": 0.032, "rolling": 2e-3}, {"t": 250}
+    run = alone(tmp_path / "out", bodies=kl, spin={"n_i": -0.2, "omega_xy0": 0.02},
+                dissipation=losses, horizon=horizon,
+                integrator={"max_steps": 20_000}).iloc[0]  # fmt: skip
+    assert (run.status, run.n_reversals) == ("ok", 0)
+    assert run.n_steps < 5000
+    assert abs(run.energy_drift) < 1e-9
+    # What is left is a spin that falls at the rate sigma/gamma.
+    assert run.n_end == pytest.approx(-0.2 * np.exp(-0.032 * 250 / 17), rel=5e-3)
+
+
 # -- what is made of them --------------------------------------------------------------------------
 
 

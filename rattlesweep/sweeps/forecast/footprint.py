@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 # Rows of a block that are prepared and encoded.
 ROWS = 4096
 # Bytes beside the blocks: of any sweep, a case and a block.
-BESIDE, BESIDE_CASE, BESIDE_BLOCK = 9_500, 110, 150
+BESIDE, BESIDE_CASE, BESIDE_BLOCK = 11_500, 110, 150
 GIVEN = ("keys", "body", "launch", "theory")
 
 
