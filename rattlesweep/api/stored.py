@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rattlesweep.api.arrays import to_frame
-from rattlesweep.api.pages import Page, plotted
+from rattlesweep.api.pages import Page
 from rattlesweep.api.single import replay
 from rattlesweep.errors import ConfigError
 
@@ -19,6 +19,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from rattlesweep.study.onerun.course import Trajectory
+
+LOOKS = ("title", "log", "size", "xlim", "ylim")
+# Dots per inch of what a notebook shows.
+DPI = 110.0
 
 
 class Sweep:
@@ -225,7 +229,28 @@ class Sweep:
         >>> import rattlesweep as rs
         >>> figure = rs.load("out/gh").plot("distribution", path="distribution.svg")
         """
-        return plotted(self.directory, kind, x, select, where, path, looks)
+        from rattlesweep.study.plots.layout import read_layout
+        from rattlesweep.study.plots.registry import read_picture
+        from rattlesweep.study.style import FORMATS, encode, save, styled
+
+        for name in looks:
+            if name not in LOOKS:
+                raise ConfigError(f"{name}: unknown; the looks of a picture are {', '.join(LOOKS)}")
+        endings = [f".{kind}" for kind in FORMATS]
+        if path is not None and Path(path).suffix.lower() not in endings:
+            raise ConfigError(f"path {path}: the name must end in {', '.join(endings)}")
+        if isinstance(select, Mapping):
+            select = [f"{name}={_values(value)}" for name, value in select.items()]
+        elif isinstance(select, str):
+            select = [select]
+        with styled():
+            layout = read_layout(self.directory)
+            figure = read_picture(layout, kind, x=x, select=select, where=where).figure(**looks)
+            if path is not None:
+                save(figure, [Path(path)], 150.0)
+        # A figure that is none of pyplot's is shown by no notebook unless it says how.
+        setattr(figure, "_repr_png_", lambda: encode(figure, "png", DPI))  # noqa: B010
+        return figure
 
     def report(self, path: str | Path | None = None, *, title: str | None = None) -> Page:
         """Write one self-contained HTML page about the sweep.
@@ -343,3 +368,13 @@ class Sweep:
         summary = self.summary.dropna(axis="columns", how="all")
         table = summary.to_html(max_rows=10, index=False, float_format=lambda x: f"{x:.5g}")
         return f"<div><strong>rattlesweep</strong> {head}{table}</div>"
+
+
+def _values(value: Any) -> str:
+    """Values as ``--select`` has them: a text as it is, a number, or several."""
+    if isinstance(value, str):
+        return value
+    try:
+        return ",".join(repr(float(each)) for each in value)
+    except TypeError:
+        return repr(value)

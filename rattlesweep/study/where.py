@@ -30,8 +30,8 @@ _TOKEN = re.compile(
 )
 _PYTHON = {"=": "==", "<>": "!=", "null": "None", "true": "True", "false": "False"}
 _KEYWORDS = ("and", "or", "not", "in", "is")
-_ALIKE: dict[type, Callable[[Any, Any], Any]] = {ast.Eq: operator.eq, ast.NotEq: operator.ne}
-_ORDER: dict[type, Callable[[Any, Any], Any]] = {
+_COMPARED: dict[type, Callable[[Any, Any], Any]] = {
+    ast.Eq: operator.eq, ast.NotEq: operator.ne,
     ast.Lt: operator.lt, ast.LtE: operator.le, ast.Gt: operator.gt, ast.GtE: operator.ge,
 }  # fmt: skip
 _ARITHMETIC: dict[type, Callable[[Any, Any], Any]] = {
@@ -136,13 +136,11 @@ class _Translator(ast.NodeVisitor):
             raise _Unreadable(
                 f"{_shown(one)} is a {kind} and {_shown(two)} a {other}; they cannot be compared"
             )
-        if type(sign) in _ALIKE:
-            return _ALIKE[type(sign)](a, b)
-        if kind != "number":
+        if kind != "number" and not isinstance(sign, ast.Eq | ast.NotEq):
             raise _Unreadable(
                 f"{kind}s are = or !=, not < or >, as {_shown(left)} and {_shown(right)} are here"
             )
-        return _ORDER[type(sign)](a, b)
+        return _COMPARED[type(sign)](a, b)
 
     def _value(self, node: ast.expr) -> tuple[Any, str]:
         """An expression, and whether it is a ``number``, a ``word`` or a ``flag``."""

@@ -121,7 +121,7 @@ def test_a_map_of_the_shipped_config(tmp_path: Path):
     assert runs.n_reversals.max() > 1
     shown = read_picture(read_layout(out), "reversals")
     figure = shown.figure()
-    mesh = figure.axes[0].collections[0].get_array()
+    mesh = figure.axes[0].collections[-1].get_array()
     assert np.array_equal(np.sort(mesh.ravel()), np.sort(runs.n_reversals))
     labels = [text.get_text() for text in figure.axes[-1].get_yticklabels()]
     assert labels[:3] == ["0", "1", "2"]

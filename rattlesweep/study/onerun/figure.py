@@ -12,25 +12,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from rattlesweep.arrays import Floats
+from rattlesweep.study import style
 from rattlesweep.study.onerun.channels import CHANNELS
 from rattlesweep.study.onerun.course import Course, PreparedRun
 from rattlesweep.study.onerun.rows import Rows
-from rattlesweep.study.style import (
-    BLUE,
-    GREY,
-    INK,
-    RATE,
-    TIME,
-    UNITS,
-    VERMILION,
-    encode,
-    light_grid,
-    new_figure,
-    styled,
-    symbol,
-)
+from rattlesweep.study.style import BLUE, GREY, INK, RATE, TIME, UNITS, VERMILION
 from rattlesweep.sweeps.blocks.single import Launch
-from rattlesweep.sweeps.store.atomic import replace_file
 
 WIDTH, DPI = 7.2, 160
 # Every period of the pitch is to be seen, as far as the points are not too many.
@@ -72,16 +59,15 @@ def course_of(
 def save(course: Course, path: Path) -> None:
     """Integrate, draw and write a figure, in the format of the file's ending."""
     columns = course.columns()
-    with styled():
-        figure = draw(columns, course, describe(course))
-        replace_file(path, encode(figure, path.suffix.lower()[1:], DPI))
+    with style.styled():
+        style.save(draw(columns, course, describe(course)), [path], DPI)
 
 
 def describe(course: Course) -> str:
     """Which run: one line."""
     values = dict(course.body)
     skew = math.degrees(values.pop("xi"))
-    body = ", ".join(f"{symbol(name)} = {value:.4g}" for name, value in values.items())
+    body = ", ".join(f"{style.symbol(name)} = {value:.4g}" for name, value in values.items())
     n_i, omega_xy0 = course.launch["n_i"], course.launch["omega_xy0"]
     launch = f"$n_i$ = {n_i:g}, $|\\omega_{{xy0}}|$ = {omega_xy0:g}"
     return f"{body}, $\\xi$ = {skew:.3g}°;  {launch}"
@@ -103,7 +89,7 @@ def draw(columns: dict[str, Floats], course: Course, caption: str = "") -> Figur
     """Draw the columns of a course of :func:`course_of`, at its end, under a line of words."""
     t = columns["t"]
     panels = _panels(columns)
-    figure = new_figure(WIDTH, 1.1 + 1.85 * len(panels))
+    figure = style.new_figure(WIDTH, 1.1 + 1.85 * len(panels))
     axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     slower = float(course.launches.modes.omega_r[0])
     width = round(2 * math.pi / slower / ((t[-1] - t[0]) / (len(t) - 1)))
@@ -176,7 +162,7 @@ def _finish(axes: Any, course: Course) -> None:
     text = f"{word} at " if one else f"{len(times)} {word}s, the first at "
     explained: set[str] = set()
     for axis in axes:
-        light_grid(axis)
+        style.light_grid(axis)
         low, high = axis.get_ylim()
         if low <= 0 <= high:
             axis.axhline(0, color=GREY, linewidth=0.7, zorder=1)

@@ -101,26 +101,16 @@ class Map(Counted):
             titles = ("most common type", r"mean $t_r/t_{rGH}$")
         code, ratio = self.shown()
         norm, extend = _ratio_norm(ratio)
-        edges = self._edges()
         bondi = balance = False
         for panel in panels:
-            here: Any = (slice(None), slice(None), *panel.where)
-            colours = [colour for colour, _ in CELLS.values()]
+            self._paint_types(panel, code, grey=panel.part == 1)
             if panel.part:
-                colours[: len(TYPE_STYLE)] = [NO_REVERSAL] * len(TYPE_STYLE)
-            panel.axes.pcolormesh(
-                *edges, code[here].T, cmap=ListedColormap(colours), rasterized=True,
-                norm=BoundaryNorm(np.arange(len(CELLS) + 1) - 0.5, len(CELLS)),
-            )  # fmt: skip
-            if panel.part:
-                shown = np.ma.masked_invalid(ratio[here].T)
-                mesh = panel.axes.pcolormesh(*edges, shown, cmap="viridis", norm=norm,
-                                             rasterized=True)  # fmt: skip
+                mesh = self._paint(panel, ratio, cmap="viridis", norm=norm)
             else:
                 panel.axes.set_ylabel(label(y.name))
             bondi |= self._bondi(panel)
             balance |= self._balance(panel)
-            self._scale(panel, edges, log)
+            self._scale(panel, log)
             if panel.row == 0:
                 panel.axes.set_title(titles[panel.part], fontsize="medium")
         figure.supxlabel(label(x.name), fontsize="medium")
@@ -135,14 +125,25 @@ class Map(Counted):
                 panel.axes.set_title(found.symbols, loc="right", fontsize="x-small")
         self._legend(figure, set(np.unique(code)), bondi, balance)
 
-    def _edges(self) -> tuple[Floats, Floats]:
-        """Borders of the cells along both axes."""
-        return _edges(self.axes[0]), _edges(self.axes[1])
+    def _paint(self, panel: Panel, values: Any, **look: Any) -> Any:
+        """Cells of a panel by a number, over what is there where there is none."""
+        x, y, *_ = self.axes
+        shown = np.ma.masked_invalid(values[(slice(None), slice(None), *panel.where)].T)
+        return panel.axes.pcolormesh(_edges(x), _edges(y), shown, rasterized=True, **look)
 
-    def _scale(self, panel: Panel, edges: tuple[Floats, Floats], log: bool | None) -> None:
+    def _paint_types(self, panel: Panel, code: Integers, *, grey: bool) -> None:
+        """Cells of a panel by what they are; in `grey` all those that have a type."""
+        colours = [colour for colour, _ in CELLS.values()]
+        if grey:
+            colours[: len(TYPE_STYLE)] = [NO_REVERSAL] * len(TYPE_STYLE)
+        norm = BoundaryNorm(np.arange(len(CELLS) + 1) - 0.5, len(CELLS))
+        self._paint(panel, code, cmap=ListedColormap(colours), norm=norm)
+
+    def _scale(self, panel: Panel, log: bool | None) -> None:
         """Scales and ends of a panel's axes."""
-        for which, axis, ends in zip("xy", self.axes, edges, strict=False):
+        for which, axis in zip("xy", self.axes, strict=False):
             scale_axis(panel.axes, which, axis.values, axis.logarithmic(log), axis.name)
+            ends = _edges(axis)
             getattr(panel.axes, f"set_{which}lim")(ends[0], ends[-1])
 
     def shown(self) -> tuple[Integers, Floats]:

@@ -16,6 +16,7 @@ from rattlesweep.study.plots.map import (
     BALANCE,
     BALANCE_LABEL,
     CELLS,
+    CODES,
     NO_REVERSAL,
     Map,
     add_finite,
@@ -66,24 +67,18 @@ class Reversals(Map):
         """Cells by their number, in steps of one while it is small."""
         x, y, *rows = self.axes
         panels = draw_panels(figure, rows, ())
-        mean, edges = self.grid(self.count.means()), self._edges()
+        mean, code = self.grid(self.count.means()), self._codes()
         borders = _borders(mean)
         shades = colormaps["viridis"](np.linspace(0.1, 1, max(1, len(borders) - 2)))
         norm = BoundaryNorm(np.array(borders) - 0.5, len(borders) - 1)
         colours = ListedColormap([NO_REVERSAL, *shades][: len(borders) - 1])
-        kinds = [name for name in ("failed", "missing") if (self._lost() == name).any()]
         balance = False
         for panel in panels:
-            here: Any = (slice(None), slice(None), *panel.where)
-            for name in kinds:
-                lost = np.ma.masked_where(self._lost()[here] != name, np.zeros(self.shape[:2]))
-                panel.axes.pcolormesh(*edges, lost.T, cmap=ListedColormap([CELLS[name][0]]),
-                                      rasterized=True)  # fmt: skip
-            shown = np.ma.masked_invalid(mean[here].T)
-            mesh = panel.axes.pcolormesh(*edges, shown, cmap=colours, norm=norm, rasterized=True)
+            self._paint_types(panel, code, grey=True)
+            mesh = self._paint(panel, mean, cmap=colours, norm=norm)
             panel.axes.set_ylabel(label(y.name))
             balance |= self._balance(panel)
-            self._scale(panel, edges, log)
+            self._scale(panel, log)
         figure.supxlabel(label(x.name), fontsize="medium")
         bar = figure.colorbar(mesh, ax=[panel.axes for panel in panels], pad=0.03, aspect=30)
         bar.set_ticks(
@@ -93,15 +88,11 @@ class Reversals(Map):
         bar.ax.tick_params(which="both", length=0)
         several = self.cells.runs.max() > 1
         bar.set_label("mean number of reversals" if several else "number of reversals")
-        handles: list[Any] = [patch(*CELLS[kind]) for kind in kinds]
+        lost = [name for name in ("failed", "missing") if (code == CODES[name]).any()]
+        handles: list[Any] = [patch(*CELLS[name]) for name in lost]
         handles += [entry(BALANCE_LABEL, **BALANCE)] if balance else []
         if handles:
             legend_above(figure, handles, 1.9)
-
-    def _lost(self) -> Any:
-        """What a cell without a number is, in words."""
-        runs, ok = self.grid(self.cells.runs), self.grid(self.cells.ok)
-        return np.where(runs == 0, "missing", np.where(ok == 0, "failed", ""))
 
 
 def _borders(mean: Floats) -> list[int]:
