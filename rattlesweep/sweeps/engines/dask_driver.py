@@ -11,24 +11,27 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.integrate.task import POLL
 from rattlesweep.sweeps.blocks.block import Interrupted, load_kernel
+from rattlesweep.sweeps.cases.plan import Block
 from rattlesweep.sweeps.engines.dask_cluster import ANSWER, embedded, existing, quiet, reach
-from rattlesweep.sweeps.engines.dask_worker import call_off, do_block, place_order, remove_orders
+from rattlesweep.sweeps.engines.dask_worker import (
+    Answer,
+    call_off,
+    do_block,
+    place_order,
+    remove_orders,
+)
+from rattlesweep.sweeps.engines.job import Job
 from rattlesweep.sweeps.engines.remainder import GATHER
 from rattlesweep.sweeps.store.provenance import machine
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from distributed import Client, Future
-
-    from rattlesweep.sweeps.cases.plan import Block
-    from rattlesweep.sweeps.engines.dask_worker import Answer
-    from rattlesweep.sweeps.engines.job import Job
 
 AHEAD = 2  # blocks handed out for each worker: one under way, one ready
 # Seconds in which a lost scheduler may come back.

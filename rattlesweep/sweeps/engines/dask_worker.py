@@ -21,26 +21,20 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rattlesweep.errors import OutputError
 from rattlesweep.integrate.cache import PACKAGE
-from rattlesweep.integrate.task import POLL
+from rattlesweep.integrate.task import POLL, Task
 from rattlesweep.sweeps.blocks.block import Interrupted, load_kernel
-from rattlesweep.sweeps.cases.plan import make_plan
+from rattlesweep.sweeps.cases.plan import Plan, make_plan
 from rattlesweep.sweeps.config.load import override_config, resolved
-from rattlesweep.sweeps.engines.remainder import Remainder, gather
+from rattlesweep.sweeps.engines.remainder import Columns, Remainder, gather
 from rattlesweep.sweeps.store.atomic import reason, replace_file
+from rattlesweep.sweeps.store.manifest import Receipt
 from rattlesweep.sweeps.store.output import Output
 from rattlesweep.sweeps.store.provenance import identity, machine, versions
 from rattlesweep.sweeps.store.store import Store
 from rattlesweep.sweeps.store.stored import follow_stages
-
-if TYPE_CHECKING:
-    from rattlesweep.integrate.task import Task
-    from rattlesweep.sweeps.cases.plan import Plan
-    from rattlesweep.sweeps.engines.remainder import Columns
-    from rattlesweep.sweeps.store.manifest import Receipt
 
 # Packages whose versions the bits depend on.
 NUMERIC = ("numpy", "numba", "llvmlite", "scipy")

@@ -5,11 +5,13 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import pandas as pd
 import pyarrow as pa
 
 from rattlesweep.errors import ConfigError
+from rattlesweep.sweeps.cases.plan import Plan
 from rattlesweep.sweeps.cases.table import COLUMNS, columns_of
 from rattlesweep.sweeps.config.load import parse_config
 from rattlesweep.sweeps.sense import checked_plan
@@ -18,11 +20,6 @@ from rattlesweep.sweeps.store.output import examine
 from rattlesweep.sweeps.store.store import Store
 from rattlesweep.sweeps.tables.arrow import ContentHash, build_table, encode
 from rattlesweep.sweeps.tables.columns import RUNS, STATE
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-    from rattlesweep.sweeps.cases.plan import Plan
 
 
 def keep_bodies(

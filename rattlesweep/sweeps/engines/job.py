@@ -10,18 +10,16 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import pyarrow as pa
+
+from rattlesweep.integrate.batch import Control
+from rattlesweep.sweeps.cases.costs import Costs
+from rattlesweep.sweeps.cases.plan import Block, Plan
 from rattlesweep.sweeps.engines.remainder import Remainder
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-
-    from rattlesweep.integrate.batch import Control
-    from rattlesweep.sweeps.cases.costs import Costs
-    from rattlesweep.sweeps.cases.plan import Block, Plan
-    from rattlesweep.sweeps.engines.session import Session
-    from rattlesweep.sweeps.store.manifest import Receipt
+from rattlesweep.sweeps.engines.session import Session
+from rattlesweep.sweeps.store.manifest import Receipt
 
 # Seconds for which a session in which no run has ended yet goes on after its time is up, so that
 # the same command again and again comes to an end, however short the time.

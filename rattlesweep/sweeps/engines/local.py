@@ -7,17 +7,14 @@ thread writes the block before, prepares the one after, reports progress and hea
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rattlesweep.integrate.task import Task
 from rattlesweep.sweeps.blocks.block import load_kernel
-from rattlesweep.sweeps.engines.remainder import gather
+from rattlesweep.sweeps.cases.plan import Block
+from rattlesweep.sweeps.engines.job import Job
+from rattlesweep.sweeps.engines.remainder import Columns, Remainder, gather
 from rattlesweep.sweeps.forecast.forecast import expectation
-
-if TYPE_CHECKING:
-    from rattlesweep.sweeps.cases.plan import Block
-    from rattlesweep.sweeps.engines.job import Job
-    from rattlesweep.sweeps.engines.remainder import Columns, Remainder
 
 
 class _Late(Exception):

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.cases.costs import Costs
+from rattlesweep.sweeps.cases.plan import Plan
 from rattlesweep.sweeps.cases.shards import Shard, deal
 from rattlesweep.sweeps.engines.session import Session
 from rattlesweep.sweeps.store.atomic import explained
@@ -19,9 +19,6 @@ from rattlesweep.sweeps.store.output import Output, examine, put_in_order
 from rattlesweep.sweeps.store.provenance import table_files
 from rattlesweep.sweeps.store.store import Store
 from rattlesweep.sweeps.store.stored import follow_stages
-
-if TYPE_CHECKING:
-    from rattlesweep.sweeps.cases.plan import Plan
 
 
 @contextmanager

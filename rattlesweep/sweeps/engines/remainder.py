@@ -10,26 +10,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from rattlesweep.integrate.batch import Batch
 from rattlesweep.integrate.task import Task
 from rattlesweep.sweeps.blocks.block import Interrupted, finish_block, prepare_runs
+from rattlesweep.sweeps.cases.launches import Launches
+from rattlesweep.sweeps.cases.plan import Block
 from rattlesweep.sweeps.store.blockfile import numbers_of
+from rattlesweep.sweeps.store.manifest import Receipt
+from rattlesweep.sweeps.store.output import Output
 from rattlesweep.sweeps.tables.arrow import build_table
 from rattlesweep.sweeps.tables.types import with_types
 
-if TYPE_CHECKING:
-    from rattlesweep.integrate.batch import Batch
-    from rattlesweep.sweeps.cases.launches import Launches
-    from rattlesweep.sweeps.cases.plan import Block
-    from rattlesweep.sweeps.store.manifest import Receipt
-    from rattlesweep.sweeps.store.output import Output
-
-    Columns = Mapping[str, Any]
+Columns = Mapping[str, Any]
 
 # Seconds for which a stop waits for the runs that have ended: to be typed, not integrated.
 GATHER = 10.0

@@ -6,21 +6,18 @@ import contextlib
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rattlesweep.errors import OutputError
 from rattlesweep.integrate.batch import available_threads
+from rattlesweep.sweeps.cases.plan import Plan
+from rattlesweep.sweeps.cases.shards import Shard
 from rattlesweep.sweeps.engines import local
 from rattlesweep.sweeps.engines.job import Job, Progress, Result, Tracker
 from rattlesweep.sweeps.engines.opening import open_session
+from rattlesweep.sweeps.engines.session import Session
 from rattlesweep.sweeps.inspect.retype import retype_block
 from rattlesweep.sweeps.inspect.summary import summarise
 from rattlesweep.sweeps.tables.cells import columns_for
-
-if TYPE_CHECKING:
-    from rattlesweep.sweeps.cases.plan import Plan
-    from rattlesweep.sweeps.cases.shards import Shard
-    from rattlesweep.sweeps.engines.session import Session
 
 
 def run_sweep(

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from rattlesweep.errors import ConfigError, DamagedError, OutputError
 from rattlesweep.sweeps.cases.costs import Costs
+from rattlesweep.sweeps.cases.plan import Block, Plan
 from rattlesweep.sweeps.cases.shards import Shard
 from rattlesweep.sweeps.store.blockfile import Note
 from rattlesweep.sweeps.store.manifest import (
@@ -28,7 +29,6 @@ from rattlesweep.sweeps.store.stored import Staged
 from rattlesweep.sweeps.tables.arrow import same_schema
 
 if TYPE_CHECKING:
-    from rattlesweep.sweeps.cases.plan import Block, Plan
     from rattlesweep.sweeps.engines.job import Progress, Result
 
 # Seconds between two notes in the manifest; more where writing it takes long.

@@ -12,24 +12,21 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
+from rattlesweep.arrays import Floats
 from rattlesweep.integrate.batch import N_WINDOWS
 from rattlesweep.integrate.lanes import columns as C
 from rattlesweep.sweeps.blocks.block import columns_of, prepare_runs
+from rattlesweep.sweeps.cases.plan import Plan
+from rattlesweep.sweeps.forecast.pilot import Pilot
 from rattlesweep.sweeps.tables.arrow import build_table, encode, open_sealed
 from rattlesweep.sweeps.tables.columns import RUNS
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from rattlesweep.sweeps.cases.plan import Plan
-    from rattlesweep.sweeps.forecast.pilot import Pilot
-
-    Columns = Mapping[str, Any]
+Columns = Mapping[str, Any]
 
 # Rows of a block that are prepared and encoded.
 ROWS = 4096
@@ -103,9 +100,7 @@ def measure(plan: Plan, pilot: Pilot) -> Footprint:
     )
 
 
-def _encoded(
-    columns: Columns, names: list[str], schema: pa.Schema, rows: int
-) -> NDArray[np.float64]:
+def _encoded(columns: Columns, names: list[str], schema: pa.Schema, rows: int) -> Floats:
     """Bytes in the file, seconds to make and to prove it, and bytes of the table in memory."""
     part = {name: _head(columns[name], rows) for name in names}
     begin = time.perf_counter()

@@ -5,26 +5,21 @@ from __future__ import annotations
 import time
 from dataclasses import asdict, dataclass
 from datetime import datetime, timedelta
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from rattlesweep.arrays import Floats
 from rattlesweep.integrate.batch import available_threads
 from rattlesweep.integrate.defaults import DT
 from rattlesweep.integrate.lanes.step import LANES
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.sweeps.cases.costs import SEED, Costs
+from rattlesweep.sweeps.cases.plan import Plan
 from rattlesweep.sweeps.cases.shards import deal, refuse_stages
 from rattlesweep.sweeps.forecast.footprint import Footprint, measure
 from rattlesweep.sweeps.forecast.pilot import Pilot
 from rattlesweep.text import align
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from rattlesweep.sweeps.cases.plan import Plan
-
-    Floats = NDArray[np.float64]
 
 # Opening and closing a directory, and putting a block to rest on the disk: a pilot that writes
 # nothing cannot measure them. Both were 0.05 s and 0.01 s on a local disk.

@@ -16,11 +16,11 @@ import time
 from collections.abc import Mapping
 from dataclasses import replace
 from glob import glob
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from rattlesweep.arrays import take
+from rattlesweep.arrays import Floats, Integers, take
 from rattlesweep.integrate.batch import Batch, Control, Outcome
 from rattlesweep.integrate.batch import expected_cost as kernel_cost
 from rattlesweep.integrate.defaults import DT
@@ -32,15 +32,8 @@ from rattlesweep.sweeps.blocks.block import columns_of, load_kernel, prepare_run
 from rattlesweep.sweeps.blocks.error import Estimated, ladder, prices
 from rattlesweep.sweeps.cases.costs import SEED, expected_cost, some_runs
 from rattlesweep.sweeps.cases.launches import Launches, prepare
+from rattlesweep.sweeps.cases.plan import Plan
 from rattlesweep.sweeps.config.bodies import SdSource
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from rattlesweep.sweeps.cases.plan import Plan
-
-    Floats = NDArray[np.float64]
-    Integers = NDArray[np.int64]
 
 # Runs whose expected cost is worked out (2 us each), and bodies drawn for a target (160 us each).
 KNOWN, DRAWN = 20_000, 2_000

@@ -5,24 +5,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pyarrow as pa
 import pyarrow.compute as pc
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.config.load import override_config, resolved
+from rattlesweep.sweeps.config.schema import Classify, Config
 from rattlesweep.sweeps.inspect.summary import Summary
+from rattlesweep.sweeps.store.blockfile import BlockFile
 from rattlesweep.sweeps.store.locks import hold
 from rattlesweep.sweeps.store.manifest import Classified, Manifest, Receipt
 from rattlesweep.sweeps.store.provenance import now
 from rattlesweep.sweeps.store.store import Store
 from rattlesweep.sweeps.store.stored import Stored, open_stored
 from rattlesweep.sweeps.tables.types import with_types
-
-if TYPE_CHECKING:
-    from rattlesweep.sweeps.config.schema import Classify, Config
-    from rattlesweep.sweeps.store.blockfile import BlockFile
 
 
 @dataclass(frozen=True)

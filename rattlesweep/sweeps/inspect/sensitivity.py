@@ -11,21 +11,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from rattlesweep.arrays import Floats, Integers
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps.config.bodies import SdSource
 from rattlesweep.sweeps.store.stored import Stored, open_stored
 from rattlesweep.sweeps.tables.cells import codes, floats
 from rattlesweep.sweeps.tables.types import TYPES
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
-    Integers = NDArray[np.int64]
 
 TIMES = ("t_r", "log10 t_r")
 QUANTITIES = (*TIMES, *(f"P({name})" for name in TYPES))

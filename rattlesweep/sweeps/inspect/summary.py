@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from rattlesweep.arrays import Floats
 from rattlesweep.errors import OutputError
+from rattlesweep.sweeps.store.manifest import StoredCase
 from rattlesweep.sweeps.store.store import Store
 from rattlesweep.sweeps.tables.arrow import build_table
 from rattlesweep.sweeps.tables.cells import COLUMNS, Cells
@@ -18,7 +19,6 @@ from rattlesweep.text import align
 
 if TYPE_CHECKING:
     from rattlesweep.sweeps.cases.plan import Case
-    from rattlesweep.sweeps.store.manifest import StoredCase
 
 
 class Summary:
@@ -91,7 +91,7 @@ def same_summary(one: pa.Table, other: pa.Table) -> bool:
     )
 
 
-def _values(values: Iterable[float | None]) -> NDArray[np.float64]:
+def _values(values: Iterable[float | None]) -> Floats:
     return np.array([np.nan if value is None else value for value in values], float)
 
 

@@ -6,12 +6,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from rattlesweep.arrays import Integers
 from rattlesweep.errors import ConfigError, DamagedError, OutputError
 from rattlesweep.sweeps.blocks.block import STATUS_WORDS
 from rattlesweep.sweeps.blocks.memory import differing_rows
@@ -24,9 +24,6 @@ from rattlesweep.sweeps.store.manifest import count_failed
 from rattlesweep.sweeps.store.stored import Stored, open_stored
 from rattlesweep.sweeps.tables.arrow import same_schema
 from rattlesweep.sweeps.tables.types import TYPES, with_types
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 _OK, _TYPE = pc.field("status") == "ok", pc.field("type")
 # What a block must not have, and the rows that have it.
@@ -252,7 +249,7 @@ def _check_numbers(
     verdict.recomputed = len(chosen)
 
 
-def _choose(spans: list[tuple[int, int]], count: int, seed: int | None) -> NDArray[np.int64]:
+def _choose(spans: list[tuple[int, int]], count: int, seed: int | None) -> Integers:
     """So many numbers out of some spans of run numbers at random, ascending, each once."""
     if not spans:
         return np.zeros(0, dtype=np.int64)
@@ -262,7 +259,7 @@ def _choose(spans: list[tuple[int, int]], count: int, seed: int | None) -> NDArr
     total = int(ends[-1])
     places = np.sort(np.random.default_rng(seed).choice(total, min(count, total), replace=False))
     span = np.searchsorted(ends, places, side="right")
-    numbers: NDArray[np.int64] = stop[span] - (ends[span] - places)
+    numbers: Integers = stop[span] - (ends[span] - places)
     return numbers
 
 

@@ -17,8 +17,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 
+from rattlesweep.arrays import Integers
 from rattlesweep.errors import DamagedError, OutputError
 from rattlesweep.sweeps.config.schema import Classify, Config
 from rattlesweep.sweeps.store.atomic import read_file, reason
@@ -150,10 +150,10 @@ def rows_of(
     return rows if columns is None else rows.select(list(dict.fromkeys(columns)))
 
 
-def numbers_of(rows: pa.Table, samples: int) -> NDArray[np.int64]:
+def numbers_of(rows: pa.Table, samples: int) -> Integers:
     """Numbers of runs in their sweep, which has so many samples of each case."""
     case, sample = (rows.column(key).to_numpy().astype(np.int64) for key in ("case", "sample"))
-    numbers: NDArray[np.int64] = case * samples + sample
+    numbers: Integers = case * samples + sample
     return numbers
 
 

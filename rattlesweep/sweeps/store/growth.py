@@ -9,30 +9,25 @@ comes after a killed process begins anew or ends what was begun.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
 
+from rattlesweep.arrays import Integers
 from rattlesweep.sweeps.config.bodies import SdSource, TableSource
 from rattlesweep.sweeps.config.load import differences, physics_part, resolved
+from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.store.atomic import explained, rename_file
 from rattlesweep.sweeps.store.blockfile import Note
-from rattlesweep.sweeps.store.manifest import Manifest
+from rattlesweep.sweeps.store.manifest import Manifest, StoredCase
 from rattlesweep.sweeps.store.store import Store
 from rattlesweep.sweeps.tables.types import with_types
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
     from rattlesweep.sweeps.cases.plan import Case, Plan
-    from rattlesweep.sweeps.config.schema import Config
-    from rattlesweep.sweeps.store.manifest import StoredCase
-
-    Integers = NDArray[np.int64]
 
 FOLDER = ".growing"
 

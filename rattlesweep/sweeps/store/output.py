@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rattlesweep.arrays import Integers
 from rattlesweep.errors import ConfigError, DamagedError, OutputError
 from rattlesweep.sweeps.config.load import differences, resolved
 from rattlesweep.sweeps.store.atomic import explained
@@ -16,9 +17,6 @@ from rattlesweep.sweeps.store.provenance import identity, machine, versions
 from rattlesweep.sweeps.store.store import Store
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from rattlesweep.sweeps.cases.plan import Block, Plan
 
 
@@ -34,7 +32,7 @@ class Output:
     remarks: list[str] = field(default_factory=list)  # what the user should know of the directory
     retry_failed: bool = False  # whether runs that failed are to be done again
     # Numbers here of the cases of a smaller sweep, which the directory holds.
-    growth: NDArray[np.int64] | None = None
+    growth: Integers | None = None
 
     def note(self, block: Block) -> Note:
         """What a block of this plan says of itself."""
@@ -67,7 +65,7 @@ def examine(plan: Plan, directory: Path, base: Path | None) -> Output:
             plan = _in_blocks(plan, _block_size(store, blocks, hash_, plan))
         return Output(store, plan, base, hash_, None, remarks)
     theirs, ours = resolved(manifest.config), resolved(plan.config)
-    cases: NDArray[np.int64] | None = None
+    cases: Integers | None = None
     if manifest.config_hash != hash_:
         cases, what = growth(manifest, plan)
         if cases is None:

@@ -8,22 +8,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 
+from rattlesweep.arrays import Integers
 from rattlesweep.errors import ConfigError
-from rattlesweep.sweeps.cases.stages import borders, make_stages, n_blocks
+from rattlesweep.sweeps.cases.stages import Stages, borders, make_stages, n_blocks
 from rattlesweep.sweeps.config.bodies import TableSource
+from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.store.blockfile import Note
 from rattlesweep.sweeps.store.manifest import Manifest
 from rattlesweep.sweeps.store.provenance import identity
 from rattlesweep.sweeps.store.store import Store
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-    from numpy.typing import NDArray
-
     from rattlesweep.sweeps.cases.plan import Plan
-    from rattlesweep.sweeps.cases.stages import Stages
-    from rattlesweep.sweeps.config.schema import Config
 
 
 class Staged:
@@ -39,7 +37,7 @@ class Staged:
 
     def __init__(self, store: Store, decide: Stages, size: int, sweep: str) -> None:
         self._store, self._decide, self._size, self._sweep = store, decide, size, sweep
-        self.stages: list[NDArray[np.int64]] = [decide.first()]
+        self.stages: list[Integers] = [decide.first()]
         self.done = False
         self.advance()
 
@@ -119,7 +117,7 @@ class Stored:
             key = "bodies.refine" if self.config.stop is None else "stop"
             raise ConfigError(f"{self.directory}: {key} chose its runs by what came out, so {what}")
 
-    def numbers(self, index: int) -> NDArray[np.int64] | None:
+    def numbers(self, index: int) -> Integers | None:
         """Numbers of the runs of a block; None where stages before it are not whole."""
         first, stop = self.manifest.borders(index)
         if self.staged is None:
