@@ -70,13 +70,7 @@ def embedded(workers: int | None, threads: int) -> Iterator[Client]:
 
 
 def reach(address: str) -> None:
-    """Look whether a scheduler answers: Dask's client would be silent for long, and then hang.
-
-    Raises
-    ------
-    OutputError
-        It does not.
-    """
+    """Look whether a scheduler answers: Dask's client would be silent for long, and then hang."""
     from distributed.comm import connect
     from distributed.security import Security
 

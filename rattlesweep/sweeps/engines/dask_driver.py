@@ -54,15 +54,10 @@ def make_engine(
         Address of a scheduler that exists; by default a cluster of processes on this machine, which
         lives as long as the sweep.
     workers : int, optional
-        Processes of the embedded cluster; by default as many as fill the machine.
+        Processes of that cluster; by default as many as fill the machine.
     threads : int, optional
-        Threads of a worker's kernel; by default 1 in the embedded cluster, elsewhere as many as
-        the worker was given (``dask worker --nthreads``).
-
-    Raises
-    ------
-    ConfigError
-        Dask is not installed, or the options contradict each other.
+        Threads of a worker's kernel; by default 1 in that cluster, elsewhere as many as the worker
+        was given (``dask worker --nthreads``).
     """
     try:
         import cryptography  # noqa: F401

@@ -123,15 +123,8 @@ def dask_setup(worker: object) -> None:
 def do_block(order: str, index: int, begun: bool = False) -> Answer:
     """Do one block, unless it is in place; called by Dask on a worker.
 
-    `order` is the path of the order, in the output directory, and `begun` says whether rows of the
-    block are there.
-
-    Raises
-    ------
-    OutputError
-        This worker cannot do what the driver asks for; says why.
-    Interrupted
-        The driver has ended.
+    `order` is the path of the order, and `begun` says whether rows of the block are there. Raises
+    OutputError if this worker cannot do what is asked for, Interrupted if the driver has ended.
     """
     from distributed import get_worker
 

@@ -13,8 +13,7 @@ from rattlesweep.sweeps.cases.plan import Plan
 from rattlesweep.sweeps.cases.shards import Shard
 from rattlesweep.sweeps.engines import local
 from rattlesweep.sweeps.engines.job import Job, Progress, Result, Tracker
-from rattlesweep.sweeps.engines.opening import open_session
-from rattlesweep.sweeps.engines.session import Session
+from rattlesweep.sweeps.engines.session import Session, open_session
 from rattlesweep.sweeps.inspect.retype import retype_block
 from rattlesweep.sweeps.inspect.summary import summarise
 from rattlesweep.sweeps.tables.cells import columns_for

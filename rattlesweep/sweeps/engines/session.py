@@ -1,20 +1,27 @@
-"""A process at work in an output directory: what it finds, what is left to do, what it notes."""
+"""A process at work in an output directory: what it finds, what is left to do, what it notes.
+
+And how it takes hold of that directory, and makes it one of the sweep that is to go on there.
+"""
 
 from __future__ import annotations
 
 import os
 import socket
-import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rattlesweep.errors import ConfigError, DamagedError, OutputError
 from rattlesweep.sweeps.cases.costs import Costs
 from rattlesweep.sweeps.cases.plan import Block, Plan
-from rattlesweep.sweeps.cases.shards import Shard
+from rattlesweep.sweeps.cases.shards import Shard, deal
+from rattlesweep.sweeps.store.atomic import explained
 from rattlesweep.sweeps.store.blockfile import Note
+from rattlesweep.sweeps.store.growth import finish_growth, grow, remove_growth
+from rattlesweep.sweeps.store.locks import hold
 from rattlesweep.sweeps.store.manifest import (
     Expected,
     Manifest,
@@ -22,10 +29,10 @@ from rattlesweep.sweeps.store.manifest import (
     SessionProgress,
     SessionRecord,
 )
-from rattlesweep.sweeps.store.output import Output
-from rattlesweep.sweeps.store.provenance import now
+from rattlesweep.sweeps.store.output import Output, examine, put_in_order
+from rattlesweep.sweeps.store.provenance import now, peak_memory, table_files
 from rattlesweep.sweeps.store.store import Store
-from rattlesweep.sweeps.store.stored import Staged
+from rattlesweep.sweeps.store.stored import Staged, follow_stages
 from rattlesweep.sweeps.tables.arrow import same_schema
 
 if TYPE_CHECKING:
@@ -189,7 +196,10 @@ class Session:
             manifest.sessions = [*self._others(manifest)[-REMEMBERED:], self._record]
 
         if self.output.manifest is None and self.store.has_manifest():
-            self._replace_damaged()
+            try:
+                self.store.read_manifest()  # which another shard may have mended meanwhile
+            except DamagedError:
+                self.store.write_manifest(self._blank())
         self.store.update_manifest(change, self._blank)
         self._due = time.monotonic() + NOTE_EVERY
 
@@ -198,13 +208,6 @@ class Session:
         manifest = Manifest.begin(self.plan, self.output.hash_, self.output.base)
         manifest.receipts, manifest.sessions = dict(self.receipts), [self._record]
         return manifest
-
-    def _replace_damaged(self) -> None:
-        # Another shard may have mended it since it was examined.
-        try:
-            self.store.read_manifest()
-        except DamagedError:
-            self.store.write_manifest(self._blank())
 
     def _others(self, manifest: Manifest) -> list[SessionRecord]:
         return [session for session in manifest.sessions if session.key != self._record.key]
@@ -270,7 +273,7 @@ class Session:
         fields |= {"finished": now(), "state": state, "blocks": result.blocks}
         for name in ("seconds", "load_seconds", "kernel_seconds"):
             fields[name] = round(getattr(result, name), 3)
-        self._record = SessionRecord(**fields, peak_memory=_peak_memory())
+        self._record = SessionRecord(**fields, peak_memory=peak_memory())
 
         def change(manifest: Manifest) -> None:
             self._enter(manifest)
@@ -305,11 +308,80 @@ class Session:
         manifest.sessions = [mine if s.key == mine.key else s for s in manifest.sessions]
 
 
-def _peak_memory() -> int | None:
-    """Most memory this process has held, in bytes; None where the system does not say."""
-    try:
-        import resource
-    except ImportError:  # Windows
-        return None
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak if sys.platform == "darwin" else 1024 * peak
+# ------------------------------------------------------------ how it takes hold of a directory
+
+
+@contextmanager
+def open_session(
+    plan: Plan,
+    directory: Path,
+    base: Path | None,
+    threads: int,
+    *,
+    shard: Shard | None = None,
+    fresh: bool = False,
+    retry_failed: bool = False,
+) -> Iterator[Session]:
+    """Take hold of a directory, or of a share of it; first remove its runs if `fresh`."""
+    if not fresh:
+        examine(plan, directory, base)  # before anything is made there
+    store = Store(directory)
+    store.prepare()
+    with hold(directory, None if shard is None else shard.name) as alone:
+        if fresh:
+            _start_over(store, plan, base)
+        store.remove_stale_temporaries(alone)
+        output = examine(plan, directory, base)
+        half = output.manifest is not None and bool(output.manifest.growing)
+        if shard is None:
+            output = _grown(output, half)
+        elif half or output.growth is not None:
+            raise ConfigError(
+                f"{directory}: holds fewer samples or cases, and a share cannot add to them; run "
+                "it without --shard, or merge the shares and do so there"
+            )
+        plan = output.plan
+        if plan.stages and retry_failed:
+            raise ConfigError(
+                f"--retry-failed: {plan.stages_by} has chosen the runs by what came out, "
+                "failed ones too; repeat them in another output"
+            )
+        staged = follow_stages(store, plan, output.hash_)
+        plan = plan if staged is None else staged.of(plan)
+        output = replace(output, plan=plan, retry_failed=retry_failed)
+        output.remarks.extend(put_in_order(output))
+        costs = Costs(plan)
+        shares = deal(plan, 1 if shard is None else shard.count, costs)
+        blocks = shares[0 if shard is None else shard.index]
+        yield Session(output, shard, threads, costs, blocks, staged)
+
+
+def _grown(output: Output, half: bool) -> Output:
+    """What the directory is once it is one of this sweep; `half`: one has begun to make it so."""
+    if half:
+        finish_growth(output.store)
+    else:
+        remove_growth(output.store)
+    if output.growth is not None and output.manifest is not None:
+        grow(output.store, output.manifest, output.plan, output.hash_, output.growth)
+    elif not half:
+        return output
+    again = examine(output.plan, output.store.directory, output.base)
+    return replace(again, remarks=output.remarks)
+
+
+def _start_over(store: Store, plan: Plan, base: Path | None) -> None:
+    """Remove the files of a sweep, and only those; not what this one is to begin from."""
+    # The manifest first: without it, what is left is nobody's.
+    blocks = map(store.block_path, store.block_indices())
+    files = [store.manifest_path, store.summary_path, *blocks]
+    removed = {path.resolve() for path in files}
+    for path in table_files(plan, base):
+        if path.resolve() in removed:
+            raise ConfigError(
+                f"--fresh: would remove {path}, which this sweep takes its bodies from; choose "
+                "another output"
+            )
+    with explained(f"cannot remove the runs in {store.directory}"):
+        for path in files:
+            path.unlink(missing_ok=True)

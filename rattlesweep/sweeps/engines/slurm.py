@@ -87,8 +87,6 @@ def job_script(
     ----------
     config, output : Path
         Absolute.
-    overrides : sequence of str
-        Those of ``--set``.
     own : bool
         Whether each share has a directory of its own, ``OUTPUT-I``.
     limit, memory : int
@@ -97,11 +95,6 @@ def job_script(
         How often a task puts itself into the queue again.
     expected : float or None
         Seconds of the longest share on this machine.
-
-    Raises
-    ------
-    ConfigError
-        A value has a line break, which a script's head cannot hold.
     """
     name, where = plan.config.name, Path.cwd()
     texts = (name, str(config), str(output), str(where), partition or "", *overrides)

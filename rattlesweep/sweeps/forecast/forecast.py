@@ -71,25 +71,10 @@ class Forecast:
 def forecast(
     plan: Plan, threads: int | None = None, *, budget: float = 2.0, shards: int | None = None
 ) -> Forecast:
-    """Try out a sweep for about `budget` seconds.
+    """Try out a sweep for about `budget` seconds, a kernel that must be compiled aside.
 
-    Parameters
-    ----------
-    plan : Plan
-    threads : int, optional
-        Threads of the kernel in the sweep; more than there are here are of cores like these, of
-        which the pilot uses what there are.
-    budget : float
-        Seconds that the pilot may take, a kernel that must be compiled aside.
-    shards : int, optional
-        Shares of which the longest is to be forecast.
-
-    Raises
-    ------
-    ConfigError
-        If a body cannot be drawn.
-    KeyboardInterrupt
-        On Ctrl-C; the kernel is stopped first.
+    `threads` are those of the kernel in the sweep; more than there are here are of cores like
+    these, of which the pilot uses what there are. Of so many `shards` the longest is forecast too.
     """
     begin = time.perf_counter()
     if shards is not None:

@@ -279,14 +279,9 @@ class Manifest(_Part):
 
     @classmethod
     def parse(cls, data: dict[str, Any]) -> Manifest:
-        """Check what was read from ``manifest.json``.
+        """Check what was read from ``manifest.json``; a ConfigError if it is of another format.
 
-        Raises
-        ------
-        ConfigError
-            It is of another format.
-        DamagedError
-            Something in it cannot be; says what, in a few words fit for a terminal.
+        If something in it cannot be, a DamagedError says what, in a few words fit for a terminal.
         """
         found = data.get("format")
         if isinstance(found, int) and found != FORMAT:

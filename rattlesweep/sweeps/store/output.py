@@ -46,10 +46,7 @@ class Output:
 def examine(plan: Plan, directory: Path, base: Path | None) -> Output:
     """Compare a directory with a plan; nothing is written.
 
-    Raises
-    ------
-    ConfigError
-        If the directory holds the runs of another config; says what differs.
+    If it holds the runs of another config, a ConfigError says what differs.
     """
     store, hash_ = Store(directory), identity(plan, base)
     store.check_ours()

@@ -53,6 +53,16 @@ def machine() -> dict[str, Any]:
     }
 
 
+def peak_memory() -> int | None:
+    """Most memory this process has held, in bytes; None where the system does not say."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return None
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else 1024 * peak
+
+
 def identity(plan: Plan, base: Path | None = None) -> str:
     """Hash of what determines the stored numbers: config, and the contents of a table."""
     digest = hashlib.sha256(physics_hash(plan.config).encode())

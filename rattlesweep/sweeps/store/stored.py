@@ -25,19 +25,13 @@ if TYPE_CHECKING:
 
 
 class Staged:
-    """Follows a sweep that decides what to run next, as far as its blocks are there and whole.
-
-    Attributes
-    ----------
-    stages : list of ndarray of int64
-        Numbers of the runs of each stage that is known.
-    done : bool
-        Whether the last of them is in place, and nothing more is asked for.
-    """
+    """Follows a sweep that decides what to run next, as far as its blocks are there and whole."""
 
     def __init__(self, store: Store, decide: Stages, size: int, sweep: str) -> None:
         self._store, self._decide, self._size, self._sweep = store, decide, size, sweep
+        # Numbers of the runs of each stage that is known.
         self.stages: list[Integers] = [decide.first()]
+        # Whether the last of them is in place, and nothing more is asked for.
         self.done = False
         self.advance()
 
