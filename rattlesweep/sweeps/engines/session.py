@@ -106,13 +106,8 @@ class Session:
     def scan(self) -> None:
         """Read every block of the share, and sort out what is left to do.
 
-        Raises
-        ------
-        ConfigError
-            If blocks were done under another limit of steps that shows in their rows, or, of a
-            shard, have types of other thresholds, which only the whole sweep may change.
-        OutputError
-            If a block may not be read.
+        A ConfigError if blocks were done under another limit of steps that shows in their rows, or,
+        of a shard, have types of other thresholds, which only the whole sweep may change.
         """
         self._sort_out(self.blocks)
         if self.shard is not None and self.retype:

@@ -162,7 +162,4 @@ def free_memory() -> int | None:
                     return 1024 * int(line.split()[1])
     except (OSError, ValueError, IndexError):
         pass
-    try:
-        return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    except (AttributeError, ValueError, OSError):
-        return None
+    return None

@@ -219,14 +219,7 @@ def compare(
 
     They are of one sweep, apart from how it was integrated and what was recorded. `write` is called
     with the differences of the next runs, of the schema `DATA`, and `report` with the fraction of
-    the runs that is done.
-
-    Raises
-    ------
-    ConfigError
-        One is no output directory, or they are not of the same runs; says what differs.
-    OutputError
-        A block is damaged, or there are no runs yet.
+    the runs that is done. A ConfigError says in what their runs are not the same.
     """
     one, other = open_stored(a), open_stored(b)
     for stored in (one, other):

@@ -67,20 +67,17 @@ def merge(
     `rattlesweep run`, does the rest there.
 
     The output is new, or of this sweep already, as after an earlier merge: what it has is kept, in
-    the blocks that it has. `report` is called with the fraction done.
-
-    Raises
-    ------
-    ConfigError
-        A source is no output directory or of another config, or the output is in use for
-        something else; says what differs.
-    OutputError
-        A block is damaged, or sources contradict each other.
+    the blocks that it has. `report` is called with the fraction done. Raises ConfigError where
+    directories are not of one sweep, OutputError where they are damaged or contradict each other.
     """
     shares = [open_stored(path) for path in sources]
     for share in shares:
         share.refuse_stages("there are no shares of it to merge")
-    _check_config(shares)
+        if what := _other_sweep(shares[0].manifest, share.manifest):
+            raise ConfigError(
+                f"{share.directory}: its config is not that of {shares[0].directory} ({what}); "
+                "only shares of one sweep can be merged"
+            )
     if any(share.directory.resolve() == output.resolve() for share in shares):
         raise ConfigError(f"--output {output}: is one of the directories to be merged; give a new")
     pieces, absent = _cover(shares)
@@ -122,16 +119,6 @@ def merge(
             manifest.state, manifest.finished = "complete", now()
         target.write_manifest(manifest)
     return result
-
-
-def _check_config(shares: list[Stored]) -> None:
-    """Refuse shares of different sweeps."""
-    for share in shares[1:]:
-        if what := _other_sweep(shares[0].manifest, share.manifest):
-            raise ConfigError(
-                f"{share.directory}: its config is not that of {shares[0].directory} ({what}); "
-                "only shares of one sweep can be merged"
-            )
 
 
 def _other_sweep(one: Manifest, other: Manifest) -> str:

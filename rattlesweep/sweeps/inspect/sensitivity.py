@@ -79,12 +79,8 @@ class Sensitivity:
 def sensitivity(directory: Path) -> Sensitivity:
     """Indices of a directory's runs, of those that are there.
 
-    Raises
-    ------
-    ConfigError
-        It is no output directory, or its bodies are not drawn from ranges alone.
-    OutputError
-        There are too few runs, or a block is damaged.
+    A ConfigError if its bodies are not drawn from ranges alone, an OutputError if there are too
+    few runs.
     """
     stored = open_stored(directory)
     bodies, manifest = stored.config.bodies, stored.manifest
