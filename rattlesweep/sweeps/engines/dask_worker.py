@@ -211,7 +211,7 @@ class _Watch:
             return
         self._due = time.monotonic() + LOOK_EVERY
         try:
-            # Output, not only looked up: network file systems answer look-ups from memory.
+            # Opened, not only looked up: network file systems answer look-ups from memory.
             with open(self._order, "rb") as file:
                 stop = file.read(4) == b"stop"
         except FileNotFoundError:

@@ -9,7 +9,6 @@ comes after a killed process begins anew or ends what was begun.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -17,12 +16,11 @@ import numpy as np
 import pyarrow as pa
 
 from rattlesweep.arrays import Integers
-from rattlesweep.sweeps.config.bodies import SdSource, TableSource
+from rattlesweep.sweeps.config.bodies import TableSource
 from rattlesweep.sweeps.config.load import differences, physics_part, resolved
-from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.store.atomic import explained, rename_file
 from rattlesweep.sweeps.store.blockfile import Note
-from rattlesweep.sweeps.store.manifest import Manifest, StoredCase
+from rattlesweep.sweeps.store.manifest import Manifest, StoredCase, targets_of
 from rattlesweep.sweeps.store.store import Store
 from rattlesweep.sweeps.tables.types import with_types
 
@@ -50,7 +48,7 @@ def growth(manifest: Manifest, plan: Plan) -> tuple[Integers | None, str]:
     if min(cases) < 0:
         return None, f"{what}; there can be more cases, but none can go"
     # Draws depend on the place of a target in its list.
-    if _targets(plan.config)[: len(before := _targets(manifest.config))] != before:
+    if targets_of(plan.config)[: len(before := targets_of(manifest.config))] != before:
         return None, f"{what}; new targets go behind those that are there"
     if np.any(np.diff(cases) <= 0):
         return None, f"{what}; new values may stand between the old ones, which keep their order"
@@ -75,11 +73,6 @@ def _fixed(part: dict[str, Any]) -> dict[str, Any]:
 
 def _key(case: Case | StoredCase) -> tuple[Any, ...]:
     return case.target_name, case.target, case.n_i, case.omega_xy0, case.sigma, case.rolling
-
-
-def _targets(config: Config) -> Sequence[float]:
-    target = config.bodies.target if isinstance(config.bodies, SdSource) else None
-    return [] if target is None else target.values
 
 
 def grow(store: Store, smaller: Manifest, plan: Plan, hash_: str, cases: Integers) -> None:

@@ -7,7 +7,7 @@ are left alone and written again. What was not set is not written.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -247,10 +247,9 @@ class Manifest(_Part):
         if [case.case for case in cases] != list(range(len(cases))):
             raise ValueError("they are not numbered from 0")
         if config is not None and not isinstance(config.bodies, TableSource):
-            target = config.bodies.target if isinstance(config.bodies, SdSource) else None
-            targets = 1 if target is None else len(target.values)
             spin = config.spin
             launches = 1 if spin is None else len(spin.n_i) * len(spin.omega_xy0)
+            targets = max(1, len(targets_of(config)))
             if len(cases) != targets * launches * len(config.dissipation.cases):
                 raise ValueError("they are not those of its config")
         if config is not None and config.dissipation:
@@ -376,6 +375,12 @@ class Manifest(_Part):
         self.bytes = sum(receipt.bytes for receipt in self.receipts.values())
         self.seconds = round(sum(session.seconds for session in self.sessions), 3)
         self.kernel_seconds = round(sum(session.kernel_seconds for session in self.sessions), 3)
+
+
+def targets_of(config: Config) -> Sequence[float]:
+    """The targets that bodies are drawn for, if they are."""
+    target = config.bodies.target if isinstance(config.bodies, SdSource) else None
+    return [] if target is None else target.values
 
 
 def count_failed(receipts: Iterable[Receipt]) -> dict[str, int]:
