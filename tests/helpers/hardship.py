@@ -229,6 +229,13 @@ def check_finished(directory: Path, reference: Reference) -> None:
     assert everything_in(directory) == files, everything_in(directory) ^ files
 
 
+def check_goes_on(config: Path, directory: Path, reference: Reference) -> None:
+    """The same command again ends well, and the sweep is what it would have been."""
+    done = nursery().run("run", config, "--output", directory, "-q")
+    assert done.code == 0, done
+    check_finished(directory, reference)
+
+
 def everything_in(directory: Path) -> set[str]:
     """Names of all files and folders, hidden ones too; but for the locks, which stay."""
     names = {str(path.relative_to(directory)) for path in directory.rglob("*")}

@@ -22,6 +22,7 @@ from hardship import (
     Reference,
     blocks_of,
     check_finished,
+    check_goes_on,
     check_whole,
     everything_in,
     manifest,
@@ -144,8 +145,7 @@ def test_two_that_begin_at_once_never_mix(second, sweep, tmp_path):
         for end in done:
             assert end.code == 0 or (one_sentence(end.err) and "is in use by" in end.err), end
         check_whole(output, *references)
-        assert nursery().run("run", config, "--output", output, "-q").code == 0
-        check_finished(output, reference)
+        check_goes_on(config, output, reference)
     assert set(ends) <= {(0, 0), (0, 1), (1, 0)}
 
 
@@ -179,8 +179,7 @@ def test_a_directory_that_is_moved_is_left_alone(then, sweep, tmp_path):
         assert everything_in(output) <= {"runs"}
     # What was done is where the directory is now, and goes on from there.
     assert check_whole(moved, reference) >= 1
-    assert nursery().run("run", config, "--output", moved, "-q").code == 0
-    check_finished(moved, reference)
+    check_goes_on(config, moved, reference)
 
 
 def test_the_lock_of_a_process_that_is_gone_is_no_obstacle(sweep, tmp_path):
@@ -192,8 +191,7 @@ def test_the_lock_of_a_process_that_is_gone_is_no_obstacle(sweep, tmp_path):
     assert first.wait().code == -signal.SIGKILL
     assert (output / ".locks/directory").exists()
     assert holder(output) is None
-    assert nursery().run("run", config, "--output", output, "-q").code == 0
-    check_finished(output, reference)
+    check_goes_on(config, output, reference)
     # A file alone, even one that names a process that lives, locks nothing.
     for text in ("", "{", "[]", json.dumps({"pid": os.getpid(), "host": socket.gethostname(),
                                              "command": "x", "since": "today"})):  # fmt: skip

@@ -22,6 +22,7 @@ from typing import Any
 
 import pytest
 from hardship import wait_until
+from refusal import assert_refused
 from test_run import invoke
 
 from rattlesweep.errors import ConfigError, OutputError
@@ -584,11 +585,10 @@ def test_address_where_nobody_is_is_told(tmp_path, monkeypatch):
     config = tmp_path / "sweep.yaml"
     config.write_text(json.dumps(CONFIG))
     for address in ("tcp://127.0.0.1:9", "nonsense", silent):
-        result = invoke("run", config, "--output", tmp_path / "out", "--engine", "dask",
-                        "--scheduler", address)  # fmt: skip
-        assert result.exit_code == 1
-        assert f"--scheduler {address}: no Dask scheduler answers there" in result.stderr
-        assert len(result.stderr.strip().splitlines()) == 1
+        result = invoke(
+            "run", config, "--output", tmp_path / "out", "--engine", "dask", "--scheduler", address
+        )
+        assert_refused(result, 1, f"--scheduler {address}: no Dask scheduler answers there")
     other.close()
 
 
@@ -607,18 +607,14 @@ def test_address_where_nobody_is_is_told(tmp_path, monkeypatch):
     ],
 )
 def test_options_that_contradict_each_other_are_told(options, sentence, held_config, tmp_path):
-    result = invoke("run", held_config, "--output", tmp_path / "out", *options)
-    assert result.exit_code == 2
-    assert sentence in result.stderr
-    assert len(result.stderr.strip().splitlines()) == 1
+    assert_refused(invoke("run", held_config, "--output", tmp_path / "out", *options), 2, sentence)
     assert not (tmp_path / "out").exists()
 
 
 def test_missing_dask_is_told(held_config, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     result = invoke("run", held_config, "--output", tmp_path / "out", "--engine", "dask")
-    assert result.exit_code == 2
-    assert "pip install 'rattlesweep[dask]'" in result.stderr
+    assert_refused(result, 2, "pip install 'rattlesweep[dask]'")
     with pytest.raises(ConfigError):
         make_engine()
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from refusal import assert_refused
 from test_run import CONFIGS, invoke
 
 from rattlesweep.integrate.batch import Control, most_threads
@@ -330,10 +331,7 @@ def test_the_command_prints_json():
     ],
 )
 def test_what_is_wrong_is_said_in_a_sentence(arguments, words):
-    done = invoke("plan", str(CONFIGS / "quickstart.yaml"), *arguments)
-    assert done.exit_code == 2
-    assert words in done.stderr
-    assert "Traceback" not in done.output
+    assert_refused(invoke("plan", str(CONFIGS / "quickstart.yaml"), *arguments), 2, words)
 
 
 def test_it_warns_of_what_the_machine_has_not(small, monkeypatch, tmp_path):

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
+from refusal import assert_refused
 from test_run import invoke
 
 from rattlesweep.sweeps.cases.costs import Costs
@@ -230,10 +231,7 @@ def test_merge_that_was_interrupted_goes_on(plain, tmp_path, monkeypatch):
 def test_only_shares_of_one_config_are_joined(changes, word, plain, tmp_path):
     run_sweep(plan_of(model="full", **changes), tmp_path / "other", shard=Shard(0, 12))
     result = merge(plain, tmp_path / "other", "--output", tmp_path / "out")
-    assert result.exit_code == 2
-    assert "its config is not that of" in result.stderr
-    assert word in result.stderr
-    assert len(result.stderr.strip().splitlines()) == 1
+    assert_refused(result, 2, "its config is not that of", word)
     assert not (tmp_path / "out").exists()
 
 
@@ -250,9 +248,9 @@ def test_directories_that_contradict_each_other_are_not_joined(plain, tmp_path):
     )
     store.write_block(3, wrong, found.note)
     result = merge(plain, other, "--output", tmp_path / "out")
-    assert result.exit_code == 1
-    assert "contradicts another directory's runs 96 to 127" in result.stderr
-    assert "verify --recompute" in result.stderr
+    assert_refused(
+        result, 1, "contradicts another directory's runs 96 to 127", "verify --recompute"
+    )
 
 
 def test_damage_is_not_passed_on(plain, tmp_path):
@@ -262,9 +260,7 @@ def test_damage_is_not_passed_on(plain, tmp_path):
     data = bytearray(path.read_bytes())
     data[len(data) // 2] ^= 1
     path.write_bytes(data)
-    result = merge(other, "--output", tmp_path / "out")
-    assert result.exit_code == 1
-    assert f"{path} is damaged" in result.stderr
+    assert_refused(merge(other, "--output", tmp_path / "out"), 1, f"{path} is damaged")
     # The work of others is not at risk: the next merge with a good copy ends well.
     shutil.copy(plain / "runs" / path.name, path)
     assert merge(other, "--output", tmp_path / "out").exit_code == 0
@@ -272,16 +268,11 @@ def test_damage_is_not_passed_on(plain, tmp_path):
 
 
 def test_output_must_be_new(plain, tmp_path):
-    result = merge(plain, "--output", plain)
-    assert result.exit_code == 2
-    assert "is one of the directories to be merged" in result.stderr
+    assert_refused(merge(plain, "--output", plain), 2, "is one of the directories to be merged")
     used = tmp_path / "used"
     run_sweep(plan_of(seed=3), used, shard=Shard(0, 12))
     before = content_hash(used)
-    result = merge(plain, "--output", used)
-    assert result.exit_code == 2
-    assert "it holds another sweep" in result.stderr
+    assert_refused(merge(plain, "--output", used), 2, "it holds another sweep")
     assert content_hash(used) == before
     result = merge(tmp_path / "nothing", "--output", tmp_path / "out")
-    assert result.exit_code == 2
-    assert "is not an output directory" in result.stderr
+    assert_refused(result, 2, "is not an output directory")

@@ -24,6 +24,7 @@ import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 from hardship import wait_until
+from refusal import assert_refused
 
 import rattlesweep as rs
 from rattlesweep import cli
@@ -370,11 +371,9 @@ def test_another_config_is_kept_out_of_a_directory(tmp_path):
     ):
         for options in ((), ("--dry-run",)):
             result = run("gh.yaml", output, text, options=options)
-            assert result.exit_code == 2
-            assert result.stdout == ""
-            assert result.stderr.startswith(f"error: {output}: it holds the runs of another config")
-            assert words in result.stderr
-            assert result.stderr.count("\n") == 1
+            assert_refused(
+                result, 2, f"error: {output}: it holds the runs of another config", words
+            )
     assert tree(output) == before
 
 
@@ -385,9 +384,7 @@ def test_a_changed_table_is_another_config(tmp_path):
     sets = (f"bodies={{source: table, path: {path}}}", "horizon={t: 5}")
     assert run("gh.yaml", output, *sets).exit_code == 0
     path.write_text(head + "13.04,1.522,12.28,0.65,0.036,-0.03\n")
-    result = run("gh.yaml", output, *sets)
-    assert result.exit_code == 2
-    assert "the table of bodies has changed" in result.stderr
+    assert_refused(run("gh.yaml", output, *sets), 2, "the table of bodies has changed")
 
 
 def test_runs_whose_manifest_is_lost_know_their_config(tmp_path):
@@ -398,8 +395,7 @@ def test_runs_whose_manifest_is_lost_know_their_config(tmp_path):
     for damage in (Path.unlink, lambda path: path.write_bytes(path.read_bytes()[:-40])):
         damage(output / "manifest.json")
         result = run("quickstart.yaml", output, *sets, "seed=1")
-        assert result.exit_code == 2
-        assert "it holds runs but no intact manifest.json" in result.stderr
+        assert_refused(result, 2, "it holds runs but no intact manifest.json")
         assert tree(output / "runs") == before
         result = run("quickstart.yaml", output, *sets)
         assert result.exit_code == 0
@@ -561,25 +557,18 @@ def test_thresholds_of_classify_are_not_put_back_in_silence(tmp_path):
 )
 def test_classify_refuses_other_keys_and_values(text, words, mixed):
     before = tree(mixed)
-    result = invoke("classify", mixed, "--set", text)
-    assert result.exit_code == 2
-    assert result.stdout == ""
-    assert result.stderr.startswith("error: ")
-    assert words in result.stderr
+    assert_refused(invoke("classify", mixed, "--set", text), 2, words)
     assert tree(mixed) == before
 
 
 def test_classify_wants_a_whole_output_directory(mixed, tmp_path):
     result = invoke("classify", tmp_path)
-    assert result.exit_code == 2
-    assert "is not an output directory: it has no manifest.json" in result.stderr
+    assert_refused(result, 2, "is not an output directory: it has no manifest.json")
     output = tmp_path / "out"
     run("gh.yaml", output)
     block = output / "runs" / "block-000000.parquet"
     block.write_bytes(block.read_bytes()[:-30])
-    result = invoke("classify", output)
-    assert result.exit_code == 1
-    assert f"error: {block} is damaged" in result.stderr
+    assert_refused(invoke("classify", output), 1, f"error: {block} is damaged")
 
 
 # -- what is said, and where -------------------------------------------------------------------

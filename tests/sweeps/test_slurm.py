@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 from hardship import wait_until
+from refusal import assert_refused
 from test_run import PROGRAM, invoke
 
 from rattlesweep.integrate.cache import directory, source_hash
@@ -177,19 +178,16 @@ def test_sizes_of_memory_are_read_as_slurm_reads_them():
 )
 def test_what_is_wrong_is_said_before_a_script_is_printed(options, sentence, home):
     result = invoke("slurm", home / "sweep.yaml", "--shards", 3, "--mem", "1G", *options)
-    assert result.exit_code == 2
-    assert result.stdout == ""
-    assert sentence in result.stderr
-    assert len(result.stderr.strip().splitlines()) == 1
+    assert_refused(result, 2, sentence)
 
 
 def test_directory_of_another_config_is_found_when_the_script_is_made(home):
     other = make_plan(load_config(home / "sweep.yaml", ["seed=6", "model=gh"]))
     run_sweep(other, home / "out")
-    result = invoke("slurm", home / "sweep.yaml", "--shards", 2, "--output", home / "out",
-                    "--mem", "1G")  # fmt: skip
-    assert result.exit_code == 2
-    assert "it holds the runs of another config" in result.stderr
+    result = invoke(
+        "slurm", home / "sweep.yaml", "--shards", 2, "--output", home / "out", "--mem", "1G"
+    )
+    assert_refused(result, 2, "it holds the runs of another config")
 
 
 # -- what it does, with a stand-in for the program -------------------------------------------------
