@@ -29,9 +29,9 @@ import peer_work
 from numba import njit, prange, set_num_threads
 
 from rattlesweep.integrate.batch import Batch, integrate
-from rattlesweep.integrate.lanes import rows as R
 from rattlesweep.integrate.lanes.atomics import widest_vectors
-from rattlesweep.integrate.lanes.step import LANES, Layout, compile_attempt
+from rattlesweep.integrate.lanes.lane import LANES, Layout
+from rattlesweep.integrate.lanes.step import compile_attempt
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.processor import compiled_for
 from rattlesweep.integrate.tableau import METHODS
@@ -230,7 +230,7 @@ def show_lanes(quick):
             rows = flat.reshape(-1, width)
             rows[at.constants : at.constants + 6] = full.constants(**BODY)[:, None]
             rows[at.y + 2], rows[at.y + 4] = OMEGA, -0.1
-            rows[R.H] = 0.3 if tableau.adaptive else 8 * DT
+            rows[at.h] = 0.3 if tableau.adaptive else 8 * DT
             rows[at.probe : at.probe + FULL.n_probe] = 0.1
             loops[width] = _many(attempt), flat
         calls = (20_000 if quick else 100_000) // (tableau.stages * (1 if tableau.adaptive else 8))

@@ -24,8 +24,8 @@ import numpy as np
 from numba import njit
 
 from rattlesweep.integrate.batch import Batch
-from rattlesweep.integrate.lanes import rows as R
-from rattlesweep.integrate.lanes.step import LANES, Layout, compile_attempt
+from rattlesweep.integrate.lanes.lane import LANES, Layout
+from rattlesweep.integrate.lanes.step import compile_attempt
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import DOP853
 from rattlesweep.physics import full, theory
@@ -154,7 +154,7 @@ def steps(calls: int) -> list[Part]:
             "xi": -0.03}  # fmt: skip
     rows[at.constants : at.constants + 6] = full.constants(**body)[:, None]
     rows[at.y + 2], rows[at.y + 4] = 0.01, -0.1
-    rows[R.H], rows[at.probe : at.probe + FULL.n_probe] = 0.3, 0.1
+    rows[at.h], rows[at.probe : at.probe + FULL.n_probe] = 0.3, 0.1
     parts = []
     for name, attempt in (
         (STEP, compile_attempt(DOP853, FULL)),

@@ -8,7 +8,7 @@ from typing import Any
 from llvmlite import binding
 from numba import config
 
-from rattlesweep.integrate.lanes.step import compile_lane_functions
+from rattlesweep.integrate.lanes.build import names
 from rattlesweep.integrate.model import FULL
 
 # Registers in assembly, the widest first.
@@ -20,7 +20,7 @@ def vector_bits() -> int:
 
     Compiles that part, which takes a moment.
     """
-    function: Any = compile_lane_functions(FULL)["advance"]
+    function: Any = names(True, FULL)["advance"]
     function.compile("void(float64[::1])")
     (code,) = function.inspect_asm().values()
     return next((bits for name, bits in REGISTERS.items() if re.search(name, code)), 64)

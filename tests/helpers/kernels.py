@@ -8,8 +8,8 @@ import pytest
 
 from rattlesweep.integrate import batch
 from rattlesweep.integrate.lanes import build as built
-from rattlesweep.integrate.lanes import rows as R
 from rattlesweep.integrate.lanes import step as stages
+from rattlesweep.integrate.lanes.lane import LANES, Layout
 from rattlesweep.integrate.model import FULL, MODELS
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics import full, launch, reduced, steady, theory
@@ -151,9 +151,9 @@ def pieces(method, model):
     return cached.call_args.args[0].__globals__
 
 
-def workspace(method, model, lanes=stages.LANES):
+def workspace(method, model, lanes=LANES):
     """A lane workspace, flat and as (row, lane), and its layout; at rest with GH-like numbers."""
-    layout = stages.Layout.of(MODELS[model])
+    layout = Layout.of(MODELS[model])
     rows = layout.rows(METHODS[method], MODELS[model])
     flat = built.aligned(1, rows * lanes)[0][: rows * lanes]
     return flat, flat.reshape(rows, lanes), layout
@@ -166,7 +166,7 @@ def lane_steps(method, constants, y0, h, steps):
     rows[at.constants : at.constants + FULL.n_constants] = np.reshape(constants, (-1, 1))
     rows[at.y : at.y + n] = np.reshape(y0, (-1, 1))
     rows[at.f : at.f + n] = np.reshape(full.rhs(*y0, *constants), (-1, 1))
-    rows[R.H] = h
+    rows[at.h] = h
     for _ in range(steps):
         attempt(method, "full")(flat, 1.0)
         rows[at.y : at.y + 2 * n] = rows[at.y1 : at.y1 + 2 * n]

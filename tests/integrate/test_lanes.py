@@ -14,10 +14,10 @@ from scipy.integrate import solve_ivp
 
 from rattlesweep.integrate.batch import RECORDS, Control, integrate
 from rattlesweep.integrate.lanes import controller
-from rattlesweep.integrate.lanes import rows as R
 from rattlesweep.integrate.lanes.events import HOLD, REVERSED, search
+from rattlesweep.integrate.lanes.lane import LANES, Layout, Point, any_lane
 from rattlesweep.integrate.lanes.runs import MAX_ENERGY_DRIFT
-from rattlesweep.integrate.lanes.step import LANES, SUBSTEPS
+from rattlesweep.integrate.lanes.step import SUBSTEPS
 from rattlesweep.integrate.model import FULL, REDUCED
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
@@ -225,23 +225,24 @@ def test_a_pair_of_zeros_much_shorter_than_a_step(dt):
 
 
 @njit
-def search_cosine(lane, h, depth):
+def search_cosine(w, h, depth):
     """First zero of ``1 - depth + cos(t)`` that the search finds in a step, with its own moves."""
+    lane = any_lane(w, 0)
+    lane.sign, lane.swing, lane.n0, lane.rate_max = 1.0, 1.0, 2.0, 1.0
     tried = h
     for _ in range(100_000):
-        move = search(lane, tried, 1 - depth + np.cos(tried), -np.sin(tried))
+        move = search(lane, Point(tried, 1 - depth + np.cos(tried), -np.sin(tried)))
         if move != HOLD:
             return tried if move == REVERSED else np.nan
-        tried = lane[R.H_NEXT]
+        tried = lane.h_next
     return np.nan
 
 
 @pytest.mark.parametrize("radians", [0.3, 5.0, 8.6, 13.0, 60.0, 1000.0])
 def test_a_pair_of_zeros_in_a_step_of_many_swings(radians):
-    lane = np.zeros(R.STATE_ROWS)
-    lane[[R.SIGN, R.SWING, R.N0, R.RATE_MAX]] = 1, 1, 2, 1
+    w = np.zeros(Layout((0, 0, 0, 0)).stages * LANES)
     first = np.arccos(1e-9 - 1) if radians > np.pi else np.nan
-    assert search_cosine(lane, radians, 1e-9) == pytest.approx(first, rel=1e-12, nan_ok=True)
+    assert search_cosine(w, radians, 1e-9) == pytest.approx(first, rel=1e-12, nan_ok=True)
 
 
 # --- horizons and statuses ------------------------------------------------------------------------

@@ -17,7 +17,6 @@ import pytest
 from llvmlite import binding
 from numba import njit
 
-from rattlesweep.integrate.lanes import rows as R
 from rattlesweep.integrate.model import MODELS, WITH_TANGENT
 from rattlesweep.integrate.processor import compiled_for, vector_bits
 from rattlesweep.integrate.tableau import METHODS
@@ -182,7 +181,7 @@ def test_the_generated_step_keeps_lanes_apart():
     rng = np.random.default_rng(0)
     rows[at.constants : at.constants + 6] = [[12.04], [0.5], [12.3], [0.6], [0.1], [26.0]]
     rows[at.y : at.y + 5] = 0.1 * rng.standard_normal((5, 1))
-    rows[R.H] = 0.1
+    rows[at.h] = 0.1
     kernels.attempt("dop853", "full")(flat, 1e12)
     before = rows.copy()
     assert (before == before[:, :1]).all()

@@ -22,7 +22,7 @@ from rattlesweep.integrate.lanes.build import (
     settle,
     workspace,
 )
-from rattlesweep.integrate.lanes.step import Layout, compile_attempt, compile_lane_functions
+from rattlesweep.integrate.lanes.step import compile_attempt
 from rattlesweep.integrate.loading import together
 from rattlesweep.integrate.model import ELLIPSOID, FRICTION, FULL, MODELS, Model
 from rattlesweep.integrate.tableau import DOP853, METHODS
@@ -134,16 +134,10 @@ def build_march(adaptive: bool, model: Model) -> Callable[..., None]:
 def build_aside(name: str) -> Callable[..., None]:
     """Compile :func:`follow.aside` of a model when it is first called."""
     model, given = _model(name)
-    at = Layout.of(model)
-    bindings: dict[str, Any] = {
-        "N_STATE": model.n_state,
-        "N_CONSTANTS": model.n_constants,
-        "N_GIVEN": min(given, model.n_state),
-        "Y": at.y,
-        "F": at.f,
-        "Y1": at.y1,
-        "Q": at.constants,
-        "lane_rhs": compile_lane_functions(model)["lane_rhs"],
+    given = min(given, model.n_state)
+    bindings = names(True, model) | {
+        "N_GIVEN": given,
+        "OTHERS": (0.0,) * (model.n_state - given),
     }
     compiled: Callable[..., None] = cached(
         specialise(follow.aside, f"aside_{name}", **bindings), nogil=True, error_model="numpy"

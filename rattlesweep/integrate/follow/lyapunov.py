@@ -1,17 +1,23 @@
 """Growth of a tangent: the exponents of a sweep's runs, and one long run through its reversals."""
 
+# mypy: disable-error-code="no-untyped-call"
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from rattlesweep.integrate.cache import cached, specialise
 from rattlesweep.integrate.defaults import TOL
+from rattlesweep.integrate.lanes.bound import N_CONSTANTS, N_STATE, lane_of
+from rattlesweep.integrate.lanes.build import names
+from rattlesweep.integrate.lanes.carry import tangent_advance, tangent_begin, tangent_log
 from rattlesweep.integrate.lanes.controller import error_root, retry_ratio, step_ratio
-from rattlesweep.integrate.lanes.rows import ERROR, H
-from rattlesweep.integrate.lanes.step import Layout, compile_attempt, compile_lane_functions
-from rattlesweep.integrate.lanes.tangents import compile_tangent_functions
+from rattlesweep.integrate.lanes.kernel import advance
+from rattlesweep.integrate.lanes.lane import Layout
+from rattlesweep.integrate.lanes.runs import derive
+from rattlesweep.integrate.lanes.step import compile_attempt
 from rattlesweep.integrate.loading import loaded
 from rattlesweep.integrate.model import FULL, MODELS, WITH_TANGENT
 from rattlesweep.integrate.tableau import DOP853, METHODS
@@ -71,14 +77,7 @@ def _finite(values: Floats) -> Floats:
     return np.where(np.isfinite(values), values, np.nan)
 
 
-# Bound by build.
-N_STATE = N_CONSTANTS = Y = Y1 = Q = V = 0
-attempt: Any = None
-advance: Any = None
-lane_rhs: Any = None
-tangent_begin: Any = None
-tangent_log: Any = None
-tangent_advance: Any = None
+attempt: Any = None  # bound by build
 
 
 def drive(w, constants, y0, seed, times, scale, growth, states):  # type: ignore[no-untyped-def]
@@ -86,14 +85,12 @@ def drive(w, constants, y0, seed, times, scale, growth, states):  # type: ignore
 
     A step ends at each of the times, and the next is then as long as it would have been without.
     """
-    for i in range(N_STATE):
-        w[Y + i] = y0[i]
-    for i in range(N_CONSTANTS):
-        w[Q + i] = constants[i]
-    lane_rhs(w)
-    for i in range(N_STATE):
-        w[V + i] = seed[i]
-    tangent_begin(w)
+    lane = lane_of(w, 0)
+    lane.y = to_fixed_tuple(y0, N_STATE)
+    lane.constants = to_fixed_tuple(constants, N_CONSTANTS)
+    derive(lane)
+    lane.v = to_fixed_tuple(seed, N_STATE)
+    tangent_begin(lane)
     t = 0.0
     h = FIRST_STEP
     last = 1.0
@@ -103,23 +100,23 @@ def drive(w, constants, y0, seed, times, scale, growth, states):  # type: ignore
         while not behind:
             left = times[k] - t
             behind = h >= left
-            w[H] = left if behind else h
+            lane.h = left if behind else h
             attempt(w, scale)
-            if not w[ERROR] <= 1.0:
-                h = w[H] * retry_ratio(w[ERROR])
+            if not lane.error <= 1.0:
+                h = lane.h * retry_ratio(lane.error)
                 held = True
                 behind = False
                 if not h > LEAST_STEP * times[k]:
                     return k
                 continue
-            root = error_root(w[ERROR])
-            h_next = w[H] * step_ratio(root, last, held)
+            root = error_root(lane.error)
+            h_next = lane.h * step_ratio(root, last, held)
             last = root
             held = False
             if behind:
-                growth[k] = tangent_log(w)
-                for i in range(N_STATE):
-                    states[k, i] = w[Y1 + i]
+                growth[k] = tangent_log(lane)
+                for i, component in enumerate(lane.y1):
+                    states[k, i] = component
                 t = times[k]
                 h = max(h_next, h)
             else:
@@ -132,20 +129,8 @@ def drive(w, constants, y0, seed, times, scale, growth, states):  # type: ignore
 
 def build(tableau: Tableau, model: Model) -> Callable[..., int]:
     """:func:`drive` for a method and a model with tangent, compiled when it is first called."""
-    at = Layout.of(model)
-    driver = specialise(
-        drive,
-        f"along_{tableau.name}_{model.name}",
-        N_STATE=model.n_state,
-        N_CONSTANTS=model.n_constants,
-        Y=at.y,
-        Y1=at.y1,
-        Q=at.constants,
-        V=at.v,
-        attempt=compile_attempt(tableau, model, 1),
-        **compile_lane_functions(model, 1),
-        **compile_tangent_functions(model, 1),
-    )
+    bindings = names(True, model, 1) | {"attempt": compile_attempt(tableau, model, 1)}
+    driver = specialise(drive, f"along_{tableau.name}_{model.name}", **bindings)
     compiled: Callable[..., int] = cached(driver, nogil=True, error_model="numpy")
     return compiled
 

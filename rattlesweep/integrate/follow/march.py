@@ -11,13 +11,13 @@ each lane; no accepted step depends on them.
 # mypy: ignore-errors
 from __future__ import annotations
 
-from rattlesweep.integrate.lanes import rows as R
+from numba.np.unsafe.ndarray import to_fixed_tuple
+
 from rattlesweep.integrate.lanes.atomics import call, call_for_two, widest_vectors
+from rattlesweep.integrate.lanes.bound import N_CONSTANTS, N_STATE, L, lane_of
 from rattlesweep.integrate.lanes.events import HOLD, REVERSED
 from rattlesweep.integrate.lanes.kernel import ATTEMPT, OK, SETTLE, commit, decide
-from rattlesweep.integrate.lanes.rows import H
-from rattlesweep.integrate.lanes.runs import idle, start, stay
-from rattlesweep.integrate.lanes.step import LANES as L
+from rattlesweep.integrate.lanes.runs import derive, idle, start, stay
 
 # ``counts`` of march: whether the run has begun and ended, its status, and how many steps and
 # zeros were written by the last call.
@@ -26,14 +26,9 @@ N_COUNTS = 6
 # Columns of a written step: time and its low part, behind them the state and its derivative.
 T, T_LOW, STATE = 0, 1, 2
 
-# Bound by trajectory_kernels.
-N_STATE = N_CONSTANTS = N_GIVEN = 0
-Y = F = Y1 = Q = 0
-
-
-def lane_rhs(lane):
-    """Derivative at the state Y into F; returns the spin and its rate."""
-    raise NotImplementedError
+# Bound by kernels.py: components of the state that a written step has, and the others at first.
+N_GIVEN = 0
+OTHERS = ()
 
 
 def march(parts, w, y0, constants, probe, plan, options, record, steps, zeros, counts):
@@ -56,15 +51,13 @@ def march(parts, w, y0, constants, probe, plan, options, record, steps, zeros, c
     """
     widest_vectors()
     scale, dt, max_steps = options[0], options[1], options[2]
-    lane = w[::L]
+    lane = lane_of(w, 0)
     if counts[BEGUN] == 0:
         counts[BEGUN] = 1
         start(lane, 0, y0, constants, probe, plan, record)
-        lane[R.NEXT] = 1e290
+        lane.next = 1e290
         for l in range(1, L):
-            idle(w[l::L])
-        for l in range(L):
-            w[H * L + l] = w[R.H_NEXT * L + l]
+            idle(lane_of(w, l))
     row = 0
     found = 0
     status = OK
@@ -72,30 +65,29 @@ def march(parts, w, y0, constants, probe, plan, options, record, steps, zeros, c
     while not ended and row < steps.shape[0] and found < zeros.size:
         call(parts[ATTEMPT], (w, scale))
         if decide(w, dt, max_steps) > 0:
-            status, move = call_for_two(parts[SETTLE], (lane, max_steps, False))
+            status, move = call_for_two(parts[SETTLE], (w, 0, max_steps, False))
             if move == REVERSED:
-                zeros[found] = lane[R.T] + (lane[H] - lane[R.T_LOW])
+                zeros[found] = lane.t + (lane.h - lane.t_low)
                 found += 1
-                behind, move = call_for_two(parts[SETTLE], (lane, max_steps, True))
+                behind, move = call_for_two(parts[SETTLE], (w, 0, max_steps, True))
                 status = behind if move == HOLD else status
-            ended = status != OK or (move != HOLD and lane[R.LAST] > 0.0)
-        accepted = lane[R.ACCEPT] > 0.0
+            ended = status != OK or (move != HOLD and lane.last > 0.0)
+        accepted = lane.accept > 0.0
         if not accepted:
             stay(lane)
-        last = lane[R.LAST] > 0.0
+        last = lane.last > 0.0
         commit(w)
         if accepted:
-            steps[row, T] = lane[R.T_END] if last else lane[R.T]
-            steps[row, T_LOW] = 0.0 if last else lane[R.T_LOW]
-            for c in range(N_STATE):
-                steps[row, STATE + c] = lane[Y + c]
-                steps[row, STATE + N_STATE + c] = lane[F + c]
+            steps[row, T] = lane.t_end if last else lane.t
+            steps[row, T_LOW] = 0.0 if last else lane.t_low
+            for c, component in enumerate(lane.y + lane.f):
+                steps[row, STATE + c] = component
             row += 1
     counts[ENDED] = 1 if ended else 0
     counts[STATUS] = status
     counts[N_STEPS] = row
     counts[N_ZEROS] = found
-    counts[REJECTED] = int(lane[R.REJECTED])
+    counts[REJECTED] = int(lane.rejected)
 
 
 def aside(parts, w, steps, which, offset, constants, out):
@@ -118,21 +110,18 @@ def aside(parts, w, steps, which, offset, constants, out):
     """
     widest_vectors()
     for l in range(L):
-        for i in range(N_CONSTANTS):
-            w[(Q + i) * L + l] = constants[i]
+        lane_of(w, l).constants = to_fixed_tuple(constants, N_CONSTANTS)
     points = which.size
     for first in range(0, points, L):
         for l in range(L):
             i = min(first + l, points - 1)
-            for c in range(N_GIVEN):
-                w[(Y + c) * L + l] = steps[which[i], STATE + c]
-                w[(F + c) * L + l] = steps[which[i], STATE + N_GIVEN + c]
-            for c in range(N_GIVEN, N_STATE):
-                w[(Y + c) * L + l] = 0.0
+            lane = lane_of(w, l)
+            lane.y = to_fixed_tuple(steps[which[i], STATE:], N_GIVEN) + OTHERS
+            lane.f = to_fixed_tuple(steps[which[i], STATE + N_GIVEN :], N_GIVEN) + OTHERS
             if N_GIVEN < N_STATE:
-                lane_rhs(w[l::L])
-            w[H * L + l] = offset[i]
+                derive(lane)
+            lane.h = offset[i]
         call(parts[ATTEMPT], (w, 1.0))
         for l in range(min(L, points - first)):
-            for c in range(N_STATE):
-                out[first + l, c] = w[(Y1 + c) * L + l]
+            for c, component in enumerate(lane_of(w, l).y1):
+                out[first + l, c] = component

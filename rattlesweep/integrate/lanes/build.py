@@ -18,11 +18,12 @@ from rattlesweep.integrate.lanes import columns as C
 from rattlesweep.integrate.lanes import kernel as lanes
 from rattlesweep.integrate.lanes.atomics import address_of
 from rattlesweep.integrate.lanes.cells import INNER
-from rattlesweep.integrate.lanes.step import LANES, Layout, compile_attempt, compile_lane_functions
-from rattlesweep.integrate.lanes.tangents import compile_tangent_functions
+from rattlesweep.integrate.lanes.lane import LANES, Layout, lane_of
+from rattlesweep.integrate.lanes.step import compile_attempt
 from rattlesweep.integrate.loading import together
 from rattlesweep.integrate.model import MODELS, REDUCED
 from rattlesweep.integrate.tableau import METHODS, RK4
+from rattlesweep.physics.full import FASTMATH
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -32,7 +33,9 @@ if TYPE_CHECKING:
     from rattlesweep.integrate.model import Model
     from rattlesweep.integrate.tableau import Tableau
 
-# Templates in the order in which they call each other; carry.py stands between the two.
+# Templates in the order in which they call each other: formulas, what happens to a lane, to all.
+# Between the last two stands carry.py.
+FORMULAS = (runs.energy_at, runs.contact_at, runs.oscillation_at, runs.derive)
 TEMPLATES = (
     runs.reach_border,
     runs.see_contact,
@@ -50,22 +53,29 @@ TEMPLATES = (
 LANE_TEMPLATES = (lanes.decide, lanes.commit, lanes.watch)
 
 
-def names(adaptive: bool, model: Model) -> dict[str, Any]:
-    """What templates see as globals: places of rows, functions of a model."""
-    at = Layout.of(model)
-    return {
+def names(adaptive: bool, model: Model, width: int = LANES) -> dict[str, Any]:
+    """What templates see as globals, see :mod:`rattlesweep.integrate.lanes.bound`."""
+    bindings: dict[str, Any] = {
         "N_STATE": model.n_state,
         "N_CONSTANTS": model.n_constants,
         "N_PROBE": model.n_probe,
-        "Y": at.y,
-        "F": at.f,
-        "Y1": at.y1,
-        "F1": at.f1,
-        "Q": at.constants,
-        "PROBE": at.probe,
+        "L": width,
         "ADAPTIVE": adaptive,
-        **compile_lane_functions(model),
+        "IDLE": ((1.0,) * model.n_state, (1.0,) * model.n_constants, (0.0,) * model.n_probe),
+        "lane_of": lane_of(Layout.of(model), width),
+        "rhs": model.rhs,
+        "spin": model.spin,
+        "spin_rate": model.spin_rate,
+        "energy": model.energy,
+        "contact": model.contact,
+        "error": model.error,
+        **(vars(model.tangent) if model.tangent else {}),
     }
+    suffix = f"_{model.name}_{width}"
+    bind((*FORMULAS, lanes.advance), bindings, suffix, fastmath=FASTMATH)
+    if model.tangent:
+        bind(carry.TANGENTS, bindings, suffix, fastmath=FASTMATH)
+    return bindings
 
 
 def mark(adaptive: bool) -> str:
@@ -73,17 +83,25 @@ def mark(adaptive: bool) -> str:
     return "" if adaptive else "_fixed"
 
 
-def bind(templates: tuple[Callable[..., Any], ...], bindings: dict[str, Any], suffix: str) -> None:
-    """Compile templates, each on its first use, and add them to what the next ones see."""
+def bind(
+    templates: tuple[Callable[..., Any], ...],
+    bindings: dict[str, Any],
+    suffix: str,
+    fastmath: Any = False,
+) -> None:
+    """Compile templates, each on its first use, and add them to what the next ones see.
+
+    Without ``fastmath`` all but formulas: the time is a compensated sum.
+    """
     for template in templates:
         name = template.__name__
-        # No fastmath here: the time is a compensated sum.
-        bindings[name] = njit(**INNER)(specialise(template, name + suffix, **bindings))
+        own = specialise(template, name + suffix, **bindings)
+        bindings[name] = njit(fastmath=fastmath, **INNER)(own)
 
 
 def build(adaptive: bool, model: Model) -> Callable[..., None]:
     """:func:`lanes.work` for a model, compiled when it is first called."""
-    bindings = names(adaptive, model) | compile_tangent_functions(model)
+    bindings = names(adaptive, model)
     suffix = f"_{model.name}{mark(adaptive)}"
     bind(TEMPLATES, bindings, suffix)
     if model.tangent:
@@ -153,8 +171,7 @@ def settle(adaptive: bool) -> tuple[Any, tuple[Any, ...]]:
     bindings, suffix = {"ADAPTIVE": adaptive}, mark(adaptive)
     bind((lanes.give_up,), bindings, suffix)
     compiled = cached(specialise(lanes.settle, "settle" + suffix, **bindings), **INNER)
-    # A lane is every so manyth cell; one cell alone would be of another type.
-    return compiled, (np.zeros(2 * LANES)[::LANES], 1.0, False)
+    return compiled, (np.zeros(0), 0, 1.0, False)
 
 
 def driver() -> tuple[Any, tuple[Any, ...]]:

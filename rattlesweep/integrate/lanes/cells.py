@@ -59,12 +59,17 @@ def cells(first: int, count: int) -> list[Sum]:
     return [Sum(first + c) for c in range(count)]
 
 
-class _Lane:
-    """Reads and writes the cells of one lane."""
+class Cells:
+    """Reads and writes the cells of one lane, of so many in a row, from what is known to LLVM."""
 
-    def __init__(self, context: Any, builder: Any, array_type: Any, args: Any, lanes: int) -> None:
-        self.builder, self.lanes, self.lane = builder, lanes, args[1]
-        self.data = context.make_array(array_type)(context, builder, args[0]).data
+    def __init__(self, builder: Any, data: Any, lane: Any, lanes: int) -> None:
+        self.builder, self.data, self.lane, self.lanes = builder, data, lane, lanes
+
+    @classmethod
+    def of(cls, context: Any, builder: Any, array_type: Any, args: Any, lanes: int) -> Cells:
+        """Cells of a lane, the second of some arguments, in an array, the first of them."""
+        array = context.make_array(array_type)(context, builder, args[0])
+        return cls(builder, array.data, args[1], lanes)
 
     def place(self, row: int) -> Any:
         index = self.builder.add(self.lane.type(row * self.lanes), self.lane)
@@ -103,7 +108,7 @@ def gather(values: Sequence[Sum], lanes: int, behind: Sequence[Sum] = ()) -> Cal
 
     def read(typingctx, w, l):  # type: ignore[no-untyped-def]
         def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
-            lane = _Lane(context, builder, signature.args[0], args, lanes)
+            lane = Cells.of(context, builder, signature.args[0], args, lanes)
             found = {i: lane.value(wanted[i]) for i in order}
             parts = [found[i] for i in range(len(wanted))]
             return context.make_tuple(builder, signature.return_type, parts)
@@ -119,7 +124,7 @@ def scatter(rows: Sequence[int], lanes: int) -> Callable[..., Any]:
 
     def write(typingctx, w, l, values):  # type: ignore[no-untyped-def]
         def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
-            lane = _Lane(context, builder, signature.args[0], args, lanes)
+            lane = Cells.of(context, builder, signature.args[0], args, lanes)
             for i, row in enumerate(rows):
                 lane.write(row, builder.extract_value(args[2], i))
             return context.get_dummy_value()
@@ -130,17 +135,16 @@ def scatter(rows: Sequence[int], lanes: int) -> Callable[..., Any]:
     return compiled
 
 
-def move(to: Sequence[int], start: Sequence[int], lanes: int) -> Callable[..., Any]:
-    """``move(w, l)``: copy rows in lane ``l`` to others."""
+def each(operation: str) -> Callable[..., Any]:
+    """``each("fmul")(values, x)``: LLVM's operation on each of a tuple and the same number."""
 
-    def write(typingctx, w, l):  # type: ignore[no-untyped-def]
+    def apply(typingctx, values, x):  # type: ignore[no-untyped-def]
         def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
-            lane = _Lane(context, builder, signature.args[0], args, lanes)
-            for a, b in zip(to, start, strict=True):
-                lane.write(a, lane.read(b))
-            return context.get_dummy_value()
+            one_by_one = (builder.extract_value(args[0], i) for i in range(len(values)))
+            found = [getattr(builder, operation)(value, args[1]) for value in one_by_one]
+            return context.make_tuple(builder, signature.return_type, found)
 
-        return types.void(w, types.intp), codegen
+        return values(values, types.float64), codegen
 
-    compiled: Callable[..., Any] = intrinsic(write)
+    compiled: Callable[..., Any] = intrinsic(apply)
     return compiled

@@ -11,14 +11,15 @@ in its bracket.  The search never changes the step that is finally accepted, so 
 the trajectory alone, and it works for any method without dense output.
 """
 
+# mypy: disable-error-code="no-any-return"
 from __future__ import annotations
 
 from math import ceil
 
 from numba import njit
 
-from rattlesweep.integrate.lanes import rows as R
 from rattlesweep.integrate.lanes.cells import INNER
+from rattlesweep.integrate.lanes.lane import Lane, Point
 from rattlesweep.physics.full import scalar
 
 # Modes of a lane.
@@ -38,27 +39,20 @@ _KNOWN = 3
 
 
 @njit(**INNER)
-def _judge(h0, n0, r0, h1, n1, r1, sign):  # type: ignore[no-untyped-def]
+def _judge(start: Point, end: Point, sign: float) -> int:
     """Whether a piece with the spin positive (after ``sign``) at its start can hold a zero."""
-    if sign * n1 <= 0.0:
+    if sign * end.n <= 0.0:
         return _ZERO
-    down = sign * r0
-    up = sign * r1
+    down = sign * start.rate
+    up = sign * end.rate
     if not (down < 0.0 and up > 0.0):
         return _CLEAR
     # A convex curve lies above its tangents, and these meet at this height.
-    n0 = sign * n0
-    n1 = sign * n1
-    width = h1 - h0
+    n0 = sign * start.n
+    n1 = sign * end.n
+    width = end.h - start.h
     meet = (n0 * up - n1 * down + width * down * up) / (up - down)
     return _CLEAR if meet > 0.0 else _DIP
-
-
-@njit(**INNER)
-def _set(lane, row, h, n, r):  # type: ignore[no-untyped-def]
-    lane[row] = h
-    lane[row + 1] = n
-    lane[row + 2] = r
 
 
 @scalar
@@ -72,91 +66,62 @@ def may_reverse(h, n0, n1, rate1, rate_max):  # type: ignore[no-untyped-def]
 
 
 @njit(**INNER)
-def search(lane, h, n, r):  # type: ignore[no-untyped-def]
+def search(lane: Lane, tried: Point) -> int:
     """One move of the search, after each step tried on the lane.
-
-    Parameters
-    ----------
-    lane : ndarray
-        The lane's cells by the rows of :mod:`rattlesweep.integrate.lanes.rows`.  FUZZ is the depth
-        of an extremum, relative to the swing, below which the method cannot tell whether the spin
-        touched zero; such extrema are counted.
-    h, n, r : float
-        Step just tried, the spin and its rate at its end.
 
     Returns
     -------
     int
-        HOLD (go back and try ``lane[H_NEXT]``), TAKE (accept the step just tried), or REVERSED (the
+        HOLD (go back and try ``lane.h_next``), TAKE (accept the step just tried), or REVERSED (the
         step just tried ends at the first zero).
     """
-    sign = lane[R.SIGN]
-    mode = lane[R.MODE]
-    if mode == REDO:
-        lane[R.MODE] = STEP
-        lane[R.H_NEXT] = lane[R.FULL_NEXT]
+    if lane.mode == REDO:
+        lane.mode = STEP
+        lane.h_next = lane.full_next
         return TAKE
-    if mode == STEP:
-        _set(lane, R.FULL_H, h, n, r)
-        lane[R.FULL_NEXT] = lane[R.H_NEXT]
-        pieces = min(MAX_PIECES, max(1.0, ceil(h * lane[R.SWING] / PIECE_ANGLE)))
-        lane[R.PIECES] = pieces
-        lane[R.PIECE] = 1.0
-        _set(lane, R.LO_H, 0.0, lane[R.N0], lane[R.RATE0])
-        lane[R.MODE] = mode = SCAN
-        if pieces > 1:
-            lane[R.H_NEXT] = h / pieces
+    if lane.mode == ROOT:
+        return _polish(lane, tried)
+    if lane.mode == MINIMUM:
+        return _close_in(lane, tried)
+    if lane.mode == STEP:
+        lane.full = tried
+        lane.full_next = lane.h_next
+        lane.pieces = min(MAX_PIECES, max(1.0, ceil(tried.h * lane.swing / PIECE_ANGLE)))
+        lane.piece = 1.0
+        lane.lo = Point(0.0, lane.n0, lane.rate0)
+        lane.mode = SCAN
+        if lane.pieces > 1.0:
+            lane.h_next = tried.h / lane.pieces
             return HOLD
+    # SCAN: the end of a piece.
+    lane.end = tried
+    return _scan(lane, tried.h)
 
-    if mode == ROOT:
-        return _polish(lane, h, n, r)
 
-    if mode == MINIMUM:
-        if sign * n <= 0.0:
-            _set(lane, R.HI_H, h, n, r)
-            return _start_root(lane)
-        if sign * r < 0.0:
-            _set(lane, R.LO_H, h, n, r)
-        else:
-            _set(lane, R.HI_H, h, n, r)
-        tries = lane[R.TRIES] + 1.0
-        lane[R.TRIES] = tries
-        lo, hi = lane[R.LO_H], lane[R.HI_H]
-        verdict = _judge(
-            lo, lane[R.LO_N], lane[R.LO_R],
-            hi, lane[R.HI_N], lane[R.HI_R], sign,
-        )  # fmt: skip
-        if verdict == _DIP and hi - lo > 1e-12 * lane[R.FULL_H] and tries < MAX_TRIES:
-            lane[R.H_NEXT] = _towards_minimum(lane, tries)
-            return HOLD
-        # The last try may have been the middle of the bracket; its ends are nearer the minimum.
-        lowest = min(sign * lane[R.LO_N], sign * lane[R.HI_N])
-        if lowest < lane[R.FUZZ] * lane[R.RATE_MAX] / lane[R.SWING]:
-            lane[R.NEAR] += 1.0
-        # No zero here; go on behind the piece that held the minimum.
+@njit(**INNER)
+def search_on(lane: Lane, h: float) -> int:
+    """Search in the same step behind the zero at ``h``, for one of the other direction."""
+    lane.sign = -lane.sign
+    lane.mode = SCAN
+    if lane.beyond.h == lane.end.h:
         move = _next_piece(lane, h)
         return _scan(lane, h) if move == _KNOWN else move
-
-    # SCAN: a piece from LO to the point just tried.
-    _set(lane, R.END_H, h, n, r)
+    lane.lo = lane.beyond
     return _scan(lane, h)
 
 
 @njit(**INNER)
-def _scan(lane, tried):  # type: ignore[no-untyped-def]
+def _scan(lane: Lane, tried: float) -> int:
     """Decide on the pieces from LO on whose ends are known; END is the end of the first."""
     while True:
-        verdict = _judge(
-            lane[R.LO_H], lane[R.LO_N], lane[R.LO_R],
-            lane[R.END_H], lane[R.END_N], lane[R.END_R], lane[R.SIGN],
-        )  # fmt: skip
+        verdict = _judge(lane.lo, lane.end, lane.sign)
         if verdict != _CLEAR:
-            _set(lane, R.HI_H, lane[R.END_H], lane[R.END_N], lane[R.END_R])
+            lane.hi = lane.end
             if verdict == _ZERO:
                 return _start_root(lane)
-            lane[R.MODE] = MINIMUM
-            lane[R.TRIES] = 0.0
-            lane[R.H_NEXT] = _towards_minimum(lane, 0.0)
+            lane.mode = MINIMUM
+            lane.tries = 0.0
+            lane.h_next = _towards_minimum(lane)
             return HOLD
         move = _next_piece(lane, tried)
         if move != _KNOWN:
@@ -164,85 +129,91 @@ def _scan(lane, tried):  # type: ignore[no-untyped-def]
 
 
 @njit(**INNER)
-def search_on(lane, h):  # type: ignore[no-untyped-def]
-    """Search in the same step behind the zero at ``h``, for one of the other direction."""
-    lane[R.SIGN] = -lane[R.SIGN]
-    lane[R.MODE] = SCAN
-    if lane[R.BEYOND_H] == lane[R.END_H]:
-        move = _next_piece(lane, h)
-        return _scan(lane, h) if move == _KNOWN else move
-    _set(lane, R.LO_H, lane[R.BEYOND_H], lane[R.BEYOND_N], lane[R.BEYOND_R])
-    return _scan(lane, h)
-
-
-@njit(**INNER)
-def _next_piece(lane, tried):  # type: ignore[no-untyped-def]
+def _next_piece(lane: Lane, tried: float) -> int:
     """Go on behind END: try the next piece's end, or take the step, or _KNOWN if END now is it."""
-    _set(lane, R.LO_H, lane[R.END_H], lane[R.END_N], lane[R.END_R])
-    piece = lane[R.PIECE] + 1.0
-    pieces = lane[R.PIECES]
-    full = lane[R.FULL_H]
-    lane[R.PIECE] = piece
-    lane[R.MODE] = SCAN
-    if piece < pieces:
-        lane[R.H_NEXT] = full * (piece / pieces)
+    lane.lo = lane.end
+    lane.piece += 1.0
+    lane.mode = SCAN
+    if lane.piece < lane.pieces:
+        lane.h_next = lane.full.h * (lane.piece / lane.pieces)
         return HOLD
-    if piece == pieces:
+    if lane.piece == lane.pieces:
         # The end of the last piece is the end of the step, known from its first try.
-        _set(lane, R.END_H, full, lane[R.FULL_N], lane[R.FULL_R])
+        lane.end = lane.full
         return _KNOWN
-    if tried == full:
-        lane[R.MODE] = STEP
-        lane[R.H_NEXT] = lane[R.FULL_NEXT]
+    if tried == lane.full.h:
+        lane.mode = STEP
+        lane.h_next = lane.full_next
         return TAKE
-    lane[R.MODE] = REDO
-    lane[R.H_NEXT] = full
+    lane.mode = REDO
+    lane.h_next = lane.full.h
     return HOLD
 
 
 @njit(**INNER)
-def _towards_minimum(lane, tries):  # type: ignore[no-untyped-def]
-    """Next point in LO..HI, where the rate changes sign: a secant, every third time the middle."""
-    lo, hi = lane[R.LO_H], lane[R.HI_H]
-    share = lane[R.LO_R] / (lane[R.LO_R] - lane[R.HI_R])
-    if tries % 3.0 == 2.0:
-        share = 0.5
-    return lo + min(0.98, max(0.02, share)) * (hi - lo)
-
-
-@njit(**INNER)
-def _start_root(lane):  # type: ignore[no-untyped-def]
-    """Begin to polish the zero between LO and HI."""
-    _set(lane, R.BEYOND_H, lane[R.HI_H], lane[R.HI_N], lane[R.HI_R])
-    lane[R.MODE] = ROOT
-    lane[R.TRIES] = 0.0
-    lo, hi = lane[R.LO_H], lane[R.HI_H]
-    share = lane[R.LO_N] / (lane[R.LO_N] - lane[R.HI_N])
-    lane[R.H_NEXT] = lo + share * (hi - lo)
-    return HOLD
-
-
-@njit(**INNER)
-def _polish(lane, h, n, r):  # type: ignore[no-untyped-def]
-    """Newton's method in the bracket LO..HI until it moves by rounding only."""
-    if lane[R.SIGN] * n > 0.0:
-        _set(lane, R.LO_H, h, n, r)
+def _close_in(lane: Lane, tried: Point) -> int:
+    """Search the minimum between LO and HI until the spin is seen to be positive there or not."""
+    if lane.sign * tried.n <= 0.0:
+        lane.hi = tried
+        return _start_root(lane)
+    if lane.sign * tried.rate < 0.0:
+        lane.lo = tried
     else:
-        _set(lane, R.HI_H, h, n, r)
-    tries = lane[R.TRIES] + 1.0
-    lane[R.TRIES] = tries
-    lo, hi = lane[R.LO_H], lane[R.HI_H]
-    full = lane[R.FULL_H]
-    guess = h - n / r if r != 0.0 else lo
-    if not (guess > lo and guess < hi) or tries % 8.0 == 7.0:
+        lane.hi = tried
+    lane.tries += 1.0
+    verdict = _judge(lane.lo, lane.hi, lane.sign)
+    wide = lane.hi.h - lane.lo.h > 1e-12 * lane.full.h
+    if verdict == _DIP and wide and lane.tries < MAX_TRIES:
+        lane.h_next = _towards_minimum(lane)
+        return HOLD
+    # The last try may have been the middle of the bracket; its ends are nearer the minimum.
+    lowest = min(lane.sign * lane.lo.n, lane.sign * lane.hi.n)
+    if lowest < lane.fuzz * lane.rate_max / lane.swing:
+        lane.near += 1.0
+    # No zero here; go on behind the piece that held the minimum.
+    move = _next_piece(lane, tried.h)
+    return _scan(lane, tried.h) if move == _KNOWN else move
+
+
+@njit(**INNER)
+def _towards_minimum(lane: Lane) -> float:
+    """Next point in LO..HI, where the rate changes sign: a secant, every third time the middle."""
+    lo, hi = lane.lo, lane.hi
+    share = 0.5 if lane.tries % 3.0 == 2.0 else lo.rate / (lo.rate - hi.rate)
+    return lo.h + min(0.98, max(0.02, share)) * (hi.h - lo.h)
+
+
+@njit(**INNER)
+def _start_root(lane: Lane) -> int:
+    """Begin to polish the zero between LO and HI."""
+    lo, hi = lane.lo, lane.hi
+    lane.beyond = hi
+    lane.mode = ROOT
+    lane.tries = 0.0
+    lane.h_next = lo.h + lo.n / (lo.n - hi.n) * (hi.h - lo.h)
+    return HOLD
+
+
+@njit(**INNER)
+def _polish(lane: Lane, tried: Point) -> int:
+    """Newton's method in the bracket LO..HI until it moves by rounding only."""
+    h, n, rate = tried
+    if lane.sign * n > 0.0:
+        lane.lo = tried
+    else:
+        lane.hi = tried
+    lane.tries += 1.0
+    lo, hi, full = lane.lo.h, lane.hi.h, lane.full.h
+    guess = h - n / rate if rate != 0.0 else lo
+    if not (guess > lo and guess < hi) or lane.tries % 8.0 == 7.0:
         guess = lo + 0.5 * (hi - lo)
-        newton = abs(n / r) if r != 0.0 else full
+        newton = abs(n / rate) if rate != 0.0 else full
     else:
         newton = abs(guess - h)
-    if n == 0.0 or newton < 1e-14 * full or hi - lo < 1e-15 * full or tries >= MAX_TRIES:
-        # The swing behind the zero is r^2 / (2 n'') deep, n'' at most SWING * RATE_MAX.
-        if r * r < 2.0 * lane[R.FUZZ] * lane[R.RATE_MAX] ** 2:
-            lane[R.NEAR] += 1.0
+    if n == 0.0 or newton < 1e-14 * full or hi - lo < 1e-15 * full or lane.tries >= MAX_TRIES:
+        # The swing behind the zero is rate^2 / (2 n'') deep, n'' at most SWING * RATE_MAX.
+        if rate * rate < 2.0 * lane.fuzz * lane.rate_max**2:
+            lane.near += 1.0
         return REVERSED
-    lane[R.H_NEXT] = guess
+    lane.h_next = guess
     return HOLD

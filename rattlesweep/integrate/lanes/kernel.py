@@ -22,7 +22,6 @@ from math import isfinite
 from numba import prange
 
 from rattlesweep.integrate.lanes import columns as C
-from rattlesweep.integrate.lanes import rows as R
 from rattlesweep.integrate.lanes.atomics import (
     call,
     call_for_two,
@@ -30,6 +29,7 @@ from rattlesweep.integrate.lanes.atomics import (
     load,
     widest_vectors,
 )
+from rattlesweep.integrate.lanes.bound import ADAPTIVE, L, lane_of
 from rattlesweep.integrate.lanes.controller import LEAST_STEP, error_root, retry_ratio, step_ratio
 from rattlesweep.integrate.lanes.events import (
     HOLD,
@@ -40,9 +40,10 @@ from rattlesweep.integrate.lanes.events import (
     search,
     search_on,
 )
-from rattlesweep.integrate.lanes.rows import AMPLITUDE, ERROR, N1, RATE1, H
+from rattlesweep.integrate.lanes.lane import Point, any_lane
 from rattlesweep.integrate.lanes.runs import (
     UNKNOWN_RATE,
+    energy_at,
     finish,
     idle,
     pass_marks,
@@ -53,7 +54,6 @@ from rattlesweep.integrate.lanes.runs import (
     start,
     stay,
 )
-from rattlesweep.integrate.lanes.step import LANES as L
 from rattlesweep.integrate.status import Status
 
 OK = int(Status.OK)
@@ -65,38 +65,27 @@ STEP_TOO_SMALL = int(Status.STEP_TOO_SMALL)
 ATTEMPT, SETTLE = 0, 1
 PARTS = 2
 
-# Bound by kernels.build.
-Y1 = 0
-ADAPTIVE = False
-
-
-def lane_energy(lane, row):
-    """Energy of a lane at the state from row ``row`` on."""
-    raise NotImplementedError
-
-
-def advance(w):
-    """Move all lanes to the end of their step."""
-    raise NotImplementedError
-
 
 def give_up(lane, max_steps):
     """Status of a lane whose step failed, OK to go on with a shorter one."""
     if not ADAPTIVE:
         return NONFINITE
-    if lane[R.STEPS] + lane[R.REJECTED] >= max_steps:
+    if lane.steps + lane.rejected >= max_steps:
         return STEP_LIMIT
-    if lane[H] * lane[R.SWING] < LEAST_STEP:
-        return STEP_TOO_SMALL if isfinite(lane[ERROR]) else NONFINITE
+    if lane.h * lane.swing < LEAST_STEP:
+        return STEP_TOO_SMALL if isfinite(lane.error) else NONFINITE
     return OK
 
 
-def settle(lane, max_steps, on):
+def settle(w, l, max_steps, on):
     """Decide again on the step tried on a lane where something is due.
 
     Parameters
     ----------
-    lane : ndarray
+    w : ndarray
+        Workspace, of any model.
+    l : int
+        The lane.
     max_steps : float
     on : bool
         Whether that step has been found to end at a zero, behind which the search is to go on.
@@ -108,28 +97,28 @@ def settle(lane, max_steps, on):
     move : int
         HOLD (the step is not taken), TAKE, or REVERSED (it is, and ends at a zero of the spin).
     """
+    lane = any_lane(w, l)
     if on:
-        move = search_on(lane, lane[H])
-        lane[R.ACCEPT] = 0.0 if move == HOLD else 1.0
+        move = search_on(lane, lane.h)
+        lane.accept = 0.0 if move == HOLD else 1.0
         return OK, move
-    if lane[R.MODE] == STEP and lane[R.ACCEPT] == 0.0:
-        lane[R.REJECTED] += 1.0
-        lane[R.HELD] = 1.0
-        lane[R.H_NEXT] = lane[H] * retry_ratio(lane[ERROR])
+    if lane.mode == STEP and lane.accept == 0.0:
+        lane.rejected += 1.0
+        lane.held = 1.0
+        lane.h_next = lane.h * retry_ratio(lane.error)
         return give_up(lane, max_steps), HOLD
     move = TAKE
-    n1, rate1 = lane[N1], lane[RATE1]
-    if lane[R.ARM] > 0.0:
+    if lane.arm > 0.0:
         # No zero counts yet, and every step is looked at (may_reverse).
-        lane[R.RATE_MAX] = UNKNOWN_RATE
-        if abs(n1) > lane[R.ARM]:
-            lane[R.ARM] = 0.0
-            lane[R.SIGN] = 1.0 if n1 > 0.0 else -1.0
-            lane[R.RATE_MAX] = lane[R.ARM_RATE]
-    elif lane[R.MODE] != STEP or may_reverse(lane[H], lane[R.N0], n1, rate1, lane[R.RATE_MAX]):
-        move = search(lane, lane[H], n1, rate1)
-    lane[R.ACCEPT] = 0.0 if move == HOLD else 1.0
-    full = move != HOLD and lane[R.STEPS] >= max_steps
+        lane.rate_max = UNKNOWN_RATE
+        if abs(lane.n1) > lane.arm:
+            lane.arm = 0.0
+            lane.sign = 1.0 if lane.n1 > 0.0 else -1.0
+            lane.rate_max = lane.arm_rate
+    elif lane.mode != STEP or may_reverse(lane.h, lane.n0, lane.n1, lane.rate1, lane.rate_max):
+        move = search(lane, Point(lane.h, lane.n1, lane.rate1))
+    lane.accept = 0.0 if move == HOLD else 1.0
+    full = move != HOLD and lane.steps >= max_steps
     return STEP_LIMIT if full else OK, move
 
 
@@ -138,29 +127,37 @@ def decide(w, dt, max_steps):
     widest_vectors()
     special = 0
     for l in range(L):
-        h = w[H * L + l]
-        error = w[ERROR * L + l]
-        accept = error <= 1.0
+        lane = lane_of(w, l)
+        h = lane.h
+        accept = lane.error <= 1.0
         if ADAPTIVE:
-            root = error_root(error)
-            w[R.ROOT * L + l] = root
-            held = w[R.HELD * L + l] > 0.0
-            w[R.H_NEXT * L + l] = h * step_ratio(root, w[R.ROOT0 * L + l], held)
+            root = error_root(lane.error)
+            lane.root = root
+            lane.h_next = h * step_ratio(root, lane.root0, lane.held > 0.0)
         else:
-            w[R.H_NEXT * L + l] = dt
+            lane.h_next = dt
         # No 'or': what is behind it would be read under a mask.
         due = (
-            may_reverse(h, w[R.N0 * L + l], w[N1 * L + l], w[RATE1 * L + l], w[R.RATE_MAX * L + l])
-            | (w[R.LAST * L + l] > 0.0)
-            | (w[R.MODE * L + l] > 0.0)
-            | (w[R.T * L + l] + h >= w[R.NEXT * L + l])
-            | (w[R.STEPS * L + l] >= max_steps)
+            may_reverse(h, lane.n0, lane.n1, lane.rate1, lane.rate_max)
+            | (lane.last > 0.0)
+            | (lane.mode > 0.0)
+            | (lane.t + h >= lane.next)
+            | (lane.steps >= max_steps)
             | (not accept)
         )
-        w[R.ACCEPT * L + l] = 1.0 if accept else 0.0
-        w[R.DUE * L + l] = 1.0 if due else 0.0
+        lane.accept = 1.0 if accept else 0.0
+        lane.due = 1.0 if due else 0.0
         special += 1 if due else 0
     return special
+
+
+def advance(w):
+    """Move all lanes to the end of their step."""
+    widest_vectors()
+    for l in range(L):
+        lane = lane_of(w, l)
+        lane.y = lane.y1
+        lane.f = lane.f1
 
 
 def commit(w):
@@ -172,54 +169,57 @@ def commit(w):
     widest_vectors()
     advance(w)
     for l in range(L):
-        n1 = w[N1 * L + l]
-        w[R.N0 * L + l] = n1
-        signed = w[R.SIGN * L + l] * n1
-        least = w[R.N_LEAST * L + l]
-        w[R.N_LEAST * L + l] = (signed if signed < least else least) + 0.0
-        largest = w[R.A_MAX * L + l]
-        now = w[AMPLITUDE * L + l]
-        w[R.A_MAX * L + l] = (now if now > largest else largest) + 0.0
-        w[R.ROOT0 * L + l] = w[R.ROOT * L + l]
+        lane = lane_of(w, l)
+        n1 = lane.n1
+        lane.n0 = n1
+        signed = lane.sign * n1
+        least = lane.n_least
+        lane.n_least = (signed if signed < least else least) + 0.0
+        largest = lane.a_max
+        now = lane.amplitude
+        lane.a_max = (now if now > largest else largest) + 0.0
+        lane.root0 = lane.root
     for l in range(L):
-        accept = w[R.ACCEPT * L + l]
-        w[R.STEPS * L + l] += accept
-        w[R.HELD * L + l] *= 1.0 - accept
-        rate1 = w[RATE1 * L + l]
-        w[R.RATE0 * L + l] = rate1
-        recent = (1.0 - 0.1 * accept) * w[R.RATE_MAX * L + l]
+        lane = lane_of(w, l)
+        accept = lane.accept
+        lane.steps += accept
+        lane.held *= 1.0 - accept
+        rate1 = lane.rate1
+        lane.rate0 = rate1
+        recent = (1.0 - 0.1 * accept) * lane.rate_max
         now = abs(rate1)
-        w[R.RATE_MAX * L + l] = now if now > recent else recent
+        lane.rate_max = now if now > recent else recent
         # Compensated sum: a million steps lose nothing.
-        t0 = w[R.T * L + l]
-        part = w[H * L + l] * accept - w[R.T_LOW * L + l]
+        t0 = lane.t
+        part = lane.h * accept - lane.t_low
         t1 = t0 + part
-        w[R.T * L + l] = t1
-        w[R.T_LOW * L + l] = (t1 - t0) - part
+        lane.t = t1
+        lane.t_low = (t1 - t0) - part
     for l in range(L):
+        lane = lane_of(w, l)
         # A search holds the step it began with; the others must not pass the horizon.
-        h_next = w[R.H_NEXT * L + l]
-        searching = 1.0 if w[R.MODE * L + l] > 0.0 else 0.0
-        left = (w[R.T_END * L + l] - w[R.T * L + l]) + 1e290 * searching
-        kept = w[R.LAST * L + l] * searching
-        w[R.LAST * L + l] = 1.0 if h_next >= left else kept
-        w[H * L + l] = left if h_next >= left else h_next
+        h_next = lane.h_next
+        searching = 1.0 if lane.mode > 0.0 else 0.0
+        left = (lane.t_end - lane.t) + 1e290 * searching
+        kept = lane.last * searching
+        lane.last = 1.0 if h_next >= left else kept
+        lane.h = left if h_next >= left else h_next
 
 
 def watch(w, windows, record):
     """Observations that are made at every accepted step only when they are asked for."""
     for l in range(L):
-        if w[R.ACCEPT * L + l] > 0.0:
-            lane = w[l::L]
+        lane = lane_of(w, l)
+        if lane.accept > 0.0:
             if record[C.REC_ENERGY]:
-                energy0 = lane[R.ENERGY0]
-                drift = abs(lane_energy(lane, Y1) - energy0) / energy0 if energy0 > 0.0 else 0.0
-                lane[R.DRIFT_MAX] = max(lane[R.DRIFT_MAX], drift)
+                energy0 = lane.energy0
+                drift = abs(energy_at(lane, lane.y1) - energy0) / energy0 if energy0 > 0.0 else 0.0
+                lane.drift_max = max(lane.drift_max, drift)
             if record[C.REC_CONTACT]:
-                see_contact(lane, Y1)
+                see_contact(lane, lane.y1)
             if record[C.REC_WINDOWS]:
-                lane[R.W_N_MIN] = min(lane[R.W_N_MIN], lane[N1])
-                lane[R.W_N_MAX] = max(lane[R.W_N_MAX], lane[N1])
+                lane.window_n_min = min(lane.window_n_min, lane.n1)
+                lane.window_n_max = max(lane.window_n_max, lane.n1)
             if record[C.REC_REVERSALS]:
                 see_side(lane, windows, record)
 
@@ -263,46 +263,45 @@ def work(thread, parts, w, shared, order, y0, constants, probe, plan, options,
     total = order.size
     busy = 0
     for l in range(L):
-        lane = w[l::L]
+        lane = lane_of(w, l)
         place = fetch_add(shared, 0, 1)
         if place < total:
             start(lane, order[place], y0, constants, probe, plan, record)
             busy += 1
         else:
             idle(lane)
-        lane[H] = lane[R.H_NEXT]
     turns = 0
     while busy > 0:
         call(parts[ATTEMPT], (w, scale))
         special = decide(w, dt, max_steps)
         if special > 0:
             for l in range(L):
-                if w[R.DUE * L + l] == 0.0:
+                lane = lane_of(w, l)
+                if lane.due == 0.0:
                     continue
-                lane = w[l::L]
-                run = int(lane[R.RUN])
+                run = int(lane.run)
                 if run < 0:
-                    lane[R.ACCEPT] = 0.0
-                    lane[R.H_NEXT] = 0.0
+                    lane.accept = 0.0
+                    lane.h_next = 0.0
                     stay(lane)
                     continue
-                status, move = call_for_two(parts[SETTLE], (lane, max_steps, False))
-                t = lane[R.T] + (lane[H] - lane[R.T_LOW])
+                status, move = call_for_two(parts[SETTLE], (w, l, max_steps, False))
+                t = lane.t + (lane.h - lane.t_low)
                 if move == REVERSED and record[C.REC_REVERSALS]:
                     # Go on behind the zero, in the same step.
                     see_zero(lane, t)
-                    behind, move = call_for_two(parts[SETTLE], (lane, max_steps, True))
+                    behind, move = call_for_two(parts[SETTLE], (w, l, max_steps, True))
                     status = behind if move == HOLD else status
                 reversal = move == REVERSED
                 ended = status != OK or reversal
-                if move == TAKE and lane[R.LAST] > 0.0:
-                    t = lane[R.T_END]
+                if move == TAKE and lane.last > 0.0:
+                    t = lane.t_end
                     ended = True
-                if move == TAKE and not ended and t >= lane[R.NEXT]:
+                if move == TAKE and not ended and t >= lane.next:
                     pass_marks(lane, t, run, windows, record)
                     ended = settled(lane, plan[run, C.SETTLED])
                 if ended:
-                    lane[R.STEPS] += 1.0
+                    lane.steps += 1.0
                     finish(lane, status, reversal, t, run, result, counts, windows, record)
                     progress[thread, 0] += plan[run, C.COST]
                     progress[thread, 2] += 1.0
@@ -312,8 +311,8 @@ def work(thread, parts, w, shared, order, y0, constants, probe, plan, options,
                     else:
                         idle(lane)
                         busy -= 1
-                    lane[R.ACCEPT] = 0.0
-                if lane[R.ACCEPT] == 0.0:
+                    lane.accept = 0.0
+                if lane.accept == 0.0:
                     stay(lane)
         if watching:
             watch(w, windows, record)
@@ -324,9 +323,10 @@ def work(thread, parts, w, shared, order, y0, constants, probe, plan, options,
                 return
             under_way = 0.0
             for l in range(L):
-                run = int(w[R.RUN * L + l])
+                lane = lane_of(w, l)
+                run = int(lane.run)
                 if run >= 0:
-                    under_way += min(1.0, w[R.T * L + l] / plan[run, C.HORIZON]) * plan[run, C.COST]
+                    under_way += min(1.0, lane.t / plan[run, C.HORIZON]) * plan[run, C.COST]
             progress[thread, 1] = under_way
     progress[thread, 1] = 0.0
 

@@ -15,14 +15,13 @@ last bits than without a tangent.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from numba import njit
 
-from rattlesweep.integrate.lanes import rows as R
 from rattlesweep.integrate.lanes.atomics import barrier, widest_vectors
-from rattlesweep.integrate.lanes.cells import INNER, Sum, cells, gather, move, scatter
+from rattlesweep.integrate.lanes.cells import INNER, Sum, cells, gather, scatter
+from rattlesweep.integrate.lanes.lane import LANES, Layout, lane_of
 from rattlesweep.physics.full import FASTMATH
 
 if TYPE_CHECKING:
@@ -31,62 +30,8 @@ if TYPE_CHECKING:
     from rattlesweep.integrate.model import Model
     from rattlesweep.integrate.tableau import Row, Tableau
 
-# 32 lanes: see benchmarks/kernel.py --lanes for the figures behind it.
-LANES = 32
 # Steps of a fixed-step method between two looks at the lanes: the looks then cost little.
 SUBSTEPS = 8
-
-
-@dataclass(frozen=True)
-class Layout:
-    """Rows of the workspace of one model, behind those of :mod:`rattlesweep.integrate.lanes.rows`.
-
-    Attributes
-    ----------
-    y, f, y1, f1 : int
-        First row of the state and its derivative at the start and at the end of the step.
-    constants, probe : int
-        First row of the body's constants and of the amplitude's coefficients.
-    v, g, v1, g1 : int
-        First row of the tangent and its derivative at the start and at the end of the step; this
-        and the next have no rows in a model without tangent.
-    ys, fs : int
-        First row of a stage's state and derivative, for the tangent's stage.
-    shift : int
-        Row of the exponent of the power of two taken out of the tangent.
-    stages : int
-        First row of the stages but the first, which is ``f``; they come last, those of the tangent
-        behind the state's.
-    """
-
-    y: int
-    f: int
-    y1: int
-    f1: int
-    constants: int
-    probe: int
-    v: int
-    g: int
-    v1: int
-    g1: int
-    ys: int
-    fs: int
-    shift: int
-    stages: int
-
-    @classmethod
-    def of(cls, model: Model) -> Layout:
-        """Layout for a model."""
-        n = model.n_state
-        t = n if model.tangent else 0
-        sizes = (n, n, n, n, model.n_constants, model.n_probe,
-                 t, t, t, t, t, t, min(t, 1), 0)  # fmt: skip
-        rows = [R.ROWS + sum(sizes[:i]) for i in range(len(sizes))]
-        return cls(*rows)
-
-    def rows(self, tableau: Tableau, model: Model) -> int:
-        """Number of rows of the workspace for a method."""
-        return self.stages + (tableau.stages - 1) * model.n_state * (2 if model.tangent else 1)
 
 
 class Attempt:
@@ -124,6 +69,7 @@ class Attempt:
             "transverse": model.tangent and model.tangent.transverse,
             "barrier": barrier,
             "widest_vectors": widest_vectors,
+            "lane_of": lane_of(self.at, lanes),
             "__name__": __name__,
         }
         self._lines = ["def attempt(w, scale):"]
@@ -134,9 +80,9 @@ class Attempt:
             self.step(at.y, at.f, at.v, at.g, 1.0)
             self.errors()
         else:
-            self.copy(at.y, at.y1)
+            self._loop("lane.y1 = lane.y", "lane.f1 = lane.f")
             if model.tangent:
-                self.copy(at.v, at.v1)
+                self._loop("lane.v1 = lane.v", "lane.g1 = lane.g")
             self._line(f"for _ in range({SUBSTEPS}):")
             self._indent = 8
             self.step(at.y1, at.f1, at.v1, at.g1, 1 / SUBSTEPS)
@@ -166,46 +112,36 @@ class Attempt:
         body = [f"q = {given}(w, l)", "f = rhs(*q)", f"{put}(w, l, f)"]
         if self.model.tangent:
             # For the tangent's stage, in a loop of its own.
-            keep = self._scatter("keep", self._rows(self.at.ys) + self._rows(self.at.fs))
-            body.append(f"{keep}(w, l, q[:{self.n}] + f)")
+            body += [f"lane.ys = q[:{self.n}]", "lane.fs = f"]
         self._loop(*body)
 
     def end(self, y: int, share: float) -> None:
         """State and derivative at the end of the step and, if it ends here, what is seen there."""
         sums = self._sums(self.tableau.b, self._stages, y, share)
         given = self._gather("given", sums, behind=self._constants())
-        ends = self._scatter("ends", self._rows(self.at.y1) + self._rows(self.at.f1))
-        body = [f"q = {given}(w, l)", "f = rhs(*q)", f"y = q[:{self.n}]", f"{ends}(w, l, y + f)"]
+        body = [f"q = {given}(w, l)", "f = rhs(*q)", f"y = q[:{self.n}]"]
+        body += ["lane.y1 = y", "lane.f1 = f"]
         self._loop(*body, *(self._seen() if self.tableau.adaptive else []))
 
     def outcome(self) -> None:
         """What is seen at the end of a step without error control."""
-        n, at = self.n, self.at
-        both = self._gather("both", cells(at.y1, n) + cells(at.f1, n))
-        total = " + ".join(f"f[{c}]" for c in range(n))
+        total = " + ".join(f"f[{c}]" for c in range(self.n))
         # Zero, or not a number where the step left the numbers.
-        error = f"{self._cell(R.ERROR)} = 0.0 * ({total})"
-        self._loop(f"both = {both}(w, l)", f"y = both[:{n}]", f"f = both[{n}:]",
-                   *self._seen(), error)  # fmt: skip
+        error = f"lane.error = 0.0 * ({total})"
+        self._loop("y = lane.y1", "f = lane.f1", *self._seen(), error)
 
     def errors(self) -> None:
         """The squared error, in units of the tolerance."""
         at = self.at
         rows = [*self._stages, at.f1]
-        body = [f"h = {self._cell(R.H)}"]
+        body = ["h = lane.h"]
         for k, row in enumerate(self.tableau.errors):
             sums = self._sums(row, rows)
             given = self._gather("error", sums + cells(at.y, self.n), behind=self._constants())
             body.append(f"e{k}, size = error(*{given}(w, l))")
         # Hairer's blend of the fifth and third order estimates; both are squared here.
         blend = "e0 * (e0 / (e0 + 0.01 * e1 + 1e-300))" if len(self.tableau.errors) == 2 else "e0"
-        self._loop(*body, f"{self._cell(R.ERROR)} = (scale * h * h) * ({blend} / size)")
-
-    def copy(self, first: int, to: int) -> None:
-        """Rows of a state and its derivative to others."""
-        read = self._gather("read", cells(first, 2 * self.n))
-        write = self._scatter("write", range(to, to + 2 * self.n))
-        self._loop(f"{write}(w, l, {read}(w, l))")
+        self._loop(*body, f"lane.error = (scale * h * h) * ({blend} / size)")
 
     def tangent_stage(self, i: int, v: int, share: float) -> None:
         """Stage ``i`` of the tangent of a step from rows ``v``."""
@@ -215,15 +151,15 @@ class Attempt:
 
     def tangent_end(self, v: int, share: float) -> None:
         """The tangent and its rate at the end of the step."""
-        at, n = self.at, self.n
-        given = self._tangent_at(self.tableau.b, v, share, at.y1, at.f1)
-        ends = self._scatter("ends", self._rows(at.v1) + self._rows(at.g1))
+        n = self.n
+        given = self._tangent_at(self.tableau.b, v, share, self.at.y1, self.at.f1)
         # Only the transverse part goes on.  If it decays, what rounding leaves of the others
         # would soon hide it.
         self._loop(
             f"q = {given}(w, l)",
             "v = transverse(*q)",
-            f"{ends}(w, l, v + tangent_rate(*(q[:{2 * n}] + v + q[{3 * n}:])))",
+            "lane.v1 = v",
+            f"lane.g1 = tangent_rate(*(q[:{2 * n}] + v + q[{3 * n}:]))",
             barriers=True,
         )
 
@@ -235,18 +171,17 @@ class Attempt:
 
     def _seen(self) -> list[str]:
         """Spin, its rate and amplitude at the state ``y`` with derivative ``f``."""
-        probe = self._gather("probe", cells(self.at.probe, self.model.n_probe))
         return [
-            f"{self._cell(R.N1)} = spin(*y)",
-            f"{self._cell(R.RATE1)} = spin_rate(*(y + f))",
-            f"{self._cell(R.AMPLITUDE)} = amplitude(*(y + {probe}(w, l)))",
+            "lane.n1 = spin(*y)",
+            "lane.rate1 = spin_rate(*(y + f))",
+            "lane.amplitude = amplitude(*(y + lane.probe))",
         ]
 
     def _sums(
         self, row: Row, stages: Sequence[int], start: int | None = None, share: float = 1.0
     ) -> list[Sum]:
         """A row of the tableau times the stages; with ``start``, that plus ``share * h`` times."""
-        factor = None if start is None else R.H
+        factor = None if start is None else self.at.h
         return [
             Sum(
                 None if start is None else start + c,
@@ -262,9 +197,6 @@ class Attempt:
 
     def _rows(self, first: int) -> list[int]:
         return list(range(first, first + self.n))
-
-    def _cell(self, row: int) -> str:
-        return f"w[{row * self.lanes} + l]"
 
     def _name(self, word: str, function: Callable[..., Any]) -> str:
         name = f"{word}_{len(self.names)}"
@@ -284,6 +216,7 @@ class Attempt:
         if barriers:
             self._line("barrier()")
         self._line(f"for l in range({self.lanes}):")
+        self._line("    lane = lane_of(w, l)")
         for text in body:
             self._line("    " + text)
         if barriers:
@@ -301,62 +234,4 @@ def compile_attempt(tableau: Tableau, model: Model, lanes: int = LANES) -> Calla
     compiled: Callable[..., Any] = njit(fastmath=FASTMATH, **INNER | {"no_cpython_wrapper": False})(
         function
     )
-    return compiled
-
-
-LANE_SOURCE = """\
-def advance(w):
-    widest_vectors()
-    for l in range({lanes}):
-        move(w, l)
-
-def lane_energy(lane, row):
-    return energy(*(state(lane, row * {lanes}) + constants(lane, 0)))
-
-def lane_contact(lane, row):
-    return contact(*(state(lane, row * {lanes}) + constants(lane, 0)))
-
-def lane_oscillation(lane, row):
-    y = state(lane, row * {lanes})
-    _, oscillation = error(*(y + y + constants(lane, 0)))
-    return oscillation
-
-def lane_rhs(lane):
-    q = given(lane, 0)
-    f = rhs(*q)
-    put(lane, 0, f)
-    y = q[:{n}]
-    return spin(*y), spin_rate(*(y + f))
-"""
-
-
-def compile_lane_functions(model: Model, lanes: int = LANES) -> dict[str, Callable[..., Any]]:
-    """Compiled small functions that depend on the model's number of components, by name.
-
-    ``lane_energy``, ``lane_contact``, ``lane_oscillation`` and ``lane_rhs`` look at one lane,
-    ``w[l::lanes]``; ``advance`` moves all lanes to the end of their step.
-    """
-    at, n = Layout.of(model), model.n_state
-    constants = cells(at.constants, model.n_constants)
-    namespace: dict[str, Any] = {
-        "widest_vectors": widest_vectors,
-        "rhs": model.rhs,
-        "spin": model.spin,
-        "spin_rate": model.spin_rate,
-        "energy": model.energy,
-        "contact": model.contact,
-        "error": model.error,
-        "state": gather(cells(0, n), lanes),
-        "constants": gather(constants, lanes),
-        "given": gather(cells(at.y, n) + constants, lanes),
-        "put": scatter(range(at.f, at.f + n), lanes),
-        # The derivatives stand behind the states.
-        "move": move(range(at.y, at.y + 2 * n), range(at.y1, at.y1 + 2 * n), lanes),
-    }
-    exec(LANE_SOURCE.format(lanes=lanes, n=n), namespace)
-    compiled = {}
-    for name in ("advance", "lane_energy", "lane_contact", "lane_oscillation", "lane_rhs"):
-        function = namespace[name]
-        function.__name__ = function.__qualname__ = f"{name}_{model.name}_{lanes}"
-        compiled[name] = njit(fastmath=FASTMATH, **INNER)(function)
     return compiled

@@ -12,7 +12,7 @@ import numpy as np
 from rattlesweep.arrays import Floats
 from rattlesweep.integrate.batch import available_threads
 from rattlesweep.integrate.defaults import DT
-from rattlesweep.integrate.lanes.step import LANES
+from rattlesweep.integrate.lanes.lane import LANES
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.sweeps.cases.costs import SEED, Costs
 from rattlesweep.sweeps.cases.plan import Plan

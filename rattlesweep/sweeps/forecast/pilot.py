@@ -24,7 +24,7 @@ from rattlesweep.arrays import Floats, Integers, take
 from rattlesweep.integrate.batch import Batch, Control, Outcome
 from rattlesweep.integrate.batch import expected_cost as kernel_cost
 from rattlesweep.integrate.defaults import DT
-from rattlesweep.integrate.lanes.step import LANES
+from rattlesweep.integrate.lanes.lane import LANES
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.integrate.task import Task
