@@ -90,7 +90,9 @@ class Errors:
 
 def take(runs: Batch, index: NDArray[Any]) -> Batch:
     """Some of the runs of a batch."""
-    return Batch(**{name: getattr(runs, name)[index] for name in Batch.__dataclass_fields__})
+    parts = {name: getattr(runs, name) for name in Batch.__dataclass_fields__}
+    # Where nothing is said of a run there is nothing to take.
+    return Batch(**{name: part[index] if len(part) else part for name, part in parts.items()})
 
 
 def draw(samples: int) -> Batch:

@@ -44,7 +44,7 @@ AVX2 = {
     "XLA_FLAGS": f"{ONE_THREAD['XLA_FLAGS']} --xla_cpu_max_isa=AVX2",
 }
 VERSIONS = ("rattlesweep", "numpy", "numba", "heyoka", "jax", "diffrax", "scipy")
-OWN = "rattlesweep dop853"
+OWN, ORDER_9 = "rattlesweep dop853", "rattlesweep verner98"
 BATCH, REVERSING = "heyoka batch", "heyoka batch, reversing runs"
 VMAP, PLAIN = "diffrax Dopri8, vmap", "plain Numba RK4, scalar"
 CURVE = (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12)
@@ -207,6 +207,10 @@ def build(work: Work, system: str) -> Bench:
         for t in (1e-6, 1e-9)
     ]
     entries += [
+        Entry(ORDER_9, f"tol {t:.0e}", rattlesweep("verner98", tol=t), "all")
+        for t in (1e-5, 1e-6, 1e-7, 1e-8)
+    ]
+    entries += [
         Entry("rattlesweep rk4, lanes", f"dt {dt}", rattlesweep("rk4", dt=dt), "every 4th", 2)
         for dt in (0.02, 0.002)
     ]
@@ -285,6 +289,7 @@ def quoted(bench: Bench, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     ]
     return [
         *found,
+        {"over": f"{ORDER_9}, at error 1e-09", "ratio": bench.at(ORDER_9, 1e-9)},
         {"over": f"{VMAP}, the least of its settings", "ratio": least(VMAP)},
         {"over": f"{PLAIN}, dt 0.002", "ratio": least(PLAIN)},
     ]
@@ -342,7 +347,7 @@ def main(quick: bool, avx2: bool, file: Path | None) -> None:
     outcome = quoted(bench, rows)
     for line in outcome:
         text = f"{line['over']}:"
-        click.echo(f"  {text:55}{line['ratio']:8.1f}x")
+        click.echo(f"  {text:55}{line['ratio']:8.3g}x")
     report("done")
     if file is not None:
         curves = {name: [row(e) for e in curve] for name, curve in bench.curves.items()}

@@ -11,11 +11,8 @@ import numpy as np
 from rattlesweep.integrate.cache import cached, keep, specialise
 from rattlesweep.integrate.follow import march as follow
 from rattlesweep.integrate.lanes import columns as C
-from rattlesweep.integrate.lanes import kernel as lanes
-from rattlesweep.integrate.lanes import runs
 from rattlesweep.integrate.lanes.build import (
     attempt,
-    bind,
     mark,
     names,
     parts,
@@ -34,16 +31,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rattlesweep.integrate.tableau import Tableau
-
-# In the order in which they call each other.
-TEMPLATES = (
-    runs.see_contact,
-    runs.start,
-    runs.idle,
-    runs.stay,
-    lanes.decide,
-    lanes.commit,
-)
 
 
 # With the names of components and constants; what is looked at elsewhere is not looked at here.
@@ -122,12 +109,10 @@ def _model(name: str) -> tuple[Model, int]:
 
 def build_march(adaptive: bool, model: Model) -> Callable[..., None]:
     """Compile :func:`follow.march` of a model when it is first called."""
-    bindings = names(adaptive, model)
-    suffix = f"_{model.name}{mark(adaptive)}"
-    bind(TEMPLATES, bindings, "_march" + suffix)
-    compiled: Callable[..., None] = cached(
-        specialise(follow.march, "march" + suffix, **bindings), nogil=True, error_model="numpy"
+    march = specialise(
+        follow.march, f"march_{model.name}{mark(adaptive)}", **names(adaptive, model)
     )
+    compiled: Callable[..., None] = cached(march, nogil=True, error_model="numpy")
     return compiled
 
 

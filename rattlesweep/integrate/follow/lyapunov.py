@@ -12,9 +12,8 @@ from rattlesweep.integrate.cache import cached, specialise
 from rattlesweep.integrate.defaults import TOL
 from rattlesweep.integrate.lanes.bound import N_CONSTANTS, N_STATE, lane_of
 from rattlesweep.integrate.lanes.build import names
-from rattlesweep.integrate.lanes.carry import tangent_advance, tangent_begin, tangent_log
+from rattlesweep.integrate.lanes.carry import advance, tangent_begin, tangent_log
 from rattlesweep.integrate.lanes.controller import error_root, retry_ratio, step_ratio
-from rattlesweep.integrate.lanes.kernel import advance
 from rattlesweep.integrate.lanes.lane import Layout
 from rattlesweep.integrate.lanes.runs import derive
 from rattlesweep.integrate.lanes.step import compile_attempt
@@ -123,7 +122,6 @@ def drive(w, constants, y0, seed, times, scale, growth, states):  # type: ignore
                 t += h
                 h = h_next
             advance(w)
-            tangent_advance(w)
     return times.size
 
 

@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from rattlesweep.integrate.model import Model
     from rattlesweep.integrate.tableau import Tableau
 
-# Templates in the order in which they call each other: formulas, what happens to a lane, to all.
-# Between the last two stands carry.py.
+# Templates in the order in which they call each other; between them and those of all lanes stands
+# carry.py.
 FORMULAS = (runs.energy_at, runs.contact_at, runs.oscillation_at, runs.derive)
 TEMPLATES = (
     runs.reach_border,
@@ -49,12 +49,17 @@ TEMPLATES = (
     runs.idle,
     runs.stay,
     runs.finish,
+    lanes.advance,
 )
 LANE_TEMPLATES = (lanes.decide, lanes.commit, lanes.watch)
+OF_MODEL = ("rhs", "spin", "spin_rate", "energy", "contact", "error")
 
 
 def names(adaptive: bool, model: Model, width: int = LANES) -> dict[str, Any]:
-    """What templates see as globals, see :mod:`rattlesweep.integrate.lanes.bound`."""
+    """What templates see as globals: of :mod:`rattlesweep.integrate.lanes.bound`, and each other.
+
+    Each is compiled when it is first called.
+    """
     bindings: dict[str, Any] = {
         "N_STATE": model.n_state,
         "N_CONSTANTS": model.n_constants,
@@ -63,18 +68,20 @@ def names(adaptive: bool, model: Model, width: int = LANES) -> dict[str, Any]:
         "ADAPTIVE": adaptive,
         "IDLE": ((1.0,) * model.n_state, (1.0,) * model.n_constants, (0.0,) * model.n_probe),
         "lane_of": lane_of(Layout.of(model), width),
-        "rhs": model.rhs,
-        "spin": model.spin,
-        "spin_rate": model.spin_rate,
-        "energy": model.energy,
-        "contact": model.contact,
-        "error": model.error,
-        **(vars(model.tangent) if model.tangent else {}),
+        **{name: getattr(model, name) for name in OF_MODEL},
     }
-    suffix = f"_{model.name}_{width}"
-    bind((*FORMULAS, lanes.advance), bindings, suffix, fastmath=FASTMATH)
+    suffix = f"_{model.name}_{width}{mark(adaptive)}"
+    bind(FORMULAS, bindings, suffix, fastmath=FASTMATH)
+    bind(TEMPLATES, bindings, suffix)
     if model.tangent:
+        bindings |= vars(model.tangent)
         bind(carry.TANGENTS, bindings, suffix, fastmath=FASTMATH)
+        for template in carry.STAND_INS:
+            name = template.__name__
+            # ``see_tangent`` stands in for nothing.
+            bindings["plain_" + name] = bindings.get(name)
+        bind(carry.STAND_INS, bindings, "_carry" + suffix)
+    bind(LANE_TEMPLATES, bindings, suffix)
     return bindings
 
 
@@ -89,7 +96,7 @@ def bind(
     suffix: str,
     fastmath: Any = False,
 ) -> None:
-    """Compile templates, each on its first use, and add them to what the next ones see.
+    """Make compiled functions of templates, and add them to what the next ones see.
 
     Without ``fastmath`` all but formulas: the time is a compensated sum.
     """
@@ -101,17 +108,7 @@ def bind(
 
 def build(adaptive: bool, model: Model) -> Callable[..., None]:
     """:func:`lanes.work` for a model, compiled when it is first called."""
-    bindings = names(adaptive, model)
-    suffix = f"_{model.name}{mark(adaptive)}"
-    bind(TEMPLATES, bindings, suffix)
-    if model.tangent:
-        for template in carry.STAND_INS:
-            name = template.__name__
-            # ``see_tangent`` stands in for nothing.
-            bindings["plain_" + name] = bindings.get(name)
-        bind(carry.STAND_INS, bindings, "_carry" + suffix)
-    bind(LANE_TEMPLATES, bindings, suffix)
-    work = specialise(lanes.work, "work" + suffix, **bindings)
+    work = specialise(lanes.work, f"work_{model.name}{mark(adaptive)}", **names(adaptive, model))
     compiled: Callable[..., None] = cached(
         work, nogil=True, error_model="numpy", no_cfunc_wrapper=True
     )

@@ -72,20 +72,25 @@ class Cells:
         return cls(builder, array.data, args[1], lanes)
 
     def place(self, row: int) -> Any:
+        """Pointer to the cell in a row."""
         index = self.builder.add(self.lane.type(row * self.lanes), self.lane)
         return cgutils.gep(self.builder, self.data, index)
 
     def read(self, row: int) -> Any:
+        """What the cell holds."""
         return self.builder.load(self.place(row))
 
     def write(self, row: int, value: Any) -> None:
+        """Put a value there."""
         self.builder.store(value, self.place(row))
 
     def product(self, number: float, row: int) -> Any:
+        """A number times what the cell holds."""
         value = self.read(row)
         return value if number == 1.0 else self.builder.fmul(DOUBLE(number), value)
 
     def value(self, wanted: Sum) -> Any:
+        """What a sum comes to."""
         if not wanted.terms:
             return self.read(wanted.row)  # type: ignore[arg-type]
         products = [self.product(*term) for term in wanted.terms]
