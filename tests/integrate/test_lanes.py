@@ -373,14 +373,17 @@ def test_runs_that_settle_are_the_same_in_any_company():
 # --- what is observed -----------------------------------------------------------------------------
 
 
+def records_of(method):
+    """All but the tangents of RK4: their kernel is in the slow part of test_lyapunov.py."""
+    return [name for name in RECORDS if method is DOP853 or name != "lyapunov"]
+
+
 def test_recording_changes_nothing_else():
     runs = mixed(70)
     extra = ("energy_drift_max", "contact_ratio_max", "contact_normal_min", "windows", "growth")
     # With reversals, runs go on behind the first.
     for method in (DOP853, RK4):
-        # The tangents of RK4 have a kernel of their own, in the slow part of test_lyapunov.py.
-        left_out = {"reversals"} | ({"lyapunov"} if method is RK4 else set())
-        others = tuple(name for name in RECORDS if name not in left_out)
+        others = tuple(name for name in records_of(method) if name != "reversals")
         plain = integrate(runs, method, FULL, dt=0.01)
         for record in (*others, others):
             names = frozenset([record] if isinstance(record, str) else record)
@@ -397,7 +400,7 @@ def test_records_are_those_of_the_trajectory(method):
     n_i, omega = np.array(launches).T
     runs = kernels.full_batch(GH, n_i, omega, t_end=t_end)
     runs = dataclasses.replace(runs, window=runs.t_end / n_windows)
-    out = integrate(runs, method, FULL, record=frozenset(RECORDS))
+    out = integrate(runs, method, FULL, record=frozenset(records_of(method)))
     assert_status(out, Status.OK)
     assert (out.t_end == t_end).all()
     # Only the ends of steps are seen; adaptive steps are a good part of a swing long.

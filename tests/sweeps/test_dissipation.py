@@ -175,20 +175,24 @@ def write(folder: Path, config: Any) -> Path:
     return path
 
 
-def test_directories_are_proved_replayed_typed_and_shown(swept, tmp_path):
-    directory = swept.directory
-    assert verify(directory, recompute=20, seed=2).problems == []
-    replayed = invoke("replay", directory, "--case", 5, "--sample", 1, "--points", 3)
+@pytest.mark.slow  # what follows one run compiles kernels of its own
+def test_runs_are_replayed_and_shown(swept, tmp_path):
+    one = (swept.directory, "--case", 5, "--sample", 1)
+    replayed = invoke("replay", *one, "--points", 3)
     assert replayed.exit_code == 0, replayed.output
     assert "bit for bit" in replayed.stderr
+    page = invoke("show", "--from", *one, "--t-end", 20, "--output", tmp_path / "p.html")
+    assert page.exit_code == 0, page.output
+    assert "rolling 0.001" in (tmp_path / "p.html").read_text()
+
+
+def test_directories_are_proved_typed_and_reported(swept, tmp_path):
+    directory = swept.directory
+    assert verify(directory, recompute=20, seed=2).problems == []
     typed = invoke("classify", directory, "--set", "classify.dead_energy=1e-9")
     assert typed.exit_code == 0, typed.output
     assert verify(directory).problems == []
     invoke("classify", directory, "--set", "classify.dead_energy=0.01")
-    page = invoke("show", "--from", directory, "--case", 5, "--sample", 1, "--t-end", 20,
-                  "--output", tmp_path / "p.html")  # fmt: skip
-    assert page.exit_code == 0, page.output
-    assert "rolling 0.001" in (tmp_path / "p.html").read_text()
     report = invoke("report", directory, "--output", tmp_path / "r.html")
     assert report.exit_code == 0, report.output
     assert 'class="number">σ</th>' in (tmp_path / "r.html").read_text()
@@ -309,6 +313,11 @@ def test_a_table_says_it_row_by_row(tmp_path, swept):
         pd.testing.assert_series_equal(before[name], after[name], check_exact=True)
     assert again.summary.sigma.isna().all()
     assert invoke("verify", again.directory, "--recompute", 5).exit_code == 0
+
+
+@pytest.mark.slow  # without c it is another kernel
+def test_a_frame_says_it_row_by_row(tmp_path, swept):
+    before = swept.runs
     frame = before[[*PARAMETERS, "c", "n_i", "omega_xy0", "sigma", "rolling"]].iloc[::9]
     kept = rs.sweep(frame.drop(columns="c"), output=tmp_path / "frame", horizon={"t": 1}).runs
     assert kept.sigma.tolist() == frame.sigma.tolist()
