@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -83,6 +84,16 @@ def test_step_by_step_with_a_damaged_block_and_other_types(tmp_path):
     sweep(grown, changed(SMALL, bodies={"samples": 20}))
     sweep(grown, changed(SMALL, bodies={"samples": 31}))
     check_finished(grown, Reference.of(whole))
+
+
+def test_a_block_in_the_place_of_another_is_not_counted_twice(tmp_path):
+    large = changed(SMALL, bodies={"samples": 31})
+    sweep(tmp_path / "whole", large)
+    runs = tmp_path / "grown" / "runs"
+    sweep(runs.parent, SMALL)
+    shutil.copy(runs / "block-000002.parquet", runs / "block-000001.parquet")
+    assert sweep(runs.parent, large).resumed_runs == 17
+    check_finished(runs.parent, Reference.of(tmp_path / "whole"))
 
 
 def test_after_shards_are_merged(tmp_path):
