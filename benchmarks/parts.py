@@ -7,7 +7,8 @@ empty.  All variants of the integration take turns on one thread; the table show
 processor time, as ratios to the plain run.  What the types need (the amplitude in windows, the
 smallest spin) cannot be switched off: the price of the amplitude is told from the generated step,
 compiled with and without it, and that of all the rest by what the integration takes beyond its
-steps.
+steps.  What a scene adds (an ellipsoid, dissipation) changes when runs end, and is compared by the
+unit of time; behind it stand the steps tried in one.
 """
 
 from __future__ import annotations
@@ -49,6 +50,18 @@ RECORDS = (
     [], ["energy"], ["contact"], ["windows"], ["error"], ["lyapunov"],
     ["energy", "contact", "windows"],
 )  # fmt: skip
+
+# What a scene adds to a body; a horizon that hardly any run leaves early.
+SCENES = {
+    "plain": [],
+    "ellipsoid": ["bodies.surface=ellipsoid", "bodies.c=2"],
+    "sigma": ["dissipation={sigma: 0.001}"],
+    "ellipsoid, sigma": ["bodies.surface=ellipsoid", "bodies.c=2", "dissipation={sigma: 0.001}"],
+    "rolling": ["dissipation={rolling: 0.0001}"],
+    "ellipsoid, rolling": [
+        "bodies.surface=ellipsoid", "bodies.c=2", "dissipation={rolling: 0.0001}"
+    ],
+}  # fmt: skip
 
 
 @dataclass
@@ -113,6 +126,30 @@ def integration(samples: int) -> tuple[list[Part], Any, Any, dict[str, Any]]:
             )
         )
     return parts, plan, launches, finish_block(config, launches, batch, threads=1)
+
+
+def scenes(samples: int) -> list[Part]:
+    """The integration of bodies with another surface or with dissipation, by the unit of time."""
+    parts = []
+    for scene, changes in SCENES.items():
+        given = [f"bodies.samples={samples}", f"horizon={{t_rgh: 5, t: {HORIZON}}}", *changes]
+        config = load_config(CONFIG, given)
+        plan = make_plan(config)
+        batch = full_batch(prepare(plan, *np.divmod(np.arange(plan.runs), plan.samples)))
+        out = run_batch(config, batch, threads=1)
+        spent = float(out.t_end.sum())
+        tries = (out.n_steps.sum() + out.n_rejected.sum()) / spent
+        parts.append(
+            Part(
+                f"scene {scene} ({tries:.3f} tries)",
+                lambda config=config, batch=batch: run_batch(config, batch, threads=1),
+                round(spent),
+                parts[0].name if parts else "",
+                "unit",
+            )
+        )
+    parts[0].base = parts[0].name
+    return parts
 
 
 def around(plan: Any, launches: Any, columns: dict[str, Any], directory: Path) -> list[Part]:
@@ -194,6 +231,7 @@ def main(quick: bool) -> None:
     out = run_batch(plan.config, full_batch(launches), threads=1)
     tries = int(out.n_steps.sum() + out.n_rejected.sum())
     with tempfile.TemporaryDirectory() as directory:
+        parts += scenes(20 if quick else 70)
         parts += around(plan, launches, columns, Path(directory))
         parts += steps(2000 if quick else 10_000)
         seconds = measure(parts, 3 if quick else 7)

@@ -37,6 +37,29 @@ class Tangent:
 
 
 @dataclass(frozen=True)
+class Carried:
+    """Functions of the state that the stages of a step integrate, which costs less than they do.
+
+    Each step begins with their own values and ends without them, so that it is one of the method
+    for the state alone, of the same order.  With ``x`` for what is carried, and ``y`` and ``q`` as
+    for :class:`Model`:
+
+    Attributes
+    ----------
+    n : int
+        How many they are.
+    start : callable
+        ``start(*y, *q)``, their values.
+    rhs : callable
+        ``rhs(*y, *x, *q)``, derivatives of the state and, behind, of them.
+    """
+
+    n: int
+    start: Callable[..., Any]
+    rhs: Callable[..., Any]
+
+
+@dataclass(frozen=True)
 class Model:
     """Equations of motion and what is watched on the way, as compiled scalar functions.
 
@@ -60,6 +83,8 @@ class Model:
         How the body touches the plane, as :func:`rattlesweep.physics.full.paraboloid`.
     tangent : Tangent, optional
         The tangent that a run carries with it; by default it carries none.
+    carried : Carried, optional
+        What the stages of a step carry, for models without tangent.
     """
 
     name: str
@@ -75,6 +100,7 @@ class Model:
     contact: Callable[..., Any]
     touch: Callable[..., Any] | None = None
     tangent: Tangent | None = None
+    carried: Carried | None = None
 
 
 @full.scalar
@@ -116,6 +142,38 @@ def _ellipsoid_error(ep, eq, ea, eb, ec, p, q, a, b, c, ix, iy, iz, cxx, cxy, cy
     return _full_error(ep, eq, ea, eb, ec, p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy)
 
 
+CARRIED_SOURCE = """\
+def start({state}, ix, iy, iz, cxx, cxy, cyy, k{losses}):
+    _, rise = shape_at(p, q, cxx, cxy, cyy, k)
+    return (rise,)
+
+def rhs({state}, rise, ix, iy, iz, cxx, cxy, cyy, k{losses}):
+    f = own_rhs({state}, ix, iy, iz, cxx, cxy, cyy, (k, rise){losses})
+    rates = (rise_rate(p, q, f[0], f[1], cxx, cxy, cyy, k, rise),)
+    return f + rates
+"""
+
+
+def _carried(name: str, n_state: int, n_constants: int, template: Callable[..., Any]) -> Carried:
+    """The ``rise`` of an ellipsoid, beside the right-hand side of a template of :mod:`stone`.
+
+    It is what the second root is for, and everything else in a stage waits for that.
+    """
+    own = specialise(template, f"{template.__name__}_{name}", surface=stone.carried_ellipsoid)
+    namespace: dict[str, Any] = {
+        "own_rhs": full.scalar(own),
+        "shape_at": stone.shape_at,
+        "rise_rate": stone.rise_rate,
+    }
+    state = ", ".join(stone.STATE[:n_state])
+    losses = "".join(f", {loss}" for loss in stone.CONSTANTS[stone.N_CONSTANTS : n_constants])
+    exec(CARRIED_SOURCE.format(state=state, losses=losses), namespace)
+    start, rhs = namespace["start"], namespace["rhs"]
+    for function in (start, rhs):
+        function.__name__ = function.__qualname__ = f"{function.__name__}_carried_{name}"
+    return Carried(1, full.scalar(start), full.scalar(rhs))
+
+
 ELLIPSOID = replace(
     FULL,
     name="ellipsoid",
@@ -125,6 +183,7 @@ ELLIPSOID = replace(
     energy=stone.energy,
     contact=stone.contact_force,
     touch=stone.ellipsoid,
+    carried=_carried("ellipsoid", full.N_STATE, stone.N_CONSTANTS, stone.rhs.py_func),
 )
 
 
@@ -163,6 +222,7 @@ of one with so much: it is then 1e-7 of the tolerance, and no less than rounding
 def _with_friction(plain: Model, name: str, template: Callable[..., Any]) -> Model:
     """The same body with friction: :mod:`rattlesweep.physics.stone` bound to its surface."""
     flat = plain.name == "full"
+    sizes = stone.N_FRICTION_STATE, stone.N_FRICTION_CONSTANTS
     bindings: dict[str, Any] = {
         "surface": stone.flat if flat else stone.ellipsoid,
         "surface_energy": stone.flat_energy if flat else stone.energy,
@@ -175,8 +235,8 @@ def _with_friction(plain: Model, name: str, template: Callable[..., Any]) -> Mod
     bindings["friction_rhs"] = bound(template)
     return Model(
         name=f"{plain.name}_{name}",
-        n_state=stone.N_FRICTION_STATE,
-        n_constants=stone.N_FRICTION_CONSTANTS,
+        n_state=sizes[0],
+        n_constants=sizes[1],
         n_probe=plain.n_probe,
         rhs=bindings["friction_rhs"],
         spin=_friction_spin,
@@ -186,6 +246,7 @@ def _with_friction(plain: Model, name: str, template: Callable[..., Any]) -> Mod
         energy=bound(stone.balance),
         contact=bound(stone.friction_force),
         touch=bindings["surface"],
+        carried=None if flat else _carried(name, *sizes, template),
     )
 
 

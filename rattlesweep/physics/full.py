@@ -123,6 +123,10 @@ def paraboloid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy):  # type: ignore[no-unty
 def turning(p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz, uz):  # type: ignore[no-untyped-def]
     """Derivatives of ``a, b, c`` (Eq. diff-omega) under a torque ``(lx, ly, lz)`` beside.
 
+    And, for another right side ``h``, what makes of it ``D^-1 (h + r s)`` with
+    ``s = along (x dyz h_x + y dzx h_y + z dxy h_z)``: ``dyz, dzx, dxy, along``, and ``ivol``, by
+    which the minors are multiplied.
+
     With ``w = r x omega - dr/dt`` the bracket of Eq. diff-omega is ``omega x w``.
     The matrix on its left side is a diagonal ``D`` minus ``r r^T``, inverted by Sherman and
     Morrison's formula, ``D^-1 (T + s r)``.  For a long ``r`` both parts of
@@ -158,7 +162,8 @@ def turning(p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz, uz)
     inv = 1.0 / (det * vol)
     s = ((x * gx + y * gy + z * gz) * vol - (sx * tx + sy * ty + sz * tz)) * vol * inv
     ivol = det * inv
-    return (tx + x * s) * dyz * ivol, (ty + y * s) * dzx * ivol, (tz + z * s) * dxy * ivol
+    rates = (tx + x * s) * dyz * ivol, (ty + y * s) * dzx * ivol, (tz + z * s) * dxy * ivol
+    return rates, (dyz, dzx, dxy, r2 * vol * inv, ivol)
 
 
 @scalar
@@ -172,7 +177,7 @@ def rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped-de
     """
     dp, dq, m = slope_rate(p, q, a, b, c)
     fx, fy, rise, wx, wy, wz, uz = paraboloid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy)
-    da, db, dc = turning(
+    (da, db, dc), _ = turning(
         p, q, a, b, c, ix, iy, iz, 0.0, 0.0, 0.0, fx, fy, rise, wx, wy, wz, uz
     )  # fmt: skip
     return dp, dq, da, db, dc
@@ -222,6 +227,25 @@ def energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped
 
 
 @scalar
+def force(p, q, a, b, c, da, db, dc, x, y, z, xd, yd, zd, vx, vy, vz, uz):  # type: ignore[no-untyped-def]
+    """Contact force (Eq. em-1) along the vertical and in the plane.
+
+    Of the contact point ``(x, y, z)``, its rate ``(xd, yd, zd)`` and ``v = r x omega``.
+    """
+    # dv/dt in space: derivative in the body frame plus omega x v (Eqs. no-slip, em-1).
+    gx = (yd * c - zd * b) + (y * dc - z * db) + (b * vz - c * vy)
+    gy = (zd * a - xd * c) + (z * da - x * dc) + (c * vx - a * vz)
+    gz = (xd * b - yd * a) + (x * db - y * da) + (a * vy - b * vx)
+    ux = p * uz
+    uy = q * uz
+    lift = gx * ux + gy * uy + gz * uz
+    hx = gx - lift * ux
+    hy = gy - lift * uy
+    hz = gz - lift * uz
+    return 1.0 + lift, sqrt(hx * hx + hy * hy + hz * hz)
+
+
+@scalar
 def contact_force(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
     """Contact force (Eq. em-1) along the vertical and in the plane.
 
@@ -242,18 +266,8 @@ def contact_force(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-
     vx = y * c - z * b
     vy = z * a - x * c
     vz = x * b - y * a
-    # dv/dt in space: derivative in the body frame plus omega x v (Eqs. no-slip, em-1).
-    gx = (yd * c - zd * b) + (y * dc - z * db) + (b * vz - c * vy)
-    gy = (zd * a - xd * c) + (z * da - x * dc) + (c * vx - a * vz)
-    gz = (xd * b - yd * a) + (x * db - y * da) + (a * vy - b * vx)
     uz = -1.0 / sqrt(1.0 + p * p + q * q)
-    ux = p * uz
-    uy = q * uz
-    lift = gx * ux + gy * uy + gz * uz
-    hx = gx - lift * ux
-    hy = gy - lift * uy
-    hz = gz - lift * uz
-    return 1.0 + lift, sqrt(hx * hx + hy * hy + hz * hz)
+    return force(p, q, a, b, c, da, db, dc, x, y, z, xd, yd, zd, vx, vy, vz, uz)
 
 
 def to_vectors(state: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -27,11 +27,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rattlesweep.physics import full
-from rattlesweep.physics.full import paraboloid, scalar, slope_rate, turning
+from rattlesweep.physics.full import force, paraboloid, scalar, slope_rate, turning
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
+# As many of them as a model has.
+STATE = ("p", "q", "a", "b", "c", "work")
+CONSTANTS = ("ix", "iy", "iz", "cxx", "cxy", "cyy", "k", "sigma", "lever", "eps")
 N_CONSTANTS = 7
 N_FRICTION_STATE = 6
 N_FRICTION_CONSTANTS = 10
@@ -48,39 +51,77 @@ def inverse_semi_axis(c: ArrayLike | None) -> NDArray[np.float64]:
 
 
 @scalar
-def ellipsoid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k):  # type: ignore[no-untyped-def]
-    """How the ellipsoid touches the plane; as :func:`rattlesweep.physics.full.paraboloid`.
-
-    ``less`` is ``1 - e = k rise``, and ``fall`` its rate.
-    """
+def touching(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k, e, rise):  # type: ignore[no-untyped-def]
+    """How an ellipsoid of known ``e`` and ``rise = (1 - e) / k`` touches the plane."""
     gx = cxx * p + cxy * q
     gy = cxy * p + cyy * q
     x0 = p + gx
     y0 = q + gy
-    s = x0 * p + y0 * q
-    rho = sqrt(1.0 + k * s)
-    # Two divisions and not one, as what waits for them waits less; so does the time of a step.
-    e = 1.0 / rho
-    rise = s / (rho + rho * rho)
     less = k * rise
     fx = e * gx - less * p
     fy = e * gy - less * q
-    fall = k * e * e * e * (x0 * dp + y0 * dq)
-    wx = fy * c + rise * b + p * m + less * dp + fall * x0 - e * (cxx * dp + cxy * dq)
-    wy = q * m - rise * a - fx * c + less * dq + fall * y0 - e * (cxy * dp + cyy * dq)
-    wz = c * (fx * q - fy * p) - s * (e * m + fall)
+    # Of 1 / e, its rate times e.
+    fall = k * (e * e) * (x0 * dp + y0 * dq)
+    lift = rise - less
+    wx = e * (gy * c + p * m - cxx * dp - cxy * dq + fall * x0) + lift * b
+    wy = e * (q * m - gx * c - cxy * dp - cyy * dq + fall * y0) - lift * a
+    wz = c * (fx * q - fy * p) - (x0 * p + y0 * q) * e * (m + fall)
     return fx, fy, rise, wx, wy, wz, -1.0 / sqrt(1.0 + p * p + q * q)
 
 
 @scalar
+def shape_at(p, q, cxx, cxy, cyy, k):  # type: ignore[no-untyped-def]
+    """``e`` and ``rise`` of an ellipsoid."""
+    s = (p + (cxx * p + cxy * q)) * p + (q + (cxy * p + cyy * q)) * q
+    rho = sqrt(1.0 + k * s)
+    # Two divisions and not one, as what waits for them waits less.
+    return 1.0 / rho, s / (rho + rho * rho)
+
+
+@scalar
+def ellipsoid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k):  # type: ignore[no-untyped-def]
+    """How the ellipsoid touches the plane; as :func:`rattlesweep.physics.full.paraboloid`."""
+    e, rise = shape_at(p, q, cxx, cxy, cyy, k)
+    return touching(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k, e, rise)
+
+
+@scalar
 def rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):  # type: ignore[no-untyped-def]
-    """Time derivative of the state of an ellipsoid without friction."""
+    """Time derivative of the state without friction; also a template."""
     dp, dq, m = slope_rate(p, q, a, b, c)
-    fx, fy, rise, wx, wy, wz, uz = ellipsoid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k)
-    da, db, dc = turning(
+    fx, fy, rise, wx, wy, wz, uz = surface(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k)
+    (da, db, dc), _ = turning(
         p, q, a, b, c, ix, iy, iz, 0.0, 0.0, 0.0, fx, fy, rise, wx, wy, wz, uz
     )  # fmt: skip
     return dp, dq, da, db, dc
+
+
+@scalar
+def corrected(p, q, cxx, cxy, cyy, k, rise):  # type: ignore[no-untyped-def]
+    """``e`` and ``rise`` by a step of Newton's method from a ``rise`` nearby.
+
+    ``e (3 - e^2 (1 + k s)) / 2`` is nearer ``e``; in ``rise`` the step is without cancellation for
+    small ones, in ``e`` where it is small, on the body's side.
+    """
+    s = (p + (cxx * p + cxy * q)) * p + (q + (cxy * p + cyy * q)) * q
+    e = 1.0 - k * rise
+    step = (0.5 * e) * (s * (e * e) - (rise + rise * e))
+    return e - k * step, rise + step
+
+
+@scalar
+def rise_rate(p, q, dp, dq, cxx, cxy, cyy, k, rise):  # type: ignore[no-untyped-def]
+    """Derivative of the ``rise``."""
+    e, _ = corrected(p, q, cxx, cxy, cyy, k, rise)
+    return e * (e * e) * ((p + (cxx * p + cxy * q)) * dp + (q + (cxy * p + cyy * q)) * dq)
+
+
+@scalar
+def carried_ellipsoid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k):  # type: ignore[no-untyped-def]
+    """:func:`ellipsoid` without its root: ``k`` is ``1/c`` and the ``rise`` that a step carries."""
+    inverse, near = k
+    e, rise = corrected(p, q, cxx, cxy, cyy, inverse, near)
+    return touching(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, inverse, e, rise)
 
 
 @scalar
@@ -105,30 +146,17 @@ def energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):  # type: ignore[no-unty
 
 
 @scalar
-def force(p, q, a, b, c, da, db, dc, fx, fy, rise, wx, wy, wz, uz):  # type: ignore[no-untyped-def]
-    """Contact force (Eq. em-1) along the vertical and in the plane.
-
-    ``dr/dt = v - w`` with the velocity ``v = r x omega`` of the centre of mass.
-    """
+def contact_of(p, q, a, b, c, da, db, dc, fx, fy, rise, wx, wy, wz, uz):  # type: ignore[no-untyped-def]
+    """Contact force of a surface that touches so; ``dr/dt = v - w`` with ``v = r x omega``."""
     x = p + fx
     y = q + fy
     z = 1.0 - rise
     vx = y * c - z * b
     vy = z * a - x * c
     vz = x * b - y * a
-    xd = vx - wx
-    yd = vy - wy
-    zd = vz - wz
-    gx = (yd * c - zd * b) + (y * dc - z * db) + (b * vz - c * vy)
-    gy = (zd * a - xd * c) + (z * da - x * dc) + (c * vx - a * vz)
-    gz = (xd * b - yd * a) + (x * db - y * da) + (a * vy - b * vx)
-    ux = p * uz
-    uy = q * uz
-    lift = gx * ux + gy * uy + gz * uz
-    hx = gx - lift * ux
-    hy = gy - lift * uy
-    hz = gz - lift * uz
-    return 1.0 + lift, sqrt(hx * hx + hy * hy + hz * hz)
+    return force(
+        p, q, a, b, c, da, db, dc, x, y, z, vx - wx, vy - wy, vz - wz, vx, vy, vz, uz
+    )  # fmt: skip
 
 
 @scalar
@@ -137,7 +165,7 @@ def contact_force(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):  # type: ignore[
     dp, dq, da, db, dc = rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k)
     m = p * b - q * a
     fx, fy, rise, wx, wy, wz, uz = ellipsoid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k)
-    return force(p, q, a, b, c, da, db, dc, fx, fy, rise, wx, wy, wz, uz)
+    return contact_of(p, q, a, b, c, da, db, dc, fx, fy, rise, wx, wy, wz, uz)
 
 
 @scalar
@@ -155,6 +183,7 @@ def flat_energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):  # type: ignore[no
 # Bound for each surface: how it touches, its energy without the work, and its right-hand sides.
 surface = ellipsoid
 surface_energy = energy
+friction_rhs: Any = rhs
 
 
 def viscous_rhs(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):  # type: ignore[no-untyped-def]
@@ -164,7 +193,7 @@ def viscous_rhs(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever,
     lx = -sigma * a
     ly = -sigma * b
     lz = -sigma * c
-    da, db, dc = turning(p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz, uz)
+    (da, db, dc), _ = turning(p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz, uz)
     return dp, dq, da, db, dc, lx * a + ly * b + lz * c
 
 
@@ -180,8 +209,10 @@ def rolling_rhs(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever,
     lx = -sigma * a
     ly = -sigma * b
     lz = -sigma * c
-    da, db, dc = turning(p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz, uz)
-    normal, _ = force(p, q, a, b, c, da, db, dc, fx, fy, rise, wx, wy, wz, uz)
+    (da, db, dc), (dyz, dzx, dxy, along, ivol) = turning(
+        p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz, uz
+    )  # fmt: skip
+    normal, _ = contact_of(p, q, a, b, c, da, db, dc, fx, fy, rise, wx, wy, wz, uz)
     ux = p * uz
     uy = q * uz
     n = ux * a + uy * b + uz * c
@@ -189,32 +220,20 @@ def rolling_rhs(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever,
     hy = b - n * uy
     hz = c - n * uz
     square = hx * hx + hy * hy + hz * hz
-    size = sqrt(square + eps * eps)
-    hx = hx / size
-    hy = hy / size
-    hz = hz / size
     x = p + fx
     y = q + fy
     z = 1.0 - rise
-    r2 = x * x + y * y + z * z
-    mx = 1.0 / (ix + r2)
-    my = 1.0 / (iy + r2)
-    mz = 1.0 / (iz + r2)
-    # 1 - r.D^-1 r, without cancellation.
-    left = (x * x * ix * mx + y * y * iy * my + z * z * iz * mz) / r2
-    s = (x * mx * hx + y * my * hy + z * mz * hz) / left
-    jx = mx * (hx + x * s)
-    jy = my * (hy + y * s)
-    jz = mz * (hz + z * s)
+    s = (x * dyz * hx + y * dzx * hy + z * dxy * hz) * along
+    jx = (hx + x * s) * dyz * ivol
+    jy = (hy + y * s) * dzx * ivol
+    jz = (hz + z * s) * dxy * ivol
     change = ux * (y * jz - z * jy) + uy * (z * jx - x * jz) + uz * (x * jy - y * jx)
-    normal = normal / (1.0 + lever * change)
+    # All of it over the smoothed |h|: one division.
+    share = lever * normal / (sqrt(square + eps * eps) + lever * change)
     # A plane that would have to pull does not resist.
-    moment = 0.5 * lever * (normal + abs(normal))
-    power = lx * a + ly * b + lz * c - moment * square / size
-    return dp, dq, da - moment * jx, db - moment * jy, dc - moment * jz, power
-
-
-friction_rhs: Any = viscous_rhs
+    share = 0.5 * (share + abs(share))
+    power = lx * a + ly * b + lz * c - share * square
+    return dp, dq, da - share * jx, db - share * jy, dc - share * jz, power
 
 
 def balance(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):  # type: ignore[no-untyped-def]
@@ -229,4 +248,4 @@ def friction_force(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lev
     )  # fmt: skip
     m = p * b - q * a
     fx, fy, rise, wx, wy, wz, uz = surface(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k)
-    return force(p, q, a, b, c, da, db, dc, fx, fy, rise, wx, wy, wz, uz)
+    return contact_of(p, q, a, b, c, da, db, dc, fx, fy, rise, wx, wy, wz, uz)

@@ -79,6 +79,42 @@ def test_equations_are_those_of_mechanics(model):
         np.testing.assert_allclose([p + fx, q_slope + fy, 1 - rise], r, atol=1e-12)
 
 
+@pytest.mark.parametrize("model", [m for m in MODELS if m.carried], ids=lambda model: model.name)
+def test_what_the_stages_of_a_step_carry(model):
+    """Its start and rate are those of the contact point, and it need not be exact; 60 digits."""
+    assert model.carried.n == 1
+    start, carried, plain = map(
+        exactly, (model.carried.start, model.carried.rhs, model.rhs)
+    )  # fmt: skip
+    for body, u, omega, sigma, rolling in random_bodies(12, 6):
+        body, sigma, rolling = of_model(model, body, sigma, rolling)
+        with mp.workdps(60):
+            y = [mp.mpf(x) for x in [*full.from_vectors(u, omega), 0.3][: model.n_state]]
+            q = [mp.mpf(float(x)) for x in constants_of(model, body, sigma, rolling)]
+            (rise,) = start(*y, *q)
+            wanted = plain(*y, *q)
+            *got, rate = carried(*y, rise, *q)
+            assert max(abs(a - b) for a, b in zip(got, wanted, strict=True)) < 1e-50
+            h = mp.mpf(10) ** -25
+            ahead, behind = (
+                start(*(a + s * b for a, b in zip(y, wanted, strict=True)), *q)[0] for s in (h, -h)
+            )
+            assert abs((ahead - behind) / (2 * h) - rate) < 1e-30
+            # An error of the rise comes in squared.
+            off = rise * (1 + mp.mpf(10) ** -8)
+            other = carried(*y, off, *q)
+            assert max(abs(a - b) for a, b in zip(other, (*got, rate), strict=True)) < 1e-12
+        # As far as doubles go, on the side of a body too, where 1 - k rise has lost half of them.
+        for slope in (0.1, 1e3, 1e8):
+            steep = [slope, 0.5 * slope, *(float(x) for x in y[2:])]
+            numbers = [float(x) for x in q]
+            kept = model.carried.rhs(*steep, *model.carried.start(*steep, *numbers), *numbers)
+            wanted = np.array(model.rhs(*steep, *numbers))
+            np.testing.assert_allclose(
+                kept[: model.n_state], wanted, rtol=1e-9, atol=1e-12 * np.abs(wanted).max()
+            )
+
+
 def test_the_paraboloid_is_the_limit_of_high_ellipsoids():
     """The difference falls as 1/c, and at 1/c = 0 nothing is left of it."""
     for body, u, omega, *_ in random_bodies(40, 2):

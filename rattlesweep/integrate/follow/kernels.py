@@ -23,7 +23,7 @@ from rattlesweep.integrate.lanes.step import compile_attempt
 from rattlesweep.integrate.loading import together
 from rattlesweep.integrate.model import ELLIPSOID, FRICTION, FULL, MODELS, Model
 from rattlesweep.integrate.tableau import DOP853, METHODS
-from rattlesweep.physics import attitude, full
+from rattlesweep.physics import attitude, full, stone
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -52,13 +52,11 @@ def nothing({state}, heading, x, y):
 def no_error(*v):
     return 0.0, 1.0
 """
-STATE = ("p", "q", "a", "b", "c", "work")
-CONSTANTS = ("ix", "iy", "iz", "cxx", "cxy", "cyy", "k", "sigma", "lever", "eps")
 
 
 def _with_attitude(model: Model, name: str) -> Model:
     """A full model with heading and track; its steps go from the model's own, never far."""
-    state, constants = STATE[: model.n_state], CONSTANTS[: model.n_constants]
+    state, constants = stone.STATE[: model.n_state], stone.CONSTANTS[: model.n_constants]
     namespace: dict[str, Any] = {
         "own_rhs": model.rhs,
         "own_spin": model.spin,
@@ -89,6 +87,7 @@ def _with_attitude(model: Model, name: str) -> Model:
         spin_rate=compiled["spin_rate"],
         amplitude=compiled["nothing"],
         error=compiled["no_error"],
+        carried=None,
     )
 
 

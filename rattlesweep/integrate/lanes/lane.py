@@ -186,7 +186,7 @@ class Layout:
         First row and Numba's type of each field.
     stages : int
         First row of the stages but the first, which is ``f``; they come last, those of the tangent
-        behind the state's.
+        or of what is carried behind the state's.
     **others : int
         First row of each field, by its name.
     """
@@ -219,7 +219,9 @@ class Layout:
 
     def rows(self, tableau: Tableau, model: Model) -> int:
         """Number of rows of the workspace for a method."""
-        return self.stages + (tableau.stages - 1) * model.n_state * (2 if model.tangent else 1)
+        rows = (tableau.stages - 1) * model.n_state * (2 if model.tangent else 1)
+        carried = model.carried.n * (tableau.stages + 1) if model.carried else 0
+        return self.stages + rows + carried
 
 
 class LaneType(types.Type):  # type: ignore[misc]

@@ -61,6 +61,8 @@ class Attempt:
         self.n = model.n_state
         self.names: dict[str, Any] = {
             "rhs": model.rhs,
+            "carried_start": model.carried and model.carried.start,
+            "carried_rhs": model.carried and model.carried.rhs,
             "spin": model.spin,
             "spin_rate": model.spin_rate,
             "amplitude": model.amplitude,
@@ -96,6 +98,8 @@ class Attempt:
         rows = [self.at.stages + i * n for i in range(2 * stages - 2)]
         self._stages = [f, *rows[: stages - 1]]
         self._tangents = [g, *rows[stages - 1 :]]
+        if self.model.carried:
+            self.carried_start(y)
         for i in range(1, stages):
             self.stage(i, y, share)
             if self.model.tangent:
@@ -107,9 +111,14 @@ class Attempt:
     def stage(self, i: int, y: int, share: float) -> None:
         """Stage ``i`` of a step from rows ``y``."""
         sums = self._sums(self.tableau.a[i], self._stages, y, share)
+        to, rhs = self._rows(self._stages[i]), "rhs"
+        if self.model.carried:
+            count, (start, *behind) = self.model.carried.n, self._carried
+            sums += self._sums(self.tableau.a[i], behind, start, share, count)
+            to, rhs = [*to, *range(behind[i], behind[i] + count)], "carried_rhs"
         given = self._gather("given", sums, behind=self._constants())
-        put = self._scatter("stage", self._rows(self._stages[i]))
-        body = [f"q = {given}(w, l)", "f = rhs(*q)", f"{put}(w, l, f)"]
+        put = self._scatter("stage", to)
+        body = [f"q = {given}(w, l)", f"f = {rhs}(*q)", f"{put}(w, l, f)"]
         if self.model.tangent:
             # For the tangent's stage, in a loop of its own.
             body += [f"lane.ys = q[:{self.n}]", "lane.fs = f"]
@@ -122,6 +131,22 @@ class Attempt:
         body = [f"q = {given}(w, l)", "f = rhs(*q)", f"y = q[:{self.n}]"]
         body += ["lane.y1 = y", "lane.f1 = f"]
         self._loop(*body, *(self._seen() if self.tableau.adaptive else []))
+
+    def carried_start(self, y: int) -> None:
+        """What is carried, and its derivative, where a step from rows ``y`` starts."""
+        assert self.model.carried is not None
+        n, stages, count = self.n, self.tableau.stages, self.model.carried.n
+        # Behind the stages: its start, and its derivative there and in the other stages.
+        first = self.at.stages + (stages - 1) * n
+        self._carried = [first + i * count for i in range(stages + 1)]
+        given = self._gather("given", cells(y, n), behind=self._constants())
+        put = self._scatter("start", range(first, first + 2 * count))
+        # Of the derivatives LLVM works out those behind alone.
+        self._loop(
+            f"q = {given}(w, l)",
+            "x = carried_start(*q)",
+            f"{put}(w, l, x + carried_rhs(*(q[:{n}] + x + q[{n}:]))[{n}:])",
+        )
 
     def outcome(self) -> None:
         """What is seen at the end of a step without error control."""
@@ -178,7 +203,12 @@ class Attempt:
         ]
 
     def _sums(
-        self, row: Row, stages: Sequence[int], start: int | None = None, share: float = 1.0
+        self,
+        row: Row,
+        stages: Sequence[int],
+        start: int | None = None,
+        share: float = 1.0,
+        count: int | None = None,
     ) -> list[Sum]:
         """A row of the tableau times the stages; with ``start``, that plus ``share * h`` times."""
         factor = None if start is None else self.at.h
@@ -189,7 +219,7 @@ class Attempt:
                 factor,
                 share,
             )
-            for c in range(self.n)
+            for c in range(count or self.n)
         ]
 
     def _constants(self) -> list[Sum]:
