@@ -1,4 +1,4 @@
-"""Figure after figure, each kept as soon as it is complete; then the claims and the report."""
+"""Figure after figure, each kept as soon as its data are complete; the claims and the report."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from rattlesweep.paper.claims.claim import judge
+from rattlesweep.paper.drawing import Artist
 from rattlesweep.paper.kernels import compile_ahead
 from rattlesweep.paper.registry import FIGURES, SWEEPS, THEORY
 from rattlesweep.paper.report import Reproduction, write_report
@@ -74,16 +75,21 @@ def reproduce(
     needed = {chosen[name].sweep for name in expected}
     expected |= {name: SWEEPS[name][column] for name in sweeps if name in needed}
     compile_ahead(expected)
-    parts = Parts(expected | {"report": 2.0}, show)
+    parts = Parts(expected | {"pictures": 1.0, "report": 1.0}, show)
     tables: dict[str, Tables] = {}
-    for name, figure in chosen.items():
-        if name in expected and figure.sweep and figure.sweep not in parts.seconds:
-            with parts.part(figure.sweep) as progress:
-                ws.sweep(figure.sweep, progress)
-        with parts.part(name) as progress:
-            tables[name] = ws.load_or_make(name, figure, progress)
-    with parts.part("claims"):
-        claims = judge(tables, theory=THEORY in names)
+    with Artist(directory) as artist:
+        for name, figure in chosen.items():
+            if name in expected and figure.sweep and figure.sweep not in parts.seconds:
+                with parts.part(figure.sweep) as progress:
+                    ws.sweep(figure.sweep, progress)
+            with parts.part(name) as progress:
+                tables[name] = ws.load_or_make(name, figure, progress)
+            if not ws.has_pictures(name):
+                artist.draw(name, figure, tables[name])
+        with parts.part("claims"):
+            claims = judge(tables, theory=THEORY in names)
+        with parts.part("pictures") as progress:
+            artist.finish(lambda: progress(0.0, "drawing"))
     ws.record |= {
         "quick": sizes != FULL,
         "settings": asdict(sizes) | {n: resolved(sweep_config(n, sizes)) for n in sweeps},

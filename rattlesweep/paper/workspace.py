@@ -22,8 +22,6 @@ from matplotlib.figure import Figure as Drawing
 
 from rattlesweep.errors import DamagedError, OutputError
 from rattlesweep.paper.settings import Sizes, sweep_config
-from rattlesweep.study.style import encode as picture
-from rattlesweep.study.style import styled
 from rattlesweep.sweeps.cases.plan import Plan, make_plan
 from rattlesweep.sweeps.config.load import parse_config, resolved
 from rattlesweep.sweeps.config.schema import Config
@@ -36,14 +34,15 @@ Tables = Mapping[str, pa.Table]
 # Told the share that is done and a few words; may raise to stop the work.
 Progress = Callable[[float, str], None]
 
-RECORD, DPI = "paper.json", 150
+RECORD, KINDS = "paper.json", ("png", "svg")
 # Columns that say how a run was launched.
 LAUNCH = ("alpha", "beta", "gamma", "theta", "phi", "xi", "n_i", "omega_xy0", "psi")
 PACKAGE = Path(__file__).resolve().parents[1]
 # What the runs of a sweep depend on, and a figure besides.
 OF_RUNS = ("physics", "integrate", "sweeps")
-OF_FIGURES = (*OF_RUNS, "study/onerun", "study/style.py", "paper/figures", "paper/columns.py",
-              "paper/workspace.py", "paper/steady.yaml", "paper/unsteady.yaml")  # fmt: skip
+OF_FIGURES = (*OF_RUNS, "study/onerun", "study/style.py",
+              *map("paper/{}".format, ("figures", "columns.py", "drawing.py", "workspace.py",
+                                       "steady.yaml", "unsteady.yaml")))  # fmt: skip
 # What a killed process may leave of the files written here.
 _TEMPORARY = re.compile(
     r"\.(fig\w+\.(parquet|svg|png)|claims\.parquet|report\.html|paper\.json)\.[0-9a-f]{8}\.tmp"
@@ -117,9 +116,7 @@ class Workspace:
 
     def __init__(self, directory: Path, sizes: Sizes, threads: int) -> None:
         probe_directory(directory)
-        for path in directory.glob(".*.tmp"):
-            if _TEMPORARY.fullmatch(path.name):
-                path.unlink(missing_ok=True)
+        tidy(directory)
         self.directory, self.sizes, self.threads = directory, sizes, threads
         empty: dict[str, Any] = {"format": 1, "figures": {}, "sweeps": {}}
         self.record = empty | _read(directory / RECORD)
@@ -136,33 +133,29 @@ class Workspace:
         if entry.get("key") != self._figures_key():
             return None
         try:
-            return {name: self._read_table(figure, name) for name in entry["tables"]}
+            return {name: read_table(self.directory, figure, name) for name in entry["tables"]}
         except (OSError, DamagedError):
             return None
 
-    def _read_table(self, figure: str, name: str) -> pa.Table:
-        data = (self.directory / f"{figure}_{name}.parquet").read_bytes()
-        return read_rows(open_sealed(data))
-
     def load_or_make(self, name: str, figure: Figure, progress: Progress) -> Tables:
-        """Tables of a figure, which are kept with its pictures; what there is already stays."""
+        """Tables of a figure, which are kept; what there is already stays."""
         tables = self.load(name)
         if tables is None:
             tables = figure.data(self, progress)
+            # Those that there are show other data.
+            for kind in KINDS:
+                (self.directory / f"{name}.{kind}").unlink(missing_ok=True)
             for part, table in tables.items():
                 replace_file(self.directory / f"{name}_{part}.parquet", encode(table))
-            self._draw(name, figure, tables)
             # Last: it names only what is there.
             entry = {"key": self._figures_key(), "tables": list(tables)}
             self.record["figures"][name] = entry
             self.save()
-        elif not all((self.directory / f"{name}.{kind}").exists() for kind in ("svg", "png")):
-            self._draw(name, figure, tables)
         return tables
 
-    def _draw(self, name: str, figure: Figure, tables: Tables) -> None:
-        for kind, data in pictures(figure, tables).items():
-            replace_file(self.directory / f"{name}.{kind}", data)
+    def has_pictures(self, name: str) -> bool:
+        """Whether all pictures of a figure are there."""
+        return all((self.directory / f"{name}.{kind}").exists() for kind in KINDS)
 
     def _figures_key(self) -> str:
         return _digest(json.dumps(asdict(self.sizes)), code_key(*OF_FIGURES))
@@ -240,14 +233,22 @@ class Workspace:
         )
 
 
-def pictures(figure: Figure, tables: Tables) -> dict[str, bytes]:
-    """The figure as ``svg`` and ``png``, whatever the user's settings of Matplotlib are."""
-    with styled():
-        drawing = figure.draw(tables)
-        svg = picture(drawing, "svg", DPI)
-        # The layout is known now; computing it again would take half of the time.
-        drawing.set_layout_engine("none")
-        return {"svg": svg, "png": picture(drawing, "png", DPI)}
+def read_table(directory: Path, figure: str, name: str) -> pa.Table:
+    """A table of a figure.
+
+    Raises
+    ------
+    OSError, DamagedError
+        If it is not there, or not whole.
+    """
+    return read_rows(open_sealed((directory / f"{figure}_{name}.parquet").read_bytes()))
+
+
+def tidy(directory: Path) -> None:
+    """Remove what a killed process has left half-written."""
+    for path in directory.glob(".*.tmp"):
+        if _TEMPORARY.fullmatch(path.name):
+            path.unlink(missing_ok=True)
 
 
 def _digest(*texts: str) -> str:

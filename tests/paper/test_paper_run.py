@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import re
 import shutil
 from dataclasses import replace
@@ -18,6 +19,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+import sketch
 from click.testing import CliRunner
 from matplotlib.image import imread
 from refusal import assert_refused
@@ -28,6 +30,7 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import available_threads
 from rattlesweep.integrate.follow.lyapunov import growth_along
 from rattlesweep.paper import report, workspace
+from rattlesweep.paper.drawing import Artist, pictures
 from rattlesweep.paper.figures import chaos, fig6, fig7, integrators
 from rattlesweep.paper.kernels import needed
 from rattlesweep.paper.registry import FIGURES, choose
@@ -35,11 +38,11 @@ from rattlesweep.paper.run import reproduce
 from rattlesweep.paper.settings import FULL, QUICK, Sizes, sweep_config
 from rattlesweep.paper.symbols import symbols
 from rattlesweep.paper.workspace import Figure, Workspace
-from rattlesweep.study.style import new_figure
 from rattlesweep.sweeps.blocks.single import single_run
 from rattlesweep.sweeps.config.load import load_config, resolved
 from rattlesweep.sweeps.config.schema import Classify
-from rattlesweep.sweeps.tables.arrow import open_sealed
+from rattlesweep.sweeps.store.atomic import replace_file
+from rattlesweep.sweeps.tables.arrow import encode, open_sealed
 from rattlesweep.sweeps.tables.chaos import is_chaotic
 
 ROOT = Path(__file__).parents[2]
@@ -291,8 +294,8 @@ def test_progress_rises_to_one(made):
 
 
 @pytest.fixture
-def figures():
-    """Two figures that cost nothing in the place of all: a name is set to fail, calls are noted."""
+def figures(monkeypatch):
+    """Two figures that cost nothing in the place of all: a name is set to fail, data are noted."""
     calls, failing = [], set()
 
     def data(name):
@@ -304,55 +307,110 @@ def figures():
 
         return one
 
-    def draw(tables):
-        calls.append("picture")
-        figure = new_figure(2, 1)
-        figure.add_subplot().plot(tables["values"]["x"])
-        return figure
-
+    # Where the other process finds `sketch`.
+    monkeypatch.setenv("PYTHONPATH", str(Path(sketch.__file__).parent))
     kept = FIGURES.copy()
     FIGURES.clear()
     for name in ("first", "second"):
-        FIGURES[name] = Figure(name, name, data(name), draw, (1.0, 1.0))
+        FIGURES[name] = Figure(name, name, data(name), sketch.draw, (1.0, 1.0))
     yield SimpleNamespace(calls=calls, failing=failing)
     FIGURES.clear()
     FIGURES.update(kept)  # in their order
 
 
+PICTURES = {f"{name}.{kind}" for name in ("first", "second") for kind in workspace.KINDS}
+
+
+def drawn(directory):
+    """When each picture was written."""
+    return {
+        path.name: path.stat().st_mtime_ns
+        for path in directory.iterdir() if path.suffix in (".svg", ".png")
+    }  # fmt: skip
+
+
 def again(directory, calls, sizes=SMALL):
-    """What is kept and what is computed and drawn by one more call."""
+    """What is kept, computed and drawn by one more call."""
     calls.clear()
-    return reproduce(directory, ["first", "second"], sizes=sizes, threads=1).kept, calls
+    before = drawn(directory)
+    kept = reproduce(directory, ["first", "second"], sizes=sizes, threads=1).kept
+    after = drawn(directory)
+    assert set(after) == PICTURES
+    return kept, calls, {name for name in PICTURES if before.get(name) != after[name]}
 
 
-def test_a_stop_keeps_whole_figures(figures, tmp_path):
+def test_a_stop_keeps_whole_data(figures, tmp_path):
     figures.failing.add("second")
     with pytest.raises(KeyboardInterrupt):
         reproduce(tmp_path, ["first", "second"], sizes=SMALL, threads=1)
-    assert (tmp_path / "first.svg").exists()
+    assert (tmp_path / "first_values.parquet").exists()
     assert not list(tmp_path.glob("second*"))
     assert not (tmp_path / "report.html").exists()
+    # Its pictures were under way, or done.
+    missing = PICTURES - set(drawn(tmp_path))
     (tmp_path / ".fig6.svg.0123abcd.tmp").write_text("of a process that was killed")
     figures.failing.clear()
-    assert again(tmp_path, figures.calls) == (["first"], ["second", "picture"])
+    assert again(tmp_path, figures.calls) == (["first"], ["second"], missing)
     assert not list(tmp_path.rglob(".*.tmp"))
 
 
 def test_what_is_whole_and_of_these_sizes_is_kept(figures, tmp_path):
-    everything = ["first", "picture", "second", "picture"]
-    assert again(tmp_path, figures.calls) == ([], everything)
-    assert again(tmp_path, figures.calls) == (["first", "second"], [])
+    everything = (["first", "second"], PICTURES)
+    of_first = {name for name in PICTURES if name.startswith("first")}
+    assert again(tmp_path, figures.calls) == ([], *everything)
+    assert again(tmp_path, figures.calls) == (["first", "second"], [], set())
     table, picture = tmp_path / "first_values.parquet", tmp_path / "second.svg"
-    whole, drawn = table.read_bytes(), picture.read_bytes()
+    whole, vector = table.read_bytes(), picture.read_bytes()
     table.write_bytes(whole[:-40] + bytes([whole[-40] ^ 1]) + whole[-39:])
-    assert again(tmp_path, figures.calls) == (["second"], ["first", "picture"])
+    assert again(tmp_path, figures.calls) == (["second"], ["first"], of_first)
     picture.unlink()
-    assert again(tmp_path, figures.calls) == (["first", "second"], ["picture"])
-    assert (table.read_bytes(), picture.read_bytes()) == (whole, drawn)
-    assert again(tmp_path, figures.calls, Sizes(samples=1)) == ([], everything)
+    assert again(tmp_path, figures.calls) == (["first", "second"], [], PICTURES - of_first)
+    assert (table.read_bytes(), picture.read_bytes()) == (whole, vector)
+    assert again(tmp_path, figures.calls, Sizes(samples=1)) == ([], *everything)
     # The record vouches for the data.
     (tmp_path / "paper.json").write_text("{")
-    assert again(tmp_path, figures.calls) == ([], everything)
+    assert again(tmp_path, figures.calls) == ([], *everything)
+
+
+def test_pictures_of_other_data_are_never_left(figures, tmp_path):
+    again(tmp_path, figures.calls)
+    first = replace(FIGURES["first"], draw=sketch.fail)
+    FIGURES["first"] = first
+    with pytest.raises(RuntimeError, match=r"(?s)draws ended with 1.*a mistake of ours"):
+        reproduce(tmp_path, ["first", "second"], sizes=Sizes(samples=2), threads=1)
+    assert not {name for name in drawn(tmp_path) if name.startswith("first")}
+    # Its data are, and it is drawn from them.
+    FIGURES["first"] = replace(first, draw=sketch.draw)
+    assert "first" in again(tmp_path, figures.calls, Sizes(samples=2))[0]
+
+
+def test_a_picture_that_cannot_be_written_is_one_sentence(figures, tmp_path):
+    FIGURES["first"] = replace(FIGURES["first"], draw=sketch.refuse)
+    done = invoke("--quick", "--output", tmp_path)
+    assert (done.exit_code, done.stdout) == (1, "")
+    assert done.stderr == "error: cannot write x.svg: no space left on device\n"
+
+
+@pytest.mark.parametrize("stop", [KeyboardInterrupt, RuntimeError])
+def test_a_stop_ends_the_process_that_draws(figures, tmp_path, stop):
+    begun = tmp_path / "begun"
+    values = pa.table({"path": [str(begun)]})
+    replace_file(tmp_path / "first_values.parquet", encode(values))
+    with pytest.raises(stop):
+        draw_for_ever(tmp_path, {"values": values}, lambda: raise_once(begun, stop))
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(begun.read_text()), 0)
+
+
+def draw_for_ever(directory, tables, tick):
+    with Artist(directory) as artist:
+        artist.draw("first", replace(FIGURES["first"], draw=sketch.hang), tables)
+        artist.finish(tick)
+
+
+def raise_once(begun, error):
+    if begun.exists() and begun.read_text():
+        raise error
 
 
 def test_data_are_of_the_code_below_them(monkeypatch, tmp_path):
@@ -418,7 +476,7 @@ def test_pictures_do_not_depend_on_the_users_settings(figures):
     found = []
     for changed in ({}, {"font.size": 23, "axes.facecolor": "red"}):
         with matplotlib.rc_context(changed):
-            found.append(workspace.pictures(FIGURES["first"], {"values": pa.table({"x": [1, 2]})}))
+            found.append(pictures(sketch.draw, {"values": pa.table({"x": [1, 2]})}))
     assert found[0] == found[1]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.figure import Figure as Drawing
-from scipy.stats import ks_2samp
+from numpy.typing import NDArray
 
 from rattlesweep.paper.columns import count, number, schema, table
 from rattlesweep.paper.figures.sd import BOUND, cumulative, draw_modes
@@ -15,6 +15,8 @@ from rattlesweep.physics.body import shell_dumbbell
 from rattlesweep.study.style import GREEN, ORANGE, SKY, new_figure
 from rattlesweep.sweeps.config.bodies import SdRanges
 from rattlesweep.sweeps.tables.columns import RATE
+
+Floats = NDArray[np.float64]
 
 CUMULATIVE = schema(
     "probability",
@@ -53,11 +55,20 @@ def distributions(bodies: int, ranges: SdRanges, progress: Progress) -> Tables:
     progress(0.9, "comparing the distributions")
     for mode in ("p", "r"):
         exact, zeroth = found[f"omega_{mode}"], found[f"omega_{mode}0"]
-        row[f"distance_{mode}"] = ks_2samp(exact, zeroth, method="asymp").statistic
+        row[f"distance_{mode}"] = largest_distance(exact, zeroth)
         off = np.quantile(np.abs(zeroth / exact - 1), (0.5, 0.99))
         row[f"off_median_{mode}"], row[f"off_p99_{mode}"] = off
     progress(1.0, f"{bodies:,} bodies")
     return {"cumulative": table(cumulative(found), CUMULATIVE), "summary": table([row], SUMMARY)}
+
+
+def largest_distance(one: Floats, other: Floats) -> float:
+    """Largest difference of two empirical distributions: Kolmogorov and Smirnov's statistic."""
+    # scipy.stats, which has it, takes a third of the time of all imports.
+    both = np.sort(one), np.sort(other)
+    places = np.concatenate(both)
+    shares = [np.searchsorted(own, places, side="right") / own.size for own in both]
+    return float(np.abs(shares[0] - shares[1]).max())
 
 
 def ratio_bound(ranges: SdRanges) -> float:

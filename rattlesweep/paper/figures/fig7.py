@@ -17,7 +17,6 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure as Drawing
 from numpy.typing import NDArray
-from scipy.stats import binom
 
 from rattlesweep.paper.columns import count, number, schema, table
 from rattlesweep.paper.figures.chaos import thinned_out
@@ -155,7 +154,12 @@ def median_interval(values: Floats) -> tuple[float | None, float | None]:
     below it is binomial whatever the distribution.
     """
     n = len(values)
-    k = int(binom.ppf(0.025, n, 0.5)) if n else 0
+    # Its quantile 0.025: the least k with C(n, 0) + ... + C(n, k) >= 2^n / 40.
+    k, term, below = 0, 1, 1
+    while 40 * below < 2**n:
+        k += 1
+        term = term * (n - k + 1) // k
+        below += term
     if k < 1:
         return None, None
     ordered = np.sort(values)

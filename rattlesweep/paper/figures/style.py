@@ -23,7 +23,8 @@ def frame(axes: Axes, title: str = "", *, loc: str = "center", grid: str = "") -
     for side in axes.spines.values():
         side.set_linewidth(0.7)
     if title:
-        axes.set_title(title, loc=loc, fontsize=10, pad=4)  # type: ignore[arg-type]
+        # Above anything that is at the top; to look for it would take a sixth of the drawing.
+        axes.set_title(title, loc=loc, fontsize=10, pad=4, y=1.0)  # type: ignore[arg-type]
     if grid:
         axes.grid(visible=True, which="major", axis=grid, color=FAINT, linewidth=0.6)  # type: ignore[arg-type]
 

@@ -1,0 +1,126 @@
+"""The pictures, drawn by a process of their own while this one computes the next figure.
+
+Matplotlib takes as long as the data with ``--quick`` and holds the interpreter meanwhile.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Self
+
+from matplotlib.figure import Figure as Drawing
+
+from rattlesweep.errors import OutputError
+from rattlesweep.integrate.task import POLL
+from rattlesweep.paper.workspace import KINDS, PACKAGE, Figure, Tables, read_table, tidy
+from rattlesweep.study.style import encode, styled
+from rattlesweep.sweeps.store.atomic import replace_file
+
+DPI = 150
+
+
+def pictures(draw: Callable[[Tables], Drawing], tables: Tables) -> dict[str, bytes]:
+    """A figure's pictures by kind, whatever the user's settings of Matplotlib are."""
+    with styled():
+        drawing = draw(tables)
+        # Once for all kinds: it takes a third of the time.
+        drawing.set_dpi(DPI)
+        layout = drawing.get_layout_engine()
+        assert layout is not None
+        layout.execute(drawing)
+        drawing.set_layout_engine("none")
+        return {kind: encode(drawing, kind, DPI) for kind in KINDS}
+
+
+def draw_here(directory: str, name: str, tables: Sequence[str], module: str, function: str) -> None:
+    """Write the pictures of a figure, whose tables are in a directory."""
+    place = Path(directory)
+    found = {table: read_table(place, name, table) for table in tables}
+    for kind, data in pictures(getattr(import_module(module), function), found).items():
+        replace_file(place / f"{name}.{kind}", data)
+
+
+def serve() -> None:
+    """In the other process: draw what standard input names, one line each, until it ends."""
+    try:
+        for line in sys.stdin:
+            draw_here(*json.loads(line))
+    except OutputError as error:
+        # For a user, unlike a traceback.
+        print(error)
+        sys.exit(1)
+
+
+class Artist:
+    """Has the pictures of a directory drawn; leaving it without :meth:`finish` gives them up."""
+
+    def __init__(self, directory: Path) -> None:
+        self._directory = directory
+        self._process: subprocess.Popen[str] | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        if self._process is not None:
+            self._process.kill()
+            self._process.communicate()
+            tidy(self._directory)
+
+    def draw(self, name: str, figure: Figure, tables: Tables) -> None:
+        """Have the pictures of a figure drawn whose tables are in the directory."""
+        self._process = self._process or self._start()
+        asked = [str(self._directory), name, [*tables]]
+        asked += [figure.draw.__module__, figure.draw.__qualname__]
+        assert self._process.stdin is not None
+        try:
+            # Shorter than any pipe: this does not wait.
+            self._process.stdin.write(json.dumps(asked) + "\n")
+            self._process.stdin.flush()
+        except BrokenPipeError:
+            self.finish()
+
+    def finish(self, tick: Callable[[], None] = lambda: None) -> None:
+        """Wait for what is still being drawn; ``tick`` is called a few times a second.
+
+        Raises
+        ------
+        OutputError
+            If a picture could not be written.
+        """
+        while self._process is not None:
+            try:
+                refusal, trace = self._process.communicate(timeout=POLL)
+            except subprocess.TimeoutExpired:
+                tick()
+                continue
+            code, self._process = self._process.returncode, None
+            if refusal:
+                raise OutputError(refusal.strip())
+            if code:
+                raise RuntimeError(f"the process that draws ended with {code}\n{trace}")
+
+    @staticmethod
+    def _start() -> subprocess.Popen[str]:
+        path = os.pathsep.join(filter(None, [str(PACKAGE.parent), os.environ.get("PYTHONPATH")]))
+        # A Ctrl-C that the whole group is sent is for the process that waits.  Looking for garbage
+        # would take a sixth of the time.
+        call = (
+            "import gc, signal; gc.disable(); signal.signal(signal.SIGINT, signal.SIG_IGN); "
+            f"from {__name__} import serve; serve()"
+        )
+        return subprocess.Popen(
+            # -P: a package of this name in the working directory is another one.
+            [sys.executable, "-P", "-c", call],
+            env=os.environ | {"PYTHONPATH": path},
+            text=True,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+        )
