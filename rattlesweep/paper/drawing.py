@@ -60,9 +60,10 @@ def serve() -> None:
 class Artist:
     """Has the pictures of a directory drawn; leaving it without :meth:`finish` gives them up."""
 
-    def __init__(self, directory: Path) -> None:
+    def __init__(self, directory: Path, wanted: bool) -> None:
         self._directory = directory
-        self._process: subprocess.Popen[str] | None = None
+        # Its imports take as long as the first two figures, so it begins with them.
+        self._process = self._start() if wanted else None
 
     def __enter__(self) -> Self:
         return self
@@ -75,9 +76,10 @@ class Artist:
 
     def draw(self, name: str, figure: Figure, tables: Tables) -> None:
         """Have the pictures of a figure drawn whose tables are in the directory."""
-        self._process = self._process or self._start()
         asked = [str(self._directory), name, [*tables]]
         asked += [figure.draw.__module__, figure.draw.__qualname__]
+        if self._process is None:
+            self._process = self._start()
         assert self._process.stdin is not None
         try:
             # Shorter than any pipe: this does not wait.

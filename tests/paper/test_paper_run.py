@@ -403,7 +403,7 @@ def test_a_stop_ends_the_process_that_draws(figures, tmp_path, stop):
 
 
 def draw_for_ever(directory, tables, tick):
-    with Artist(directory) as artist:
+    with Artist(directory, wanted=True) as artist:
         artist.draw("first", replace(FIGURES["first"], draw=sketch.hang), tables)
         artist.finish(tick)
 
