@@ -407,6 +407,8 @@ BAD = {
     "psi misspelt": (changed("psi: relevant", "psi: relevent"),
      'c.yaml:11:3: spin.psi: "relevent" is not one of relevant, pitch, roll; '
      'did you mean "relevant"?'),
+    "psi of several": (changed("psi: relevant", "psi: {}"),
+     "c.yaml:11:3: spin.psi: a mapping is given here; write a number"),
     "missing bodies": (SPIN, "c.yaml:1:1: bodies: the key is missing; say with it where"),
     "missing source": ("bodies: {samples: 3}\n" + SPIN,
      "c.yaml:1:1: bodies.source: the key is missing; it must be one of sd, preset, table, grid"),

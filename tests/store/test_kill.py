@@ -202,7 +202,8 @@ def test_real_runs_that_are_done_again_survive_kills(tmp_path, undisturbed, reco
     references = Reference.of(again), Reference.of(failed)
     assert references[0].hash == undisturbed.hash
     retry = real(output, "--retry-failed")
-    record_property("counts", killed_now_and_then(retry, output, failed, 8, *references))
+    counts = killed_now_and_then(retry, output, failed, 8, *references)
+    record_property("counts", dict(counts))
 
 
 def test_the_counter_kills_and_lets_live(tmp_path):

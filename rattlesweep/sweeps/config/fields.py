@@ -215,10 +215,13 @@ TABLE = "table"
 
 
 def word_or_number(value: Any) -> str:
-    """Tag of a word, of a number or of several; quoted numbers count as numbers."""
-    if isinstance(value, list | dict):
-        return "several"
+    """Tag of a word or of a number; quoted numbers count as numbers."""
     return "word" if isinstance(value, str) and not is_number(value) else "number"
+
+
+def one_or_several(value: Any) -> str:
+    """Tag of several numbers, or of a word or a number."""
+    return "several" if isinstance(value, list | dict) else word_or_number(value)
 
 
 def _alone(values: list[Any]) -> Any:
@@ -236,7 +239,7 @@ def losses(most: float) -> Any:
             list[number], BeforeValidator(_as_list), AfterValidator(_alone), several, Tag("several")
         ]
         | Annotated[Literal["table"], Tag("word")],
-        Discriminator(word_or_number),
+        Discriminator(one_or_several),
     ]
 
 
