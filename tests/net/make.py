@@ -168,7 +168,7 @@ MASKS = (
 # Lines that are forecasts of this machine's speed, or say what machine it is.
 MEASURED = re.compile(
     r'^ *(time |done at|integrated|disk|memory|1e6 runs|pilot|.*"(seconds|low|high|memory|bytes|'
-    r"units?_?\w*|\w*us_per_\w+|threads|processors|machine|cpu|pilot\w*|shard_seconds|elapsed|began?|updated|"
+    r"units?_?\w*|\w*us_per_\w+|median|p99|threads|processors|machine|cpu|pilot\w*|shard_seconds|elapsed|began?|updated|"
     r'ended|million|billion|expected\w*|\w*seconds|\w*rate|cost\w*|speed\w*|errors?\w*)":).*',
     re.M,
 )
