@@ -34,10 +34,11 @@ from numba.core.compiler import CompileResult
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.serialize import dumps
 
+from rattlesweep.child import PACKAGE
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-PACKAGE = Path(__file__).resolve().parent.parent
 DIGEST = 32
 # Who owns, in a user namespace, what is not from there, such as the root directory.
 UNMAPPED = 65534

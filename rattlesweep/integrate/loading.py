@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
 import sys
 import threading
 import traceback
@@ -26,7 +25,8 @@ from typing import Any
 import numba
 from numba.core.compiler_lock import global_compiler_lock
 
-from rattlesweep.integrate.cache import PACKAGE, KernelCache
+from rattlesweep import child
+from rattlesweep.integrate.cache import KernelCache
 from rattlesweep.integrate.compiling import compiling
 from rattlesweep.integrate.task import side_by_side
 
@@ -78,21 +78,7 @@ class Compiler:
     """A process that compiles one kernel after another: most of a second goes into its start."""
 
     def __init__(self) -> None:
-        path = os.pathsep.join(filter(None, [str(PACKAGE.parent), os.environ.get("PYTHONPATH")]))
-        # A Ctrl-C that the whole group is sent ends it without a word.  Looking for garbage would
-        # take an eighth of its time.
-        call = (
-            "import gc, signal; gc.disable(); signal.signal(signal.SIGINT, signal.SIG_DFL); "
-            f"from {__name__} import serve; serve()"
-        )
-        self._process = subprocess.Popen(
-            # -P: a package of this name in the working directory is another one.
-            [sys.executable, "-P", "-c", call],
-            env=os.environ | {"PYTHONHASHSEED": "0", "PYTHONPATH": path},
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-        )
+        self._process = child.start(__name__, "SIG_DFL", PYTHONHASHSEED="0")
 
     def __call__(self, example: Example, names: tuple[Any, ...]) -> bytes:
         """Sealed code of the kernel of an example."""

@@ -6,7 +6,6 @@ Matplotlib takes as long as the data with ``--quick`` and holds the interpreter 
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
@@ -16,9 +15,10 @@ from typing import Any, Self
 
 from matplotlib.figure import Figure as Drawing
 
+from rattlesweep import child
 from rattlesweep.errors import OutputError
 from rattlesweep.integrate.task import POLL
-from rattlesweep.paper.workspace import KINDS, PACKAGE, Figure, Tables, read_table, tidy
+from rattlesweep.paper.workspace import KINDS, Figure, Tables, read_table, tidy
 from rattlesweep.study.style import encode, styled
 from rattlesweep.sweeps.store.atomic import replace_file
 
@@ -63,7 +63,7 @@ class Artist:
     def __init__(self, directory: Path, wanted: bool) -> None:
         self._directory = directory
         # Its imports take as long as the first two figures, so it begins with them.
-        self._process = self._start() if wanted else None
+        self._process = child.start(__name__, "SIG_IGN") if wanted else None
 
     def __enter__(self) -> Self:
         return self
@@ -78,12 +78,11 @@ class Artist:
         """Have the pictures of a figure drawn whose tables are in the directory."""
         asked = [str(self._directory), name, [*tables]]
         asked += [figure.draw.__module__, figure.draw.__qualname__]
-        if self._process is None:
-            self._process = self._start()
+        self._process = self._process or child.start(__name__, "SIG_IGN")
         assert self._process.stdin is not None
         try:
             # Shorter than any pipe: this does not wait.
-            self._process.stdin.write(json.dumps(asked) + "\n")
+            self._process.stdin.write(json.dumps(asked).encode() + b"\n")
             self._process.stdin.flush()
         except BrokenPipeError:
             self.finish()
@@ -104,25 +103,7 @@ class Artist:
                 continue
             code, self._process = self._process.returncode, None
             if refusal:
-                raise OutputError(refusal.strip())
+                raise OutputError(refusal.decode(errors="replace").strip())
             if code:
-                raise RuntimeError(f"the process that draws ended with {code}\n{trace}")
-
-    @staticmethod
-    def _start() -> subprocess.Popen[str]:
-        path = os.pathsep.join(filter(None, [str(PACKAGE.parent), os.environ.get("PYTHONPATH")]))
-        # A Ctrl-C that the whole group is sent is for the process that waits.  Looking for garbage
-        # would take a sixth of the time.
-        call = (
-            "import gc, signal; gc.disable(); signal.signal(signal.SIGINT, signal.SIG_IGN); "
-            f"from {__name__} import serve; serve()"
-        )
-        return subprocess.Popen(
-            # -P: a package of this name in the working directory is another one.
-            [sys.executable, "-P", "-c", call],
-            env=os.environ | {"PYTHONPATH": path},
-            text=True,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-        )
+                said = trace.decode(errors="replace")
+                raise RuntimeError(f"the process that draws ended with {code}\n{said}")

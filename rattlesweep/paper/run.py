@@ -77,7 +77,7 @@ def reproduce(
     compile_ahead(expected)
     parts = Parts(expected | {"pictures": 1.0, "report": 1.0}, show)
     tables: dict[str, Tables] = {}
-    undrawn = any(not ws.has_pictures(name) for name in chosen)
+    undrawn = any(name in expected or not ws.has_pictures(name) for name in chosen)
     with Artist(directory, undrawn) as artist:
         for name, figure in chosen.items():
             if name in expected and figure.sweep and figure.sweep not in parts.seconds:

@@ -20,6 +20,7 @@ import pandas as pd
 import pyarrow as pa
 from matplotlib.figure import Figure as Drawing
 
+from rattlesweep.child import PACKAGE
 from rattlesweep.errors import DamagedError, OutputError
 from rattlesweep.paper.settings import Sizes, sweep_config
 from rattlesweep.sweeps.cases.plan import Plan, make_plan
@@ -37,7 +38,6 @@ Progress = Callable[[float, str], None]
 RECORD, KINDS = "paper.json", ("png", "svg")
 # Columns that say how a run was launched.
 LAUNCH = ("alpha", "beta", "gamma", "theta", "phi", "xi", "n_i", "omega_xy0", "psi")
-PACKAGE = Path(__file__).resolve().parents[1]
 # What the runs of a sweep depend on, and a figure besides.
 OF_RUNS = ("physics", "integrate", "sweeps")
 OF_FIGURES = (*OF_RUNS, "study/onerun", "study/style.py",

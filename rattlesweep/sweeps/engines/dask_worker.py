@@ -22,8 +22,8 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+from rattlesweep.child import PACKAGE
 from rattlesweep.errors import OutputError
-from rattlesweep.integrate.cache import PACKAGE
 from rattlesweep.integrate.task import POLL, Task
 from rattlesweep.sweeps.blocks.block import Interrupted, load_kernel
 from rattlesweep.sweeps.cases.plan import Plan, make_plan
