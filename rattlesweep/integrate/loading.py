@@ -95,7 +95,7 @@ class Compiler:
         if said is None:
             said = self._process.communicate()[1].decode(errors="replace")
             said = f"its process ended with {self._process.returncode}\n{said}"
-        raise RuntimeError(f"the kernel {_title(names)} could not be compiled:\n{said}")
+        raise RuntimeError(f"the kernel {_title(example, names)} could not be compiled:\n{said}")
 
     def close(self, at_once: bool = False) -> None:
         """End the process, which has nothing to do unless it is to be ended at once."""
@@ -105,8 +105,8 @@ class Compiler:
             self._process.communicate()
 
 
-def _title(names: tuple[Any, ...]) -> str:
-    return "/".join(map(str, names))
+def _title(example: Example, names: tuple[Any, ...]) -> str:
+    return "/".join(map(str, names or [example.__name__]))
 
 
 class Pool:
@@ -186,7 +186,7 @@ def _load(example: Example, names: tuple[Any, ...]) -> Any:
     if store.get(name) is None:
         with store.locked(name):
             if store.get(name) is None:
-                with compiling(_title(names)), _pool.compiler() as compiler:
+                with compiling(_title(example, names)), _pool.compiler() as compiler:
                     store.put(name, compiler(example, names))
     compiled.compile(signature)
     return compiled

@@ -147,9 +147,10 @@ def march_example(model_name: str, adaptive: bool) -> tuple[Any, tuple[Any, ...]
         np.zeros((1, C.N_PLAN)),
         np.zeros(C.N_OPTIONS),
         np.zeros(C.N_RECORD, dtype=np.bool_),
-        np.zeros((0, follow.STATE + 2 * model.n_state)),
+        np.zeros((1, follow.STATE + 2 * model.n_state)),
         np.zeros(0),
         np.zeros(follow.N_COUNTS, dtype=np.int64),
+        np.zeros(2),
     )
 
 

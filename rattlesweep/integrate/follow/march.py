@@ -17,7 +17,7 @@ from rattlesweep.integrate.lanes.atomics import call, call_for_two, widest_vecto
 from rattlesweep.integrate.lanes.bound import N_CONSTANTS, N_STATE, L, lane_of
 from rattlesweep.integrate.lanes.events import HOLD, REVERSED
 from rattlesweep.integrate.lanes.kernel import ATTEMPT, OK, SETTLE, commit, decide
-from rattlesweep.integrate.lanes.runs import derive, idle, start, stay
+from rattlesweep.integrate.lanes.runs import derive, energy_at, idle, start, stay
 
 # ``counts`` of march: whether the run has begun and ended, its status, and how many steps and
 # zeros were written by the last call.
@@ -31,7 +31,7 @@ N_GIVEN = 0
 OTHERS = ()
 
 
-def march(parts, w, y0, constants, probe, plan, options, record, steps, zeros, counts):
+def march(parts, w, y0, constants, probe, plan, options, record, steps, zeros, counts, energies):
     """Go on with the run until the tables are full or it ends.
 
     Parameters
@@ -44,10 +44,12 @@ def march(parts, w, y0, constants, probe, plan, options, record, steps, zeros, c
     options, record : ndarray
         As for :func:`rattlesweep.integrate.lanes.kernel.work`.
     steps : ndarray, shape (rows, 2 + 2 n_state)
-        Written to: the accepted steps' ends.
+        Written to: where the run has come to, and the accepted steps' ends.
     zeros : ndarray
         Written to: the times of the zeros found.
     counts : int64 ndarray, shape (N_COUNTS,)
+    energies : ndarray, shape (2,)
+        Written to: energies of the launch and of the last row.
     """
     widest_vectors()
     scale, dt, max_steps = options[0], options[1], options[2]
@@ -61,8 +63,18 @@ def march(parts, w, y0, constants, probe, plan, options, record, steps, zeros, c
     row = 0
     found = 0
     status = OK
+    accepted = True
+    last = False
     ended = False
-    while not ended and row < steps.shape[0] and found < zeros.size:
+    while True:
+        if accepted:
+            steps[row, T] = lane.t_end if last else lane.t
+            steps[row, T_LOW] = 0.0 if last else lane.t_low
+            for c, component in enumerate(lane.y + lane.f):
+                steps[row, STATE + c] = component
+            row += 1
+        if ended or row == steps.shape[0] or found == zeros.size:
+            break
         call(parts[ATTEMPT], (w, scale))
         if decide(w, dt, max_steps) > 0:
             status, move = call_for_two(parts[SETTLE], (w, 0, max_steps, False))
@@ -77,17 +89,13 @@ def march(parts, w, y0, constants, probe, plan, options, record, steps, zeros, c
             stay(lane)
         last = lane.last > 0.0
         commit(w)
-        if accepted:
-            steps[row, T] = lane.t_end if last else lane.t
-            steps[row, T_LOW] = 0.0 if last else lane.t_low
-            for c, component in enumerate(lane.y + lane.f):
-                steps[row, STATE + c] = component
-            row += 1
     counts[ENDED] = 1 if ended else 0
     counts[STATUS] = status
-    counts[N_STEPS] = row
+    counts[N_STEPS] = row - 1
     counts[N_ZEROS] = found
     counts[REJECTED] = int(lane.rejected)
+    energies[0] = lane.energy0
+    energies[1] = energy_at(lane, lane.y)
 
 
 def aside(parts, w, steps, which, offset, constants, out):

@@ -128,16 +128,16 @@ class Follower:
         )
         self._counts = np.zeros(follow.N_COUNTS, dtype=np.int64)
         self._zeros = np.zeros(256)
-        # Row 0 is where the last call ended: at first the launch.
-        self._table = np.zeros((1 + STEPS_AT_ONCE, follow.STATE + 2 * model.n_state))
-        first = [*y0[0], *model.rhs(*y0[0], *self._constants[0])]
-        self._table[0, follow.STATE :] = first
-        self._rows = 1
-        if look is not None:
-            look(np.zeros(1), y0)
-        self.energy_0 = float(model.energy(*y0[0], *self._constants[0]))
+        self._energies = np.zeros(2)
         load_all(tableau.name, model.name, attitude)
         self._march = march_kernel(tableau.name, model.name)
+        # Row 0 is where the last call ended: at first the launch, without any step.
+        self._table = np.zeros((1 + STEPS_AT_ONCE, follow.STATE + 2 * model.n_state))
+        self._march(*self._state, self._table[:1], self._zeros, self._counts, self._energies)
+        self._rows = 1
+        self.energy_0 = float(self._energies[0])
+        if look is not None:
+            look(np.zeros(1), y0)
         self._aside = _Aside(tableau, model.name, self._constants[0], model.n_state)
         moving = ATTITUDES[model.name] if attitude else model
         self._attitude = (
@@ -199,8 +199,7 @@ class Follower:
     def _go_on(self) -> None:
         """Fill the table with the next accepted steps."""
         table, counts = self._table, self._counts
-        table[0] = table[self._rows - 1]
-        self._march(*self._state, table[1:], self._zeros, counts)
+        self._march(*self._state, table, self._zeros, counts, self._energies)
         self._rows = 1 + int(counts[follow.N_STEPS])
         self.n_steps += int(counts[follow.N_STEPS]) * stride(self._tableau)
         self.zeros += self._zeros[: counts[follow.N_ZEROS]].tolist()
@@ -234,9 +233,7 @@ class Follower:
 
     def _judge(self) -> None:
         """Numbers that cannot be trusted get the status they have in a sweep."""
-        n, table = self._model.n_state, self._table
-        y = table[self._rows - 1, follow.STATE : follow.STATE + n]
-        drift = float(self._model.energy(*y, *self._constants[0])) / self.energy_0 - 1
+        drift = (float(self._energies[1]) - self.energy_0) / self.energy_0
         if not abs(drift) <= MAX_ENERGY_DRIFT:
             self.status = Status.ENERGY if np.isfinite(drift) else Status.NONFINITE
         elif not self._tableau.adaptive:

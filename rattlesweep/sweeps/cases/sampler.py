@@ -3,7 +3,7 @@
 # mypy: disable-error-code="no-untyped-def"
 from __future__ import annotations
 
-from functools import cache, partial
+from functools import partial
 from itertools import pairwise
 from typing import Any, cast
 
@@ -13,6 +13,7 @@ from numba import njit
 from rattlesweep.arrays import Floats, Integers
 from rattlesweep.integrate.batch import available_threads
 from rattlesweep.integrate.cache import cached, specialise
+from rattlesweep.integrate.loading import loaded
 from rattlesweep.integrate.task import Control, side_by_side
 from rattlesweep.physics import body, theory
 from rattlesweep.sweeps.cases import philox
@@ -92,10 +93,13 @@ def _draw(
             break
 
 
-@cache
-def kernel() -> Any:
-    """The compiled sampler."""
-    return cached(_draw, also=(philox.__file__,), nogil=True)
+def sampler() -> tuple[Any, tuple[Any, ...]]:
+    """The sampler, not yet compiled, and arguments to call it with."""
+    whole, real = np.zeros(0, dtype=np.int64), np.zeros(0)
+    return cached(_draw, also=(philox.__file__,), nogil=True), (
+        0, 0, Control().flag, 0, whole, 0, np.zeros((5, 2)), 0, 0.0, 0.0, 0,
+        np.zeros((7, 0)), whole, real,
+    )  # fmt: skip
 
 
 def draw_bodies(
@@ -128,20 +132,19 @@ def draw_bodies(
     draws = np.zeros(samples.size, dtype=np.int64)
     nearest = np.full(samples.size, np.nan)
     settings = (
-        seed, samples, group, np.ascontiguousarray(ranges, dtype=float), which,
+        seed, np.array(samples), group, np.array(ranges, dtype=float, order="C"), which,
         float(target), float(rel_tol), max_draws, out, draws, nearest,
     )  # fmt: skip
-    draw, control = kernel(), Control()
-    # Compiled here, if at all: in a thread CPython 3.11 may map and unmap its stack at every call
-    # (a million times, which took as long again as the compilation).
-    draw(0, samples.size if which == 0 else 0, control.flag, *settings)
-    if which > 0:
+    draw = loaded(sampler)
+    if which == 0:
+        draw(0, samples.size, Control().flag, *settings)
+    else:
         threads = threads or available_threads()
         edges = np.linspace(0, samples.size, threads + 1).astype(int).tolist()
         # In threads of their own: this one goes on hearing Ctrl-C.
-        side_by_side([partial(_part, *ends, settings) for ends in pairwise(edges)], threads)
+        side_by_side([partial(_part, draw, *ends, settings) for ends in pairwise(edges)], threads)
     return out, draws, nearest
 
 
-def _part(first: int, last: int, settings: tuple[Any, ...], control: Control) -> None:
-    kernel()(first, last, control.flag, *settings)
+def _part(draw: Any, first: int, last: int, settings: tuple[Any, ...], control: Control) -> None:
+    draw(first, last, control.flag, *settings)
