@@ -37,7 +37,7 @@ def paper(
     from rattlesweep.paper.registry import choose
     from rattlesweep.paper.report import closing_table, tally
     from rattlesweep.paper.run import reproduce
-    from rattlesweep.paper.settings import FULL, QUICK
+    from rattlesweep.paper.workspace import FULL, QUICK
 
     names = choose(only)
     directory = output or Path("out/paper-quick" if quick else "out/paper")

@@ -2,43 +2,57 @@
 
 from __future__ import annotations
 
-import math
+import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from html import escape
 from pathlib import Path
 from textwrap import shorten
 from typing import Any
 
-import pyarrow as pa
 import pyarrow.parquet as pq
+from markupsafe import Markup
 
-from rattlesweep.paper.claims.claim import Judgement
-from rattlesweep.paper.columns import count, number, schema, table, word
+from rattlesweep.paper.claims.claim import CLAIMS
+from rattlesweep.paper.columns import table
 from rattlesweep.paper.registry import FIGURES
-from rattlesweep.paper.symbols import symbols
 from rattlesweep.study.pages import config_yaml, render, source
 from rattlesweep.sweeps.store.atomic import replace_file
 from rattlesweep.sweeps.tables.arrow import encode
 
 TITLE = "Rattleback dynamics and its reversal time of rotation: recomputed"
 VERDICTS = ("agree", "partly", "disagree")
-CLAIMS = schema(
-    "",
-    word("id", "T: theory, G: the body GH, U: unsteady direction, S: steady, L: long runs"),
-    word("where", "place in the paper"),
-    word("words", "what the paper says; word for word between quotation marks"),
-    word("measured", "what was found"),
-    number("value", "the figure that decides, where there is one"),
-    number("low", "lower end of its 95 % confidence interval, or of its range"),
-    number("high", "upper end of the same"),
-    word("verdict", "agree: all checks hold; disagree: the headline fails; partly: another one "
-         "does, or the headline at one in ten at most where the paper's words leave room"),
-    count("held", "number of checks that hold"),
-    count("checks", "number of checks"),
-    word("headline", "the check without which nothing is left of the claim"),
-    word("evidence", "all checks, and how they were made"),
-)  # fmt: skip
+
+# The paper's symbols in plain spelling, such as ``abs(omega_xy0)`` and ``->``, and in HTML.
+GREEK = {
+    "alpha": "α", "beta": "β", "gamma": "γ", "theta": "θ", "phi": "φ", "xi": "ξ",
+    "omega": "ω", "psi": "ψ", "delta": "δ", "epsilon": "ε",
+}  # fmt: skip
+SIGNS = {
+    "-&gt;": "→",
+    "&lt;=": "≤",
+    "&gt;=": "≥",
+    "&lt;~": "≲",
+    "&gt;~": "≳",
+    "&lt;&lt;": "≪",
+    "&gt;&gt;": "≫",
+    " ~ ": " ≈ ",
+    " +- ": " ± ",
+    "omega~": "ω̃",
+    "t~": "t̃",
+    "^deg": "°",
+    "F_perp": "F_⊥",
+    "F_parallel": "F_∥",
+}
+_ABSOLUTE = re.compile(r"\babs\(([^()]*)\)")
+# A file's name is no symbol.
+_INDEXED = re.compile(
+    r"(?<![\w.])(omega|psi|delta|[CEFIJKnut])_(rGH[+-]|[⊥∥]|(?:rGH|I|[a-z]+\d?|\d)\b)(?![.]?\w)"
+)
+_LETTER = re.compile(r"(?<![\w.-])(" + "|".join(GREEK) + r")(?![\w.])")
+_POWER = re.compile(r"\^([+-]?\d+(?:/\d+)?)")
+_SIZE = re.compile(r"(?<![\w|])omega_xy0\b")
 
 
 @dataclass
@@ -46,41 +60,31 @@ class Reproduction:
     """What the command came to."""
 
     directory: Path
-    claims: list[Judgement]
+    claims: list[dict[str, Any]]
     seconds: dict[str, float]
     kept: list[str]
     failed: int
     record: dict[str, Any]
 
 
-def claims_table(claims: Sequence[Judgement]) -> pa.Table:
-    """The claims as they are stored in ``claims.parquet``."""
-    rows = [{name: _finite(getattr(claim, name)) for name in CLAIMS.names} for claim in claims]
-    return table(rows, CLAIMS)
-
-
-def _finite(value: Any) -> Any:
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def tally(claims: Sequence[Judgement]) -> str:
+def tally(claims: Sequence[dict[str, Any]]) -> str:
     """How many claims of each verdict there are."""
-    counts: Counter[str] = Counter(claim.verdict for claim in claims)
+    counts = Counter(claim["verdict"] for claim in claims)
     return ", ".join(f"{counts[verdict]} {verdict}" for verdict in VERDICTS if counts[verdict])
 
 
-def closing_table(claims: Sequence[Judgement]) -> str:
+def closing_table(claims: Sequence[dict[str, Any]]) -> str:
     """The claims as text for a terminal: id, verdict, checks that hold, the measured figure."""
     return "\n".join(
-        f"{claim.id:<3}  {claim.verdict:<8}  {claim.score:<7}  "
-        f"{shorten(claim.measured, 68, placeholder=' ...')}"
+        f"{claim['id']:<3}  {claim['verdict']:<8}  {claim['held']} of {claim['checks']:<2}  "
+        f"{shorten(claim['measured'], 68, placeholder=' ...')}"
         for claim in claims
     )
 
 
 def write_report(done: Reproduction, figures: Sequence[str]) -> None:
     """Write ``claims.parquet`` and ``report.html``, each in one step."""
-    replace_file(done.directory / "claims.parquet", encode(claims_table(done.claims)))
+    replace_file(done.directory / "claims.parquet", encode(table(done.claims, CLAIMS)))
     replace_file(done.directory / "report.html", page(done, figures))
 
 
@@ -131,3 +135,15 @@ def _odd(row: dict[str, Any]) -> list[str]:
     reference = "" if row["t_r_reference"] is None else f"{row['t_r_reference']:.4f}"
     cause = row["exception"].partition(":")[0]
     return [*launch, outcome(""), outcome("_rk4"), reference, cause]
+
+
+def symbols(text: str) -> Markup:
+    """Escaped text with its symbols set as such."""
+    text = escape(text, quote=False)
+    for plain, sign in SIGNS.items():
+        text = text.replace(plain, sign)
+    text = _ABSOLUTE.sub(r"|\1|", text)
+    text = _SIZE.sub("|ω<sub>xy0</sub>|", text)
+    text = _INDEXED.sub(lambda m: f"<i>{GREEK.get(m[1], m[1])}</i><sub>{m[2]}</sub>", text)
+    text = _LETTER.sub(lambda m: f"<i>{GREEK[m[1]]}</i>", text)
+    return Markup(_POWER.sub(r"<sup>\1</sup>", text))

@@ -12,11 +12,9 @@ from pathlib import Path
 
 from rattlesweep.paper.claims.claim import judge
 from rattlesweep.paper.drawing import Artist
-from rattlesweep.paper.kernels import compile_ahead
-from rattlesweep.paper.registry import FIGURES, SWEEPS, THEORY
+from rattlesweep.paper.registry import FIGURES, SWEEPS, THEORY, compile_ahead
 from rattlesweep.paper.report import Reproduction, write_report
-from rattlesweep.paper.settings import FULL, Sizes, sweep_config
-from rattlesweep.paper.workspace import Progress, Tables, Workspace
+from rattlesweep.paper.workspace import FULL, Progress, Sizes, Tables, Workspace, sweep_config
 from rattlesweep.sweeps.config.load import resolved
 from rattlesweep.sweeps.store.provenance import PACKAGES, machine, now, package_version
 

@@ -10,6 +10,7 @@ import hashlib
 import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
@@ -21,13 +22,12 @@ import pyarrow as pa
 from matplotlib.figure import Figure as Drawing
 
 from rattlesweep.child import PACKAGE
-from rattlesweep.errors import DamagedError, OutputError
-from rattlesweep.paper.settings import Sizes, sweep_config
-from rattlesweep.sweeps.cases.plan import Plan, make_plan
-from rattlesweep.sweeps.config.load import parse_config, resolved
+from rattlesweep.errors import DamagedError
+from rattlesweep.sweeps.cases.plan import Case, make_plan
+from rattlesweep.sweeps.config.load import load_config, parse_config, resolved
 from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.engines.run import run_sweep
-from rattlesweep.sweeps.store.atomic import probe_directory, reason, replace_file
+from rattlesweep.sweeps.store.atomic import explained, probe_directory, replace_file
 from rattlesweep.sweeps.store.store import Store
 from rattlesweep.sweeps.tables.arrow import encode, open_sealed, read_rows
 
@@ -47,6 +47,41 @@ OF_FIGURES = (*OF_RUNS, "study/onerun", "study/style.py",
 _TEMPORARY = re.compile(
     r"\.(fig\w+\.(parquet|svg|png)|claims\.parquet|report\.html|paper\.json)\.[0-9a-f]{8}\.tmp"
 )
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """How many samples the figures are made of, and one length; numbers that no one changes stand
+    at the head of the modules in ``figures/``.
+    """
+
+    fig2_bodies: int = 1_000_000  # the paper's number
+    fig3_bodies: int = 100_000  # of (a), the paper's number
+    fig3_density: int = 100_000_000  # bodies of (b), the paper's number
+    samples: int = 1000  # of each point of Figs. 5 to 7, the paper's number
+    rk4: int = 10  # samples of each case of Fig. 6 that are integrated with RK4 as well
+    rk4_least_K_r: float = 0.0  # targets below are left out of this: they take longest
+    lyapunov: int = 20_000  # most runs of type SW that are tried for chaos
+    windows: int = 6000  # most runs of Fig. 7 that are followed in windows of time
+    fig8_lyapunov_t_end: float = 500_000.0
+
+
+FULL = Sizes()
+QUICK = Sizes(
+    fig2_bodies=50_000,
+    fig3_density=2_000_000,
+    samples=30,
+    rk4=1,
+    rk4_least_K_r=0.03,
+    lyapunov=200,
+    fig8_lyapunov_t_end=62_500.0,
+)
+
+
+def sweep_config(direction: str, sizes: Sizes) -> Config:
+    """Config of the sweep of a direction, ``steady`` or ``unsteady``: that of ``configs/``."""
+    path = Path(__file__).with_name(f"{direction}.yaml")
+    return load_config(path, [f"bodies.samples={sizes.samples}"])
 
 
 @dataclass(frozen=True)
@@ -86,29 +121,38 @@ def code_key(*places: str) -> str:
     return digest.hexdigest()
 
 
+@dataclass(frozen=True)
 class StoredRuns:
-    """The runs of a finished sweep whose status is ``ok``; ``target`` is ``K_p`` or ``K_r``."""
+    """The runs of a finished sweep whose status is ``ok``.
 
-    def __init__(self, plan: Plan, store: Store) -> None:
-        self.config, self._cases, self._store = plan.config, plan.cases, store
-        self.target = str(plan.cases[0].target_name)
+    ``target`` is ``K_p`` or ``K_r``: in ``runs`` this column is the case's target, and the body's
+    own coefficient has ``_body`` behind its name.
+    """
 
-    def runs(self, columns: Sequence[str]) -> pd.DataFrame:
-        """These columns, and ``case``; the target of the case, unless its column is among them."""
-        batches = self._store.iter_batches(list(dict.fromkeys(("case", "status", *columns))))
-        found: pd.DataFrame = pa.Table.from_batches(batches).to_pandas()
-        found = found[found["status"] == "ok"].drop(columns="status").reset_index(drop=True)
-        if self.target not in columns:
-            targets = np.array([case.target for case in self._cases], dtype=float)
-            found[self.target] = targets[found["case"]]
-        return found
+    config: Config
+    cases: Sequence[Case]
+    runs: pd.DataFrame
 
-    def points(self, columns: Sequence[str]) -> Iterator[tuple[dict[str, Any], pd.DataFrame]]:
+    @classmethod
+    def read(cls, config: Config, cases: Sequence[Case], store: Store) -> StoredRuns:
+        """Of a directory."""
+        runs: pd.DataFrame = pa.Table.from_batches(store.iter_batches()).to_pandas()
+        runs = runs[runs["status"] == "ok"].reset_index(drop=True)
+        if name := cases[0].target_name:
+            runs[f"{name}_body"] = runs[name]
+            runs[name] = np.array([case.target for case in cases])[runs["case"]]
+        return cls(config, cases, runs)
+
+    @property
+    def target(self) -> str:
+        return str(self.cases[0].target_name)
+
+    def points(self) -> Iterator[tuple[dict[str, Any], pd.DataFrame]]:
         """Each case in order: its target and launch, and its runs, of which there may be none."""
-        runs = self.runs(columns)
-        for case in self._cases:
+        found = dict(list(self.runs.groupby("case")))
+        for case in self.cases:
             point = {self.target: case.target, "n_i": case.n_i, "omega_xy0": case.omega_xy0}
-            yield point, runs[runs["case"] == case.index].reset_index(drop=True)
+            yield point, found.get(case.index, self.runs[:0]).reset_index(drop=True)
 
 
 class Workspace:
@@ -174,18 +218,12 @@ class Workspace:
         return self._sweeps[direction]
 
     def again(
-        self,
-        name: str,
-        runs: pd.DataFrame,
-        columns: Sequence[str],
-        progress: Progress,
-        **changes: Any,
+        self, name: str, runs: pd.DataFrame, progress: Progress, **changes: Any
     ) -> pd.DataFrame:
         """Integrate runs of the steady sweep once more, as a sweep of its own.
 
         ``runs`` have the columns :data:`LAUNCH`; ``changes`` are keys of the config, such as
-        ``record``.  The new runs have these columns and the index of ``runs``, and are null where
-        one failed.
+        ``record``.  The new runs have the index of ``runs``, and are null where one failed.
         """
         bodies = encode(pa.Table.from_pandas(runs[list(LAUNCH)], preserve_index=False))
         path = self.directory / "sweeps" / name / "bodies.parquet"
@@ -193,17 +231,11 @@ class Workspace:
         config |= {"name": name, "bodies": {"source": "table", "path": str(path)}}
         del config["spin"]
         key = _digest(json.dumps(config), hashlib.sha256(bodies).hexdigest(), code_key(*OF_RUNS))
-        again = self._run(name, parse_config(config), key, progress, bodies)
-        found = again.runs(("sample", *columns)).set_index("sample")
-        return found[list(columns)].reindex(range(len(runs))).set_axis(runs.index)
+        found = self._run(name, parse_config(config), key, progress, bodies).runs
+        return found.set_index("sample").reindex(range(len(runs))).set_axis(runs.index)
 
     def _run(
-        self,
-        name: str,
-        config: Config,
-        key: str,
-        progress: Progress,
-        bodies: bytes = b"",
+        self, name: str, config: Config, key: str, progress: Progress, bodies: bytes = b""
     ) -> StoredRuns:
         """Run a sweep; runs that are there, but of another key, are removed first."""
         folder, keys = self.directory / "sweeps" / name, self.record["sweeps"]
@@ -223,7 +255,7 @@ class Workspace:
         )  # fmt: skip
         keys[name] = key
         self.save()
-        return StoredRuns(plan, Store(folder))
+        return StoredRuns.read(config, plan.cases, Store(folder))
 
     def failed(self, sweeps: Sequence[str]) -> int:
         """Runs of these sweeps whose status is not ``ok``."""
@@ -257,12 +289,7 @@ def _digest(*texts: str) -> str:
 
 def _read(path: Path) -> dict[str, Any]:
     """The record; it vouches for the data, and where it is none they are made again."""
-    try:
+    with explained(f"cannot read {path}"), suppress(FileNotFoundError, ValueError):
         record = json.loads(path.read_bytes())
-    except FileNotFoundError:
-        return {}
-    except OSError as error:
-        raise OutputError(f"cannot read {path}: {reason(error)}") from error
-    except ValueError:
-        return {}
-    return record if isinstance(record, dict) else {}
+        return record if isinstance(record, dict) else {}
+    return {}

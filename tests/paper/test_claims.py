@@ -15,9 +15,10 @@ import pytest
 
 from rattlesweep.paper import run
 from rattlesweep.paper.claims import sweeps as measures
-from rattlesweep.paper.claims.claim import TABLE, Claim, Count, claims, every, judge
+from rattlesweep.paper.claims.claim import CLAIMS, TABLE, Claim, Count, claims, every, judge
+from rattlesweep.paper.columns import table
 from rattlesweep.paper.figures import times
-from rattlesweep.paper.report import claims_table, closing_table
+from rattlesweep.paper.report import closing_table
 
 BY_ID = claims()
 
@@ -36,13 +37,13 @@ def judgement(*checks, **numbers):
 
 def test_a_verdict_is_made_of_checks_the_first_of_which_is_the_headline():
     cases = ((True, True), (True, False), (False, True))
-    assert [judgement(*c).verdict for c in cases] == ["agree", "partly", "disagree"]
+    assert [judgement(*c)["verdict"] for c in cases] == ["agree", "partly", "disagree"]
     one = judgement(True, Count(2, 3), every([True, True]))
-    assert one.evidence == (
+    assert one["evidence"] == (
         "Checks, headline first: check 0: yes; check 1: no, 2 of 3; check 2: yes, 2 of 2. End."
     )
     assert re.split("  +", closing_table([one])) == ["T1", "partly", "2 of 3", "measured"]
-    row = claims_table([one]).to_pylist()[0]
+    row = table([one], CLAIMS).to_pylist()[0]
     assert (row["held"], row["checks"], row["headline"]) == (2, 3, "check 0")
 
 
@@ -52,7 +53,7 @@ def test_words_of_the_paper_leave_room_for_one_in_ten():
             id="U1", where="", words="", criteria=("all",), measure=lambda tables: ([head], {}),
             measured="", leeway=leeway,
         )  # fmt: skip
-        return claim.judge({}).verdict
+        return claim.judge({})["verdict"]
 
     assert verdict("“almost”", Count(9, 10)) == "partly"
     assert verdict("", Count(9, 10)) == verdict("“almost”", Count(8, 10)) == "disagree"
@@ -67,7 +68,7 @@ def test_of_nothing_not_all_is_true():
 
 def test_numbers_that_are_none_are_null_in_the_table():
     found = judgement(True, False, value=math.nan, low=-math.inf)
-    row = claims_table([found]).to_pylist()[0]
+    row = table([found], CLAIMS).to_pylist()[0]
     assert (row["value"], row["low"], row["high"]) == (None, None, None)
 
 
@@ -99,12 +100,12 @@ def u1(table):
 
 
 def test_verdicts_follow_the_measurement():
-    assert u1(points()).verdict == "agree"
+    assert u1(points())["verdict"] == "agree"
     off = u1(points(ratio=2.0))
     # The slopes and the scatter are as they should be; of the headline nothing is left.
-    assert (off.verdict, off.score) == ("disagree", "2 of 3")
-    assert off.value == pytest.approx(2.0)
-    assert u1(points(scatter=0.9)).verdict == "partly"
+    assert (off["verdict"], off["held"], off["checks"]) == ("disagree", 2, 3)
+    assert off["value"] == pytest.approx(2.0)
+    assert u1(points(scatter=0.9))["verdict"] == "partly"
 
 
 def test_points_without_a_run_settle_nothing():
@@ -130,8 +131,8 @@ def fractions(wrong=0):
 
 def test_one_body_on_the_wrong_side_of_the_threshold_changes_s3():
     s3 = [BY_ID["S3"].judge({"fig6": {"fractions": fractions(wrong)}}) for wrong in (0, 1)]
-    assert [found.verdict for found in s3] == ["agree", "disagree"]
-    assert s3[0].low == 0 < s3[1].low
+    assert [found["verdict"] for found in s3] == ["agree", "disagree"]
+    assert s3[0]["low"] == 0 < s3[1]["low"]
 
 
 def test_the_frequency_of_a_swing_is_found():

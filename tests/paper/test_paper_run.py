@@ -32,12 +32,10 @@ from rattlesweep.integrate.follow.lyapunov import growth_along
 from rattlesweep.paper import report, workspace
 from rattlesweep.paper.drawing import Artist, pictures
 from rattlesweep.paper.figures import chaos, fig6, fig7, integrators
-from rattlesweep.paper.kernels import needed
-from rattlesweep.paper.registry import FIGURES, choose
+from rattlesweep.paper.registry import FIGURES, choose, needed
+from rattlesweep.paper.report import symbols
 from rattlesweep.paper.run import reproduce
-from rattlesweep.paper.settings import FULL, QUICK, Sizes, sweep_config
-from rattlesweep.paper.symbols import symbols
-from rattlesweep.paper.workspace import Figure, Workspace
+from rattlesweep.paper.workspace import FULL, QUICK, Figure, Sizes, Workspace, sweep_config
 from rattlesweep.sweeps.blocks.single import single_run
 from rattlesweep.sweeps.config.load import load_config, resolved
 from rattlesweep.sweeps.config.schema import Classify
@@ -273,7 +271,7 @@ def test_pictures_are_pictures(made):
 
 
 def test_every_claim_of_the_sweeps_is_in_the_table(made):
-    ids = [claim.id for claim in made.done.claims]
+    ids = [claim["id"] for claim in made.done.claims]
     # Too few runs of a point to tell of S8.
     assert ids == ["U1", "U2", "S1", "S2", "S3", "S4", "S5", "S6", "S7"]
     table = open_sealed((made.directory / "claims.parquet").read_bytes()).read()
@@ -483,10 +481,10 @@ def test_pictures_do_not_depend_on_the_users_settings(figures):
 def test_runs_are_integrated_again_when_others_are_asked_for(made, tmp_path):
     runs = made.steady.iloc[10:16:2]
     ws = Workspace(tmp_path, SMALL, 2)
-    same = ws.again("few", runs, ("n_end", "t_r"), quiet)
-    pd.testing.assert_frame_equal(same, runs[["n_end", "t_r"]])
+    same = ws.again("few", runs, quiet)
+    pd.testing.assert_frame_equal(same[["n_end", "t_r"]], runs[["n_end", "t_r"]])
     assert len(runs_of(tmp_path, "few")) == 3
-    ws.again("few", runs[:2], ("n_end",), quiet)
+    ws.again("few", runs[:2], quiet)
     assert len(runs_of(tmp_path, "few")) == 2
 
 
@@ -500,7 +498,7 @@ def test_sweeps_of_other_sizes_are_not_overwritten(made, monkeypatch):
 
 # ------------------------------------------------------------------------------- report
 
-TEXTS = ("id", "score", "words", "where", "measured", "evidence")
+TEXTS = ("id", "held", "checks", "words", "where", "measured", "evidence")
 
 
 def words_of(html):
@@ -516,7 +514,7 @@ def test_the_report_is_one_file_that_asks_for_nothing(made):
     images = re.findall(r"<img[^>]*>", html)
     assert len(images) == len(SWEEPS)
     assert all(re.search(r'alt="[^"]', image) for image in images)
-    for words in [claim.id for claim in made.done.claims] + [
+    for words in [claim["id"] for claim in made.done.claims] + [
         "Reduced", "numpy", "numba", "matplotlib", "fig6", "steady",
     ]:  # fmt: skip
         assert words in words_of(html)
@@ -524,7 +522,7 @@ def test_the_report_is_one_file_that_asks_for_nothing(made):
 
 def page_of(done, **texts):
     """The page of one claim of each verdict, with these texts."""
-    claims = [SimpleNamespace(verdict=verdict, **texts) for verdict in report.VERDICTS]
+    claims = [{"verdict": verdict, **texts} for verdict in report.VERDICTS]
     return report.page(replace(done, claims=claims), []).decode()
 
 
@@ -583,7 +581,7 @@ def test_ctrl_c_ends_the_command_with_130(figures, tmp_path):
 def test_the_full_size_says_of_the_paper_what_the_readme_says(tmp_path):
     """Minutes: 240,000 runs, RK4, and Lyapunov exponents of what wobbles."""
     done = reproduce(tmp_path, SWEEPS, threads=available_threads())
-    verdicts = {claim.id: claim.verdict for claim in done.claims}
+    verdicts = {claim["id"]: claim["verdict"] for claim in done.claims}
     assert verdicts == {
         "U1": "partly", "U2": "partly", "S1": "agree", "S2": "partly", "S3": "agree",
         "S4": "partly", "S5": "partly", "S6": "partly", "S7": "partly", "S8": "agree",

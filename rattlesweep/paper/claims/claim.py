@@ -2,25 +2,42 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 from ruamel.yaml import YAML
 
+from rattlesweep.paper.columns import count, number, schema, word
 from rattlesweep.sweeps.tables.cells import wilson
 
 Tables = Mapping[str, Mapping[str, pa.Table]]
-Verdict = Literal["agree", "partly", "disagree"]
 # Checks, whose truth says whether they hold, and numbers by name.
 Measured = tuple[Sequence[object], dict[str, Any]]
 
+CLAIMS = schema(
+    "",
+    word("id", "T: theory, G: the body GH, U: unsteady direction, S: steady, L: long runs"),
+    word("where", "place in the paper"),
+    word("words", "what the paper says; word for word between quotation marks"),
+    word("measured", "what was found"),
+    number("value", "the figure that decides, where there is one"),
+    number("low", "lower end of its 95 % confidence interval, or of its range"),
+    number("high", "upper end of the same"),
+    word("verdict", "agree: all checks hold; disagree: the headline fails; partly: another one "
+         "does, or the headline at one in ten at most where the paper's words leave room"),
+    count("held", "number of checks that hold"),
+    count("checks", "number of checks"),
+    word("headline", "the check without which nothing is left of the claim"),
+    word("evidence", "all checks, and how they were made"),
+)  # fmt: skip
 TABLE = Path(__file__).with_name("claims.yaml")
 # Rounding error allowed in an identity between doubles.
 EXACT = 1e-9
@@ -87,8 +104,8 @@ class Claim:
     leeway: str = ""  # the paper's word that leaves room in the headline, such as “almost”
     figures: Sequence[str] = ()  # whose tables are needed; none for a claim about formulas alone
 
-    def judge(self, tables: Tables, **options: Any) -> Judgement | None:
-        """Measure the claim; None if these tables cannot settle it.
+    def judge(self, tables: Tables, **options: Any) -> dict[str, Any] | None:
+        """Measure the claim: a row of :data:`CLAIMS`, or None if these tables cannot settle it.
 
         A headline that fails makes it ``disagree``; where the paper's words leave room, and nine in
         ten still meet the headline, ``partly``.
@@ -109,41 +126,19 @@ class Claim:
         room = self.leeway and isinstance(head, Count) and head.hits >= MOST * head.total > 0
         if room and not head:
             notes = f"The headline fails, but the paper's words leave room: {self.leeway}. {notes}"
-        return Judgement(
-            id=self.id,
-            where=self.where,
-            words=self.words,
-            measured=self.measured.format(**numbers),
-            **{name: numbers.get(name) for name in ("value", "low", "high")},
-            verdict="agree" if held == len(checks) else "partly" if head or room else "disagree",
-            held=held,
-            checks=len(checks),
-            headline=self.criteria[0],
-            evidence=f"Checks, headline first: {'; '.join(told)}. {notes}".strip(),
-        )
-
-
-@dataclass(frozen=True)
-class Judgement:
-    """A judged claim, as the report and ``claims.parquet`` have it."""
-
-    id: str
-    where: str
-    words: str
-    measured: str
-    value: float | None
-    low: float | None
-    high: float | None
-    verdict: Verdict
-    held: int
-    checks: int
-    headline: str
-    evidence: str
-
-    @property
-    def score(self) -> str:
-        """Such as ``3 of 4``."""
-        return f"{self.held} of {self.checks}"
+        decides = {name: numbers.get(name) for name in ("value", "low", "high")}
+        return {
+            "id": self.id,
+            "where": self.where,
+            "words": self.words,
+            "measured": self.measured.format(**numbers),
+            **{n: v if v is None or math.isfinite(v) else None for n, v in decides.items()},
+            "verdict": "agree" if held == len(checks) else "partly" if head or room else "disagree",
+            "held": held,
+            "checks": len(checks),
+            "headline": self.criteria[0],
+            "evidence": f"Checks, headline first: {'; '.join(told)}. {notes}".strip(),
+        }
 
 
 @cache
@@ -157,8 +152,8 @@ def claims() -> dict[str, Claim]:
     return found
 
 
-def judge(tables: Tables, *, theory: bool) -> list[Judgement]:
-    """Judge the claims that the tables of these figures, and ``theory`` alone, can settle."""
+def judge(tables: Tables, *, theory: bool) -> list[dict[str, Any]]:
+    """Rows of the claims that the tables of these figures, and ``theory`` alone, can settle."""
     able = [c for c in claims().values()
             if (tables.keys() >= set(c.figures) if c.figures else theory)]  # fmt: skip
     return [found for claim in able if (found := claim.judge(tables)) is not None]

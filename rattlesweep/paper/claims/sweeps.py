@@ -23,26 +23,6 @@ from rattlesweep.sweeps.tables.chaos import LEAST_GROWTH
 SYMBOL = 10**0.1
 
 
-def slow(frame: pd.DataFrame, most: float) -> pd.DataFrame:
-    """Points of ``abs(n_i) <= most``."""
-    return frame[frame["n_i"].abs() <= most]
-
-
-def fast(frame: pd.DataFrame, least: float) -> pd.DataFrame:
-    """Points of ``abs(n_i) >= least``."""
-    return frame[frame["n_i"].abs() >= least]
-
-
-def small(frame: pd.DataFrame, most: float = 0.01) -> pd.DataFrame:
-    """Points of ``omega_xy0 <= most``."""
-    return frame[frame["omega_xy0"] <= most]
-
-
-def at_spin(frame: pd.DataFrame, n_i: float) -> pd.DataFrame:
-    """Points of this spin."""
-    return frame[frame["n_i"] == n_i]
-
-
 def rises(frame: pd.DataFrame, value: str, by: str, within: Sequence[str]) -> Count:
     """In how many groups ``within`` the value rises strictly with abs(``by``)."""
     groups = [g.sort_values(by, key=np.abs)[value] for _, g in frame.groupby(list(within))]
@@ -100,7 +80,8 @@ def span(values: Sequence[float] | pd.Series[float]) -> tuple[float, float]:
 
 def unsteady_formula(tables: Tables) -> Measured:
     """U1: at small spin and oscillation the formula holds."""
-    points = beside_line(small(slow(tables["fig5"]["times"].to_pandas(), 0.2)))
+    times = tables["fig5"]["times"].to_pandas()
+    points = beside_line(times.query("abs(n_i) <= 0.2 and omega_xy0 <= 0.01"))
     inside, slope = near(points["ratio"]), slopes(points, "K_p")
     named = ", ".join(
         f"K_p = {r.K_p:g} at n_i = {r.n_i:g}, omega_xy0 = {r.omega_xy0:g} ({r.ratio:.2f})"
@@ -118,7 +99,7 @@ def unsteady_formula(tables: Tables) -> Measured:
 def large_spin(tables: Tables) -> Measured:
     """U2: at large spin or oscillation reversals are later than the formula, and scatter more."""
     points = beside_line(tables["fig5"]["times"].to_pandas())
-    beyond = fast(points, 0.4)
+    beyond = points.query("abs(n_i) >= 0.4")
     spin, found = swing(tables["fig5"]["spin"])
     within_size, within_spin = ("n_i", "K_p"), ("omega_xy0", "K_p")
     checks = [
@@ -161,8 +142,8 @@ def swing_frequency(t: Floats, n: Floats) -> float:
 
 def steady_formula(tables: Tables) -> Measured:
     """S6: at small spin and oscillation the formula holds in the steady direction, too."""
-    every_size = beside_line(slow(tables["fig7"]["times"].to_pandas(), 0.2))
-    points, large = small(every_size), every_size[every_size["omega_xy0"] > 0.01]
+    every_size = beside_line(tables["fig7"]["times"].to_pandas().query("abs(n_i) <= 0.2"))
+    points, large = every_size.query("omega_xy0 <= 0.01"), every_size.query("omega_xy0 > 0.01")
     inside, slope, curves = near(points["ratio"]), slopes(points, "K_r"), ("n_i", "K_r")
     checks = [
         every(inside),
@@ -181,16 +162,17 @@ def late_reversals(tables: Tables) -> Measured | None:
 
     None if none of the points has a small or none a large K_r, or nothing reverses late.
     """
-    beyond = fast(tables["fig7"]["late"].to_pandas(), 0.3).dropna(subset=["ratio_std"])
-    low, high = beyond[beyond["K_r"] < 0.03], beyond[beyond["K_r"] > 0.06]
+    beyond = tables["fig7"]["late"].to_pandas().query("abs(n_i) >= 0.3")
+    beyond = beyond.dropna(subset=["ratio_std"])
+    low, high = beyond.query("K_r < 0.03"), beyond.query("K_r > 0.06")
     # Where late reversals are more than a few.
-    many = low[low["late"] >= 0.03 * low["reversed"]]
+    many = low.query("late >= 0.03 * reversed")
     if low.empty or high.empty or many.empty:
         return None
     panel = ["n_i", "omega_xy0"]
     spread, calm = low["ratio_std"].median(), high["ratio_std"].median()
     without = many["ratio_std_prompt"] / many["ratio_std"]
-    kept = many[many["followed"] > 0]["plateau"].dropna()
+    kept = many.query("followed > 0")["plateau"].dropna()
     checks = [
         bool(spread > 2 * calm),
         every(low.groupby(panel)["ratio_std"].min() > high.groupby(panel)["ratio_std"].max()),
@@ -208,11 +190,11 @@ def late_reversals(tables: Tables) -> Measured | None:
 def onset_of_wobbling(tables: Tables) -> Measured | None:
     """S8: wobbling begins about when the others reverse."""
     onset = tables["fig7"]["onset"].to_pandas()
-    points = onset[(onset["wobbling"] >= FEW) & (onset["reversed"] >= FEW)]
+    points = onset.query(f"wobbling >= {FEW} and reversed >= {FEW}")
     if points.empty:
         return None
     ratio = points["onset_median"] / points["t_r_median"]
-    low = fast(onset[onset["K_r"] < 0.03], 0.3)
+    low = onset.query("K_r < 0.03 and abs(n_i) >= 0.3")
     late = low["onset_late"].sum() / max(1, low["wobbling"].sum())
     return [every((ratio > 0.5) & (ratio < 2)), bool(late > 0)], {
         "value": float(ratio.median()), "low": float(ratio.min()), "high": float(ratio.max()),
@@ -247,16 +229,16 @@ def halves(frame: pd.DataFrame, name: str) -> pd.DataFrame:
 def steady_spin(tables: Tables) -> Measured:
     """S1: small spins reverse; SS beyond."""
     frame = tables["fig6"]["fractions"].to_pandas()
-    slowest = slow(frame, frame["n_i"].abs().min())
-    beyond = fast(frame, 0.3)
+    slowest = frame[frame["n_i"].abs() == frame["n_i"].abs().min()]
+    beyond = frame.query("abs(n_i) >= 0.3")
     by_spin = pooled(frame, "SS").unstack("omega_xy0").sort_index(key=np.abs)
     values = by_spin.to_numpy()
     split = halves(beyond, "SS")
-    each = small(beyond).groupby(["n_i", "omega_xy0"])["SS"].sum()
+    each = beyond.query("omega_xy0 <= 0.01").groupby(["n_i", "omega_xy0"])["SS"].sum()
     top = frame.sort_values("fraction_SS").iloc[-1]
     reversing = int(slowest["R"].sum()), int(slowest["runs"].sum())
     checks = [
-        bool(slow(frame, 0.2)["SS"].sum() == 0 and every(each > 0)),
+        bool(frame.query("abs(n_i) <= 0.2")["SS"].sum() == 0 and every(each > 0)),
         reversing[0] >= 0.99 * reversing[1],
         bool(np.all((np.diff(values, axis=0) > 0) | (values[1:] == 0))),
         bool(np.all(np.diff(values, axis=1) <= 0)),
@@ -275,14 +257,14 @@ def steady_spin(tables: Tables) -> Measured:
 def wobbling(tables: Tables) -> Measured:
     """S2: from which spin on there is SW, and how much."""
     frame = tables["fig6"]["fractions"].to_pandas()
-    beyond = fast(frame, 0.4)
-    split_slow, split_fast = halves(slow(frame, 0.3), "SW"), halves(beyond, "SW")
+    beyond = frame.query("abs(n_i) >= 0.4")
+    split_slow, split_fast = halves(frame.query("abs(n_i) <= 0.3"), "SW"), halves(beyond, "SW")
     around = pooled(beyond, "SW")
     both = around + pooled(beyond, "unclassified")
     total = int(beyond["SW"].sum()), int(beyond["runs"].sum())
     single = beyond["fraction_SW"]
     checks = [
-        int(slow(frame, 0.1)["SW"].sum()) > 0,
+        int(frame.query("abs(n_i) <= 0.1")["SW"].sum()) > 0,
         every(split_slow["small"] > split_slow["large"]),
         every(split_fast["small"] > split_fast["large"]),
         every(around.between(0.15, 0.25)),
@@ -300,7 +282,7 @@ def wobbling(tables: Tables) -> Measured:
 def threshold(tables: Tables) -> Measured:
     """S3: at the smallest oscillation SS is Bondi's threshold, body by body."""
     frame = tables["fig6"]["fractions"].to_pandas()
-    own = small(frame, 0.001)
+    own = frame.query("omega_xy0 <= 0.001")
     wrong, runs = int(own[["ss_only", "bondi_only"]].sum().sum()), int(own["runs"].sum())
     return [Count(runs - wrong, runs)], {
         **share(wrong, runs), "wrong": wrong, "runs": runs, "SS": int(own["SS"].sum()),
@@ -312,12 +294,11 @@ def large_oscillation(tables: Tables) -> Measured:
     frame = tables["fig6"]["fractions"].to_pandas()
     readings, basin = (tables["fig6"][name].to_pandas() for name in ("definitions", "basin"))
     size = frame["omega_xy0"].max()
-    large = frame[frame["omega_xy0"] == size]
-    least = frame[frame["omega_xy0"] == frame["omega_xy0"].min()]
-    at = at_spin(large, -0.3)
+    large, least = frame.query("omega_xy0 == @size"), frame.query("omega_xy0 == omega_xy0.min()")
+    at = large.query("n_i == -0.3")
     hits, runs = int(at["SS"].sum()), int(at["runs"].sum())
-    more, fewer = (pooled(fast(points, 0.4), "SS").to_numpy() for points in (least, large))
-    own = at_spin(readings[readings["omega_xy0"] == size], -0.3)
+    more, fewer = (pooled(f.query("abs(n_i) >= 0.4"), "SS").to_numpy() for f in (least, large))
+    own = readings.query("omega_xy0 == @size and n_i == -0.3")
     others = own[~own["definition"].str.startswith(DEFAULT_READING)]
     decided = share(hits, runs)
     past = int(large["bondi_only"].sum())
@@ -338,7 +319,7 @@ def large_oscillation(tables: Tables) -> Measured:
 def wobbling_chaos(tables: Tables) -> Measured | None:
     """S5: which wobbling runs are chaotic; None without slow ones and without fast ones."""
     runs = tables["fig6"]["chaos"].to_pandas()
-    calm, fast = slow(runs, SLOW), at_spin(runs, -0.5)
+    calm, fast = runs.query(f"abs(n_i) <= {SLOW}"), runs.query("n_i == -0.5")
     if calm.empty or fast.empty:
         return None
     middle = float(np.sqrt(runs["K_r"].min() * runs["K_r"].max()))

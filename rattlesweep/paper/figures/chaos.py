@@ -13,18 +13,16 @@ from functools import partial
 import numpy as np
 import pandas as pd
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from rattlesweep.arrays import Floats
 from rattlesweep.integrate.follow.lyapunov import growth_along
 from rattlesweep.integrate.task import Control, side_by_side
 from rattlesweep.paper.columns import number, schema
-from rattlesweep.paper.workspace import LAUNCH, Progress, Workspace, between
+from rattlesweep.paper.workspace import Progress, Workspace, between
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.sweeps.blocks.single import Launch, single_run
 from rattlesweep.sweeps.tables.chaos import is_chaotic
 from rattlesweep.sweeps.tables.columns import RATE, TIME, field
-
-Floats = NDArray[np.float64]
 
 # Runs called chaotic although they are slow are followed to this many horizons.
 LONGER = 6
@@ -44,13 +42,13 @@ CHAOS = schema(
 
 def exponents(ws: Workspace, progress: Progress) -> pd.DataFrame:
     """Columns of :data:`CHAOS`, one row a run of type SW."""
-    runs = ws.sweep("steady", progress).runs((*LAUNCH, "sample", "n_departure", "type"))
+    runs = ws.sweep("steady", progress).runs
     runs = thinned_out(runs[runs["type"] == "SW"], ws.sizes.lyapunov)
     columns = ["t_end", "lyapunov", "lyapunov_late"]
     runs[columns] = np.nan
     if len(runs):
         part = between(progress, 0.0, 0.7)
-        runs[columns] = ws.again("lyapunov", runs, columns, part, record=["lyapunov"])
+        runs[columns] = ws.again("lyapunov", runs, part, record=["lyapunov"])[columns]
     runs["chaotic"] = is_chaotic(runs["lyapunov_late"].to_numpy(), runs["t_end"].to_numpy())
     slow = runs[runs["chaotic"] & (runs["n_i"].abs() <= SLOW)]
     ends = np.array([LONGER / 2, LONGER])

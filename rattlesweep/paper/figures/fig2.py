@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.figure import Figure as Drawing
-from numpy.typing import NDArray
 
+from rattlesweep.arrays import Floats
 from rattlesweep.paper.columns import count, number, schema, table
 from rattlesweep.paper.figures.sd import BOUND, cumulative, draw_modes
 from rattlesweep.paper.figures.style import DASHES, frame
-from rattlesweep.paper.workspace import Figure, Progress, Tables, Workspace, between
+from rattlesweep.paper.workspace import Progress, Tables, between
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import shell_dumbbell
 from rattlesweep.study.style import GREEN, ORANGE, SKY, new_figure
 from rattlesweep.sweeps.config.bodies import SdRanges
 from rattlesweep.sweeps.tables.columns import RATE
-
-Floats = NDArray[np.float64]
 
 CUMULATIVE = schema(
     "probability",
@@ -40,13 +38,8 @@ SUMMARY = schema(
 )
 
 
-def data(ws: Workspace, progress: Progress) -> Tables:
-    """Tables ``cumulative``, values at equally spaced probabilities, and ``summary``, one row."""
-    return distributions(ws.sizes.fig2_bodies, SdRanges(), progress)
-
-
 def distributions(bodies: int, ranges: SdRanges, progress: Progress) -> Tables:
-    """The tables of so many bodies of these ranges."""
+    """Tables ``cumulative``, values at equally spaced probabilities, and ``summary``, one row."""
     names = ("omega_p", "omega_r", "omega_p0", "omega_r0")
     found = draw_modes(names, bodies, ranges, between(progress, 0.0, 0.8))
     found["ratio"] = found["omega_p"] / found["omega_r"]
@@ -119,14 +112,3 @@ def draw(tables: Tables) -> Drawing:
         frame(each)
     inset.tick_params(labelsize=7.5)
     return figure
-
-
-FIGURE = Figure(
-    "Fig. 2: frequencies",
-    "Cumulative distributions of the pitch and roll frequencies of random shell-dumbbell bodies, "
-    "exact and to zeroth order in the skew angle. Inset: their ratio, with the paper's lower "
-    "bound.",
-    data,
-    draw,
-    seconds=(1.4, 0.3),
-)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 from threading import Lock
 
@@ -11,14 +10,14 @@ import pandas as pd
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
-from numpy.typing import NDArray
 
+from rattlesweep.arrays import Floats, Integers
 from rattlesweep.integrate.task import Control, side_by_side
 from rattlesweep.paper.columns import count, number, schema, table
 from rattlesweep.paper.figures.sd import BOUND, CHUNK, SEED, cumulative, draw_modes
 from rattlesweep.paper.figures.sd import draw as draw_bodies
 from rattlesweep.paper.figures.style import frame
-from rattlesweep.paper.workspace import Figure, Progress, Tables, Workspace, between
+from rattlesweep.paper.workspace import Progress, Tables, between
 from rattlesweep.physics import theory
 from rattlesweep.study.style import BLUE, VERMILION, new_figure
 from rattlesweep.sweeps.config.bodies import SdRanges
@@ -61,25 +60,21 @@ SUMMARY = schema(
 )
 
 
-def data(ws: Workspace, progress: Progress) -> Tables:
-    """Tables ``cumulative``, ``density`` (bins that hold bodies) and ``summary`` (one row)."""
-    sizes = ws.sizes
-    return distributions(sizes.fig3_bodies, sizes.fig3_density, SdRanges(), ws.threads, progress)
-
-
 def distributions(
     bodies: int, total: int, ranges: SdRanges, threads: int, progress: Progress
 ) -> Tables:
-    """The tables of so many bodies in (a) and in (b): the same for any number of threads."""
+    """Tables ``cumulative``, ``density`` (bins that hold bodies) and ``summary`` (one row).
+
+    Of so many bodies in (a) and in (b): the same for any number of threads.
+    """
     early = bodies / (bodies + total)
     found = draw_modes(("K_p", "K_r"), bodies, ranges, between(progress, 0.0, early))
     found["ratio"] = found["K_p"] / found["K_r"]
-    spread = count_bodies(total, ranges, threads, between(progress, early, 1.0))
-    i, j = np.nonzero(spread.counts)
-    (p, r), inside = (edges(name) for name in ENDS), spread.counts[i, j]
+    counts, least, below = count_bodies(total, ranges, threads, between(progress, early, 1.0))
+    i, j = np.nonzero(counts)
+    (p, r), inside = (edges(name) for name in ENDS), counts[i, j]
     density = [i, j, p[i], p[i + 1], r[j], r[j + 1], inside, inside / total]
-    row = [bodies, total, total - spread.counts.sum(), spread.ratio_min, spread.below, BINS,
-           *ENDS["K_p"], *ENDS["K_r"]]  # fmt: skip
+    row = [bodies, total, total - counts.sum(), least, below, BINS, *ENDS["K_p"], *ENDS["K_r"]]
     return {
         "cumulative": table(cumulative(found), CUMULATIVE),
         "density": table(dict(zip(DENSITY.names, density, strict=True)), DENSITY),
@@ -87,26 +82,21 @@ def distributions(
     }
 
 
-@dataclass
-class Density:
-    """Bodies by ``K_p`` and ``K_r``, shape (bins, bins), and what their frequencies' ratios are.
-
-    ``ratio_min`` is the least ``omega_p / omega_r``, ``below`` the number of those below
-    :data:`BOUND`.
-    """
-
-    counts: NDArray[np.int64]
-    ratio_min: float = np.inf
-    below: int = 0
-
-
 def count_bodies(
     total: int, ranges: SdRanges, threads: int, progress: Progress, seed: int = SEED
-) -> Density:
-    """Draw bodies and count them by their torque coefficients; none is stored."""
-    found, one_at_a_time = Density(np.zeros((BINS, BINS), np.int64)), Lock()
+) -> tuple[Integers, float, int]:
+    """Draw bodies and count them by their torque coefficients; none is stored.
 
-    def part(first: int, _: Control) -> None:
+    Returns
+    -------
+    counts : ndarray, shape (bins, bins)
+        By ``K_p`` and ``K_r``.
+    least, below
+        The least ``omega_p / omega_r``, and the number of those below :data:`BOUND`.
+    """
+    counts, one_at_a_time = np.zeros((BINS, BINS), np.int64), Lock()
+
+    def part(first: int, _: Control) -> tuple[float, int]:
         last = min(first + CHUNK, total)
         alpha, beta, _gamma, theta, phi, xi = draw_bodies(first, last, ranges, seed)
         square_p, square_r, *coefficients = theory.torque_coefficients(alpha, beta, theta, phi, xi)
@@ -117,28 +107,28 @@ def count_bodies(
         ]
         inside = np.logical_and.reduce([(place >= 0) & (place < BINS) for place in places])
         i, j = (place[inside] for place in places)
-        counts = np.bincount(BINS * i + j, minlength=BINS**2).reshape(BINS, BINS)
+        own = np.bincount(BINS * i + j, minlength=BINS**2).reshape(BINS, BINS)
         with one_at_a_time:
-            found.counts += counts
-            found.ratio_min = min(found.ratio_min, float(np.sqrt(ratio.min())))
-            found.below += int(np.count_nonzero(ratio < BOUND**2))
+            np.add(counts, own, out=counts)
+        return float(np.sqrt(ratio.min())), int(np.count_nonzero(ratio < BOUND**2))
 
     # Compiled here, if at all, and not in two threads at once.
     draw_bodies(0, 0, ranges, seed)
-    side_by_side(
+    found = side_by_side(
         [partial(part, first) for first in range(0, total, CHUNK)],
         threads,
         lambda done: progress(done, f"{round(done * total):,} of {total:,} bodies"),
     )
-    return found
+    ratios, below = zip(*found, strict=True)
+    return counts, min(ratios), sum(below)
 
 
-def edges(name: str) -> NDArray[np.float64]:
+def edges(name: str) -> Floats:
     """Edges of the bins of ``K_p`` or ``K_r``, shape (bins + 1,)."""
     return np.linspace(*ENDS[name], BINS + 1)
 
 
-def counts_of(tables: Tables) -> NDArray[np.int64]:
+def counts_of(tables: Tables) -> Integers:
     """Bodies in all bins of the figure's tables, shape (bins, bins), by ``K_p`` and ``K_r``."""
     counts, filled = np.zeros((BINS, BINS), dtype=np.int64), tables["density"]
     counts[filled["i"].to_numpy(), filled["j"].to_numpy()] = filled["count"].to_numpy()
@@ -182,13 +172,3 @@ def _cumulative(axes: Axes, values: pd.DataFrame, ends: tuple[float, float]) -> 
                   linewidth=1.8, label=f"${name}$")  # fmt: skip
     axes.set(xlim=ends, ylim=(0, 1.03))
     frame(axes)
-
-
-FIGURE = Figure(
-    "Fig. 3: asymmetric torque coefficients",
-    "(a) Cumulative distributions of K_p and K_r. (b) Relative frequency of pairs (K_p, K_r), over "
-    "nine decades.",
-    data,
-    draw,
-    seconds=(4.5, 0.6),
-)

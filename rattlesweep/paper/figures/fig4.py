@@ -8,18 +8,16 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 from matplotlib.figure import Figure as Drawing
-from numpy.typing import NDArray
 
+from rattlesweep.arrays import Floats
 from rattlesweep.paper.columns import count, number, schema, table, word
 from rattlesweep.paper.figures.follow import FORCE_CHANNELS, FORCES, follow, forces, thinned
 from rattlesweep.paper.figures.style import ABOVE, DASHES, N_AXIS, T_AXIS, ZERO, frame, launch
-from rattlesweep.paper.workspace import Figure, Progress, Tables, Workspace, between
+from rattlesweep.paper.workspace import Progress, Tables, between
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.study.style import BLUE, INK, VERMILION, new_figure
 from rattlesweep.sweeps.blocks.single import Launch
 from rattlesweep.sweeps.tables.columns import RATE, TIME
-
-Floats = NDArray[np.float64]
 
 OMEGA_XY0 = 0.01
 # Spin, and length, which the paper does not name, of (a) and of (b).
@@ -29,20 +27,19 @@ BINS = 900
 COMPONENTS = ("omega_x", "omega_y")
 
 RUN = word("run", "unsteady (a) or steady (b)")
-RUNS = pa.schema(
-    [
-        RUN,
-        *schema("n_i omega_xy0"),
-        number("t_r", "first zero of the spin", TIME),
-        count("zeros", "zeros of the spin in all"),
-        number("t_rgh", "zero of Garcia and Hubbard's solution", TIME),
-        number("period", "of the relevant mode without spin", TIME),
-        number("frequency_x", "of omega_x about the reversal, from its extrema", RATE),
-        number("frequency_y", "of omega_y about the reversal", RATE),
-        number("frequency_free", "of that mode alone, without spin, when it is as large as at the "
-               "reversal", RATE),
-        number("omega_relevant", "frequency of the relevant mode without spin", RATE),
-    ]
+RUNS = schema(
+    "",
+    RUN,
+    *schema("n_i omega_xy0"),
+    number("t_r", "first zero of the spin", TIME),
+    count("zeros", "zeros of the spin in all"),
+    number("t_rgh", "zero of Garcia and Hubbard's solution", TIME),
+    number("period", "of the relevant mode without spin", TIME),
+    number("frequency_x", "of omega_x about the reversal, from its extrema", RATE),
+    number("frequency_y", "of omega_y about the reversal", RATE),
+    number("frequency_free", "of that mode alone, without spin, when it is as large as at the "
+           "reversal", RATE),
+    number("omega_relevant", "frequency of the relevant mode without spin", RATE),
 )  # fmt: skip
 SERIES = schema(
     "t n", number("n_gh", "spin of Garcia and Hubbard's solution", RATE), more="omega_x omega_y"
@@ -56,7 +53,7 @@ EXTREMA = schema(
 )
 
 
-def data(_: Workspace | None, progress: Progress) -> Tables:
+def first_reversals(progress: Progress) -> Tables:
     """Tables ``unsteady`` and ``steady`` (series), ``runs``, ``extrema`` and ``forces``."""
     tables: dict[str, pa.Table] = {}
     rows, presses, extrema = [], [], []
@@ -158,13 +155,3 @@ def _column(axes: Any, letter: str, run: dict[str, Any], series: pd.DataFrame) -
                   color="#A33B00", fontsize=9.5, va="center")  # fmt: skip
     frame(spin, f"GH, {launch(run, 'n_i', 'omega_xy0')}")
     axes[-1].set_xlabel(T_AXIS)
-
-
-FIGURE = Figure(
-    "Fig. 4: the body GH in both directions",
-    "Spin and angular velocities in (a) the unsteady and (b) the steady direction. Dashed: Garcia "
-    "and Hubbard's solution; dotted: the first reversal. The four lower panels share a scale.",
-    data,
-    draw,
-    seconds=(1.0, 1.0),
-)

@@ -8,7 +8,7 @@ from rattlesweep.paper.columns import schema, table
 from rattlesweep.paper.figures.follow import FORCE_CHANNELS, FORCES, follow, forces
 from rattlesweep.paper.figures.style import N_AXIS, T_AXIS, ZERO, frame, launch
 from rattlesweep.paper.figures.times import panels, times
-from rattlesweep.paper.workspace import Figure, Progress, Tables, Workspace
+from rattlesweep.paper.workspace import Progress, Tables, Workspace
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.study.style import BLUE
 from rattlesweep.sweeps.blocks.single import Launch
@@ -43,14 +43,3 @@ def draw(tables: Tables) -> Drawing:
     axis.set(xlabel=T_AXIS, ylabel=N_AXIS)
     frame(axis, "(b) GH, " + launch({"n_i": spin["n"].iloc[0]}, "n_i"))
     return figure
-
-
-FIGURE = Figure(
-    "Fig. 5: time of reversal in the unsteady direction",
-    "(a) Mean over the runs of each point; bars are one standard deviation of the runs, lines "
-    "Garcia and Hubbard's formula at the mean n_0. (b) A run of GH.",
-    data,
-    draw,
-    seconds=(0.2, 0.2),
-    sweep="unsteady",
-)

@@ -16,21 +16,12 @@ from rattlesweep.paper.figures.chaos import CHAOS, exponents, launch_of
 from rattlesweep.paper.figures.follow import FORCE_CHANNELS, FORCES, SPIN, follow, forces, thinned
 from rattlesweep.paper.figures.integrators import rk4
 from rattlesweep.paper.figures.style import ABOVE, N_AXIS, T_AXIS, decade_ticks, frame, launch
-from rattlesweep.paper.workspace import (
-    LAUNCH,
-    Figure,
-    Progress,
-    StoredRuns,
-    Tables,
-    Workspace,
-    between,
-)
+from rattlesweep.paper.workspace import Progress, StoredRuns, Tables, Workspace, between
 from rattlesweep.study.style import BLUE, TYPE_STYLE, new_figure
 from rattlesweep.sweeps.tables.cells import wilson
 from rattlesweep.sweeps.tables.columns import RATE, TIME
 
-# In the order of the legend.
-# In the order of the tables.
+# In the order of the tables, and of the legend.
 KINDS = ("R", "SS", "SW", "unclassified")
 SHOWN = ("R", "SW", "SS", "unclassified")
 BONDI = r"$|n_{c1}| < |n_i|$ (Bondi)"
@@ -77,23 +68,17 @@ def data(ws: Workspace, progress: Progress) -> Tables:
 
 def fractions(sweep: StoredRuns) -> pa.Table:
     """Count the types of every case."""
-    rows = []
-    for point, runs in sweep.points(("n_c1", "type")):
-        total = len(runs)
-        past, steady = runs["n_c1"].abs() < abs(point["n_i"]), runs["type"] == "SS"
-        row = point | {
-            "runs": total,
-            "bondi": past.sum(),
-            "ss_only": (steady & ~past).sum(),
-            "bondi_only": (past & ~steady).sum(),
-            "fraction_bondi": past.mean(),
-        }
-        for name in SHOWN:
-            hits = (runs["type"] == name).sum()
-            low, high = wilson(hits, total)
-            row |= {name: hits, f"fraction_{name}": hits / total if total else None,
-                    f"low_{name}": float(low), f"high_{name}": float(high)}  # fmt: skip
-        rows.append(row)
+    runs = sweep.runs
+    past, steady = runs["n_c1"].abs() < runs["n_i"].abs(), runs["type"] == "SS"
+    found = {"runs": runs["status"] == "ok", "bondi": past, "ss_only": steady & ~past,
+             "bondi_only": past & ~steady}  # fmt: skip
+    found |= {name: runs["type"] == name for name in SHOWN}
+    counts = pd.DataFrame(found).groupby(runs["case"]).sum()
+    rows = pd.DataFrame([point for point, _ in sweep.points()]).join(counts).fillna(0)
+    for name in ("bondi", *SHOWN):
+        rows[f"fraction_{name}"] = rows[name] / rows["runs"]
+    for name in SHOWN:
+        rows[f"low_{name}"], rows[f"high_{name}"] = wilson(rows[name], rows["runs"])
     return table(rows, FRACTIONS)
 
 
@@ -111,7 +96,7 @@ DEPARTURES = (0.01, 0.02, 0.05)
 
 def readings(sweep: StoredRuns) -> pa.Table:
     """How many runs count as SS by several readings of "decays monotonously"."""
-    runs = sweep.runs(("n_i", "omega_xy0", "n_c1", "type", "amp_growth", "n_departure", "t_r"))
+    runs = sweep.runs
     stays = runs["t_r"].isna()
     found = {
         "type SS (amplitude never grows by more than the threshold)": runs["type"] == "SS",
@@ -149,14 +134,14 @@ def basin(ws: Workspace, progress: Progress) -> pa.Table:
 
     The bodies are those of the sweep; empty if none of them is past it.
     """
-    runs = ws.sweep("steady", progress).runs((*LAUNCH, "n_c1"))
+    runs = ws.sweep("steady", progress).runs
     # Cases of one target share their bodies.
     one = (runs["n_i"] == N_I) & (runs["omega_xy0"] == runs["omega_xy0"].min())
     bodies = runs[one & (runs["n_c1"].abs() < abs(N_I))]
     if bodies.empty:
         return table([], BASIN)
     launches = pd.concat([bodies.assign(omega_xy0=size) for size in SIZES], ignore_index=True)
-    launches["type"] = ws.again("basin", launches, ("type",), progress)["type"]
+    launches["type"] = ws.again("basin", launches, progress)["type"]
     counts = pd.crosstab(launches["omega_xy0"], launches["type"]).reindex(columns=KINDS)
     counts = counts.fillna(0).assign(n_i=N_I, runs=counts.sum(axis=1))
     return table(counts.reset_index(), BASIN)
@@ -182,7 +167,7 @@ CHOSEN = schema(
 
 def examples(sweep: StoredRuns, wobbling: pd.DataFrame, progress: Progress) -> Tables:
     """Table ``examples``, the forces in these runs, and the spin of each, thinned."""
-    runs = sweep.runs((*LAUNCH, "sample", "n_end", "n_departure", "t_end", "type"))
+    runs = sweep.runs
     rows = choose(runs, wobbling)
     integrator = sweep.config.integrator.model_dump(exclude_none=True)
     tables, presses = {}, []
@@ -288,15 +273,3 @@ def _examples(figure: Any, rows: list[dict[str, Any]], tables: Tables) -> None:
         frame(axis, EXAMPLES[row["example"]] + "\n" + launch(row, "n_i", "omega_xy0", "K_r"))
         axis.title.set_fontsize(9.5)
     axes[0].set_ylabel(N_AXIS)
-
-
-FIGURE = Figure(
-    "Fig. 6: types in the steady direction",
-    "(a) Fractions of the types; bars are 95 % confidence intervals (Wilson). Filled triangles: "
-    "fraction of the bodies whose Bondi threshold lies below the spin. (b) Examples from the "
-    "sweep, chosen by the rules in fig6_examples.parquet, as far as there are any.",
-    data,
-    draw,
-    seconds=(47.0, 5.0),
-    sweep="steady",
-)

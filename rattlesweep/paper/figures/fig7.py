@@ -16,18 +16,17 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure as Drawing
-from numpy.typing import NDArray
+from scipy.special import bdtr
 
+from rattlesweep.arrays import Floats
 from rattlesweep.paper.columns import count, number, schema, table
 from rattlesweep.paper.figures.chaos import thinned_out
 from rattlesweep.paper.figures.times import panels, times
-from rattlesweep.paper.workspace import LAUNCH, Figure, Progress, Tables, Workspace, between
+from rattlesweep.paper.workspace import Progress, Tables, Workspace, between
 from rattlesweep.physics import full
 from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.physics.steady import growth
 from rattlesweep.sweeps.tables.columns import TIME
-
-Floats = NDArray[np.float64]
 
 # "Several times" t_rGH: a reversal later than this many is late.
 LATE_FROM = 2.0
@@ -65,7 +64,7 @@ ONSET = schema(
 def data(ws: Workspace, progress: Progress) -> Tables:
     """Tables ``times``, ``late`` and ``onset``: one row a point each."""
     sweep = ws.sweep("steady", progress)
-    points = list(sweep.points((*LAUNCH, "sample", "t_rgh", "t_r", "type", "K_r")))
+    points = list(sweep.points())
     for _, runs in points:
         runs["ratio"], runs["back"] = runs["t_r"] / runs["t_rgh"], runs["type"] == "R"
         runs["late"] = runs["back"] & (runs["ratio"] > LATE_FROM)
@@ -88,8 +87,8 @@ def in_windows(ws: Workspace, runs: pd.DataFrame, progress: Progress) -> pd.Data
     """
     found = np.full((len(runs), 3), np.nan)
     if len(runs):
-        columns = ("window_t", "window_n_min", "window_n_max")
-        windows = ws.again("closer", runs, columns, progress, record=["windows"])
+        columns = ["window_t", "window_n_min", "window_n_max"]
+        windows = ws.again("closer", runs, progress, record=["windows"])[columns]
         leave = ws.sweep("steady", progress).config.classify.sw_departure
         spins = runs["n_i"].to_numpy()
         for k, (step, least, most) in enumerate(windows.itertuples(index=False)):
@@ -117,7 +116,7 @@ def of_late(runs: pd.DataFrame, followed: pd.DataFrame) -> dict[str, Any]:
     if (runs["n_i"].abs() >= FAST).any():
         # Exact at any spin, over its limit for small spins (Eq. (74) [case-instab1]).
         constants = full.constants(*(runs[name].to_numpy() for name in PARAMETERS))
-        limit = runs["n_i"].abs() * runs["K_r"] / 2
+        limit = runs["n_i"].abs() * runs["K_r_body"] / 2
         rate = growth(constants, runs["n_i"].to_numpy())[1] / limit
     return {
         "reversed": runs["back"].sum(),
@@ -154,12 +153,7 @@ def median_interval(values: Floats) -> tuple[float | None, float | None]:
     below it is binomial whatever the distribution.
     """
     n = len(values)
-    # Its quantile 0.025: the least k with C(n, 0) + ... + C(n, k) >= 2^n / 40.
-    k, term, below = 0, 1, 1
-    while 40 * below < 2**n:
-        k += 1
-        term = term * (n - k + 1) // k
-        below += term
+    k = int(np.searchsorted(bdtr(np.arange(n + 1), n, 0.5), 0.025))
     if k < 1:
         return None, None
     ordered = np.sort(values)
@@ -169,14 +163,3 @@ def median_interval(values: Floats) -> tuple[float | None, float | None]:
 def draw(tables: Tables) -> Drawing:
     """A panel a spin."""
     return panels(tables["times"], "K_r", "t_{rs}", "t_{rGH-}")[0]
-
-
-FIGURE = Figure(
-    "Fig. 7: time of reversal in the steady direction",
-    "Mean over the runs of type R; bars are one standard deviation, lines Garcia and Hubbard's "
-    "formula at the mean n_0.",
-    data,
-    draw,
-    seconds=(7.7, 1.0),
-    sweep="steady",
-)

@@ -9,21 +9,19 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 from matplotlib.figure import Figure as Drawing
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
+from rattlesweep.arrays import Floats
 from rattlesweep.paper.columns import count, number, schema, table
 from rattlesweep.paper.figures.follow import FORCE_CHANNELS, FORCES, follow, forces, thinned
 from rattlesweep.paper.figures.style import ABOVE, DASHES, N_AXIS, T_AXIS, ZERO, frame, launch
-from rattlesweep.paper.workspace import Figure, Progress, Tables, Workspace, between
+from rattlesweep.paper.workspace import Progress, Tables, between
 from rattlesweep.physics import reduced
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.study.onerun.course import Course, Trajectory
 from rattlesweep.study.style import BLUE, VERMILION, new_figure
 from rattlesweep.sweeps.blocks.single import Launch
 from rattlesweep.sweeps.tables.columns import RATE, TIME
-
-Floats = NDArray[np.float64]
 
 BODIES = [replace(Rattleback.gh(), theta=theta) for theta in (0.6429, 0.82, 0.9)]
 LETTERS = "abc"
@@ -54,11 +52,6 @@ INVARIANTS = schema(
     number("casimir_high", "largest C_I from the first reversal on"),
 )  # fmt: skip
 SPIN = schema("theta t n", number("n_reduced", "spin of the reduced model", RATE))
-
-
-def data(_: Workspace | None, progress: Progress) -> Tables:
-    """The tables of :func:`long_runs`, as long as the paper's."""
-    return long_runs(progress)
 
 
 def long_runs(progress: Progress, *, t_end: float = T_END, tol: float = TOL) -> Tables:
@@ -161,14 +154,3 @@ def draw(tables: Tables) -> Drawing:
     axes[-1].set_xlabel(T_AXIS)
     figure.legend(*axes[0].get_legend_handles_labels(), ncols=2, **ABOVE)
     return figure
-
-
-FIGURE = Figure(
-    "Fig. 8: three long runs",
-    "Spin of GH with other curvatures theta, through many reversals. Dashed: the reduced model "
-    "(Eqs. (47) [diff-ne-1] to (49) [diff-ne-3]), started with the same energy of the pitch and a "
-    "little energy of the roll.",
-    data,
-    draw,
-    seconds=(4.0, 4.0),
-)

@@ -10,6 +10,7 @@ import pandas as pd
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from rattlesweep.arrays import Floats
 from rattlesweep.errors import OutputError
 from rattlesweep.paper.columns import number, schema, table, word
 from rattlesweep.paper.workspace import Progress
@@ -17,8 +18,6 @@ from rattlesweep.study.onerun.course import Course, Trajectory, collect
 from rattlesweep.study.onerun.rows import Rows
 from rattlesweep.sweeps.blocks.single import Launch
 from rattlesweep.sweeps.tables.columns import FORCE, TIME
-
-Floats = NDArray[np.float64]
 
 # Of forces and spins, in sqrt(a/g): a hundredth of the period of a pitch.
 DT = 0.05

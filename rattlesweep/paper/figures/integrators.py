@@ -9,7 +9,7 @@ import pandas as pd
 import pyarrow as pa
 
 from rattlesweep.paper.columns import number, schema, table, word
-from rattlesweep.paper.workspace import LAUNCH, Progress, Workspace, between
+from rattlesweep.paper.workspace import Progress, Workspace, between
 from rattlesweep.sweeps.config.schema import Classify
 from rattlesweep.sweeps.tables.columns import TIME
 
@@ -18,7 +18,6 @@ PAPERS: dict[str, Any] = {"method": "rk4", "dt": 0.002}
 REFERENCE = {"method": "dop853", "tol": 1e-12}
 # Two times of reversal are the same if they differ by less than this, relatively.
 SAME = 1e-6
-RESULTS = ("t_r", "type", "amp_growth", "n_departure")
 
 RK4 = schema(
     "K_r n_i omega_xy0 sample",
@@ -35,18 +34,17 @@ RK4 = schema(
 def rk4(ws: Workspace, progress: Progress) -> pa.Table:
     """The first samples of every case with RK4: one row a run, exceptions with their cause."""
     sweep = ws.sweep("steady", progress)
-    runs = sweep.runs((*LAUNCH, "sample", *RESULTS))
-    chosen = (runs["sample"] < ws.sizes.rk4) & (runs["K_r"] >= ws.sizes.rk4_least_K_r)
-    ours = runs[chosen].reset_index(drop=True)
+    chosen = f"sample < {ws.sizes.rk4} and K_r >= {ws.sizes.rk4_least_K_r}"
+    ours = sweep.runs.query(chosen).reset_index(drop=True)
     if ours.empty:
         return table([], RK4)
-    theirs = ws.again("rk4", ours, RESULTS, between(progress, 0.0, 0.97), integrator=PAPERS)
+    theirs = ws.again("rk4", ours, between(progress, 0.0, 0.97), integrator=PAPERS)
     rows = ours.join(theirs[["t_r", "type"]].add_suffix("_rk4"))
     rows["difference"] = rows["t_r_rk4"] / rows["t_r"] - 1
     odd = (rows["type"] != rows["type_rk4"]) | (rows["difference"].abs() > SAME)
     if odd.any():
         few, last = ours[odd], between(progress, 0.97, 1.0)
-        exact = ws.again("rk4-exceptions", few, RESULTS, last, integrator=REFERENCE)
+        exact = ws.again("rk4-exceptions", few, last, integrator=REFERENCE)
         rows["t_r_reference"] = exact["t_r"]
         trios = zip(*(f.to_dict("records") for f in (few, theirs[odd], exact)), strict=True)
         causes = [cause(one, other, judge, sweep.config.classify) for one, other, judge in trios]

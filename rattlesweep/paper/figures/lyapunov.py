@@ -17,7 +17,7 @@ from rattlesweep.paper.columns import number, schema, table
 from rattlesweep.paper.figures.chaos import growths
 from rattlesweep.paper.figures.fig8 import BODIES, LETTERS, N_I, OMEGA_XY0
 from rattlesweep.paper.figures.style import ABOVE, DASHES, T_AXIS, decade_ticks, frame, launch
-from rattlesweep.paper.workspace import Figure, Progress, Tables, Workspace
+from rattlesweep.paper.workspace import Progress, Tables
 from rattlesweep.study.style import GREY, SERIES, new_figure
 from rattlesweep.sweeps.blocks.single import Launch
 from rattlesweep.sweeps.tables.columns import RATE
@@ -40,15 +40,10 @@ EXPONENTS = schema(
 )
 
 
-def data(ws: Workspace, progress: Progress) -> Tables:
-    """Tables ``growth``, the running exponents, and ``exponents``, a row a run and tolerance."""
-    return beside_fig8(ws.sizes.fig8_lyapunov_t_end, ws.threads, progress)
-
-
 def beside_fig8(
     t_end: float, threads: int, progress: Progress, tolerances: Sequence[float] = TOLERANCES
 ) -> Tables:
-    """The tables up to a time."""
+    """Tables ``growth``, the running exponents, and ``exponents``, a row a run and tolerance."""
     ends = np.linspace(t_end / 2, t_end, PARTS + 1)
     times = np.union1d(np.geomspace(t_end / 300, t_end, POINTS, endpoint=False), ends)
     late = np.searchsorted(times, ends)
@@ -98,14 +93,3 @@ def draw(tables: Tables) -> Drawing:
     frame(axis, grid="both")
     figure.legend(ncols=3, **ABOVE)
     return figure
-
-
-FIGURE = Figure(
-    "Supplement to Fig. 8: Lyapunov exponents",
-    "Running estimate of the largest Lyapunov exponent of the runs of Fig. 8, continued to longer "
-    "times. A plateau means chaos; a decay along the dotted line means that differences grow no "
-    "faster than linearly. Dashed: the same at a coarser tolerance.",
-    data,
-    draw,
-    seconds=(11.5, 2.3),
-)

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rattlesweep.arrays import Floats
 from rattlesweep.paper.workspace import Progress
 from rattlesweep.physics import theory
 from rattlesweep.sweeps.cases.sampler import draw_bodies
 from rattlesweep.sweeps.config.bodies import SdRanges
-
-Floats = NDArray[np.float64]
 
 SEED = 2017
 # Points of a cumulative distribution.

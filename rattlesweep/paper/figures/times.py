@@ -23,8 +23,7 @@ COLUMNS = 3
 
 def times(sweep: StoredRuns) -> pa.Table:
     """One row a point: the runs that reverse, and the theory's line at the mean ``n_0``."""
-    columns = ("n_0", "t_rgh", "t_r", "type")
-    rows = [point | of_point(runs, point) for point, runs in sweep.points(columns)]
+    rows = [point | of_point(runs, point) for point, runs in sweep.points()]
     return table(
         rows,
         schema(
