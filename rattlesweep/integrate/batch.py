@@ -25,10 +25,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from rattlesweep.arrays import Floats
     from rattlesweep.integrate.model import Model
     from rattlesweep.integrate.tableau import Tableau
-
-    Floats = NDArray[np.float64]
 
 N_WINDOWS = 64
 # Largest change of the oscillation's amplitude, as a logarithm, that a fixed step may cause.
@@ -282,28 +281,17 @@ def integrate(
                 kernel(tableau.name, carried.name)(*arguments)
     if not tableau.adaptive:
         _mark_coarse(batch, tableau, dt, result, counts)
+    counts[:, C.STEPS] *= stride(tableau)
     # Both compare with the launch's spin.
     for column in (C.GROWTH, C.DEPARTURE):
         result[batch.tapped, column] = np.nan
+    found: dict[str, Any] = {name: result[:, place] for place, name in enumerate(C.RESULT)}
+    found |= {name: counts[:, place] for place, name in enumerate(C.COUNTS)}
     return Outcome(
-        t_end=result[:, C.T_END],
-        t_r=result[:, C.T_R],
-        n_end=result[:, C.N_END],
-        energy_drift=result[:, C.DRIFT],
-        amp_growth=result[:, C.GROWTH],
-        n_departure=result[:, C.DEPARTURE],
-        energy_0=result[:, C.ENERGY_0],
-        energy_drift_max=result[:, C.DRIFT_MAX],
-        contact_ratio_max=result[:, C.RATIO_MAX],
-        contact_normal_min=result[:, C.NORMAL_MIN],
-        status=counts[:, C.STATUS],
-        n_steps=counts[:, C.STEPS] * stride(tableau),
-        near_tangencies=counts[:, C.NEAR],
-        n_rejected=counts[:, C.REJECTED],
+        **found,
         y_end=result[:, C.FIRST_STATE :],
         windows=windows[:, :, :3] if seen else np.zeros((0, N_WINDOWS, 3)),
         growth=windows[:, :, turned:] if width > turned else np.zeros((0, N_WINDOWS, 2)),
-        n_reversals=counts[:, C.REVERSALS],
         reversals=windows[: runs if turned > seen else 0, : C.MOST_REVERSALS, seen:turned],
         stopped=bool((counts[:, C.STATUS] == Status.STOPPED).any()),
     )

@@ -16,9 +16,9 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-T = TypeVar("T")
-Floats = NDArray[np.float64]
+from rattlesweep.arrays import Floats
 
+T = TypeVar("T")
 # Seconds between two looks at what is under way: every wait of the package uses it.
 POLL = 0.05
 # Seconds for which a stop waits; a kernel answers within a millisecond, a compilation does not.

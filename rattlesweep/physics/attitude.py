@@ -17,9 +17,7 @@ import numpy as np
 from rattlesweep.physics.full import scalar
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
+    from rattlesweep.arrays import Floats
 
 # Heading and the two co-ordinates of the contact point on the plane.
 N_EXTRA = 3

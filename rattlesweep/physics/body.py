@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-    Floats = NDArray[np.float64]
+    from rattlesweep.arrays import Floats
 
 T = TypeVar("T", float, "Floats")
 

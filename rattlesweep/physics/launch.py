@@ -10,11 +10,10 @@ import numpy as np
 from rattlesweep.physics import theory
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
+    from rattlesweep.arrays import Floats
     from rattlesweep.physics.theory import Modes
-
-    Floats = NDArray[np.float64]
 
 
 class Inertia(Protocol):

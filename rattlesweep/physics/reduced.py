@@ -13,9 +13,9 @@ import numpy as np
 from rattlesweep.physics.full import scalar
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
-    Floats = NDArray[np.float64]
+    from rattlesweep.arrays import Floats
 
 N_STATE = 3
 N_CONSTANTS = 3

@@ -13,9 +13,9 @@ from rattlesweep.units import quantity
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
-    Floats = NDArray[np.float64]
+    from rattlesweep.arrays import Floats
 
 GRAVITY = 9.81
 """In m/s^2."""

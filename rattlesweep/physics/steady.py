@@ -18,7 +18,8 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    Floats = NDArray[np.float64]
+    from rattlesweep.arrays import Floats
+
     Complexes = NDArray[np.complex128]
 
 # Of the way, in n^2, from the steady spin to its threshold: spins at which both modes must decay.

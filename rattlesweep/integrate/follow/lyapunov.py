@@ -24,12 +24,11 @@ from rattlesweep.integrate.tableau import DOP853, METHODS
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
+    from rattlesweep.arrays import Floats
     from rattlesweep.integrate.model import Model
     from rattlesweep.integrate.tableau import Tableau
-
-    Floats = NDArray[np.float64]
 
 FIRST_STEP = 0.01
 # A step shorter than this share of the interval is given up.

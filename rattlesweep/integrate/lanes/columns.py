@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-# ``result``: what was measured.
+# ``result``: what was measured; the names are those of the attributes of an Outcome.
 T_END, T_R, N_END, DRIFT, GROWTH, DEPARTURE = 0, 1, 2, 3, 4, 5
 ENERGY_0, DRIFT_MAX, RATIO_MAX, NORMAL_MIN = 6, 7, 8, 9
+RESULT = ("t_end", "t_r", "n_end", "energy_drift", "amp_growth", "n_departure", "energy_0",
+          "energy_drift_max", "contact_ratio_max", "contact_normal_min")  # fmt: skip
 FIRST_STATE = 10  # the state at the end: as many columns as the model has components
-# ``counts``: status and counters.
+# ``counts``: status and counters, likewise.
 STATUS, STEPS, NEAR, REJECTED, REVERSALS = 0, 1, 2, 3, 4
+COUNTS = ("status", "n_steps", "near_tangencies", "n_rejected", "n_reversals")
 N_COUNTS = 5
 # ``plan``: horizon, fastest swing of the spin, window, bound of its rate, first step, expected
 # cost, the depth below which an extremum of the spin is undecided, first comparison of amplitudes;
