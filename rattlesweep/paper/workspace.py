@@ -123,10 +123,9 @@ def code_key(*places: str) -> str:
 
 @dataclass(frozen=True)
 class StoredRuns:
-    """The runs of a finished sweep whose status is ``ok``.
+    """The runs of a finished sweep whose status is ``ok``; ``K_p`` or ``K_r`` is the case's target.
 
-    ``target`` is ``K_p`` or ``K_r``: in ``runs`` this column is the case's target, and the body's
-    own coefficient has ``_body`` behind its name.
+    The body's own coefficient has ``_body`` behind its name.
     """
 
     config: Config
@@ -145,6 +144,7 @@ class StoredRuns:
 
     @property
     def target(self) -> str:
+        """``K_p`` or ``K_r``."""
         return str(self.cases[0].target_name)
 
     def points(self) -> Iterator[tuple[dict[str, Any], pd.DataFrame]]:
