@@ -297,40 +297,6 @@ def first_zero(body, y0, t_end, rtol=1e-12, atol=1e-15, method="DOP853", samples
     return None, solver.y
 
 
-def rk4_step(body, y, h):
-    """One classical Runge-Kutta step."""
-    k1 = rhs(0.0, y, body)
-    k2 = rhs(0.0, y + 0.5 * h * k1, body)
-    k3 = rhs(0.0, y + 0.5 * h * k2, body)
-    k4 = rhs(0.0, y + h * k3, body)
-    return y + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-
-
-def naive_rk4(body, y0, dt, t_end):
-    """Plain RK4 on the grid k dt; the first zero of the spin between grid points, or None.
-
-    When the spin has changed sign over a step (or has dipped through zero and back, seen by its
-    derivative's sign at both ends), the step is retaken with the fraction of dt at which the spin
-    of ``rk4_step(y, fraction)`` is zero.  Returns ``(t_r, y(t_r))`` or ``(None, y(t_end))``; the
-    last step is cut short when dt does not divide t_end.
-    """
-    y = np.array(y0, dtype=float)
-    sign = math.copysign(1.0, spin(y))
-    steps = math.ceil(t_end / dt - 1e-9)
-    for k in range(steps):
-        h = min(dt, t_end - k * dt)
-        new = rk4_step(body, y, h)
-        end = h if sign * spin(new) <= 0.0 else None
-        if end is None and sign * spin_rate(y, body) < 0.0 < sign * spin_rate(new, body):
-            low = brentq(lambda f, y=y: spin_rate(rk4_step(body, y, f), body), 0.0, h)
-            end = low if sign * spin(rk4_step(body, y, low)) <= 0.0 else None
-        if end is not None:
-            f = brentq(lambda f, y=y: spin(rk4_step(body, y, f)), 0.0, end, xtol=1e-15, rtol=1e-15)
-            return k * dt + f, rk4_step(body, y, f)
-        y = new
-    return None, y
-
-
 # ---------------------------------------------------------------------------------------------
 # Linear growth about steady spin
 # ---------------------------------------------------------------------------------------------
@@ -371,11 +337,6 @@ def reduced_rhs(t, y, K_p, K_r, I_eff):
     """Derivatives of (n, E_p, E_r): Eqs. diff-ne-1 to diff-ne-3."""
     n, e_p, e_r = y
     return np.array([(-K_p * e_p + K_r * e_r) / I_eff, K_p * n * e_p, -K_r * n * e_r])
-
-
-def reduced_E_tot(y, I_eff):
-    """E_tot of the reduced dynamics."""
-    return 0.5 * I_eff * y[0] ** 2 + y[1] + y[2]
 
 
 def reduced_C_I(y, K_p, K_r):

@@ -134,15 +134,3 @@ def growth_exact(alpha, beta, gamma, theta, phi, xi, n):
         lam, _ = mp.eig(spin_matrix(alpha, beta, gamma, theta, phi, xi, n))
         lam = sorted((mp.mpc(v) for v in lam), key=lambda v: (-v.imag, -v.real))
     return [_rounded(v) for v in lam]
-
-
-def characteristic(alpha, beta, gamma, theta, phi, xi, n):
-    """Coefficients [1, a3, a2, a1, a0] of det(lambda - `spin_matrix`) (Faddeev-LeVerrier)."""
-    with mp.workdps(WORK):
-        m = spin_matrix(alpha, beta, gamma, theta, phi, xi, n)
-        coefficients, aux = [mp.mpf(1)], mp.eye(4)
-        for k in range(1, 5):
-            prod = m * aux
-            coefficients.append(-sum(prod[i, i] for i in range(4)) / k)
-            aux = prod + coefficients[-1] * mp.eye(4)
-        return coefficients

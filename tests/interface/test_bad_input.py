@@ -1,81 +1,65 @@
 """What is wrong is said in a sentence, with the right exit code, and leaves nothing behind."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os
-import signal
+import shlex
 import subprocess
+import sys
 import tempfile
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from test_config import GRID, PRESET, SHELL, changed
-from test_config_fuzz import values
+from test_config import GRID, PRESET, changed, variants
 from test_run import PROGRAM, invoke, tree
 
 from rattlesweep.sweeps.store import atomic as files
 
 HEAD = "alpha,beta,gamma,theta,phi,xi"
 GH = "13.04,1.522,12.28,0.6429,0.036,-0.03"
-TABLE = "bodies: {source: table, path: TABLE}\nspin: {n_i: 0.1, omega_xy0: 0.01}\n"
+BODIES = f"{HEAD}\n{GH}\n13,1.5,12.3,0.5,0.6,-0.1\n"
+TABLE = "bodies: {source: table, path: t.csv}\nspin: {n_i: 0.1, omega_xy0: 0.01}\n"
 
-
-# name: (config, table, words); one for each place where a config is refused, whose own tests have
-# every message: `test_config`, `test_config_physics`, `test_bodies`
-BAD = {
-    "not YAML": ("a: [1, 2\nb: 3\n", "", "c.yaml:2:2: not valid YAML ("),
-    "repeated key": (changed("model: full", "seed: 1"), "", "repeated (first in line 2)"),
-    "unknown key": (changed("samples:", "sampels:"), "", 'did you mean "samples"?'),
-    "phi of a preset": (PRESET.replace("theta: 0.82", "phi: 0.7"), "", "is not below theta"),
-    "phi of a grid": (GRID.replace("0.036]", "0.7]"), "", "phi 0.7 is not below theta"),
-    "phi of a grid's base": (GRID.replace("theta: {linspace: [0.6, 0.99, 200]}, phi: [0.02, 0.036]",
-                             "phi: [0.02, 0.7]"), "", "phi 0.7 is not below theta"),
-    "impossible target": (changed("K_r: [0.01, 0.03, 0.1]", "K_r: 7, max_draws: 100000"), "",
-                          "7 is out of reach: in 65536 bodies drawn from the ranges"),
-    "no such table": (TABLE.replace("TABLE", "nowhere.csv"), "", "no such file"),
-    "bad row": (TABLE, f"{HEAD}\n{GH}\n13,1.5,12.3,0.5,0.6,-0.1\n", "row 2: phi 0.6 is not below"),
-    "no launch": (TABLE.split("spin")[0], f"{HEAD}\n{GH}\n", "spin: missing; the table has no"),
-    "energy of the closed form": (PRESET + "model: gh\nrecord: [energy]\n", "", "no 'energy'"),
-}  # fmt: skip
-
-
-@pytest.fixture(autouse=True)
-def handlers() -> Iterator[None]:
-    before = signal.getsignal(signal.SIGTERM)
-    yield
-    signal.signal(signal.SIGTERM, before)
+# One for each place where a config is refused, whose own tests have every message: `test_config`,
+# `test_config_physics`, `test_bodies`.
+BAD = r"""
+sd | model: full | seed: 1 | repeated (first in line 2)
+sd | samples: | sampels: | did you mean "samples"?
+preset | theta: 0.82 | phi: 0.7 | is not below theta
+grid | 0.036] | 0.7] | phi 0.7 is not below theta
+grid | theta: {linspace: [0.6, 0.99, 200]}, phi: [0.02, 0.036] | phi: [0.02, 0.7] | phi 0.7 is not below theta
+sd | K_r: [0.01, 0.03, 0.1] | K_r: 7, max_draws: 100000 | 7 is out of reach: in 65536 bodies drawn from the ranges
+bad rows | t.csv | nowhere.csv | no such file
+bad rows | + |  | row 2: phi 0.6 is not below
+bad rows | spin: {n_i: 0.1, omega_xy0: 0.01}\n | \n | spin: missing; the table has no
+preset | + | model: gh\nrecord: [energy] | no 'energy'
+"""  # noqa: E501
 
 
 @pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
-def refused(result: Any, code: int, words: str) -> None:
-    assert result.exit_code == code, result.output
-    assert result.stdout == ""
+def refused(result, code, words):
+    assert (result.exit_code, result.stdout) == (code, ""), result.output
     lines = result.stderr.splitlines()
     assert lines
     for line in lines:
         assert line.startswith("error: ")
         assert line.isprintable()
         assert len(line) < 600
-    assert "Traceback" not in result.output
     assert any(words in line for line in lines), lines
 
 
-@pytest.mark.parametrize("name", BAD)
-def test_a_bad_config_ends_with_2_and_leaves_nothing(name, here):
-    text, table, words = BAD[name]
-    (here / "c.yaml").write_text(text.replace("TABLE", "t.csv"))
-    (here / "t.csv").write_text(table)
+@pytest.mark.parametrize(("text", "words"), variants(BAD, **{"bad rows": TABLE}))
+def test_a_bad_config_ends_with_2_and_leaves_nothing(text, words, here):
+    (here / "c.yaml").write_text(text)
+    row = 2 if "row 2" in words else 1
+    (here / "t.csv").write_text("\n".join(BODIES.splitlines()[: row + 1]) + "\n")
     before = tree(here)
     told = []
     for command in (["run", "c.yaml"], ["run", "c.yaml", "--dry-run"], ["validate", "c.yaml"]):
@@ -85,14 +69,6 @@ def test_a_bad_config_ends_with_2_and_leaves_nothing(name, here):
         assert tree(here) == before
     assert told == [told[0]] * 3
     assert told[0].count("\n") == 1
-
-
-def test_all_mistakes_are_told_at_once(here):
-    (here / "c.yaml").write_text(changed("seed: 2017", "seed: x").replace("tol: 1e-9", "tol: 5"))
-    for command in ("run", "validate"):
-        result = invoke(command, "c.yaml")
-        refused(result, 2, "c.yaml:2:1: seed:")
-        assert len(result.stderr.splitlines()) == 2
 
 
 def test_a_valid_config_is_told_with_its_runs_and_its_warnings(here):
@@ -108,70 +84,52 @@ def test_a_valid_config_is_told_with_its_runs_and_its_warnings(here):
     assert tree(here) == before
 
 
-@pytest.mark.parametrize(
-    ("args", "words"),
-    [
-        (["run", "no.yaml"], "no.yaml: there is no such file"),
-        (["run", "."], "is a directory"),
-        (["run", "c.yaml", "--set", "bodies.samples"], "is not KEY=VALUE"),
-        (["run", "c.yaml", "--set", "bodies.sampels=3"], 'unknown key "sampels"'),
-        (["run", "c.yaml", "--set", "integrator.max_steps=0"], "0 is out of range"),
-        (
-            ["run", "c.yaml", "--set", "bodies={source: sd, samples: 100000000000}"],
-            "block_size: 100000000000 runs make 25000000 blocks of 4000 runs, each a file; at ",
-        ),
-        (["run", "c.yaml", "--output", ""], "--output: the directory has no name"),
-        (
-            ["run", "c.yaml", "--output", "o\udcff"],
-            r"--output o\udcff: the name is not UTF-8; give",
-        ),
-        (["merge", "c", "--output", "o\udcff"], r"--output o\udcff: the name is not UTF-8; give"),
-        (["classify", "nowhere"], "is not an output directory"),
-        (["classify", "c.yaml"], "is not an output directory"),
-        (["run", "c.yaml", "--shard", "1"], "--shard 1: is not I/N; write it as in --shard 0/4"),
-        (["run", "c.yaml", "--shard", "2/2"], "--shard 2/2: there is no such share; I runs from 0"),
-        (["run", "c.yaml", "--max-time", "3"], "--max-time 3: is no length of time"),
-        (["run", "c.yaml", "--max-time", "0s"], "--max-time 0s: is out of range"),
-        (["plan", "c.yaml", "--budget", "x"], "--budget x: is no length of time"),
-        (["plot", "c", "--size", "7"], "--size 7: give width and height in inches"),
-        (["plot", "c", "--xlim", "3,1"], "--xlim 3,1: give the lower and the upper end"),
-        (["plot", "c", "--kind", "mpa"], '--kind: "mpa" is not one of fractions, times, ratio'),
-        (["plot", "c", "-o", "p.gif"], "--output p.gif: the name must end in .svg, .png or .pdf"),
-        (["report", "c", "-o", "p.pdf"], "--output p.pdf: the name must end in .html or .htm"),
-        (["body", "--preset", "HG"], '--preset: "HG" is not one of GH'),
-        (["trajectory", "--method", "rk5"], "not one of dop853, dopri5, verner98, rk4; did you"),
-        (["trajectory", "--psi", "up"], '--psi: "up" is not one of relevant, pitch, roll'),
-        (["trajectory", "--model", "ful"], '--model: "ful" is not one of full, reduced, gh; did'),
-    ],
-)
-def test_wrong_arguments(args, words, here):
+WRONG = r"""
+run . | is a directory
+run c.yaml --set bodies.samples | is not KEY=VALUE
+run c.yaml --set integrator.max_steps=0 | 0 is out of range
+run c.yaml --set 'bodies={source: sd, samples: 100000000000}' | block_size: 100000000000 runs make 25000000 blocks of 4000 runs, each a file; at
+run c.yaml --output '' | --output: the directory has no name
+run c.yaml --output o\udcff | --output o\udcff: the name is not UTF-8; give
+merge c --output o\udcff | --output o\udcff: the name is not UTF-8; give
+classify c.yaml | is not an output directory
+run c.yaml --shard 1 | --shard 1: is not I/N; write it as in --shard 0/4
+run c.yaml --max-time 3 | --max-time 3: is no length of time
+run c.yaml --max-time 0s | --max-time 0s: is out of range
+plan c.yaml --budget x | --budget x: is no length of time
+plot c --size 7 | --size 7: give width and height in inches
+plot c --xlim 3,1 | --xlim 3,1: give the lower and the upper end
+plot c --kind mpa | --kind: "mpa" is not one of fractions, times, ratio
+plot c -o p.gif | --output p.gif: the name must end in .svg, .png or .pdf
+report c -o p.pdf | --output p.pdf: the name must end in .html or .htm
+trajectory --method rk5 | not one of dop853, dopri5, verner98, rk4; did you
+trajectory --psi up | --psi: "up" is not one of relevant, pitch, roll
+trajectory --model ful | --model: "ful" is not one of full, reduced, gh; did
+"""  # noqa: E501
+USAGE = ("", "run", "run c.yaml --thread", "run c.yaml --threads 100000", "run c.yaml d.yaml",
+         "body --xi a")  # fmt: skip
+
+
+@pytest.mark.parametrize("line", [*WRONG.strip().splitlines(), *USAGE])
+def test_wrong_arguments(line, here):
     (here / "c.yaml").write_text(PRESET)
     before = tree(here)
-    refused(invoke(*args), 2, words)
+    command, _, words = line.partition(" | ")
+    result = invoke(*shlex.split(command.replace(r"\udcff", "\udcff")))
+    if words:
+        refused(result, 2, words)
+    else:
+        assert (result.exit_code, result.stdout) == (2, "")
+        assert "Usage: " in result.stderr
     assert tree(here) == before
 
 
-@pytest.mark.parametrize(
-    "args",
-    [[], ["run"], ["rnu"], ["run", "c.yaml", "--threads", "0"], ["run", "c.yaml", "--thread"],
-     ["run", "c.yaml", "--threads", "100000"], ["run", "c.yaml", "d.yaml"], ["body", "--xi", "a"]],
-)  # fmt: skip
-def test_usage_errors_end_with_2(args, here):
-    (here / "c.yaml").write_text(PRESET)
-    before = tree(here)
-    result = invoke(*args)
-    assert result.exit_code == 2
-    assert result.stdout == ""
-    assert "Usage: " in result.stderr
-    assert tree(here) == before
-
-
-def test_a_config_whose_name_is_not_utf_8(here):
+def test_a_config_whose_name_is_not_utf_8(here, monkeypatch):
     name = os.fsdecode(b"c\xff.yaml")
-    (here / name).write_text(PRESET)
-    # As a program: what it was called with goes into the manifest.
-    done = subprocess.run([PROGRAM, "run", name, "-q"], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (0, "")
+    (here / name).write_text(PRESET + "model: gh\n")
+    monkeypatch.setattr(sys, "argv", ["rattlesweep", "run", name, "-q"])
+    done = invoke(*sys.argv[1:])
+    assert (done.exit_code, done.output) == (0, "")
     (manifest,) = here.glob("out/*/manifest.json")
     assert json.loads(manifest.read_bytes())["command"][2] == r"c\udcff.yaml"
 
@@ -221,28 +179,24 @@ def test_a_directory_that_refuses(number, here, monkeypatch):
             raise OSError(number, os.strerror(number))
         return real(path, flags, *rest, **kwargs)
 
-    monkeypatch.setattr(files.os, "open", refuse)
-    result = invoke("run", "c.yaml", "--output", "out")
-    monkeypatch.undo()
+    with monkeypatch.context() as patch:
+        patch.setattr(files.os, "open", refuse)
+        result = invoke("run", "c.yaml", "--output", "out")
     refused(result, 1, f"error: cannot write in out: {os.strerror(number)}")
     assert tree(here) == before
 
 
 def test_a_disk_that_fills_up_keeps_what_was_whole(here, monkeypatch):
     """The disk is full when the second block is written; afterwards the same command goes on."""
-    monkeypatch.chdir(here)
     (here / "c.yaml").write_text(
         "bodies: {source: sd, samples: 6}\nspin: {n_i: 0.5, omega_xy0: 0.1}\nhorizon: {t: 100}\n"
         "block_size: 2\n"
     )
     real = os.replace
-    blocks = 0
 
     def refuse(source, target, **kwargs):
-        nonlocal blocks
         if str(target).endswith("block-000001.parquet"):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        blocks += 1
         real(source, target, **kwargs)
 
     with monkeypatch.context() as patch:
@@ -256,15 +210,16 @@ def test_a_disk_that_fills_up_keeps_what_was_whole(here, monkeypatch):
     assert "2 of them from before" in again.stderr
 
 
-@pytest.mark.parametrize("damage", [b"", b"{", b"[1]", b"\xff\xfe", b'{"config": 3}', b"{}"])
+@pytest.mark.parametrize("damage", [b"", b'{"config": 3}'])
 def test_a_damaged_manifest(damage, here):
+    """More ways to damage one are in `test_damage`."""
     (here / "c.yaml").write_text(PRESET + "model: gh\n")
     assert invoke("run", "c.yaml", "--output", "out", "-q").exit_code == 0
     whole = tree(here / "out" / "runs")
     (here / "out" / "manifest.json").write_bytes(damage)
     before = tree(here)
-    refused(invoke("classify", "out"), 1, "manifest.json is damaged: ")
-    refused(invoke("status", "out"), 1, "manifest.json is damaged: ")
+    for command in ("classify", "status"):
+        refused(invoke(command, "out"), 1, "manifest.json is damaged: ")
     found = invoke("verify", "out")
     assert (found.exit_code, found.stdout.count("\n")) == (1, 1)
     assert "manifest.json is damaged: " in found.stdout
@@ -288,72 +243,34 @@ def test_the_program_itself_shows_no_traceback(here):
 
 # -- anything at all ---------------------------------------------------------------------------
 
-FUZZ = settings(
-    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
-# Without a target, whose search takes as long as it is told to.
-QUICK = {
-    "sd": "bodies: {source: sd, samples: 2, ranges: {gamma: [5, 15], phi: [0.01, 0.1]}}\n"
-    "spin: {n_i: [-0.1, 0.3], omega_xy0: [0.01], psi: relevant}\nhorizon: {t: 3}\n",
-    "preset": PRESET + "horizon: {t: 3, t_rgh: 5}\nrecord: [energy]\n",
-    "grid": GRID.replace("200]", "3]") + "horizon: {t: 3}\nintegrator: {method: rk4, dt: 0.01}\n",
-    "shell": SHELL.replace("3.0e4", "3").replace("0.002", "0.01"),
-    "table": "bodies: {source: table, path: t.csv}\nspin: {n_i: -0.1, omega_xy0: 0.1}\n"
-    "horizon: {t: 3}\nmodel: reduced\n",
-}
-# Not max_draws, not samples: billions of them are no mistake.
-SETTINGS = [
-    *("seed", "name", "model", "horizon", "record", "integrator", "classify", "bodies", "spin"),
-    *("spin.n_i", "spin.omega_xy0", "spin.psi", "horizon.t", "horizon.t_rgh", "integrator.tol"),
-    *("integrator.dt", "integrator.method", "classify.ss_growth", "bodies.overrides"),
-    *("bodies.overrides.theta", "bodies.ranges", "bodies.ranges.theta", "bodies.base"),
-    *("bodies.ranges.minus_xi_deg", "bodies.axes", "bodies.axes.phi", "bodies.path", "block_size"),
-]
-
 
 @pytest.fixture(scope="module")
-def place() -> Iterator[Path]:
+def place():
     with tempfile.TemporaryDirectory() as directory:
-        (Path(directory) / "t.csv").write_text(f"{HEAD}\n{GH}\n")
         yield Path(directory)
 
 
-@FUZZ
-@given(st.sampled_from(sorted(QUICK)), st.data())
-def test_any_setting_through_the_command(place, name, data):
-    (place / "c.yaml").write_text(QUICK[name])
-    where = data.draw(st.sampled_from(SETTINGS))
-    number = st.floats(allow_nan=False, allow_infinity=False) | st.floats(-2, 2)
-    value = data.draw(values | number | st.lists(number, max_size=3))
-    text = json.dumps(value, default=str).replace("NaN", ".nan").replace("Infinity", ".inf")
-    before = tree(place)
-    result = invoke("validate", place / "c.yaml", "--set", f"{where}={text}")
-    assert result.exit_code in (0, 2), result.output
-    if result.exit_code == 2:
-        refused(result, 2, "")
-    else:
-        assert all(line.startswith("warning: ") for line in result.stderr.splitlines())
-    assert tree(place) == before
-
-
-def run_table(place: Path, model: str, bodies: list[Any], spin: str, t_end: float) -> int:
+def run_table(place, model, bodies, n_i, omega, t_end):
     """Run a table of bodies; what is refused leaves nothing."""
     lines = [",".join(map(repr, body)) for body in bodies]
     (place / "t.csv").write_text("\n".join([HEAD, *lines]) + "\n")
     (place / "c.yaml").write_text(
-        f"bodies: {{source: table, path: t.csv}}\nspin: {{{spin}}}\n"
+        f"bodies: {{source: table, path: t.csv}}\nspin: {{n_i: {n_i!r}, omega_xy0: {omega!r}}}\n"
         f"horizon: {{t: {t_end!r}}}\nmodel: {model}\nintegrator: {{max_steps: 200000}}\n"
     )
     with tempfile.TemporaryDirectory() as directory:
         result = invoke("run", place / "c.yaml", "--output", Path(directory) / "out", "-q")
-        assert result.exit_code in (0, 2, 3), result.output
         if result.exit_code == 2:
             refused(result, 2, "")
             assert not list(Path(directory).iterdir())
     return result.exit_code
 
 
-models = st.sampled_from(["full", "reduced", "gh"])
+FUZZ = settings(
+    max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+# Bodies of the other models are the same, and `test_kernel_fuzz` has launches of any kernel.
+models = st.sampled_from(["full", "gh"])
 any_number = st.floats(1e-6, 2) | st.floats(-2, 2) | st.floats(1e-300, 1e300)
 good_body = st.tuples(
     st.floats(1.01, 50), st.floats(0.001, 0.499), st.floats(1e-3, 0.999), st.floats(1e-3, 0.999),
@@ -361,19 +278,18 @@ good_body = st.tuples(
 )  # fmt: skip
 
 
-@settings(FUZZ, max_examples=30)
+@FUZZ
 @given(models, st.lists(st.tuples(*[any_number] * 6), min_size=1, max_size=3),
        any_number, any_number, st.floats(1e-3, 5))  # fmt: skip
 def test_whatever_bodies_and_launches_run_or_are_refused(place, model, bodies, n_i, omega, t_end):
     """Tables are checked by row; what passes the check is integrated, and no number is not one."""
     gh = tuple(map(float, GH.split(",")))
-    run_table(place, model, [*bodies, gh], f"n_i: {n_i!r}, omega_xy0: {omega!r}", t_end)
+    assert run_table(place, model, [*bodies, gh], n_i, omega, t_end) in (0, 2, 3)
 
 
-@settings(FUZZ, max_examples=30)
+@FUZZ
 @given(models, st.lists(good_body, min_size=1, max_size=4), st.floats(-3, 3).filter(bool),
        st.floats(1e-12, 3))  # fmt: skip
 def test_any_possible_body_runs(place, model, bodies, n_i, omega):
     six = [(1 + (1 - f) * g, 1 + f * g, g, theta, theta * k, xi) for g, f, theta, k, xi in bodies]
-    spin = f"n_i: {n_i!r}, omega_xy0: {omega!r}"
-    assert run_table(place, model, six, spin, 20.0) in (0, 3)
+    assert run_table(place, model, six, n_i, omega, 20.0) in (0, 3)

@@ -8,14 +8,12 @@ import oracle
 import pytest
 from exact import exactly
 from mpmath import mp
+from samples import GH, mapping
 
 from rattlesweep.physics import full
 
 EPS = np.finfo(float).eps
-NAMES = ("alpha", "beta", "gamma", "theta", "phi", "xi")
-GH = tuple(oracle.GH[name] for name in NAMES)
 DIGITS = 60
-QUANTITIES = ("dp", "dq", "da", "db", "dc")
 
 
 mp_rhs = exactly(full.rhs)
@@ -152,14 +150,6 @@ def six(state):
     return np.concatenate([u, omega])
 
 
-def body_of(parameters):
-    return dict(zip(NAMES, parameters, strict=True))
-
-
-def mp_args(state, constants):
-    return [mp.mpf(float(x)) for x in (*state, *constants)]
-
-
 # --- formulas, free of rounding -----------------------------------------------------------------
 
 
@@ -205,7 +195,7 @@ def test_oscillation_is_twice_the_energy_of_small_motion_without_spin():
 
 def test_pointwise_against_the_oracle():
     for parameters, state in CASES:
-        body, y = body_of(parameters), six(state)
+        body, y = mapping(parameters), six(state)
         constants = full.constants(*parameters)
         got = np.array(full.rhs(*state, *constants))
         dy = oracle.rhs(0.0, y, body)
@@ -279,15 +269,6 @@ def errors(parameters, state):
         relative = [float(e / abs(w)) for e, w in zip(error, wanted, strict=True)]
         multiple = [float(e / i) for e, i in zip(error, inherent, strict=True)]
     return relative, multiple
-
-
-def reach(parameters, state):
-    """How much longer the contact vector is than the least radius of gyration, squared.
-
-    Sherman and Morrison's denominator, 1 - r D^-1 r, is a difference that small.
-    """
-    r = oracle.contact_point(six(state)[:3], body_of(parameters))
-    return 1 + r @ r / min(np.diag(oracle.matrices(body_of(parameters))[2]))
 
 
 @pytest.mark.parametrize("cases", [CASES, EXTREMES], ids=["random", "extreme"])

@@ -1,0 +1,68 @@
+"""Random bodies for the tests of formulas: columns of the six parameters, shape (6, size)."""
+
+import numpy as np
+import oracle
+
+NAMES = tuple(oracle.GH)
+GH = tuple(oracle.GH.values())
+
+
+def log_uniform(rng, low, high, size=None):
+    """Numbers whose logarithms are uniform."""
+    return 10 ** rng.uniform(np.log10(low), np.log10(high), size)
+
+
+def dumbbells(gamma, f_sd):
+    """``alpha, beta, gamma`` of shell-dumbbells."""
+    return (1 - f_sd) * gamma + 1, f_sd * gamma + 1, gamma
+
+
+def table_one(size, seed):
+    """Bodies of the paper's set SD."""
+    rng = np.random.default_rng(seed)
+    inertia = dumbbells(rng.uniform(5, 15, size), rng.uniform(0.05, 0.15, size))
+    theta, phi = rng.uniform(0.6, 0.95, size), rng.uniform(0.01, 0.1, size)
+    return np.stack([*inertia, theta, phi, -np.radians(rng.uniform(0.1, 6, size))])
+
+
+def any_body(size, seed):
+    """Any legal inertia and a wide range of surfaces, both hands."""
+    rng = np.random.default_rng(seed)
+    beta = rng.uniform(1.05, 4, size)
+    alpha = beta + rng.uniform(0.05, 8, size)
+    gamma = rng.uniform(alpha - beta, alpha + beta - 2)
+    theta = rng.uniform(0.3, 0.98, size)
+    phi = theta * rng.uniform(0.01, 0.9, size)
+    xi = rng.uniform(0.01, 0.8, size) * rng.choice([-1, 1], size)
+    return np.stack([alpha, beta, gamma, theta, phi, xi])
+
+
+def far_outside(size, seed):
+    """Bodies at the ends of every range, ends combined at random."""
+    rng = np.random.default_rng(seed)
+    f_sd = np.choose(rng.integers(0, 3, size), [
+        log_uniform(rng, 1e-9, 0.5, size),
+        0.5 - log_uniform(rng, 1e-9, 0.5, size) / 2,
+        rng.uniform(0.05, 0.45, size),
+    ])  # fmt: skip
+    alpha, beta, gamma = dumbbells(log_uniform(rng, 1e-2, 1e3, size), f_sd)
+    # Every third has alpha within 1e-9..1e-1 of beta, and any gamma that a body can have.
+    near = np.arange(size) % 3 == 0
+    alpha = np.where(near, beta * (1 + log_uniform(rng, 1e-9, 1e-1, size)), alpha)
+    gamma = np.where(near, rng.uniform(alpha - beta, alpha + beta - 2), gamma)
+    flat = rng.uniform(size=size) < 0.6
+    theta = np.where(flat, 1 - log_uniform(rng, 1e-9, 0.5, size), rng.uniform(0.05, 0.99, size))
+    phi = theta * log_uniform(rng, 1e-4, 0.9, size)
+    deep = rng.uniform(size=size) < 0.3
+    degrees = np.where(deep, rng.uniform(1, 89, size), log_uniform(rng, 1e-8, 89, size))
+    return np.stack([alpha, beta, gamma, theta, phi, -np.radians(degrees)])
+
+
+def rows(columns):
+    """Bodies one by one, as lists of floats."""
+    return np.stack(columns, -1).tolist()
+
+
+def mapping(body):
+    """One body by the names of its parameters."""
+    return dict(zip(NAMES, body, strict=True))
