@@ -37,50 +37,45 @@ if TYPE_CHECKING:
 def show(
     directory: Path | None,
     which: dict[str, Any],
-    body: dict[str, Any],
-    launch: dict[str, Any],
-    dissipation: dict[str, Any],
-    t_end: float | None,
     points: int | None,
     from_time: float | None,
-    integrator: dict[str, Any],
     title: str | None,
     output: Path,
     quiet: bool,
+    t_end: float | None,
+    **run: dict[str, Any],
 ) -> int:
     """Write an HTML page on which the body rolls on the plane, with its trace and its spin.
 
     It needs a browser but no network. Play, pause, change the speed, drag to look around; the page
     lists its keys.
     """
-    from rattlesweep.study.derived import in_units_of, make_body
+    from rattlesweep.study.derived import in_units_of
     from rattlesweep.study.onerun.replay import Replay
     from rattlesweep.study.viewer import show as pages
-    from rattlesweep.sweeps.blocks.single import Launch
 
     probe(output)
     stored: StoredRun | None = None
     with Meter(quiet) as meter:
-        watch = meter.counting("integrating")
+        rows: dict[str, Any] = {"points": points, "from_time": from_time}
+        rows["watch"] = meter.counting("integrating")
         if directory is not None:
-            _refuse(body=body, launch=launch, dissipation=dissipation, integrator=integrator)
+            for name, given in run.items():
+                for flag in getattr(options, name).flags(given):
+                    raise ConfigError(
+                        f"{flag} does not go with --from: the sweep says what the run was"
+                    )
             in_units_of(None, {"t_end": t_end})
             source = Replay(directory)
-            pages.check_model(source.config.model)
             stored = source.select(**which)[0]
-            course, scene, name = pages.course_of_stored(
-                source, stored, t_end=t_end, watch=watch, points=points, from_time=from_time
-            )
+            course, scene = pages.save_stored(source, stored, output, title, t_end, **rows)
         else:
             if which:
                 raise ConfigError("--case, --sample and --where go with --from")
-            made = make_body(body)
-            given = options.launched(launch) | dissipation | {"t_end": t_end}
-            run = Launch(made, integrator=integrator, **in_units_of(made.units, given))
-            name = " ".join(["Rattleback", *([body["preset"]] if "preset" in body else [])])
-            course = pages.course_of(run, points, watch, from_time=from_time)
+            course = pages.course_of(options.launched(**run, t_end=t_end), **rows)
             scene = pages.make_scene(course)
-    pages.save(scene, output, title or name, pages.describe(course))
+            preset = run["body"].get("preset", "")
+            pages.save(course, scene, output, title or f"Rattleback {preset}".rstrip())
     click.echo(output)
     if not quiet:
         if stored is not None:
@@ -89,12 +84,3 @@ def show(
                 say(cause)
         say(f"{len(scene.t)} rows, {output.stat().st_size / 1e6:.1f} MB")
     return say_outcome(course, quiet)
-
-
-def _refuse(**given: dict[str, Any]) -> None:
-    """Complain of a body or a launch beside `--from`."""
-    flags = [
-        flag for group, values in given.items() for flag in getattr(options, group).flags(values)
-    ]
-    if flags:
-        raise ConfigError(f"{flags[0]} does not go with --from: the sweep says what the run was")

@@ -33,16 +33,12 @@ from rattlesweep.cli.common.series import say_outcome, write_course
 @options.figure
 @options.quiet
 def trajectory(
-    body: dict[str, Any],
-    launch: dict[str, Any],
-    dissipation: dict[str, Any],
     rows: dict[str, Any],
     channels: tuple[str, ...] | None,
     output: Path | None,
     figure: Path | None,
     quiet: bool,
-    t_end: float | None,
-    **rest: Any,
+    **run: Any,
 ) -> int:
     """Integrate one launch, past its reversals, and write it as a time series.
 
@@ -51,13 +47,9 @@ def trajectory(
     quarter of its initial value to beyond a quarter of it on the other side; of a launch without
     spin (--n-i 0), a quarter of the spin that would hold all its energy.
     """
-    from rattlesweep.study.derived import in_units_of, make_body
     from rattlesweep.study.onerun.rows import Rows
-    from rattlesweep.sweeps.blocks.single import Launch
 
-    made = make_body(body)
-    given = options.launched(launch) | dissipation | {"t_end": t_end}
-    run = Launch(made, **in_units_of(made.units, given), **rest)
+    launch = options.launched(**run)
     probe(output, figure)
-    course = write_course(run, channels, Rows(**rows), output, figure, quiet)
-    return say_outcome(course, quiet, None if made.units is None else made.units.time)
+    course = write_course(launch, channels, Rows(**rows), output, figure, quiet)
+    return say_outcome(course, quiet, launch.body.units)

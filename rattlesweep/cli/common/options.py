@@ -15,6 +15,7 @@ from rattlesweep.cli.common.output import say
 from rattlesweep.text import align
 
 if TYPE_CHECKING:
+    from rattlesweep.sweeps.blocks.single import Launch
     from rattlesweep.sweeps.cases.plan import Plan
     from rattlesweep.sweeps.config.schema import Config
 
@@ -143,11 +144,6 @@ launch = Group(
 )  # fmt: skip
 
 
-def launched(given: dict[str, Any]) -> dict[str, Any]:
-    """A launch from the options, with the default spin and oscillation unless a state is given."""
-    return given if {"omega", "u"} & given.keys() else {"n_i": 0.1, "omega_xy0": 0.01} | given
-
-
 integrator = Group(
     "integrator",
     option("--method", type=types.METHODS, help="Method of integration.  [default: dop853]"),
@@ -206,6 +202,21 @@ channels = option(
     callback=_list_channels,
     help="Columns, and panels of the figure if given; 'list' prints all of them.  [default: t,n]",
 )
+
+
+def launched(
+    body: dict[str, Any], launch: dict[str, Any], dissipation: dict[str, Any], **rest: Any
+) -> Launch:
+    """The run that the options of these names ask for, in the units of its body.
+
+    The spin and the oscillation have their defaults unless a state is given.
+    """
+    from rattlesweep.study.derived import in_units_of, make_body
+    from rattlesweep.sweeps.blocks.single import Launch
+
+    made = make_body(body)
+    default = {} if {"omega", "u"} & launch.keys() else {"n_i": 0.1, "omega_xy0": 0.01}
+    return Launch(made, **in_units_of(made.units, default | launch | dissipation | rest))
 
 
 def load_sweep(path: Path, overrides: tuple[str, ...], output: Path | None = None) -> Config:

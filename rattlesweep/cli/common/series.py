@@ -13,6 +13,7 @@ from rattlesweep.cli.common.output import DONE, SOME_FAILED, say
 from rattlesweep.cli.common.progress import Meter
 
 if TYPE_CHECKING:
+    from rattlesweep.physics.si import Units
     from rattlesweep.study.onerun.course import Course, PreparedRun
     from rattlesweep.study.onerun.rows import Rows
     from rattlesweep.sweeps.blocks.single import Launch
@@ -69,15 +70,12 @@ def _into_a_file() -> bool:
         return False
 
 
-def say_outcome(course: Course, quiet: bool, second: float | None = None) -> int:
-    """Say what became of a run; the exit code.
-
-    `second` is the unit of time in seconds, of a body that was given in SI units.
-    """
+def say_outcome(course: Course, quiet: bool, units: Units | None = None) -> int:
+    """Say what became of a run, of a body in SI units in these too; the exit code."""
     if not quiet:
         text = _times(course.reversals, "reversal")
-        if second is not None and course.reversals:
-            text += f" ({', '.join(f'{t * second:.4g} s' for t in course.reversals[:8])})"
+        if units is not None and course.reversals:
+            text += f" ({', '.join(f'{t * units.time:.4g} s' for t in course.reversals[:8])})"
         if course.zeros != course.reversals:
             text += f" ({_times(course.zeros, 'zero crossing')})"
         say(f"{text}; {course.n_steps} steps to t = {course.t:g}")

@@ -33,7 +33,7 @@ from rattlesweep.sweeps.store.provenance import package_version
 
 # What is shown of each row, in the order in which the page holds it.
 COLUMNS = ("q0", "q1", "q2", "q3", "trace_x", "trace_y", "n", "E_p", "E_r")
-CHANNELS = (*COLUMNS, "u_x", "u_y", "energy")
+CHANNELS = (*COLUMNS, "contact_z", "energy")
 # Rows of a period of the pitch.  Between rows the page draws cubics, and the body slips at most at
 # 5e-5 of the contact's speed (GH, n = 0.1 and -0.1).  Long runs make do with fewer.
 PER_PERIOD, LEAST = 20, 10
@@ -65,12 +65,6 @@ class Scene:
     units of ``a``, at which the body is cut off."""
 
 
-def check_model(model: str) -> None:
-    """See that a model has a body that moves."""
-    if model != "full":
-        raise ConfigError(f"the model {model} has no body that moves; show needs the full one")
-
-
 def course_of(
     run: Launch | PreparedRun,
     points: int | None = None,
@@ -81,8 +75,11 @@ def course_of(
     """The run with the channels and the rows that its page needs, or so many ``points``.
 
     The page begins at the launch, or at ``from_time`` in ``sqrt(a/g)``.  Refuses a run too long for
-    a page, and too few points for one.
+    a page, too few points for one, and a model without a body that moves.
     """
+    model = run.model if isinstance(run, Launch) else run[0].model
+    if model != "full":
+        raise ConfigError(f"the model {model} has no body that moves; show needs the full one")
     if points is not None and not 2 <= points <= MOST_ROWS:
         raise ConfigError(f"--points {points}: 2 to {MOST_ROWS} go into a page")
     rows = Rows(
@@ -118,7 +115,7 @@ def make_scene(course: Course, cause: str = "") -> Scene:
     t = start + step * np.arange(rows, dtype=np.float64)
     runs, body = course.launches, course.body
     spin = runs.gh.spin(np.linspace(start, t[-1], THEORY_POINTS))
-    rise = max(1.0, MARGIN * float(np.max(_rise(columns["u_x"], columns["u_y"], body))))
+    rise = max(1.0, MARGIN * float(np.max(1 - columns["contact_z"])))
     # An ellipsoid ends at its rim, c above the bottom.
     rise = min(rise, WIDEST * body.get("c", np.inf))
     first = course.zeros[0] if course.zeros else t[-1]
@@ -135,19 +132,6 @@ def make_scene(course: Course, cause: str = "") -> Scene:
         "facts": _facts(course, cause),
     }
     return Scene(t, {name: columns[name] for name in COLUMNS}, spin, about)
-
-
-def _rise(u_x: Floats, u_y: Floats, b: dict[str, float]) -> Floats:
-    """Height of the contact above the bottom, along the body's axis (Eqs. def-z, def-xy)."""
-    square = 1 - u_x**2 - u_y**2
-    cosine, sine = math.cos(b["xi"]), math.sin(b["xi"])
-    first, second = cosine * u_x + sine * u_y, -sine * u_x + cosine * u_y
-    half: Floats = 0.5 * (first**2 / b["theta"] + second**2 / b["phi"]) / square
-    if "c" not in b:
-        return half
-    root = np.sqrt(1 + 2 * half / b["c"])
-    rise: Floats = 2 * half / (root * (1 + root))
-    return rise
 
 
 def _weights(b: dict[str, float]) -> list[tuple[float, float, float]]:
@@ -250,27 +234,20 @@ def describe(course: Course) -> str:
     return line.replace("-", "−")
 
 
-def course_of_stored(
-    source: Replay,
-    stored: StoredRun,
-    *,
-    t_end: float | None = None,
-    watch: Callable[[float], None] | None = None,
+def save_stored(
+    source: Replay, stored: StoredRun, path: Path, title: str | None, t_end: float | None,
     **rows: Any,
-) -> tuple[Course, Scene, str]:
-    """A stored run, proved to be the stored one: its course, what its page shows, and its title.
-
-    ``rows`` are the ``points`` and the ``from_time`` of :func:`course_of`.
-    """
-    check_model(source.config.model)
+) -> tuple[Course, Scene]:  # fmt: skip
+    """Write the page of a stored run, proved to be the stored one; ``rows`` as `course_of` has."""
+    course = course_of(source.prepare(stored, t_end), **rows)
     source.prove(stored)
-    course = course_of(source.prepare(stored, t_end), watch=watch, **rows)
     scene = make_scene(course, source.cause(stored))
     stored.check(course)
     kind = f", type {stored.type}" if stored.type else ""
-    return course, scene, f"{source.config.name}: {stored.name}{kind}"
+    save(course, scene, path, title or f"{source.config.name}: {stored.name}{kind}")
+    return course, scene
 
 
-def save(scene: Scene, path: Path, title: str, subtitle: str) -> None:
+def save(course: Course, scene: Scene, path: Path, title: str) -> None:
     """Write the page, which appears whole or not at all."""
-    replace_file(path, make_page(scene, title, subtitle))
+    replace_file(path, make_page(scene, title, describe(course)))
