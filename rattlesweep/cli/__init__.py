@@ -22,11 +22,9 @@ class _Commands(click.Group):
     """A group that imports a command when it is asked for."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Their names."""
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> Command | None:
-        """The command of a name."""
         if cmd_name not in COMMANDS:
             return None
         command: Command = getattr(import_module(f"rattlesweep.cli.{cmd_name}"), cmd_name)

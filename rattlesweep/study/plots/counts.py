@@ -43,7 +43,6 @@ class Counted(Picture):
         self.cells.add(rows, self.layout.cells(rows, self.axes))
 
     def __len__(self) -> int:
-        """Return the number of runs counted."""
         return int(self.cells.runs.sum())
 
     def grid(self, flat: NDArray[Any]) -> NDArray[Any]:

@@ -90,16 +90,14 @@ class Fractions(Counted):
                 panel.axes.set_xlim(x.values[0], x.values[-1])
         figure.supxlabel(label(x.name), fontsize="medium")
         figure.supylabel("share of bodies", fontsize="medium")
-        every = [panel.axes.get_legend_handles_labels() for panel in panels]
-        known = {word: handle for handles, words in every
-                 for handle, word in zip(handles, words, strict=True)}  # fmt: skip
-        handles, words = list(known.values()), list(known)
+        known: dict[str, Any] = {}
+        for panel in panels:
+            handles, words = panel.axes.get_legend_handles_labels()
+            known |= zip(words, handles, strict=True)
         # Marks come last, whatever order they were drawn in.
-        last = ("", UNSURE_LABEL, BONDI_LABEL)
-        order = sorted(
-            range(len(words)), key=lambda k: last.index(words[k]) if words[k] in last else 0
-        )
-        legend_above(figure, [handles[place] for place in order], 1.75)
+        for word in (UNSURE_LABEL, BONDI_LABEL):
+            known |= {word: known.pop(word)} if word in known else {}
+        legend_above(figure, [*known.values()], 1.75)
 
     def _stack(self, axes: Any, at: Floats, below: Floats, own: Floats, **style: Any) -> None:
         """Lay shares on those below."""

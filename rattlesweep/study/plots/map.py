@@ -30,6 +30,8 @@ from rattlesweep.sweeps.tables.cells import Moments, floats
 
 # From this many values on along both sides, a grid is a map.
 SIDE = 8
+# Points along each axis at which theory is known.
+FINE = 500
 # Neither the grey of a type nor the white of what is missing.
 NO_REVERSAL = "#D0D0D0"
 # A dark line with a light rim is seen on every colour.
@@ -185,35 +187,24 @@ class Map(Counted):
         if self.layout.config.dissipation:
             return False  # no spin stays beyond it
         x, y, *rest = self.axes
-        at = {a.name: float(a.values[k]) for a, k in zip(rest, panel.where, strict=True)}
-        single = (a for a in self.layout.axes.values() if len(a.values) == 1)
-        at |= {a.name: float(a.values[0]) for a in single}
-        along = [axis for axis in (x, y) if axis.name in self.layout.bodies]
-        others = [name for name in self.layout.bodies if name not in (x.name, y.name)]
-        if not along or not set(others) <= at.keys():
+        at = {a.name: a.values for a in self.layout.axes.values() if len(a.values) == 1}
+        at |= {a.name: a.values[[k]] for a, k in zip(rest, panel.where, strict=True)}
+        ends = [a.values if a.name in self.layout.bodies else _edges(a) for a in (x, y)]
+        at |= {a.name: np.linspace(e[0], e[-1], FINE) for a, e in zip((x, y), ends, strict=True)}
+        along = [name for name in self.layout.bodies if name in (x.name, y.name)]
+        if not along or not {"n_i", *self.layout.bodies} <= at.keys():
             return False  # bodies of several thresholds share a cell
-        fixed = {name: at[name] for name in others}
-        if len(along) == 2:
-            n_i = at.get("n_i", 1.0)
-            if n_i > 0:
-                return False
-            (a, b), plane = threshold(self.layout, along, fixed)
-            # No threshold is one at infinite spin.
-            plane = np.nan_to_num(plane.T, nan=-1e3)
-            if not plane.min() < n_i < plane.max():
-                return False
-            for line in LINES:
-                panel.axes.contour(a, b, plane, [n_i], linestyles="solid", **line)
-            return True
-        spin = y if along[0] is x else x
-        if spin.name != "n_i":
+        # Over both of these axes, or over one of them for all values of the other.
+        n_c1 = threshold(self.layout, at).reshape(FINE, -1)
+        n_c1 = n_c1.T if along[0] == x.name else n_c1
+        # No threshold is one beyond all spins.
+        beyond = np.maximum(n_c1 - (at["n_i"][:, None] if y.name == "n_i" else at["n_i"]), -1e3)
+        if not beyond.min() < 0 < beyond.max():
             return False
-        (values,), n_c1 = threshold(self.layout, along, fixed)
-        line_at = (values, n_c1) if spin is y else (n_c1, values)
         for line in LINES:
-            panel.axes.plot(*line_at, color=line["colors"], linewidth=line["linewidths"],
-                            zorder=line["zorder"])  # fmt: skip
-        return bool((n_c1 >= spin.values[0]).any())
+            panel.axes.contour(at[x.name], at[y.name], np.broadcast_to(beyond, (FINE, FINE)), [0],
+                               linestyles="solid", **line)  # fmt: skip
+        return True
 
     def _balance(self, panel: Panel) -> bool:
         """Draw where the relevant oscillation, at the launch, neither grows nor decays; whether it

@@ -80,7 +80,6 @@ class Scatter(Picture):
         return x, t_r, place.astype(np.int64)
 
     def __len__(self) -> int:
-        """Return the number of points."""
         return sum(part.shape[1] for part in self._parts)
 
     def words(self) -> str:
