@@ -12,6 +12,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
+from rattlesweep.durations import clock
 from rattlesweep.sweeps.config.fields import Linspace, Logspace
 
 # Larger vector pictures are shown as PNG, or a page of seven would pass 5 MB.
@@ -34,7 +35,7 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"thousands": "{:,}".format, "percent": percent}
+    environment.filters |= {"thousands": "{:,}".format, "percent": percent, "seconds": _seconds}
     return environment
 
 
@@ -46,6 +47,10 @@ def percent(part: int, whole: int) -> str:
     if part < whole and value > 99.9:
         return "> 99.9 %"
     return f"{value:.1f} %"
+
+
+def _seconds(value: float) -> str:
+    return f"{value:.1f} s" if value < 600 else clock(value)
 
 
 def source(svg: bytes, png: bytes) -> str:

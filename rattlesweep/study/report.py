@@ -10,7 +10,6 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from rattlesweep.durations import clock
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.study.pages import MOST_SVG, config_yaml, percent, render, source
 from rattlesweep.study.plots.layout import Layout, Reader, read_layout, read_rows
@@ -19,9 +18,8 @@ from rattlesweep.study.plots.registry import choose_picture, default_kind
 from rattlesweep.study.style import encode, styled
 from rattlesweep.sweeps.config.load import resolved
 from rattlesweep.sweeps.inspect.content_hash import RowsHash
-from rattlesweep.sweeps.inspect.status import Status, status_of
+from rattlesweep.sweeps.inspect.status import status_of
 from rattlesweep.sweeps.inspect.summary import Summary, absent_columns
-from rattlesweep.sweeps.store.manifest import Manifest
 from rattlesweep.sweeps.tables.cells import columns_for
 
 DPI = 120
@@ -101,40 +99,29 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
     table = summary.table()
     absent = {"K_p", "K_r"}.difference(layout.targets) | absent_columns(table)
     if not summary.cells.has_errors:
-        absent |= {"t_r_mean_error", "sensitive", "unsure"}
-    if not summary.cells.has_losses:
-        absent |= {"fraction_D"}
+        absent |= {"t_r_mean_error"}
     columns = [name for name in CASE_COLUMNS if name not in absent]
     sessions = manifest.sessions[-MOST_SESSIONS:]
     return render(
         "sweep.html.j2",
         title=title or manifest.name,
+        manifest=manifest,
+        status=status,
         facts=facts,
-        state=_state(status),
-        types={name: int(part.sum()) for name, part in summary.cells.types.items()},
-        near_tangencies=int(summary.cells.near_tangencies.sum()),
-        sensitive=int(summary.cells.sensitive.sum()),
-        unsure=int(summary.cells.unsure.sum()),
+        cells=summary.cells,
+        horizon=layout.config.horizon,
+        size=sum(store.block_path(index).stat().st_size for index in store.block_indices()),
         pictures=[_shown(kind, picture) for kind, picture in pictures.items()],
         case_head=[CASE_COLUMNS[name] for name in columns],
         cases=[[_shorten(row[n], n) for n in columns] for row in table.to_pylist()],
         open_cases=OPEN_CASES,
         most_cases=MOST_CASES,
         failures=_failures(facts),
-        damaged=status.damaged,
-        cost=_cost(layout, facts, status),
         config=config_yaml(resolved(layout.config)),
-        provenance=_provenance(manifest, None if digest is None else digest.hexdigest()),
+        digest=None if digest is None else digest.hexdigest(),
         session_head=SESSION_COLUMNS,
         sessions=[[session.said(name) for name in SESSION_COLUMNS] for session in sessions],
-        horizon=_horizon(layout),
     )
-
-
-def _state(status: Status) -> str:
-    if status.state == "complete":
-        return "complete"
-    return f"{status.state}: {status.runs_done:,} of {status.runs:,} runs are done"
 
 
 def _kinds(layout: Layout) -> list[str]:
@@ -185,55 +172,3 @@ def _failures(facts: Facts) -> list[tuple[str, ...]]:
         for word, count in facts.status.most_common()
         if word != "ok"
     ]  # fmt: skip
-
-
-def _cost(layout: Layout, facts: Facts, status: Status) -> list[tuple[str, str]]:
-    manifest, store = layout.manifest, layout.store
-    kernel = manifest.kernel_seconds
-    size = sum(store.block_path(index).stat().st_size for index in store.block_indices())
-    rows = [("time", f"{_seconds(status.seconds)} in all sessions")]
-    expected = manifest.expected
-    # Earlier versions kept a guess where there was no pilot.
-    if expected is not None and expected.pilot_runs:
-        between = f"({_seconds(expected.low)} to {_seconds(expected.high)})"
-        rows.append(("time expected", f"{_seconds(expected.seconds)} {between}"))
-    rows += [
-        ("of it, integration", _seconds(kernel)),
-        ("accepted steps", f"{facts.steps:,}"),
-        ("time integrated", f"{facts.time:.4g} √(a/g)"),
-        ("size of the runs", f"{size / 1e6:,.1f} MB, {size / max(facts.runs, 1):.0f} bytes a run"),
-    ]
-    # The times of sessions that were killed are unknown; rates would come out too high.
-    if status.state == "complete" and kernel > 0:
-        rows += [
-            ("steps per second", f"{facts.steps / kernel:.3g} of integration"),
-            ("runs per second", f"{facts.runs / kernel:,.0f} of integration"),
-        ]
-    return rows
-
-
-def _seconds(value: float) -> str:
-    return f"{value:.1f} s" if value < 600 else clock(value)
-
-
-def _provenance(manifest: Manifest, digest: str | None) -> list[tuple[str, str | None]]:
-    def listed(part: Mapping[str, Any]) -> str:
-        return ", ".join(f"{key} {value}" for key, value in part.items())
-
-    rows = [
-        ("started", manifest.started),
-        ("finished", manifest.finished),
-        ("command", " ".join(manifest.command)),
-        ("machine", listed(manifest.machine)),
-        ("versions", listed(manifest.versions)),
-        ("hash of the config", manifest.config_hash),
-    ]
-    return rows if digest is None else [*rows, ("hash of all rows", digest)]
-
-
-def _horizon(layout: Layout) -> str:
-    horizon = layout.config.horizon
-    ends = [] if horizon.t_rgh is None else [f"{horizon.t_rgh:g} t_rGH"]
-    ends += [] if horizon.t is None else [f"t = {horizon.t:g}"]
-    ends += [] if horizon.t_decay is None else [f"{horizon.t_decay:g} γ/σ"]
-    return " or ".join(ends)
