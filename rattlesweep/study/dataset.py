@@ -13,7 +13,7 @@ from rattlesweep.study.plots.layout import Axis, Layout, iter_rows
 from rattlesweep.sweeps.config.fields import PARAMETERS
 from rattlesweep.sweeps.config.messages import not_one_of
 from rattlesweep.sweeps.store.provenance import package_version
-from rattlesweep.sweeps.tables.columns import FLAG, RUNS, TEXT
+from rattlesweep.sweeps.tables.columns import RUNS, TEXT
 
 if TYPE_CHECKING:
     import xarray
@@ -103,17 +103,9 @@ def _attributes(column: pa.Field) -> dict[str, str]:
 def _spread(column: pa.ChunkedArray, place: Any, shape: tuple[int, ...]) -> Any:
     """Values in their places, of shape `shape`; the others are missing."""
     shown = place >= 0
-    whole = shown.all() and len(place) == np.prod(shape)
+    values = column.to_pandas()[shown].set_axis(place[shown]).reindex(np.arange(np.prod(shape)))
     if column.type == TEXT:
-        words = ["" if word is None else word for word in column.to_pylist()]
-        values = np.array(words, dtype=f"<U{max([1, *map(len, words)])}")
-        filled = np.zeros(int(np.prod(shape)), values.dtype)
-    elif pa.types.is_integer(column.type) and whole:
-        values = column.to_numpy()
-        filled = np.zeros(int(np.prod(shape)), values.dtype)
-    else:
-        kind = pa.float64()
-        values = (column.cast(pa.int8()) if column.type == FLAG else column).cast(kind).to_numpy()
-        filled = np.full(int(np.prod(shape)), np.nan)
-    filled[place[shown]] = values[shown]
-    return filled.reshape(shape)
+        return values.fillna("").to_numpy(str).reshape(shape)
+    # Whole numbers stay so unless any is missing.
+    kind = None if pa.types.is_integer(column.type) else float
+    return values.to_numpy(kind).reshape(shape)
