@@ -24,16 +24,17 @@ STYLE: dict[str, tuple[str, str, tuple[int, int, str]]] = {
     "dopri5": (PURPLE, "^", (8, -1, "left")),
     "dop853": (BLUE, "o", (-4, -11, "right")),
     "verner98": (GREEN, "D", (4, 6, "left")),
+    # What stands alone: plain RK4, models without the full dynamics, an error that is asked for.
+    "plain": (GREY, "x", (8, -3, "left")),
+    "reduced": (GREY, "*", (-8, -3, "right")),
+    "gh": (GREY, "h", (-8, -3, "right")),
+    "accuracy": (GREY, "p", (8, 6, "left")),
 }
 # Of a method without an entry.
 SPARE = tuple((*look, (6, 3, "left")) for look in ((ORANGE, "v"), (SKY, "P"), (GREY, "X")))
-# What stands alone: plain RK4, the models without the full dynamics, an error that is asked for.
-SINGLES = {
-    "full": ("x", "plain scalar rk4, dt 0.002", (8, -3, "left")),
-    "reduced": ("*", "reduced", (-8, -3, "right")),
-    "gh": ("h", "gh", (-8, -3, "right")),
-    "accuracy": ("p", "accuracy {t_r: 1e-6}", (8, 6, "left")),
-}
+# What is written beside those that stand alone; they have no place in the panel of the drift.
+SINGLES = {"plain": "plain scalar rk4, dt 0.002", "reduced": "reduced", "gh": "gh",
+           "accuracy": "accuracy {t_r: 1e-6}"}  # fmt: skip
 # Abscissas of the panels, the large one first; all but the last are logarithmic.
 LABELS = {
     "error_median": "relative error of the time of reversal, median of the runs",
@@ -70,28 +71,28 @@ def draw(rows: pd.DataFrame, caption: str = "") -> Figure:
     for name in [*LABELS][:-1]:
         # What a logarithmic axis can show.
         rows[name] = rows[name].where(np.isfinite(rows[name]) & (rows[name] > 0))
-    single = (rows.model != "full") | (rows.method == "plain") | (rows.setting == "accuracy")
+    alone = np.where(rows.setting == "accuracy", "accuracy", rows.model)
+    named = rows.method.where(alone == "full", alone)
     spare = iter(SPARE * len(rows))
-    for method, own in rows[~single].groupby("method", sort=False):
-        colour, shape, place = STYLE.get(str(method)) or next(spare)
+    for series, own in rows.groupby(named, sort=False):
+        colour, marker, (x, y, side) = STYLE.get(str(series)) or next(spare)
+        word = SINGLES.get(str(series))
         for name, axes in panels.items():
-            size = {"markersize": 5.5, "linewidth": 1.8} if axes is main else {"markersize": 4}
+            if word and name == "energy_drift_median":
+                continue
+            large = axes is main
+            look: dict[str, Any] = (
+                {"markersize": 8 if large else 6, "linestyle": "none"} if word else
+                {"markersize": 5.5 if large else 4, "linewidth": 1.8 if large else 1,
+                 "label": series}
+            )  # fmt: skip
             shown = own[np.isfinite(own[name])]
-            axes.plot(shown[name], shown.us_per_unit, color=colour, marker=shape, label=method,
-                      zorder=3, **{"linewidth": 1, **size})  # fmt: skip
-        prefix = "" if own.setting.iloc[0] == "tol" else "dt "
-        words = [prefix + number(value) for value in own.value]
-        _annotate(main, own, words, place, color=colour, fontsize=7.5)
-    alone = rows[single]
-    names = np.where(alone.setting == "accuracy", "accuracy", alone.model)
-    for single_name, own in alone.groupby(names, sort=False):
-        shape, word, place = SINGLES[str(single_name)]
-        for name in ("error_median", "error_p99", "type_flips"):
-            axes = panels[name]
-            size = {"markersize": 8 if axes is main else 6}
-            axes.plot(own[name], own.us_per_unit, color=GREY, marker=shape, linestyle="none",
-                      zorder=3, **size)  # fmt: skip
-        _annotate(main, own, [word] * len(own), place, color=GREY, fontsize=8)
+            axes.plot(shown[name], shown.us_per_unit, color=colour, marker=marker, zorder=3, **look)
+        for row in own[np.isfinite(own.error_median)].itertuples():
+            value = f"{'' if row.setting == 'tol' else 'dt '}{number(row.value)}"
+            main.annotate(word or value, (row.error_median, row.us_per_unit), xytext=(x, y),
+                          textcoords="offset points", ha=side, zorder=4, color=colour,
+                          fontsize=8 if word else 7.5)  # fmt: skip
     for axes in (main, *small[:2]):
         if not any(np.isfinite(line.get_xdata()).any() for line in axes.lines):
             # Nothing to show, which a logarithmic axis does not take.
@@ -111,19 +112,8 @@ def draw(rows: pd.DataFrame, caption: str = "") -> Figure:
     small[2].set_xscale("symlog", linthresh=0.1)
     small[2].set_xticks([0, 0.1, 1, 10, 100], ["0", "0.1 %", "1 %", "10 %", "100 %"])
     small[2].set_xlim(-0.02, max(2.0, 2 * flips))
-    if not single.all():
+    if main.get_legend_handles_labels()[1]:
         main.legend(loc="upper right", frameon=False)
     if caption:
         figure.supxlabel(caption, fontsize=7.5, color=GREY)
     return figure
-
-
-def _annotate(
-    axes: Any, rows: pd.DataFrame, words: list[str], place: tuple[int, int, str], **look: Any
-) -> None:
-    """Words beside the points of the large panel."""
-    x, y, side = place
-    for word, error, cost in zip(words, rows.error_median, rows.us_per_unit, strict=True):
-        if np.isfinite(error):
-            axes.annotate(word, (error, cost), xytext=(x, y), textcoords="offset points", ha=side,
-                          zorder=4, **look)  # fmt: skip

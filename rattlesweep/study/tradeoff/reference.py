@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from rattlesweep.arrays import Flags, Floats
 from rattlesweep.physics.body import PARAMETERS
@@ -124,23 +125,19 @@ def confirm(runs: Runs, reference: Reference, *, units: float) -> dict[str, Any]
     takes about 1 ms for a unit of time.
     """
     launches = runs.launches
-    t_r = np.where(reference.both, reference.solution.t_r, np.inf)
-    picks: list[int] = []
-    for sign in (-1, 1):
-        for omega in np.unique(launches.omega_xy0):
-            group = np.flatnonzero(
-                (np.sign(launches.n_i) == sign) & (launches.omega_xy0 == omega) & np.isfinite(t_r)
-            )
-            picks += group[np.argsort(t_r[group], kind="stable")][:2].tolist()
-    picks.sort(key=lambda k: t_r[k])
+    columns = {name: getattr(launches, name) for name in ("n_i", "omega_xy0", "psi")}
+    columns |= {name: getattr(launches.bodies, name) for name in PARAMETERS}
+    known = pd.DataFrame(columns).assign(t_r=reference.solution.t_r)[reference.both]
+    cheap = known.sort_values("t_r", kind="stable")
+    cheap = cheap.groupby([np.sign(cheap.n_i), cheap.omega_xy0]).head(2)
     # As many as the time allows, and at least one.
-    affordable = max(1, int((np.cumsum(t_r[picks]) <= units).sum()))
     apart = []
-    for k in picks[:affordable]:
-        body = {name: float(getattr(launches.bodies, name)[k]) for name in PARAMETERS}
-        n_i, omega, psi = (float(x[k]) for x in (launches.n_i, launches.omega_xy0, launches.psi))
-        found = independent_reversal(body, n_i, omega, psi, 1.01 * float(t_r[k]))
-        apart.append(abs(found / float(t_r[k]) - 1))
+    for run in cheap[: max(1, (cheap.t_r.cumsum() <= units).sum())].to_dict("records"):
+        body = {name: run[name] for name in PARAMETERS}
+        found = independent_reversal(
+            body, run["n_i"], run["omega_xy0"], run["psi"], 1.01 * run["t_r"]
+        )
+        apart.append(abs(found / run["t_r"] - 1))
     good = [value for value in apart if value == value]
     return {
         "confirmed_runs": len(apart),

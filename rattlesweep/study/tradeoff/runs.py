@@ -46,7 +46,6 @@ class Runs:
     launches: Launches
 
     def __len__(self) -> int:
-        """Return the number of runs."""
         return len(self.launches.n_i)
 
     @cached_property
