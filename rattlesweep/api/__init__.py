@@ -1,4 +1,8 @@
-"""The Python interface: a few calls over the rooms below, which they import when they are made."""
+"""The Python interface: a few calls over the rooms below, which they import when they are made.
+
+What is wrong with an argument is a ``ConfigError``, which is a ``ValueError``; what the disk or the
+data refuse is an ``OutputError``.  Each says in a sentence what it is and what would be right.
+"""
 
 from rattlesweep.api.closed import (
     GrowthRates,

@@ -40,11 +40,6 @@ def modes(body: Bodies) -> Modes:
         ``omega_p omega_r omega_p0 omega_r0`` in ``sqrt(g/a)``, ``psi_p psi_r`` in radians,
         ``K_p K_r`` without a unit: floats of one body, arrays of the shape of several.
 
-    Raises
-    ------
-    ConfigError
-        If a body cannot exist.
-
     Examples
     --------
     >>> import rattlesweep as rs
@@ -74,11 +69,6 @@ def reversal_time_gh(body: Bodies, n_i: ArrayLike, omega_xy0: ArrayLike) -> Any:
     -------
     float or ndarray
         Of the shape to which bodies, spins and oscillations broadcast.
-
-    Raises
-    ------
-    ConfigError
-        If there is no such launch, or the shapes do not go together.
 
     Examples
     --------
@@ -116,11 +106,6 @@ def bondi_threshold(body: Bodies) -> Any:
     float or ndarray
         Of the shape of the bodies; NaN where no spin is stable.
 
-    Raises
-    ------
-    ConfigError
-        If a body cannot exist.
-
     Examples
     --------
     >>> import rattlesweep as rs
@@ -152,11 +137,6 @@ def growth_rates(body: Bodies, n: ArrayLike, *, exact: bool = False) -> GrowthRa
     GrowthRates
         ``pitch`` and ``roll``, in ``sqrt(g/a)``: floats, or arrays of the shape to which bodies and
         spins broadcast.
-
-    Raises
-    ------
-    ConfigError
-        If a body cannot exist, a spin is not finite, or the shapes do not go together.
 
     Examples
     --------

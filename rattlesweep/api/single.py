@@ -164,11 +164,6 @@ def simulate(
         arguments were broadcast: its rows are in C order.  It has the index of a DataFrame of
         bodies of which each row is one run.
 
-    Raises
-    ------
-    ConfigError
-        If an argument is wrong, a body cannot exist, or the shapes do not go together.
-
     Examples
     --------
     >>> import rattlesweep as rs
@@ -280,11 +275,6 @@ def trajectory(
         ``table`` (pandas), ``units``, ``reversals``, ``zeros`` (of the spin, all of them),
         ``status``, ``warning``.  The accepted steps, and so the first zero, are those of
         :func:`simulate`, whatever rows are asked for.
-
-    Raises
-    ------
-    ConfigError
-        If an argument is wrong.
 
     Examples
     --------

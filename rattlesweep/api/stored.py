@@ -38,11 +38,6 @@ class Sweep:
     directory : Path
     manifest : dict
         The resolved config, its hash, versions, machine and times, as they were when it was opened.
-
-    Raises
-    ------
-    ConfigError
-        If it is no output directory.
     """
 
     def __init__(self, directory: str | Path) -> None:
@@ -90,13 +85,6 @@ class Sweep:
         pandas.DataFrame
             One row a run, in the order of cases and samples, with ``attrs["units"]`` and
             ``attrs["descriptions"]``.
-
-        Raises
-        ------
-        ConfigError
-            If there is no such column, or the condition cannot be read.
-        OutputError
-            If a file cannot be read or is damaged.
 
         Examples
         --------
@@ -165,13 +153,6 @@ class Sweep:
             Each variable has ``units`` and ``long_name``.  Runs that are not stored are NaN, or
             empty words.  Beside an axis of targets, the bodies' own coefficient is ``K_r_body``.
 
-        Raises
-        ------
-        ConfigError
-            If an argument is wrong, or xarray is not installed.
-        OutputError
-            If there are no runs yet, or a file cannot be read.
-
         Examples
         --------
         >>> import rattlesweep as rs
@@ -217,13 +198,6 @@ class Sweep:
         matplotlib.figure.Figure
             Shown by a notebook; ``savefig`` writes it.
 
-        Raises
-        ------
-        ConfigError
-            If the kind does not fit what varies, or an argument is wrong.
-        OutputError
-            If there is nothing to draw.
-
         Examples
         --------
         >>> import rattlesweep as rs
@@ -265,11 +239,6 @@ class Sweep:
         -------
         Page
             Its ``path``; a notebook shows the page.
-
-        Raises
-        ------
-        ConfigError, OutputError
-            If the sweep cannot be read, or the page cannot be written.
 
         Examples
         --------
@@ -349,10 +318,7 @@ class Sweep:
         run = source.select(case, sample, where)[0]
         target = self.directory / f"show-{run.case}-{run.sample}.html"
         target = target if path is None else Path(path)
-        course, scene, name = show.course_of_stored(
-            source, run, t_end=t_end, points=points, from_time=from_time
-        )
-        show.save(scene, target, title or name, show.describe(course))
+        show.save_stored(source, run, target, title, t_end, points=points, from_time=from_time)
         return Page(target)
 
     def __repr__(self) -> str:

@@ -30,11 +30,6 @@ def load(directory: str | Path) -> Sweep:
     -------
     Sweep
 
-    Raises
-    ------
-    ConfigError
-        If it is none.
-
     Examples
     --------
     >>> import rattlesweep as rs
@@ -74,11 +69,6 @@ def sweep(
     Returns
     -------
     Sweep
-
-    Raises
-    ------
-    ConfigError, OutputError
-        If the config is wrong, or the directory cannot be written.
 
     Warns
     -----
