@@ -19,6 +19,13 @@ def in_time(answer, steps=0):
     return answer.seconds < SECONDS + SECONDS_PER_STEP * max(steps, answer.n_steps)
 
 
+def cases(every, quick):
+    """Parametrise ``case``; slow but for the one named ``quick``."""
+    marks = [[] if case.name == quick else [pytest.mark.slow] for case in every]
+    every = [pytest.param(c, marks=m, id=c.name) for c, m in zip(every, marks, strict=True)]
+    return pytest.mark.parametrize("case", every)
+
+
 # --- the reference itself -------------------------------------------------------------------------
 
 
@@ -49,14 +56,7 @@ EXACT = (
 )
 
 
-QUICK = ("phi 1e-4", "theta 1 - 1e-9", "omega_xy0 3")
-
-
-@pytest.mark.parametrize(
-    "case",
-    [pytest.param(c, marks=[] if c.name in QUICK else [pytest.mark.slow]) for c in EXACT],
-    ids=lambda c: c.name,
-)
+@cases(EXACT, quick="omega_xy0 3")
 def test_forty_digits_confirm_the_reference_and_the_product(case):
     answer = ask([case], {"tol": 1e-12})
     found = refer([case], answer, 0.5)
@@ -151,7 +151,7 @@ def test_an_overdamped_roll_is_ss(case):
     assert answer.type == "SS"
 
 
-@pytest.mark.parametrize("case", extremes.SATURATED, ids=lambda c: c.name)
+@cases(extremes.SATURATED, quick=extremes.SATURATED[1].name)
 def test_a_spin_that_wobbles_is_sw_at_any_horizon(case):
     [answer] = ask([case])
     assert answer.n_departure > 0.1
@@ -210,11 +210,7 @@ def check_pairs(cases):
     assert missed[1] <= missed[0]
 
 
-def test_a_close_pair_of_zeros():
-    check_pairs(extremes.pairs(extremes.GRAZING[:1], count=1))
-
-
-@pytest.mark.slow
+@pytest.mark.slow  # quick, around another touch: test_lanes
 def test_close_pairs_of_zeros():
     check_pairs(extremes.pairs())
 

@@ -1,6 +1,7 @@
 """Compiled kernels on disk: found again by a fresh process, each method its own."""
 
 import errno
+import fcntl
 import json
 import multiprocessing
 import os
@@ -32,39 +33,38 @@ MODEL = "reduced"
 NAMES = ("rk4", "dop853")
 
 
-def batch():
-    return kernels.reduced_batch(oracle.GH, [0.1, -0.2, 0.3], [1e-3, 1e-4, 1e-5], 1e-4, 50.0)
-
-
-def states(name):
-    out = integrate(batch(), METHODS[name], MODELS[MODEL], tol=1e-5, dt=0.5, threads=1)
+def states(name, model=MODEL):
+    if model == MODEL:
+        batch = kernels.reduced_batch(oracle.GH, [0.1, -0.2, 0.3], [1e-3, 1e-4, 1e-5], 1e-4, 50.0)
+    else:
+        batch = kernels.full_batch(oracle.GH, [0.1, -0.2, 0.3], t_end=50.0)
+    out = integrate(batch, METHODS[name], MODELS[model], tol=1e-5, dt=0.5, threads=1)
     return {"y_end": out.y_end.tobytes().hex(), "n_steps": out.n_steps.tolist()}
 
 
 def child(names):
     """Run in a fresh process: what the kernels give and where they came from."""
-    report = {}
-    for name in names:
-        found = states(name)
+    report = {name: states(name) for name in names}
+    for name, found in report.items():
         stats = loading.loaded(built.attempt, name, MODEL).stats
-        found["hits"] = sum(stats.cache_hits.values())
-        found["misses"] = sum(stats.cache_misses.values())
-        found["path"] = stats.cache_path
-        report[name] = found
+        counts = (sum(stats.cache_hits.values()), sum(stats.cache_misses.values()))
+        found |= {"counts": counts, "path": stats.cache_path}
     print(json.dumps(report))
 
 
-def numbers(found):
-    return np.frombuffer(bytes.fromhex(found["y_end"]))
+def python(code, **environment):
+    """Run code in a fresh process that can import this file."""
+    path = os.pathsep.join(sys.path)
+    return subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=900,
+        env={**os.environ, "PYTHONPATH": path, **environment}, check=False,
+    )  # fmt: skip
 
 
-def run(home, names, **environment):
-    env = {k: v for k, v in os.environ.items() if not k.startswith("NUMBA_")}
-    env |= {"XDG_CACHE_HOME": str(home), "PYTHONPATH": os.pathsep.join(sys.path), **environment}
-    code = f"import test_kernel_cache as t; t.child({names!r})"
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", code], env=env, capture_output=True, text=True,
-        timeout=900, check=False,
+def run(home, names):
+    done = python(
+        f"import test_kernel_cache as t; t.child({names!r})", XDG_CACHE_HOME=str(home),
+        NUMBA_CACHE_DIR="", PYTHONWARNINGS="error",
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
@@ -92,7 +92,7 @@ def test_every_process_runs_the_kernel_that_a_child_compiled(home, first):
     second = run(home, NAMES[::-1])
     for name in NAMES:
         for found in (first[name], second[name]):
-            assert (found["hits"], found["misses"]) == (1, 0)
+            assert found["counts"] == [1, 0]
             assert Path(found["path"]).is_relative_to(home)
         assert second[name]["n_steps"] == first[name]["n_steps"]
         assert second[name]["y_end"] == first[name]["y_end"]
@@ -100,32 +100,14 @@ def test_every_process_runs_the_kernel_that_a_child_compiled(home, first):
 
 
 @pytest.mark.slow
-def test_a_kernel_compiled_again_gives_the_same_bits(first, tmp_path):
+def test_a_kernel_compiled_again_gives_the_same_bits_and_methods_are_not_mixed_up(first, tmp_path):
     again = run(tmp_path, NAMES)
+    ends = []
     for name in NAMES:
-        assert again[name]["y_end"] == first[name]["y_end"]
-
-
-@pytest.mark.slow
-def test_methods_are_not_mixed_up(first):
-    difference = np.abs(numbers(first["rk4"]) - numbers(first["dop853"])).max()
-    assert 1e-9 < difference < 1e-3
-    for name in NAMES:
-        here = states(name)
-        assert first[name]["n_steps"] == here["n_steps"]
-        assert here["y_end"] == first[name]["y_end"]
-
-
-def test_numba_cache_dir_is_respected(home, tmp_path):
-    # Of a kernel that is not compiled here: only the place is asked for.
-    code = (
-        "from rattlesweep.integrate import cache; print(cache.directory(cache.__file__));"
-        "import numba; print(numba.config.CACHE_DIR)"
-    )
-    env = {**os.environ, "XDG_CACHE_HOME": str(home), "NUMBA_CACHE_DIR": str(tmp_path / "numba")}
-    done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True)
-    ours, theirs = done.stdout.split()
-    assert Path(ours).parent == tmp_path / "numba" == Path(theirs)
+        assert again[name]["y_end"] == first[name]["y_end"] == states(name)["y_end"]
+        assert first[name]["n_steps"] == states(name)["n_steps"]
+        ends.append(np.frombuffer(bytes.fromhex(first[name]["y_end"])))
+    assert 1e-9 < np.abs(ends[0] - ends[1]).max() < 1e-3
 
 
 def _template(x):
@@ -195,21 +177,24 @@ class Planted:
         return Path.touch, (self.path,)
 
 
+def flip(path, blob):
+    path.write_bytes(blob[:2000] + bytes([blob[2000] ^ 1]) + blob[2001:])
+
+
+def link(path, blob):
+    path.rename(path.with_name("moved")).with_name(path.name).symlink_to("moved")
+
+
 DAMAGES = {
     "empty": lambda path, blob: path.write_bytes(b""),
     "short": lambda path, blob: path.write_bytes(blob[:-100]),
     "only a checksum": lambda path, blob: path.write_bytes(blob[:32]),
-    "a flipped bit": lambda path, blob: path.write_bytes(
-        blob[:2000] + bytes([blob[2000] ^ 1]) + blob[2001:]
-    ),
+    "a flipped bit": flip,
     "not ours to read": lambda path, blob: path.write_bytes(
         pickle.dumps(Planted(path.with_name("executed")))
     ),
     "a pipe": lambda path, blob: (path.unlink(), os.mkfifo(path)),
-    "another's link": lambda path, blob: (
-        path.rename(path.with_name("moved")),
-        path.symlink_to("moved"),
-    ),
+    "another's link": link,
 }
 
 
@@ -317,17 +302,26 @@ def test_odd_homes_lead_to_no_odd_places(monkeypatch, tmp_path):
     assert storage._user_directory() == "/caches"
 
 
-@pytest.mark.parametrize("what", ["full disk", "no locks", "read-only"])
-def test_where_nothing_can_be_kept_it_works_all_the_same(what, place, monkeypatch):
-    import fcntl
-
+def test_on_a_full_disk_code_stays_in_memory(place, monkeypatch):
     def fail(*args, **kwargs):
-        raise OSError({"no locks": errno.ENOLCK, "full disk": errno.ENOSPC}[what], "refused")
+        raise OSError(errno.ENOSPC, "refused")
 
+    monkeypatch.setattr(tempfile, "mkstemp", fail)
+    assert used() == (13, False)
+    assert not list(place.rglob("*.kernel"))
+
+
+@pytest.mark.parametrize("what", ["no locks", "read-only"])
+def test_where_nothing_can_be_kept_it_works_all_the_same(what, place, monkeypatch, tmp_path):
+    def fail(*args, **kwargs):
+        raise OSError(errno.ENOLCK, "refused")
+
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    monkeypatch.setenv("TMPDIR", str(temporary))
+    monkeypatch.setattr(tempfile, "tempdir", str(temporary))
     if what == "no locks":
         monkeypatch.setattr(fcntl, "flock", fail)
-    elif what == "full disk":
-        monkeypatch.setattr(tempfile, "mkstemp", fail)
     else:
         use(monkeypatch, "/proc/nowhere", "/proc/nowhere")
         assert directory(__file__) is None
@@ -336,21 +330,6 @@ def test_where_nothing_can_be_kept_it_works_all_the_same(what, place, monkeypatc
     assert compiled(-3) == 13
     assert (len(compiled.stats.cache_hits), len(compiled.stats.cache_misses)) == (1, 0)
     assert len(list(place.rglob("*.kernel"))) == (what == "no locks")
-
-
-def test_nothing_is_left_behind_where_nothing_can_be_kept(tmp_path):
-    blocked = tmp_path / "file"
-    blocked.write_text("not a directory")
-    code = (
-        "from rattlesweep.integrate.loading import loaded; import test_kernel_cache as t;"
-        "print(loaded(t.small, 'alone')(-3))"
-    )
-    temporary = tmp_path / "temporary"
-    temporary.mkdir()
-    done = python(
-        code, NUMBA_CACHE_DIR=blocked, XDG_CACHE_HOME=blocked, TMPDIR=temporary
-    )  # fmt: skip
-    assert (done.returncode, done.stdout) == (0, "13\n"), done.stderr
     assert not list(temporary.iterdir())
 
 
@@ -392,30 +371,21 @@ def test_code_of_other_versions_has_other_names(place, monkeypatch):
 # -- processes and threads -------------------------------------------------------------------------
 
 
-def python(code, **environment):
-    """Run code in a fresh process that can import this file."""
-    path = os.pathsep.join(sys.path)
-    return subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=900, check=False,
-        env={**os.environ, "PYTHONPATH": path, **{k: str(v) for k, v in environment.items()}},
-    )  # fmt: skip
-
-
 def pool(layer):
     """In a fresh process: results before a fork, and of a pool of forked processes."""
-    before = states("dop853")
+    before = states("dop853", "full")
     assert numba.threading_layer() == layer
     with multiprocessing.get_context("fork").Pool(2) as workers:
-        after = workers.map(states, ["dop853"] * 4)
+        after = workers.starmap(states, [("dop853", "full")] * 4)
     assert after == [before] * 4
-    assert states("dop853") == before
+    assert states("dop853", "full") == before
 
 
 def side_by_side():
     """In a fresh process: several threads that integrate."""
-    whole, found = states("dop853"), []
+    whole, found = states("dop853", "full"), []
     threads = [
-        threading.Thread(target=lambda: found.extend(states("dop853") for _ in range(20)))
+        threading.Thread(target=lambda: found.extend(states("dop853", "full") for _ in range(20)))
         for _ in range(4)
     ]
     for thread in threads:
@@ -433,14 +403,16 @@ def test_threads_and_a_pool_that_is_forked_after_the_first_use_integrate(layer):
     assert (done.returncode, done.stderr) == (0, "")
 
 
+THREADS = "it must be a whole number from 1 to 4096"
+
+
 @pytest.mark.parametrize(
     ("setting", "said"),
-    [
-        ("NUMBA_NUM_THREADS=0", "it must be a whole number from 1 to 4096"),
-        pytest.param("NUMBA_NUM_THREADS=many", "it must be a whole number from 1 to 4096",
-                     marks=pytest.mark.slow),
+    [("NUMBA_NUM_THREADS=0", THREADS)]
+    + [pytest.param(*case, marks=pytest.mark.slow) for case in (
+        ("NUMBA_NUM_THREADS=many", THREADS),
         ("NUMBA_THREADING_LAYER=nonsense", "The threading layer requested 'nonsense' is unknown"),
-    ],
+    )],
 )  # fmt: skip
 def test_a_setting_that_cannot_be_is_one_sentence(setting, said, tmp_path):
     config = Path(__file__).parents[2] / "configs" / "quickstart.yaml"

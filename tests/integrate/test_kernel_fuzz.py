@@ -35,7 +35,7 @@ launches = st.tuples(
 
 
 @kernels.methods("dop853", "rk4")
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.filter_too_much])
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.filter_too_much])
 @given(body=bodies().filter(lambda body: body is not None), launch=launches)
 def test_a_sane_row_or_a_status(method, body, launch):
     spin, sign, omega, psi, t_end = launch
