@@ -25,6 +25,8 @@ def test_gh_is_table_one():
     body = Rattleback.gh()
     assert dataclasses.asdict(body) == GH | {"c": None, "units": None}
     assert tuple(GH) == PARAMETERS
+    with pytest.raises(AttributeError):
+        body.theta = 0.5
 
 
 RULES = """
