@@ -15,7 +15,8 @@ from rattlesweep.errors import ConfigError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rattlesweep.sweeps.engines.job import Job, Result
+    from rattlesweep.sweeps.engines.progress import Result
+    from rattlesweep.sweeps.engines.session import Session
 
 session = options.Group(
     "session",
@@ -93,7 +94,7 @@ def run(
 
 def _engine(
     name: str, scheduler: str | None, workers: int | None, threads: int | None
-) -> Callable[[Job], None]:
+) -> Callable[[Session], None]:
     """The engine that the options ask for."""
     from rattlesweep.sweeps.engines import local
 

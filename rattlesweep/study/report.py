@@ -120,7 +120,7 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
         config=config_yaml(resolved(layout.config)),
         digest=None if digest is None else digest.hexdigest(),
         session_head=SESSION_COLUMNS,
-        sessions=[[session.said(name) for name in SESSION_COLUMNS] for session in sessions],
+        sessions=[[getattr(s, name) for name in SESSION_COLUMNS] for s in sessions],
     )
 
 

@@ -19,7 +19,7 @@ from typing import Any
 from syscalls import Calls
 
 from rattlesweep import cli
-from rattlesweep.sweeps.engines import job, remainder
+from rattlesweep.sweeps.engines import remainder, session
 
 
 def _serve(folder: Path, config: str) -> None:
@@ -101,7 +101,7 @@ def _prepare(order: dict[str, Any]) -> None:
     if "fsize" in order:
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (order["fsize"],) * 2)
-    job.GRACE = order.get("grace", job.GRACE)
+    session.GRACE = order.get("grace", session.GRACE)
     if "pace" in order:
         finish = remainder.finish_block
 

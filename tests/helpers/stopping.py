@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from rattlesweep.sweeps.engines import local
-from rattlesweep.sweeps.engines.job import Job
+from rattlesweep.sweeps.engines.session import Session
 
 
 class Stop(Exception):
@@ -17,11 +17,11 @@ class Stop(Exception):
 def after(blocks: int | Callable[[], int], dice: random.Random | None = None) -> Any:
     """An engine that breaks off after so many blocks; with dice, in any order."""
 
-    def some(job: Job) -> None:
+    def some(session: Session) -> None:
         if dice is not None:
-            dice.shuffle(job.session.pending)
-        del job.session.pending[blocks if isinstance(blocks, int) else blocks() :]
-        local.work_off(job)
+            dice.shuffle(session.pending)
+        del session.pending[blocks if isinstance(blocks, int) else blocks() :]
+        local.work_off(session)
         raise Stop
 
     return some

@@ -33,7 +33,7 @@ from rattlesweep.sweeps.engines import dask_cluster as daskcluster
 from rattlesweep.sweeps.engines import dask_driver as daskengine
 from rattlesweep.sweeps.engines import dask_worker as daskworker
 from rattlesweep.sweeps.engines.dask_driver import make_engine
-from rattlesweep.sweeps.engines.job import Progress
+from rattlesweep.sweeps.engines.progress import Progress
 from rattlesweep.sweeps.engines.run import run_sweep
 from rattlesweep.sweeps.inspect.content_hash import content_hash
 from rattlesweep.sweeps.inspect.verify import verify

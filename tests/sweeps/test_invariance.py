@@ -15,8 +15,8 @@ from rattlesweep.sweeps.cases.plan import make_plan
 from rattlesweep.sweeps.cases.shards import Shard
 from rattlesweep.sweeps.config.load import load_config
 from rattlesweep.sweeps.engines import local
-from rattlesweep.sweeps.engines.job import Job
 from rattlesweep.sweeps.engines.run import run_sweep
+from rattlesweep.sweeps.engines.session import Session
 from rattlesweep.sweeps.inspect.content_hash import content_hash
 from rattlesweep.sweeps.inspect.merge import merge
 from rattlesweep.sweeps.inspect.verify import verify
@@ -63,10 +63,10 @@ def test_blocks_and_threads(size, threads, expected, tmp_path):
 def test_the_order_of_blocks(expected, tmp_path):
     order = []
 
-    def shuffled(job: Job) -> None:
-        random.Random(1).shuffle(job.session.pending)
-        order.extend(block.index for block in job.session.pending)
-        local.work_off(job)
+    def shuffled(session: Session) -> None:
+        random.Random(1).shuffle(session.pending)
+        order.extend(block.index for block in session.pending)
+        local.work_off(session)
 
     sweep(tmp_path, "block_size=5", engine=shuffled)
     assert order != sorted(order)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
-from rattlesweep.sweeps.engines.job import Progress, Tracker
+from rattlesweep.sweeps.engines.progress import Progress, Tracker
 
 
 def test_the_time_left_never_falls_below_zero():

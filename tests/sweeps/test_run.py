@@ -30,7 +30,7 @@ import rattlesweep as rs
 from rattlesweep import cli
 from rattlesweep.cli.common import progress
 from rattlesweep.sweeps.config.load import parse_config
-from rattlesweep.sweeps.engines.job import Progress
+from rattlesweep.sweeps.engines.progress import Progress
 from rattlesweep.sweeps.inspect.content_hash import content_hash
 from rattlesweep.sweeps.tables.columns import runs_schema, summary_schema
 

@@ -34,7 +34,7 @@ from rattlesweep.integrate.batch import available_threads
 from rattlesweep.sweeps.cases.plan import Plan, make_plan
 from rattlesweep.sweeps.config.load import parse_config
 from rattlesweep.sweeps.engines import local
-from rattlesweep.sweeps.engines.job import Progress, Result
+from rattlesweep.sweeps.engines.progress import Progress, Result
 from rattlesweep.sweeps.engines.run import run_sweep
 from rattlesweep.sweeps.inspect.content_hash import content_hash
 from rattlesweep.sweeps.inspect.merge import merge
@@ -273,9 +273,9 @@ def test_retrying_hears_the_time(few, often, tmp_path):
 
 
 def test_blocks_that_vanish_are_no_success(tmp_path):
-    def vanishing(job: Any) -> None:
-        local.work_off(job)
-        job.session.store.block_path(1).unlink()
+    def vanishing(session: Any) -> None:
+        local.work_off(session)
+        session.store.block_path(1).unlink()
 
     with pytest.raises(OutputError, match=r"block-000001.parquet was in place and has vanished"):
         run_sweep(plan_of(FEW, block_size=80), tmp_path, engine=vanishing)

@@ -26,8 +26,8 @@ from rattlesweep.sweeps.engines.dask_worker import (
     place_order,
     remove_orders,
 )
-from rattlesweep.sweeps.engines.job import Job
 from rattlesweep.sweeps.engines.remainder import GATHER
+from rattlesweep.sweeps.engines.session import Session
 from rattlesweep.sweeps.store.provenance import machine
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ COUNT_EVERY = 2.0
 
 def make_engine(
     scheduler: str | None = None, workers: int | None = None, threads: int | None = None
-) -> Callable[[Job], None]:
+) -> Callable[[Session], None]:
     """Engine for :func:`rattlesweep.sweeps.engines.run.run_sweep`.
 
     Parameters
@@ -70,24 +70,24 @@ def make_engine(
     if scheduler is not None and workers is not None:
         raise ConfigError("--workers: the workers of --scheduler are those that it has")
 
-    def work_off(job: Job) -> None:
+    def work_off(session: Session) -> None:
         if scheduler is not None:
             reach(scheduler)
         # Workers on this machine, or on others that share its cache, then find the kernel compiled.
-        job.result.load_seconds = load_kernel(job.plan.config)
+        session.result.load_seconds = load_kernel(session.plan.config)
         with ExitStack() as stack:
             stack.enter_context(quiet())
             if scheduler is None:
                 client = stack.enter_context(embedded(workers, threads or 1))
             else:
                 client = stack.enter_context(existing(scheduler))
-            directory = job.session.store.directory
-            if job.session.shard is None:
+            directory = session.store.directory
+            if session.shard is None:
                 remove_orders(directory.resolve())
-            order = place_order(job.session.output, threads or (None if scheduler else 1))
+            order = place_order(session.output, threads or (None if scheduler else 1))
             # Taken away first: workers hear it and drop their blocks.
             stack.callback(order.unlink, missing_ok=True)
-            _Driver(job, client, order).work_off()
+            _Driver(session, client, order).work_off()
 
     return work_off
 
@@ -95,13 +95,13 @@ def make_engine(
 class _Driver:
     """Hands out blocks and keeps their receipts."""
 
-    def __init__(self, job: Job, client: Client, order: Path) -> None:
+    def __init__(self, session: Session, client: Client, order: Path) -> None:
         from distributed import as_completed
 
-        self._job, self._client, self._order = job, client, order
-        costs = job.session.costs
+        self._session, self._client, self._order = session, client, order
+        costs = session.costs
         # The dearest first, so that no worker begins one when the others are done.
-        blocks = sorted(job.session.pending, key=lambda block: (-costs.of(block), block.index))
+        blocks = sorted(session.pending, key=lambda block: (-costs.of(block), block.index))
         self._pending = deque(blocks)
         self._flying: dict[Future, Block] = {}
         self._completed = as_completed(loop=client.loop)
@@ -122,20 +122,20 @@ class _Driver:
             raise
         if self._pending or self._flying:
             self._call_off()
-            self._job.stop()
+            self._session.stop()
 
     def _work_off(self) -> None:
-        job = self._job
+        session = self._session
         while self._pending or self._flying:
             self._connected()
             self._count()
             self._hand_out()
-            if job.too_late(job.result.done > 0 or not self._workers):
+            if session.too_late(session.result.done > 0 or not self._workers):
                 break
             time.sleep(POLL)
             for future in self._completed.next_batch(block=False):
                 self._look_at(self._flying.pop(future), future)
-            job.tick()
+            session.tick()
 
     def _call_off(self) -> None:
         """Keep what the workers have of the blocks under way."""
@@ -155,12 +155,12 @@ class _Driver:
         # works on one at a time.
         while self._pending and len(self._flying) < AHEAD * self._workers:
             block = self._pending.popleft()
-            self._job.session.forget([block.index])
+            self._session.forget([block.index])
             future = self._client.submit(
                 do_block,
                 str(self._order),
                 block.index,
-                block.index in self._job.session.begun,
+                block.index in self._session.begun,
                 pure=False,
             )
             self._flying[future] = block
@@ -178,8 +178,8 @@ class _Driver:
             cores = self._client.sync(self._client.scheduler.ncores, callback_timeout=ANSWER)
         except (OSError, Late) as error:
             raise self._scheduler_lost() from error
-        if cores and not self._job.begun:
-            self._job.begin()
+        if cores and self._session.tracker.begun is None:
+            self._session.tracker.begin()
         if self._workers or cores:
             self._seen = now
         elif now - self._seen > WORKERLESS:
@@ -196,8 +196,8 @@ class _Driver:
         end = time.monotonic() + RETURN
         while client.status == "connecting" and time.monotonic() < end:
             time.sleep(POLL)
-            self._job.tick()
-            if self._job.too_late():
+            self._session.tick()
+            if self._session.too_late():
                 return
         if client.status != "running":
             raise self._scheduler_lost()
@@ -236,17 +236,17 @@ class _Driver:
             self._keep(block, answer)
 
     def _keep(self, block: Block, answer: Answer) -> None:
-        job = self._job
-        job.result.lost += answer.lost
+        session = self._session
+        session.result.lost += answer.lost
         receipt = answer.receipt
         if receipt is None:
-            if answer.columns is None or job.session.output.finished(block):
+            if answer.columns is None or session.output.finished(block):
                 return
-            receipt = job.prepare(block).write(answer.columns)
-        job.wrote(block, receipt, answer.rows, answer.seconds)
+            receipt = session.prepare(block).write(answer.columns)
+        session.wrote(block, receipt, answer.rows, answer.seconds)
         if answer.cpu not in self._cpus:
             self._cpus.add(answer.cpu)
-            job.result.remarks.append(
+            session.result.remarks.append(
                 f"workers have other processors ({answer.cpu}) than the driver: last bits may "
                 "differ"
             )

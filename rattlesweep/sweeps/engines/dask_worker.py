@@ -34,7 +34,7 @@ from rattlesweep.sweeps.store.manifest import Receipt
 from rattlesweep.sweeps.store.output import Output
 from rattlesweep.sweeps.store.provenance import identity, machine, versions
 from rattlesweep.sweeps.store.store import Store
-from rattlesweep.sweeps.store.stored import follow_stages
+from rattlesweep.sweeps.store.stored import Staged
 
 # Packages whose versions the bits depend on.
 NUMERIC = ("numpy", "numba", "llvmlite", "scipy")
@@ -189,9 +189,8 @@ def _open(order: str) -> tuple[Output, int | None]:
             f"{_me()} sees another table of bodies than the driver on {asked['host']}"
         )
     store = Store(path.parent)
-    staged = follow_stages(store, plan, asked["hash"])
-    plan = plan if staged is None else staged.of(plan)
-    output = Output(store, plan, base, asked["hash"], retry_failed=asked["retry_failed"])
+    staged = Staged(store, plan.config, len(plan.cases), plan.samples, asked["hash"])
+    output = Output(store, staged.of(plan), base, asked["hash"], retry_failed=asked["retry_failed"])
     return output, asked["threads"]
 
 

@@ -12,8 +12,8 @@ from typing import Any
 from rattlesweep.integrate.task import Task
 from rattlesweep.sweeps.blocks.block import load_kernel
 from rattlesweep.sweeps.cases.plan import Block
-from rattlesweep.sweeps.engines.job import Job
 from rattlesweep.sweeps.engines.remainder import Columns, Remainder, gather
+from rattlesweep.sweeps.engines.session import Session
 from rattlesweep.sweeps.forecast.forecast import expectation
 
 
@@ -21,33 +21,33 @@ class _Late(Exception):
     """The deadline has come while a block was under way."""
 
 
-def work_off(job: Job) -> None:
+def work_off(session: Session) -> None:
     """Integrate the pending blocks and write them, each while the next one runs."""
-    left = None if job.deadline is None else job.deadline - time.monotonic()
-    job.session.expect(lambda: expectation(job.plan, job.threads, left))
+    left = None if session.deadline is None else session.deadline - time.monotonic()
+    session.expect(lambda: expectation(session.plan, session.threads, left))
     # Bodies are drawn while the kernel is compiled.
-    loading = Task(lambda _: load_kernel(job.plan.config))
-    pending = job.session.pending
-    ready = job.prepare(pending[0])
-    job.result.load_seconds = loading.wait()
-    job.begin()
+    loading = Task(lambda _: load_kernel(session.plan.config))
+    pending = session.pending
+    ready = session.prepare(pending[0])
+    session.result.load_seconds = loading.wait()
+    session.tracker.begin()
     task: Task[Columns] | None = None
     done: tuple[Remainder, Columns, float] | None = None
     try:
         for place, block in enumerate(pending):
-            if job.too_late(place > 0):
+            if session.too_late(place > 0):
                 raise _Late
             under_way = ready
-            task = under_way.integrate(job.threads)
+            task = under_way.integrate(session.threads)
             if done is not None:
-                _write(job, *done)
+                _write(session, *done)
                 done = None
             if place + 1 < len(pending):
-                ready = job.prepare(pending[place + 1])
-            columns = task.wait(lambda control, block=block: _tick(job, block, control))  # type: ignore[misc]
+                ready = session.prepare(pending[place + 1])
+            columns = task.wait(lambda control, block=block: _tick(session, block, control))  # type: ignore[misc]
             done, task = (under_way, columns, task.seconds), None
         if done is not None:
-            _write(job, *done)
+            _write(session, *done)
     except BaseException as error:
         if task is not None:
             task.stop()
@@ -55,23 +55,23 @@ def work_off(job: Job) -> None:
             raise
         # A request, not an error: what has ended is kept.
         if done is not None:
-            _write(job, *done)
+            _write(session, *done)
         if task is not None and (done is None or done[0] is not under_way):
             some, lost = gather(task)
-            job.result.lost += lost
+            session.result.lost += lost
             if some is not None:
-                _write(job, under_way, some, task.seconds)
+                _write(session, under_way, some, task.seconds)
         if not isinstance(error, _Late):
             raise
-        job.stop()
+        session.stop()
 
 
-def _tick(job: Job, block: Block, control: Any) -> None:
-    job.tick(block, control)
-    if job.too_late(job.result.done > 0 or control.runs_done > 0):
+def _tick(session: Session, block: Block, control: Any) -> None:
+    session.tick(block, control)
+    if session.too_late(session.result.done > 0 or control.runs_done > 0):
         raise _Late
 
 
-def _write(job: Job, part: Remainder, columns: Columns, seconds: float) -> None:
-    job.session.forget([part.block.index])
-    job.wrote(part.block, part.write(columns), len(columns["case"]), seconds)
+def _write(session: Session, part: Remainder, columns: Columns, seconds: float) -> None:
+    session.forget([part.block.index])
+    session.wrote(part.block, part.write(columns), len(columns["case"]), seconds)

@@ -6,16 +6,18 @@ import contextlib
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Literal
 
 from rattlesweep.errors import OutputError
 from rattlesweep.integrate.batch import available_threads
 from rattlesweep.sweeps.cases.plan import Plan
 from rattlesweep.sweeps.cases.shards import Shard
 from rattlesweep.sweeps.engines import local
-from rattlesweep.sweeps.engines.job import Job, Progress, Result, Tracker
-from rattlesweep.sweeps.engines.session import Session, open_session
-from rattlesweep.sweeps.inspect.retype import retype_block
+from rattlesweep.sweeps.engines.progress import Progress, Result
+from rattlesweep.sweeps.engines.session import Session
 from rattlesweep.sweeps.inspect.summary import summarise
+from rattlesweep.sweeps.store.manifest import count_failed
+from rattlesweep.sweeps.store.output import open_output
 from rattlesweep.sweeps.tables.cells import columns_for
 
 
@@ -30,7 +32,7 @@ def run_sweep(
     max_time: float | None = None,
     fresh: bool = False,
     retry_failed: bool = False,
-    engine: Callable[[Job], None] = local.work_off,
+    engine: Callable[[Session], None] = local.work_off,
 ) -> Result:
     """Run what a plan asks for and is not yet on disk.
 
@@ -50,7 +52,7 @@ def run_sweep(
     max_time : float, optional
         Seconds after which it stops by itself.
     engine : callable
-        Works off the pending blocks of a :class:`Job`.
+        Works off the pending blocks of a :class:`Session`.
 
     Raises
     ------
@@ -63,54 +65,48 @@ def run_sweep(
     deadline = None if max_time is None else time.monotonic() + max_time
     threads = threads or available_threads()
     result = Result(directory)
-    with open_session(
-        plan, directory, base, threads, shard=shard, fresh=fresh, retry_failed=retry_failed
-    ) as session:
+    share = None if shard is None else shard.name
+
+    def end(state: Literal["complete", "stopped"]) -> None:
+        result.seconds = time.perf_counter() - start
+        session.end(state)
+
+    with open_output(
+        plan, directory, base, share=share, fresh=fresh, retry_failed=retry_failed
+    ) as output:
+        session = Session(output, shard, threads, result, report, deadline)
         session.scan()
-        result.remarks += session.output.remarks
-        result.resumed_runs = session.kept
+        result.remarks += output.remarks
         session.begin()
         try:
-            session.forget(session.retype)
-            for index in session.retype:
-                file = session.store.read_block(index)
-                receipt, _ = retype_block(session.store, index, file, plan.config.classify)
-                session.wrote(index, receipt)
+            session.renew_types()
             while True:
-                tracker = Tracker(session.costs, session.blocks, session.left, report)
-                job = Job(session, tracker, result, threads, deadline)
-                job.tick()
+                session.track()
                 if session.pending:
-                    engine(job)
-                    job.tick()
+                    engine(session)
+                    session.tick()
                 if result.stopped is not None or not session.advance():
                     break
-            _sum_up(session, result)
+            _sum_up(session)
         except BaseException as error:
             result.runs = session.runs
             if not isinstance(error, Exception):
                 error.add_note(result.kept)
             # What stopped it is what the user is to hear of, not that this could not be noted.
             with contextlib.suppress(OutputError):
-                _end(session, result, start, "stopped")
+                end("stopped")
             raise
-        _end(session, result, start, "complete" if result.stopped is None else "stopped")
+        end("complete" if result.stopped is None else "stopped")
     return result
 
 
-def _end(session: Session, result: Result, start: float, state: str) -> None:
-    result.seconds = time.perf_counter() - start
-    session.end(state, result)
-
-
-def _sum_up(session: Session, result: Result) -> None:
+def _sum_up(session: Session) -> None:
+    result, plan, store = session.result, session.plan, session.store
     result.runs = session.runs
-    for receipt in session.receipts.values():
-        result.failed.update(receipt.failed)
+    result.failed.update(count_failed(session.receipts.values()))
     if result.stopped is not None:
         return
-    result.missing = len(session.missing())
+    result.missing = session.missing()
     if not result.missing:
-        plan, store = session.plan, session.store
         result.summary = summarise(store, plan.cases, columns_for(plan.config))
         store.write_summary(result.summary)

@@ -1,27 +1,23 @@
-"""A process at work in an output directory: what it finds, what is left to do, what it notes.
-
-And how it takes hold of that directory, and makes it one of the sweep that is to go on there.
-"""
+"""A process at work in an output directory: what it finds, what is left to do, what it notes."""
 
 from __future__ import annotations
 
 import os
 import socket
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, field, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Literal
 
-from rattlesweep.errors import ConfigError, DamagedError, OutputError
+from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.integrate.batch import Control
 from rattlesweep.sweeps.cases.costs import Costs
 from rattlesweep.sweeps.cases.plan import Block, Plan
 from rattlesweep.sweeps.cases.shards import Shard, deal
-from rattlesweep.sweeps.store.atomic import explained
+from rattlesweep.sweeps.engines.progress import Progress, Result, Tracker
+from rattlesweep.sweeps.engines.remainder import Remainder
+from rattlesweep.sweeps.inspect.retype import retype_block
 from rattlesweep.sweeps.store.blockfile import Note
-from rattlesweep.sweeps.store.growth import finish_growth, grow, remove_growth
-from rattlesweep.sweeps.store.locks import hold
 from rattlesweep.sweeps.store.manifest import (
     Expected,
     Manifest,
@@ -29,15 +25,14 @@ from rattlesweep.sweeps.store.manifest import (
     SessionProgress,
     SessionRecord,
 )
-from rattlesweep.sweeps.store.output import Output, examine, put_in_order
-from rattlesweep.sweeps.store.provenance import now, peak_memory, table_files
+from rattlesweep.sweeps.store.output import Output
+from rattlesweep.sweeps.store.provenance import now, peak_memory
 from rattlesweep.sweeps.store.store import Store
-from rattlesweep.sweeps.store.stored import Staged, follow_stages
 from rattlesweep.sweeps.tables.arrow import same_schema
 
-if TYPE_CHECKING:
-    from rattlesweep.sweeps.engines.job import Progress, Result
-
+# Seconds for which a session in which no run has ended yet goes on after its time is up, so that
+# the same command again and again comes to an end, however short the time.
+GRACE = 5.0
 # Seconds between two notes in the manifest; more where writing it takes long.
 NOTE_EVERY = 10.0
 # Sessions that the manifest remembers.
@@ -46,14 +41,14 @@ REMEMBERED = 1000
 
 @dataclass
 class Session:
-    """A process's share of a sweep, while it holds it."""
+    """A process's share of a sweep, while it holds it: what an engine works off."""
 
     output: Output
     shard: Shard | None
     threads: int
-    costs: Costs  # expected, of the plan's blocks
-    blocks: list[Block]  # all of the share
-    staged: Staged | None  # of a sweep that decides what to run next
+    result: Result
+    report: Callable[[Progress], None]
+    deadline: float | None  # of time.monotonic, after which no work is to be done
     # Blocks that are not in place, or are to be done again in part.
     pending: list[Block] = field(default_factory=list)
     # Those found whole or written by this session.
@@ -65,16 +60,18 @@ class Session:
     # failed runs to do again.
     retype: list[int] = field(default_factory=list)
     retry: list[int] = field(default_factory=list)
-    kept: int = 0  # runs found on disk
     # Blocks about to be written anew: the manifest is to have no receipt of them.
     _forgotten: set[int] = field(default_factory=set)
     _due: float = 0.0
 
     def __post_init__(self) -> None:
+        shard, self.costs = self.shard, Costs(self.plan)
+        shares = deal(self.plan, 1 if shard is None else shard.count, self.costs)
+        self.blocks = shares[0 if shard is None else shard.index]  # all of the share
         self._record = SessionRecord(
             started=now(),
             state="running",
-            shard=None if self.shard is None else str(self.shard),
+            shard=None if shard is None else str(shard),
             host=socket.gethostname(),
             pid=os.getpid(),
             threads=self.threads,
@@ -96,11 +93,6 @@ class Session:
         parts = [rows for index, rows in self.begun.items() if index not in self.receipts]
         return sum(receipt.rows for receipt in self.receipts.values()) + sum(parts)
 
-    @property
-    def left(self) -> dict[int, int]:
-        """Runs to integrate of each pending block, by its number."""
-        return {block.index: block.rows - self.begun.get(block.index, 0) for block in self.pending}
-
     # ------------------------------------------------------------ what is there
 
     def scan(self) -> None:
@@ -118,16 +110,16 @@ class Session:
 
     def advance(self) -> bool:
         """Go on to what is to be done next; whether there is anything."""
-        if self.staged is None or not self.staged.advance():
+        staged = self.output.staged
+        if staged is None or not staged.advance():
             return False
         known = len(self.blocks)
-        plan = self.staged.of(self.plan)
-        self.output = replace(self.output, plan=plan)
-        self.costs = self.costs.following(plan)
-        self.blocks += [plan.block(index) for index in range(known, plan.n_blocks)]
+        self.output = replace(self.output, plan=staged.of(self.plan))
+        self.costs = self.costs.following(self.plan)
+        self.blocks += [self.plan.block(index) for index in range(known, self.plan.n_blocks)]
         self.pending = []
         self._sort_out(self.blocks[known:])
-        self.store.update_manifest(self._enter_stages, self._blank)
+        self._note()
         return True
 
     def _sort_out(self, blocks: list[Block]) -> None:
@@ -145,6 +137,7 @@ class Session:
                 or (old is not None and old.sha256 != found.receipt.sha256)
             ):
                 self.pending.append(block)
+                self._forgotten.add(block.index)
                 continue
             self._check_limit(found.note, wanted, found.receipt)
             retry = bool(found.receipt.failed) and self.output.retry_failed
@@ -153,10 +146,11 @@ class Session:
                 again = sum(found.receipt.failed.values()) if retry else 0
                 self.begun[block.index] = found.receipt.rows - again
             if not found.complete:
-                self.kept += self.begun[block.index]
+                self._forgotten.add(block.index)
+                self.result.resumed_runs += self.begun[block.index]
                 continue
             self.receipts[block.index] = found.receipt.took(None if old is None else old.seconds)
-            self.kept += block.rows
+            self.result.resumed_runs += block.rows
             aged = found.lacks_columns and self.shard is None
             if aged or found.note.classify != wanted.classify:
                 self.retype.append(block.index)
@@ -177,6 +171,89 @@ class Session:
                 f"them again with {new.max_steps}, add --retry-failed"
             )
 
+    def missing(self) -> int:
+        """How many blocks of the whole sweep are not there, or not all of them.
+
+        An OutputError if one is gone that this session has found or written.
+        """
+        there = set(self.store.block_indices())
+        if gone := self.receipts.keys() - there:
+            raise OutputError(
+                f"{self.store.block_path(min(gone))} was in place and has vanished"
+                f"{f', and {len(gone) - 1} more blocks' if len(gone) > 1 else ''}: something else "
+                "removes files there; the same command does them again"
+            )
+        others = [index for index in range(self.plan.n_blocks) if index not in self.receipts]
+        # Of other shards: what was stopped has left rows, but not a block.
+        return len(
+            [index for index in others if index not in there]
+            or [index for index in others if not self.store.is_complete(index)]
+        )
+
+    # -------------------------------------------------- what is done, for the engines
+
+    def track(self) -> None:
+        """Begin to count what is done of the blocks that are known."""
+        left = {block.index: block.rows - self.begun.get(block.index, 0) for block in self.pending}
+        self.tracker = Tracker(self.costs, self.blocks, left, self.report)
+        self.tick()
+
+    def tick(self, block: Block | None = None, control: Control | None = None) -> None:
+        """Report progress, and note it down now and then."""
+        progress = self.tracker.tick(block, control)
+        if (start := time.monotonic()) >= self._due:
+            self._record.progress = SessionProgress(**asdict(progress), at=now())
+            self._note()
+            end = time.monotonic()
+            self._due = end + max(NOTE_EVERY, 50 * (end - start))
+
+    def too_late(self, some_done: bool = True) -> bool:
+        """Whether to stop; a session in which no run has ended yet is given a little longer."""
+        if self.deadline is None or time.monotonic() < self.deadline:
+            return False
+        begun = self.tracker.begun
+        return some_done or (begun is not None and time.monotonic() >= begun + GRACE)
+
+    def stop(self) -> None:
+        """Say that the time was up."""
+        if self.result.done:
+            self.result.stopped = "the time is up"
+        else:
+            self.result.stopped = "the time was up before one run had ended, give more"
+
+    def prepare(self, block: Block) -> Remainder:
+        """What is left to do of a pending block."""
+        return Remainder.prepare(self.output, block, block.index in self.begun)
+
+    def wrote(self, block: Block, receipt: Receipt, rows: int, seconds: float | None) -> None:
+        """Count a block into which so many new rows were written; not all, if it was stopped."""
+        index, result = block.index, self.result
+        result.done += rows
+        result.kernel_seconds += seconds or 0.0
+        if index in self.retry:
+            result.retried += rows
+        if not self.output.note(block).is_whole(receipt.rows):
+            self.begun[index] = receipt.rows
+            return
+        if self.begun.pop(index, None) is not None or seconds is None:
+            # Not all of its runs were integrated just now.
+            seconds = self.receipts[index].seconds if index in self.receipts else None
+        self._keep(index, receipt.took(seconds))
+        result.blocks += 1
+        self.tracker.finish(block)
+
+    def renew_types(self) -> None:
+        """Type the runs of blocks again whose types are of other thresholds."""
+        self.forget(self.retype)
+        for index in self.retype:
+            file = self.store.read_block(index)
+            receipt, _ = retype_block(self.store, index, file, self.plan.config.classify)
+            self._keep(index, receipt.took(self.receipts[index].seconds))
+
+    def _keep(self, index: int, receipt: Receipt) -> None:
+        self.receipts[index] = receipt
+        self._forgotten.discard(index)
+
     # --------------------------------------------------------- what is noted
 
     def begin(self) -> None:
@@ -184,28 +261,10 @@ class Session:
 
         def change(manifest: Manifest) -> None:
             manifest.state, manifest.config = "running", self.plan.config
-            self._enter_stages(manifest)
-            # Of files that were not found as they were written.
-            manifest.forget(b.index for b in self.pending if b.index not in self.receipts)
-            manifest.clear("classified")
-            manifest.sessions = [*self._others(manifest)[-REMEMBERED:], self._record]
+            manifest.classified = None
 
-        if self.output.manifest is None and self.store.has_manifest():
-            try:
-                self.store.read_manifest()  # which another shard may have mended meanwhile
-            except DamagedError:
-                self.store.write_manifest(self._blank())
-        self.store.update_manifest(change, self._blank)
+        self._note(change)
         self._due = time.monotonic() + NOTE_EVERY
-
-    def _blank(self) -> Manifest:
-        """A manifest with all that this session knows: it may be removed while that is at work."""
-        manifest = Manifest.begin(self.plan, self.output.hash_, self.output.base)
-        manifest.receipts, manifest.sessions = dict(self.receipts), [self._record]
-        return manifest
-
-    def _others(self, manifest: Manifest) -> list[SessionRecord]:
-        return [session for session in manifest.sessions if session.key != self._record.key]
 
     def expect(self, forecast: Callable[[], dict[str, Any] | None]) -> None:
         """Keep what the sweep is expected to take, if nobody has before and it can be told."""
@@ -216,167 +275,51 @@ class Session:
         def change(manifest: Manifest) -> None:
             manifest.expected = manifest.expected or Expected.model_validate(expected)
 
-        self.store.update_manifest(change, self._blank)
+        self._note(change)
 
-    def forget(self, indices: list[int]) -> None:
+    def forget(self, indices: Iterable[int]) -> None:
         """Take receipts out of the manifest before their blocks are replaced, if there are any."""
-        if old := [index for index in indices if index in self.receipts]:
-            self._forgotten.update(old)
-            self.store.update_manifest(lambda manifest: manifest.forget(old), self._blank)
+        if old := self.receipts.keys() & indices:
+            self._forgotten |= old
+            self._note()
 
-    def wrote(self, index: int, receipt: Receipt, seconds: float | None = None) -> bool:
-        """Keep the receipt of a block that was written, if it is whole; whether it is."""
-        if not self.output.note(self.plan.block(index)).is_whole(receipt.rows):
-            self.begun[index] = receipt.rows
-            return False
-        if self.begun.pop(index, None) is not None or seconds is None:
-            # Not all of its runs were integrated just now.
-            seconds = self.receipts[index].seconds if index in self.receipts else None
-        self.receipts[index] = receipt.took(seconds)
-        self._forgotten.discard(index)
-        return True
-
-    def missing(self) -> list[int]:
-        """Numbers of the blocks of the whole sweep that are not there, or not all of them.
-
-        An OutputError if one is gone that this session has found or written.
-        """
-        plan, there = self.plan, set(self.store.block_indices())
-        if gone := [index for index in self.receipts if index not in there]:
-            raise OutputError(
-                f"{self.store.block_path(min(gone))} was in place and has vanished"
-                f"{f', and {len(gone) - 1} more blocks' if len(gone) > 1 else ''}: something else "
-                "removes files there; the same command does them again"
-            )
-        others = [index for index in range(plan.n_blocks) if index not in self.receipts]
-        # Of other shards: what was stopped has left rows, but not a block.
-        return [index for index in others if index not in there] or [
-            index for index in others if not self.store.is_complete(index)
-        ]
-
-    def note(self, progress: Progress) -> None:
-        """Write receipts and progress down, if it is time to."""
-        if time.monotonic() >= self._due:
-            start = time.monotonic()
-            self._record.progress = SessionProgress(**asdict(progress), at=now())
-            self.store.update_manifest(self._enter, self._blank)
-            self._due = time.monotonic() + max(NOTE_EVERY, 50 * (time.monotonic() - start))
-
-    def end(self, state: str, result: Result) -> None:
+    def end(self, state: Literal["complete", "stopped"]) -> None:
         """Write down how the session ended, and whether the whole sweep is done."""
-        fields = self._record.model_dump(exclude_unset=True, exclude={"progress"})
-        fields |= {"finished": now(), "state": state, "blocks": result.blocks}
+        record, result = self._record, self.result
+        record.finished, record.state, record.progress = now(), state, None
+        record.blocks, record.peak_memory = result.blocks, peak_memory()
         for name in ("seconds", "load_seconds", "kernel_seconds"):
-            fields[name] = round(getattr(result, name), 3)
-        self._record = SessionRecord(**fields, peak_memory=peak_memory())
+            setattr(record, name, round(getattr(result, name), 3))
 
         def change(manifest: Manifest) -> None:
-            self._enter(manifest)
+            others = [other.state for other in manifest.sessions if other.key != record.key]
             if state == "complete" and result.summary is not None:
                 manifest.state, manifest.finished = "complete", now()
             elif manifest.state == state == "complete":
                 pass  # Another share ended since this one looked, and found all blocks there.
-            elif any(session.state == "running" for session in self._others(manifest)):
+            elif "running" in others:
                 manifest.state = "running"
             else:
                 # A share may be complete where the sweep is not.
-                manifest.state = "partial" if state == "complete" else self._record.state
+                manifest.state = "partial" if state == "complete" else state
             manifest.add_up()
-            manifest.peak_memory = self._record.peak_memory
+            manifest.peak_memory = record.peak_memory
 
-        self.store.update_manifest(change, self._blank)
+        self._note(change)
 
-    def _enter_stages(self, manifest: Manifest) -> None:
-        """Put the stages that are known by now into the manifest."""
-        plan = self.plan
-        if plan.stages:
-            manifest.stages, manifest.runs, manifest.blocks = plan.sizes, plan.runs, plan.n_blocks
+    def _note(self, change: Callable[[Manifest], None] = lambda manifest: None) -> None:
+        """Put what this session knows by now into the manifest, which may have been removed."""
+        plan, mine = self.plan, self._record
 
-    def _enter(self, manifest: Manifest) -> None:
-        """Put what this session knows by now into the manifest."""
-        manifest.receipts |= {
-            index: receipt
-            for index, receipt in self.receipts.items()
-            if index not in self._forgotten
-        }
-        mine = self._record
-        manifest.sessions = [mine if s.key == mine.key else s for s in manifest.sessions]
+        def enter(manifest: Manifest) -> None:
+            if plan.stages:
+                manifest.stages, manifest.runs = plan.sizes, plan.runs
+                manifest.blocks = plan.n_blocks
+            known = manifest.receipts | self.receipts
+            manifest.receipts = {k: v for k, v in known.items() if k not in self._forgotten}
+            sessions = {other.key: other for other in manifest.sessions[-REMEMBERED:]}
+            manifest.sessions = [*(sessions | {mine.key: mine}).values()]
+            change(manifest)
 
-
-# ------------------------------------------------------------ how it takes hold of a directory
-
-
-@contextmanager
-def open_session(
-    plan: Plan,
-    directory: Path,
-    base: Path | None,
-    threads: int,
-    *,
-    shard: Shard | None = None,
-    fresh: bool = False,
-    retry_failed: bool = False,
-) -> Iterator[Session]:
-    """Take hold of a directory, or of a share of it; first remove its runs if `fresh`."""
-    if not fresh:
-        examine(plan, directory, base)  # before anything is made there
-    store = Store(directory)
-    store.prepare()
-    with hold(directory, None if shard is None else shard.name) as alone:
-        if fresh:
-            _start_over(store, plan, base)
-        store.remove_stale_temporaries(alone)
-        output = examine(plan, directory, base)
-        half = output.manifest is not None and bool(output.manifest.growing)
-        if shard is None:
-            output = _grown(output, half)
-        elif half or output.growth is not None:
-            raise ConfigError(
-                f"{directory}: holds fewer samples or cases, and a share cannot add to them; run "
-                "it without --shard, or merge the shares and do so there"
-            )
-        plan = output.plan
-        if plan.stages and retry_failed:
-            raise ConfigError(
-                f"--retry-failed: {plan.stages_by} has chosen the runs by what came out, "
-                "failed ones too; repeat them in another output"
-            )
-        staged = follow_stages(store, plan, output.hash_)
-        plan = plan if staged is None else staged.of(plan)
-        output = replace(output, plan=plan, retry_failed=retry_failed)
-        output.remarks.extend(put_in_order(output))
-        costs = Costs(plan)
-        shares = deal(plan, 1 if shard is None else shard.count, costs)
-        blocks = shares[0 if shard is None else shard.index]
-        yield Session(output, shard, threads, costs, blocks, staged)
-
-
-def _grown(output: Output, half: bool) -> Output:
-    """What the directory is once it is one of this sweep; `half`: one has begun to make it so."""
-    if half:
-        finish_growth(output.store)
-    else:
-        remove_growth(output.store)
-    if output.growth is not None and output.manifest is not None:
-        grow(output.store, output.manifest, output.plan, output.hash_, output.growth)
-    elif not half:
-        return output
-    again = examine(output.plan, output.store.directory, output.base)
-    return replace(again, remarks=output.remarks)
-
-
-def _start_over(store: Store, plan: Plan, base: Path | None) -> None:
-    """Remove the files of a sweep, and only those; not what this one is to begin from."""
-    # The manifest first: without it, what is left is nobody's.
-    blocks = map(store.block_path, store.block_indices())
-    files = [store.manifest_path, store.summary_path, *blocks]
-    removed = {path.resolve() for path in files}
-    for path in table_files(plan, base):
-        if path.resolve() in removed:
-            raise ConfigError(
-                f"--fresh: would remove {path}, which this sweep takes its bodies from; choose "
-                "another output"
-            )
-    with explained(f"cannot remove the runs in {store.directory}"):
-        for path in files:
-            path.unlink(missing_ok=True)
+        hash_, base = self.output.hash_, self.output.base
+        self.store.update_manifest(enter, lambda: Manifest.begin(plan, hash_, base))

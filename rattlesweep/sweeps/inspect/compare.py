@@ -235,25 +235,21 @@ def compare(
         sure=[left.sure, right.sure],
     )
     # Runs come case by case, so that of one case alone there are counts in memory.
-    number, tally = -1, Tally()
-
-    def finish() -> None:
-        if number >= 0:
-            case = one.manifest.cases[number].model_dump(exclude_none=True)
-            result.cases.append(case | result.row(tally))
-
+    cases: dict[int, dict[str, Any]] = {}
+    tally = Tally()
     while left.fill() and right.fill():
         last = min(left.last, right.last)
         rows = _differing(left.take(last), right.take(last), one, other)
         result.add(rows)
         write(_table(rows))
-        for _, own in rows.groupby("case"):
-            if (case := int(own["case"].iloc[0])) != number:
-                finish()
-                number, tally = case, Tally()
+        for number, own in rows.groupby("case"):
+            case = int(number)
+            tally = tally if case in cases else Tally()
             tally.add(own)
+            of_case = one.manifest.cases[case].model_dump(exclude_none=True)
+            cases[case] = of_case | result.row(tally)
         report(last / result.planned)
-    finish()
+    result.cases = [*cases.values()]
     for side in (left, right):
         while side.fill():
             side.take(side.last)

@@ -209,7 +209,7 @@ def _manifest(shares: list[Stored], earlier: Manifest | None, output: Path, size
             "command": manifest.command,
         }
         for session in manifest.sessions:
-            own = session.model_dump(exclude_unset=True)
+            own = session.model_dump(exclude_defaults=True)
             sessions.setdefault(session.key, SessionRecord(**origin | own))
     done = sorted(sessions.values(), key=lambda session: session.started)
     commands = [words for _, m in every for words in (m.commands or [m.command])]
@@ -225,8 +225,8 @@ def _manifest(shares: list[Stored], earlier: Manifest | None, output: Path, size
         "sessions": done,
         "receipts": {},
         "peak_memory": max(peaks, default=None),
+        "finished": None,
     }
     merged = first.model_copy(update=fresh)
-    merged.clear("finished")
     merged.add_up()
     return merged

@@ -87,11 +87,9 @@ def retype(directory: Path, overrides: Sequence[str] = ()) -> Retyped:
         store.write_summary(summary.table())
 
         def change(manifest: Manifest) -> None:
-            manifest.config = config
-            manifest.clear("classified")
-            if thresholds != own:
-                manifest.classified = Classified(config=own, now=thresholds, at=now())
-            manifest.receipts = receipts
+            changed = Classified(config=own, now=thresholds, at=now())
+            manifest.config, manifest.receipts = config, receipts
+            manifest.classified = None if thresholds == own else changed
 
         store.update_manifest(change)
     return Retyped(changed, len(old), before, own, thresholds, summary.table())

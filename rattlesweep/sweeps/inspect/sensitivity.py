@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from rattlesweep.arrays import Floats, Integers
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps.config.bodies import SdSource
 from rattlesweep.sweeps.store.stored import Stored, open_stored
-from rattlesweep.sweeps.tables.cells import codes, floats
 from rattlesweep.sweeps.tables.types import TYPES
 
 TIMES = ("t_r", "log10 t_r")
@@ -111,25 +111,18 @@ def _cases(
     stored: Stored, drawn: tuple[str, ...]
 ) -> Iterator[tuple[int, Integers, Floats, dict[str, Floats]]]:
     """Case by case: samples, parameters of the shape (parameters, samples), and quantities."""
-    parts: dict[int, list[tuple[Any, ...]]] = {}
     own = ["xi" if name == "minus_xi_deg" else name for name in drawn]
-    for rows in stored.store.iter_batches([*_COLUMNS, *own], complete=True):
-        case = rows.column("case").to_numpy()
-        x = np.stack([floats(rows.column(name)) for name in own])
-        ok = codes(rows.column("status"), ("ok",)) == 0
-        kind = np.where(ok, codes(rows.column("type"), TYPES), -1)
-        t_r = np.where(kind == 0, floats(rows.column("t_r")), np.nan)
-        sample = rows.column("sample").to_numpy()
-        for one in np.unique(case).tolist():
-            here = case == one
-            parts.setdefault(one, []).append((sample[here], x[:, here], t_r[here], kind[here]))
-    for one, arrays in sorted(parts.items()):
-        sample, x, t_r, kind = (np.concatenate(some, axis=-1) for some in zip(*arrays, strict=True))
-        types = {
-            f"P({name})": np.where(kind < 0, np.nan, kind == code)
-            for code, name in enumerate(TYPES)
-        }
-        yield one, sample, x, {TIMES[0]: t_r, TIMES[1]: np.log10(t_r)} | types
+    batches = [*stored.store.iter_batches([*_COLUMNS, *own], complete=True)]
+    if not batches:
+        return
+    runs = pa.Table.from_batches(batches).to_pandas(categories=["type", "status"])
+    for case, rows in runs.groupby("case"):
+        kind = rows.type.where(rows.status == "ok")
+        t_r = rows.t_r.where(kind == "R").to_numpy()
+        quantities = {TIMES[0]: t_r, TIMES[1]: np.log10(t_r)}
+        for name in TYPES:
+            quantities[f"P({name})"] = (kind == name).where(kind.notna(), np.nan).to_numpy(float)
+        yield int(case), rows["sample"].to_numpy(), rows[own].to_numpy(float).T, quantities
 
 
 def _of_values(

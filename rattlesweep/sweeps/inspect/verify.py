@@ -110,14 +110,15 @@ def verify(
             f"{store.runs}: {_listed(verdict.missing)} of a sweep that is said to be complete "
             "is missing"
         )
-    staged = stored.staged if complete and not verdict.problems else None
-    if staged is not None and not (staged.done and [*map(len, staged.stages)] == manifest.sizes):
-        verdict.problems.append(
-            f"{store.manifest_path} has other stages than the runs ask for; `rattlesweep run` goes "
-            "on from there"
-        )
     if complete and not verdict.problems:
-        verdict.problems += _check_summary(stored, summary.table())
+        staged = stored.staged
+        if staged.done and [*map(len, staged.stages)] == (manifest.stages or []):
+            verdict.problems += _check_summary(stored, summary.table())
+        else:
+            verdict.problems.append(
+                f"{store.manifest_path} has other stages than the runs ask for; `rattlesweep run` "
+                "goes on from there"
+            )
     if recompute:
         verdict.problems += _check_numbers(stored, whole, recompute, seed, threads, verdict)
     return verdict

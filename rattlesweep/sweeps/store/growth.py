@@ -114,8 +114,7 @@ def grow(store: Store, smaller: Manifest, plan: Plan, hash_: str, cases: Integer
         for name in ("name", "state", "config", "config_hash", "cases", "samples", "runs",
                      "blocks", "receipts"):  # fmt: skip
             setattr(manifest, name, getattr(larger, name))
-        for name in ("expected", "finished"):
-            manifest.clear(name)
+        manifest.expected = manifest.finished = None
         manifest.growing = True
 
     store.update_manifest(change)
@@ -136,7 +135,7 @@ def finish_growth(store: Store) -> None:
                 rename_file(store.runs, before)
             rename_file(new, store.runs)
     remove_growth(store)
-    Store(store.directory).update_manifest(lambda manifest: manifest.clear("growing"))
+    Store(store.directory).update_manifest(lambda manifest: setattr(manifest, "growing", None))
 
 
 def remove_growth(store: Store) -> None:

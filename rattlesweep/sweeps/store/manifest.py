@@ -1,7 +1,7 @@
 """``manifest.json``: what a sweep is and how far it is, typed, and checked before it is believed.
 
 It is input, like a config: strict in what this version relies on, while keys that a later one adds
-are left alone and written again. What was not set is not written.
+are left alone and written again. What has its default is not written.
 """
 
 from __future__ import annotations
@@ -18,12 +18,10 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
-    SerializerFunctionWrapHandler,
     ValidationError,
     ValidationInfo,
     field_serializer,
     field_validator,
-    model_serializer,
     model_validator,
 )
 
@@ -59,11 +57,6 @@ Machine = dict[str, str | int | None]
 class _Part(BaseModel):
     model_config = ConfigDict(strict=True, allow_inf_nan=False, extra="allow")
 
-    def clear(self, key: str) -> None:
-        """Take a key out, as if it had never been set."""
-        setattr(self, key, None)
-        self.model_fields_set.discard(key)
-
 
 class Receipt(_Part):
     """What is kept of a block: its file's checksum, its rows and its failed runs by status.
@@ -79,10 +72,6 @@ class Receipt(_Part):
     seconds: Seconds | None = None
     sensitive: Count | None = None
     unsure: Count | None = None
-
-    @model_serializer(mode="wrap")
-    def _without_what_is_empty(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return {key: value for key, value in serialize(self).items() if value not in ({}, None)}
 
     def took(self, seconds: float | None) -> Receipt:
         """The same with the time of its integration."""
@@ -103,12 +92,12 @@ class StoredCase(_Part):
     @property
     def target_name(self) -> str | None:
         """``"K_p"``, ``"K_r"`` or none."""
-        return next((name for name in ("K_p", "K_r") if name in self.model_fields_set), None)
+        return next((name for name in ("K_p", "K_r") if getattr(self, name) is not None), None)
 
     @property
     def target(self) -> float | None:
         """Target value of that."""
-        return None if self.target_name is None else getattr(self, self.target_name)
+        return self.K_r if self.K_p is None else self.K_p
 
 
 class ExtraColumn(_Part):
@@ -155,10 +144,10 @@ class SessionRecord(_Part):
     pid: int | None = None
     threads: int | None = None
     finished: Time | None = None
-    seconds: Seconds = 0.0
-    load_seconds: Seconds = 0.0
-    kernel_seconds: Seconds = 0.0
-    blocks: Count = 0
+    seconds: Seconds | None = None
+    load_seconds: Seconds | None = None
+    kernel_seconds: Seconds | None = None
+    blocks: Count | None = None
     peak_memory: Count | None = None
     progress: SessionProgress | None = None
 
@@ -166,10 +155,6 @@ class SessionRecord(_Part):
     def key(self) -> tuple[Any, ...]:
         """What tells it from every other session."""
         return self.started, self.host, self.pid, self.shard
-
-    def said(self, name: str) -> Any:
-        """What it has noted under a name; None if nothing."""
-        return getattr(self, name) if name in self.model_fields_set else None
 
 
 class Classified(_Part):
@@ -299,12 +284,6 @@ class Manifest(_Part):
     @classmethod
     def begin(cls, plan: Plan, hash_: str, base: Path | None) -> Manifest:
         """The manifest of a sweep that begins."""
-        # What was not set is not written.
-        extra: dict[str, Any] = {}
-        if plan.extra:
-            extra["columns"] = [ExtraColumn.of(field) for field in plan.extra]
-        if plan.stages:
-            extra["stages"] = plan.sizes
         return cls(
             format=FORMAT,
             name=plan.config.name,
@@ -317,19 +296,17 @@ class Manifest(_Part):
                     case=case.index,
                     n_i=case.n_i,
                     omega_xy0=case.omega_xy0,
+                    sigma=case.sigma,
+                    rolling=case.rolling,
                     **({case.target_name: case.target} if case.target_name else {}),
-                    **{
-                        name: value
-                        for name in ("sigma", "rolling")
-                        if (value := getattr(case, name)) is not None
-                    },
                 )
                 for case in plan.cases
             ],
-            **extra,
-            samples=int(plan.samples),
-            runs=int(plan.runs),
-            blocks=int(plan.n_blocks),
+            columns=[ExtraColumn.of(field) for field in plan.extra],
+            samples=plan.samples,
+            runs=plan.runs,
+            blocks=plan.n_blocks,
+            stages=plan.sizes if plan.stages else None,
             versions=versions(),
             machine=machine(),
             started=now(),
@@ -341,7 +318,7 @@ class Manifest(_Part):
 
     def dump(self) -> dict[str, Any]:
         """As JSON has it, receipts in their order."""
-        data = self.model_dump(exclude_unset=True)
+        data = self.model_dump(exclude_defaults=True)
         receipts = sorted(data["receipts"].items())
         return data | {"receipts": {str(index): receipt for index, receipt in receipts}}
 
@@ -373,8 +350,9 @@ class Manifest(_Part):
         """Count what its receipts and sessions come to."""
         self.failed = count_failed(self.receipts.values())
         self.bytes = sum(receipt.bytes for receipt in self.receipts.values())
-        self.seconds = round(sum(session.seconds for session in self.sessions), 3)
-        self.kernel_seconds = round(sum(session.kernel_seconds for session in self.sessions), 3)
+        for name in ("seconds", "kernel_seconds"):
+            total = sum(getattr(session, name) or 0.0 for session in self.sessions)
+            setattr(self, name, round(total, 3))
 
 
 def targets_of(config: Config) -> Sequence[float]:

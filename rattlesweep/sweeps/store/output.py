@@ -1,7 +1,12 @@
-"""What an output directory is to a plan: whose runs it holds, and which files are in the way."""
+"""What an output directory is to a plan: whose runs it holds, and which files are in the way.
+
+And how a process takes hold of it, and makes it one of the sweep that is to go on there.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,10 +16,12 @@ from rattlesweep.errors import ConfigError, DamagedError, OutputError
 from rattlesweep.sweeps.config.load import differences, resolved
 from rattlesweep.sweeps.store.atomic import explained
 from rattlesweep.sweeps.store.blockfile import Note, block_number, read_block_file
-from rattlesweep.sweeps.store.growth import growth
+from rattlesweep.sweeps.store.growth import finish_growth, grow, growth, remove_growth
+from rattlesweep.sweeps.store.locks import hold
 from rattlesweep.sweeps.store.manifest import Manifest, Receipt
-from rattlesweep.sweeps.store.provenance import identity, machine, versions
+from rattlesweep.sweeps.store.provenance import identity, machine, table_files, versions
 from rattlesweep.sweeps.store.store import Store
+from rattlesweep.sweeps.store.stored import Staged
 
 if TYPE_CHECKING:
     from rattlesweep.sweeps.cases.plan import Block, Plan
@@ -33,6 +40,7 @@ class Output:
     retry_failed: bool = False  # whether runs that failed are to be done again
     # Numbers here of the cases of a smaller sweep, which the directory holds.
     growth: Integers | None = None
+    staged: Staged | None = None  # what it has decided to run so far, once it is held
 
     def note(self, block: Block) -> Note:
         """What a block of this plan says of itself."""
@@ -41,6 +49,75 @@ class Output:
     def finished(self, block: Block) -> Receipt | None:
         """The receipt of a block that is in place, whole and as this session would write it."""
         return self.store.finished_block(block.index, self.note(block))
+
+
+@contextmanager
+def open_output(
+    plan: Plan,
+    directory: Path,
+    base: Path | None,
+    *,
+    share: str | None = None,
+    fresh: bool = False,
+    retry_failed: bool = False,
+) -> Iterator[Output]:
+    """Hold a directory, or a share of it, for a plan; first remove its runs if `fresh`."""
+    if not fresh:
+        examine(plan, directory, base)  # before anything is made there
+    store = Store(directory)
+    store.prepare()
+    with hold(directory, share) as alone:
+        if fresh:
+            _start_over(store, plan, base)
+        store.remove_stale_temporaries(alone)
+        output = _grown(examine(plan, directory, base), share)
+        plan = output.plan
+        if plan.stages and retry_failed:
+            raise ConfigError(
+                f"--retry-failed: {plan.stages_by} has chosen the runs by what came out, "
+                "failed ones too; repeat them in another output"
+            )
+        staged = Staged(store, plan.config, len(plan.cases), plan.samples, output.hash_)
+        output = replace(output, plan=staged.of(plan), staged=staged, retry_failed=retry_failed)
+        output.remarks.extend(put_in_order(output))
+        yield output
+
+
+def _start_over(store: Store, plan: Plan, base: Path | None) -> None:
+    """Remove the files of a sweep, and only those; not what this one is to begin from."""
+    # The manifest first: without it, what is left is nobody's.
+    blocks = map(store.block_path, store.block_indices())
+    files = [store.manifest_path, store.summary_path, *blocks]
+    removed = {path.resolve() for path in files}
+    for path in table_files(plan, base):
+        if path.resolve() in removed:
+            raise ConfigError(
+                f"--fresh: would remove {path}, which this sweep takes its bodies from; choose "
+                "another output"
+            )
+    with explained(f"cannot remove the runs in {store.directory}"):
+        for path in files:
+            path.unlink(missing_ok=True)
+
+
+def _grown(output: Output, share: str | None) -> Output:
+    """What a directory that is held is once it is one of the plan's sweep."""
+    store, manifest = output.store, output.manifest
+    half = manifest is not None and bool(manifest.growing)
+    if share is not None:
+        if half or output.growth is not None:
+            raise ConfigError(
+                f"{store.directory}: holds fewer samples or cases, and a share cannot add to them; "
+                "run it without --shard, or merge the shares and do so there"
+            )
+        return output
+    (finish_growth if half else remove_growth)(store)
+    if manifest is not None and output.growth is not None:
+        grow(store, manifest, output.plan, output.hash_, output.growth)
+    elif not half:
+        return output
+    again = examine(output.plan, store.directory, output.base)
+    return replace(again, remarks=output.remarks)
 
 
 def examine(plan: Plan, directory: Path, base: Path | None) -> Output:

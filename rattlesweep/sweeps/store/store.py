@@ -273,12 +273,17 @@ class Store:
         """Change `manifest.json` in one step that no other process can come between.
 
         `change` is called with the manifest as it is now; `blank` makes the one to begin with where
-        there is none.
+        there is none that is whole.
         """
         self._check_in_place()
         with manifest_lock(self.directory):
-            begin = blank is not None and not self.has_manifest()
-            manifest = blank() if blank is not None and begin else self.read_manifest()
+            try:
+                begin = blank is not None and not self.has_manifest()
+                manifest = blank() if blank is not None and begin else self.read_manifest()
+            except DamagedError:
+                if blank is None:
+                    raise
+                manifest = blank()
             change(manifest)
             self.write_manifest(manifest)
 

@@ -12,7 +12,7 @@ import pyarrow as pa
 
 from rattlesweep.arrays import Integers
 from rattlesweep.errors import ConfigError
-from rattlesweep.sweeps.cases.stages import Stages, borders, make_stages, n_blocks
+from rattlesweep.sweeps.cases.stages import borders, make_stages, n_blocks
 from rattlesweep.sweeps.config.bodies import TableSource
 from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.store.blockfile import Note
@@ -25,24 +25,29 @@ if TYPE_CHECKING:
 
 
 class Staged:
-    """Follows a sweep that decides what to run next, as far as its blocks are there and whole."""
+    """Follows a sweep that decides what to run next, as far as its blocks are there and whole.
 
-    def __init__(self, store: Store, decide: Stages, size: int, sweep: str) -> None:
-        self._store, self._decide, self._size, self._sweep = store, decide, size, sweep
+    One that does all runs has no stages, and nothing to be decided. `config`, `cases` and `samples`
+    are those of the sweep, `sweep` is its identity.
+    """
+
+    def __init__(self, store: Store, config: Config, cases: int, samples: int, sweep: str) -> None:
+        self._store, self._size, self._sweep = store, config.block_size, sweep
+        self._decide = make_stages(config, cases, samples)
         # Numbers of the runs of each stage that is known.
-        self.stages: list[Integers] = [decide.first()]
+        self.stages: list[Integers] = [] if self._decide is None else [self._decide.first()]
         # Whether the last of them is in place, and nothing more is asked for.
-        self.done = False
+        self.done = self._decide is None
         self.advance()
 
     def advance(self) -> bool:
         """Take all stages that are in place; whether there are new ones."""
-        known = len(self.stages)
-        while not self.done and (tables := self._last()) is not None:
+        known, decide = len(self.stages), self._decide
+        while decide is not None and not self.done and (tables := self._last()) is not None:
             for table in tables:
-                for rows in table.select(list(self._decide.columns)).to_batches():
-                    self._decide.add(rows)
-            following = self._decide.next()
+                for rows in table.select(list(decide.columns)).to_batches():
+                    decide.add(rows)
+            following = decide.next()
             if len(following):
                 self.stages.append(following)
             else:
@@ -63,12 +68,6 @@ class Staged:
                 return None
             tables.append(file.table())
         return tables
-
-
-def follow_stages(store: Store, plan: Plan, sweep: str) -> Staged | None:
-    """What a sweep of this identity has decided so far; None if it does all runs."""
-    decide = make_stages(plan.config, len(plan.cases), plan.samples)
-    return None if decide is None else Staged(store, decide, plan.block_size, sweep)
 
 
 @dataclass(frozen=True)
@@ -98,12 +97,10 @@ class Stored:
         return Note.of(manifest.config, manifest.config_hash, manifest.borders(index))
 
     @cached_property
-    def staged(self) -> Staged | None:
-        """What it has decided so far; None if it does all runs."""
-        manifest, config = self.manifest, self.config
-        decide = make_stages(config, len(manifest.cases), manifest.samples)
-        size, sweep = config.block_size, manifest.config_hash
-        return None if decide is None else Staged(self.store, decide, size, sweep)
+    def staged(self) -> Staged:
+        """What it has decided so far."""
+        m = self.manifest
+        return Staged(self.store, m.config, len(m.cases), m.samples, m.config_hash)
 
     def refuse_stages(self, what: str) -> None:
         """Refuse (ConfigError) what goes only where all runs are done, and none were chosen."""
@@ -114,9 +111,9 @@ class Stored:
     def numbers(self, index: int) -> Integers | None:
         """Numbers of the runs of a block; None where stages before it are not whole."""
         first, stop = self.manifest.borders(index)
-        if self.staged is None:
+        if not (stages := self.staged.stages):
             return np.arange(first, stop)
-        numbers = np.concatenate(self.staged.stages)
+        numbers = np.concatenate(stages)
         return numbers[first:stop] if stop <= len(numbers) else None
 
     @cached_property
@@ -135,7 +132,7 @@ class Stored:
                 f"{self.directory}: its table of bodies has changed, so its runs cannot be had "
                 "again"
             )
-        return plan if self.staged is None else self.staged.of(plan)
+        return self.staged.of(plan)
 
 
 def open_stored(directory: Path | str) -> Stored:
