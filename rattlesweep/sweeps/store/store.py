@@ -251,17 +251,15 @@ class Store:
         Where there is none, so that this is no output directory, or one of another format, it is a
         ConfigError.
         """
+        if not self.has_manifest():
+            raise ConfigError(
+                f"{self.directory} is not an output directory: it has no manifest.json"
+            )
         try:
             with reading(self.manifest_path):
                 return Manifest.parse(sealed.load(read_file(self.manifest_path, MOST_BYTES)))
         except ConfigError as error:
             raise ConfigError(f"{self.directory}: {error}") from None
-        except OutputError as error:
-            if not isinstance(error.__cause__, FileNotFoundError | NotADirectoryError):
-                raise
-            raise ConfigError(
-                f"{self.directory} is not an output directory: it has no manifest.json"
-            ) from None
 
     def write_manifest(self, manifest: Manifest) -> None:
         """Write `manifest.json`, as safely as a block."""
