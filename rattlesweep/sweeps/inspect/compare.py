@@ -242,8 +242,8 @@ def compare(
         rows = _differing(left.take(last), right.take(last), one, other)
         result.add(rows)
         write(_table(rows))
-        for number, own in rows.groupby("case"):
-            case = int(number)
+        for _, own in rows.groupby("case"):
+            case = int(own["case"].iloc[0])
             tally = tally if case in cases else Tally()
             tally.add(own)
             of_case = one.manifest.cases[case].model_dump(exclude_none=True)
