@@ -281,13 +281,15 @@ def kind_of(key: dict[str, Any]) -> str:
     if "const" in key or "enum" in key:
         return ", ".join(f"`{word}`" for word in key.get("enum", [key.get("const")]))
     if "Linspace" in references(key):
-        return "list of numbers, or spaced ones"
+        first = key
+        while ways := first.get("anyOf") or first.get("oneOf"):
+            first = ways[0]
+        spaced = "list of numbers, or spaced ones"
+        return spaced if first["type"] == "array" else f"{kind_of(first)}; or several"
     if references(key):
         return "a section"
     for way in ("anyOf", "oneOf"):
         if way in key:
-            if "linspace" in json.dumps(key[way]):
-                return f"{kind_of(key[way][0])}; or several"
             kinds = [kind_of(each) for each in key[way] if each.get("type") != "null"]
             return " or ".join(dict.fromkeys(kinds))
     if key.get("type") == "array":

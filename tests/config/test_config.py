@@ -184,7 +184,7 @@ def test_values_are_spaced_where_they_can_be(law, ends, values):
         {"bodies": grid, "spin": {"n_i": 1, "omega_xy0": 0.1}},
     ):
         if values is None:
-            with pytest.raises(ConfigError, match=r"space|differ|three numbers"):
+            with pytest.raises(ConfigError, match=r"space|differ|give at least 3"):
                 parse_config(data)
             continue
         config = parse_config(data)
@@ -277,7 +277,7 @@ sd | 0.01, 0.1]\n | -0.01]\n | 10:22: spin.omega_xy0[1]: -0.01 is out of range; 
 sd | t_rgh: 5 | t_rgh: 1e300 | 13:11: horizon.t_rgh: 1e+300 is out of range; it must be at most 1e+30
 sd | t_rgh: 5 |  | 13:1: horizon: neither t_rgh nor t is given; give one of them, or both
 sd | gamma: [5, 15] | gamma: [15, 5] | 6:12: bodies.ranges.gamma: the range [15, 5] is reversed; write [5, 15]
-sd | gamma: [5, 15] | gamma: [] | 6:12: bodies.ranges.gamma: a range has two numbers, [low, high], and not 0
+sd | gamma: [5, 15] | gamma: [] | 6:12: bodies.ranges.gamma: the list has 0 values; give at least 2
 sd | theta: [0.6, 0.95] | theta: [0.6, 1.2] | 6:61: bodies.ranges.theta[1]: 1.2 is out of range; it must be below 1
 sd | phi: [0.01, 0.1] | phi: [0.01, 0.7] | 6:68: bodies.ranges.phi: phi >= theta is possible, as phi goes up to 0.7 and theta down to 0.6; the ranges must not meet
 sd | theta: [0.6, 0.95], phi: [0.01, 0.1] | theta: [0.05, 0.5] | 6:3: bodies.ranges.phi: phi >= theta is possible
@@ -286,7 +286,7 @@ sd | K_r: [0.01, 0.03, 0.1], rel_tol: 1e-3 | rel_tol: 0.1 | 7:3: bodies.target: 
 sd | n_i: [-0.1, | n_i: [-0.3, | 9:3: spin.n_i: -0.3 is repeated; give each value once
 sd | name: steady-kr-quick | name: a/b | 1:1: name: the name has a slash or a control character; write a plain word
 sd | spin: | launch: {omega: [0, 0, -1]}\nspin: | 9:1: spin: spin and launch are both given; keep one of them
-preset | spin: {n_i: -0.1, omega_xy0: 0.01} | launch: {omega: [0, 1]} | launch.omega: 2 components are no vector; give three, x, y, z
+preset | spin: {n_i: -0.1, omega_xy0: 0.01} | launch: {omega: [0, 1]} | launch.omega: the list has 2 values; give at least 3
 preset | spin: {n_i: -0.1, omega_xy0: 0.01} | launch: {omega: [0, 0, 1], u: [0, 0, 1]} | launch.u: u_z is 1; it must be negative, as
 preset | spin: {n_i: -0.1, omega_xy0: 0.01} | launch: {omega: [0, 0, 1], u: [0.1, 0, -1]} | launch.u: its length is 1.00499; give a un
 preset | spin: {n_i: -0.1, omega_xy0: 0.01} | launch: {omega: [0, 0, 0]} | launch: the body stands upright and at rest; give it an

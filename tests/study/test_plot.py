@@ -499,7 +499,7 @@ def test_spins_may_be_spaced_like_an_axis() -> None:
     assert parsed({"linspace": [-0.5, 0.5, 4]}).n_i == pytest.approx([-0.5, -1 / 6, 1 / 6, 0.5])
     assert parsed(0.1, {"logspace": [0.001, 0.1, 3]}).omega_xy0 == pytest.approx([0.001, 0.01, 0.1])
     for n_i, words in (
-        ({"linspace": [-0.5, 0.5]}, "spin.n_i: three numbers are wanted"),
+        ({"linspace": [-0.5, 0.5]}, "spin.n_i: the list has 2 values; give at least 3"),
         ({"logspace": [-0.5, 0.5, 4]}, "spin.n_i: no constant ratio leads"),
         ({"linspace": [-0.5, 0.5, 4], "n": 3}, 'n: unknown key "n"'),
         ({"lin": [1, 2, 3]}, "a mapping is given here; write a number or a list of numbers"),

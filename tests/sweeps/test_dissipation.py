@@ -376,9 +376,9 @@ REFUSED_TABLES = {
     "exponents": ("sigma", "0.1", {"record": ["lyapunov"]},
                   "bodies.path: the table has dissipation, and record: [lyapunov] and classify"),
     "no mass": ("sigma_N_m_s", "0.1", {},
-                "sigma_N_m_s needs the body's units; add the column mass_kg and height_m"),
-    "no height": ("rolling_m", "0.1", {}, "rolling_m needs the body's units; add the column heig"),
-    "no height for c": ("c_m", "0.1", {}, "c_m needs the body's units; add the column height_m"),
+                "the column mass_kg is missing; sigma_N_m_s needs it"),
+    "no height": ("rolling_m", "0.1", {}, "the column height_m is missing; rolling_m needs it"),
+    "no height for c": ("c_m", "0.1", {}, "the column height_m is missing; c_m needs it"),
     "no decay": ("sigma", "0", {"horizon": {"t_decay": 1}},
                  "horizon.t_decay: t_decay times gamma/sigma is not a finite time in the only run"),
 }  # fmt: skip
@@ -395,7 +395,7 @@ def test_tables_are_refused_in_a_sentence(tmp_path, name, cell, rest, words):
 
 
 def test_two_columns_of_one_loss(tmp_path):
-    with pytest.raises(ConfigError, match="the columns sigma and sigma_N_m_s say the same"):
+    with pytest.raises(ConfigError, match=r"row 1: sigma is 0\.1, and sigma_N_m_s comes to "):
         plan_of(f"{HEAD},mass_kg,height_m,sigma,sigma_N_m_s\n{ROW},1,0.01,0.1,0.1\n", tmp_path)
 
 
@@ -405,7 +405,7 @@ REFUSED = {
     "negative": ({"sigma": [0, -0.1]}, "dissipation.sigma[1]: -0.1 is out of range; it must be at"),
     "long": ({"rolling": [0, 2]}, "dissipation.rolling[1]: 2 is out of range; it must be at most"),
     "twice": ({"sigma": [0.1, 0.1]}, "dissipation.sigma: 0.1 is repeated; give each value once"),
-    "none": ({"sigma": []}, "dissipation.sigma: the list is empty; give at least one number"),
+    "none": ({"sigma": []}, "dissipation.sigma: the list has 0 values; give at least 1"),
     "word": ({"sigma": "tabel"}, 'dissipation.sigma: "tabel" is not one of table; did you mean'),
     "no table": ({"sigma": "table"}, "dissipation: sigma is that of a table, and the bodies are of "
                  "source preset; give a number, or several"),

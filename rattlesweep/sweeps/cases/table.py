@@ -16,7 +16,15 @@ from rattlesweep.arrays import Flags, Floats
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.physics.body import PARAMETERS, violations
 from rattlesweep.physics.launch import spin_and_oscillation
-from rattlesweep.sweeps.cases.measured import INPUT, Measured, own_columns, require, without_units
+from rattlesweep.sweeps.cases.measured import (
+    BODY,
+    INPUT,
+    Measured,
+    own_columns,
+    refuse_row,
+    require,
+    without_units,
+)
 from rattlesweep.sweeps.config.fields import MAX_SPEED, MAX_TIME
 from rattlesweep.sweeps.config.launch import unit
 from rattlesweep.sweeps.tables.columns import MEASURED
@@ -31,14 +39,12 @@ SPIN_SLACK = 1e-9
 
 # Of columns that are no body's: what is wrong with a value, and what is wanted.
 RULES: tuple[tuple[str, Callable[[Floats], Flags], str], ...] = (
-    ("n_i", lambda n_i: np.abs(n_i) > MAX_SPEED, f"at most {MAX_SPEED:g} is allowed"),
-    ("omega_xy0", lambda omega: omega > MAX_SPEED, f"at most {MAX_SPEED:g} is allowed"),
-    ("t_end", lambda t_end: t_end <= 0, "it must be positive"),
+    *((name, lambda x: np.abs(x) > MAX_SPEED, f"at most {MAX_SPEED:g} is allowed")
+      for name in (*LAUNCH, *OMEGA, "sigma")),
+    *((name, lambda x: x <= 0, "it must be positive")
+      for name in ("t_end", *BODY, "gravity_m_s2")),
     ("t_end", lambda t_end: t_end > MAX_TIME, f"at most {MAX_TIME:g} is allowed"),
-    *((name, lambda omega: np.abs(omega) > MAX_SPEED, f"at most {MAX_SPEED:g} is allowed")
-      for name in OMEGA),
     *((name, lambda loss: loss < 0, "it must be at least 0") for name in LOSSES),
-    ("sigma", lambda sigma: sigma > MAX_SPEED, f"at most {MAX_SPEED:g} is allowed"),
     ("rolling", lambda rolling: rolling > 1, "at most 1 is allowed"),
 )  # fmt: skip
 # And where there is no full state, which may have no oscillation.
@@ -88,8 +94,8 @@ def read_table(path: str, base: Path | None = None) -> tuple[dict[str, Floats], 
     except Exception as error:  # pandas and pyarrow raise many kinds
         reason = one_line(str(error).split("\n")[0] or type(error).__name__, 200)
         raise ConfigError(f"{where}: cannot be read as a table ({reason})") from None
-    found = own_columns(frame, (*COLUMNS, *INPUT), where)
     columns, second = columns_of(frame, where)
+    found = own_columns(frame, (*COLUMNS, *INPUT), where)
     more = () if second is None else MEASURED
     return columns, replace(found, second=second, fields=(*found.fields, *more))
 
@@ -102,22 +108,24 @@ def columns_of(frame: pd.DataFrame, where: str) -> tuple[dict[str, Floats], Floa
     _check_repeats(frame.columns.tolist(), where)
     if not len(frame):
         raise ConfigError(f"{where}: the table has no rows; give at least one body")
-    frame, second = without_units(frame, lambda name: _numbers(frame[name], name, where), where)
-    require(PARAMETERS, frame.columns, where, f"{' '.join(PARAMETERS)} are wanted")
-    state = [name for name in (*OMEGA, *U) if name in frame.columns]
-    if state:
-        require((*OMEGA, *U), state, where, f"a full state has {' '.join((*OMEGA, *U))}")
-    lone = [name for name in LAUNCH if name in frame.columns]
-    if len(lone) == 1 and not state:
-        raise ConfigError(
-            f"{where}: {lone[0]} stands alone; give both n_i and omega_xy0, or neither"
-        )
     columns = {}
-    for name in (name for name in COLUMNS if name in frame.columns):
+    for name in (name for name in (*COLUMNS, *INPUT) if name in frame.columns):
         if (kind := frame[name].dtype).kind not in "iufO":
             raise ConfigError(f"{where}: the column {name} is of type {kind}; numbers are wanted")
         columns[name] = _numbers(frame[name], name, where)
     _check_rows(columns, where)
+    columns, second = without_units(columns, where)
+    require(PARAMETERS, columns, where, f"{' '.join(PARAMETERS)} are wanted")
+    state = [name for name in (*OMEGA, *U) if name in columns]
+    if state:
+        require((*OMEGA, *U), state, where, f"a full state has {' '.join((*OMEGA, *U))}")
+    lone = [name for name in LAUNCH if name in columns]
+    if len(lone) == 1 and not state:
+        raise ConfigError(
+            f"{where}: {lone[0]} stands alone; give both n_i and omega_xy0, or neither"
+        )
+    _check_rows(columns, where)
+    columns = {name: columns[name] for name in COLUMNS if name in columns}
     reversal = columns.pop("t_r", None)
     if reversal is not None and "t_end" in columns:
         columns["t_end"] = np.where(np.isfinite(reversal), np.nan, columns["t_end"])
@@ -141,19 +149,11 @@ def launched_from(columns: dict[str, Floats], where: str) -> dict[str, Floats]:
             raise ConfigError(f"{where}: row {row + 1}: u: {error}") from None
     n_i, omega_xy0, psi = spin_and_oscillation(omega, u)
     still = (omega == 0).all(axis=1) & (u[:, 2] == -1)
-    if still.any():
-        raise ConfigError(
-            f"{where}: row {np.argmax(still) + 1}: the body stands upright and at rest; give it an "
-            "angular velocity"
-        )
+    refuse_row(where, still, "the body stands upright and at rest; give it an angular velocity")
     other = columns.get("n_i", n_i)
     wrong = np.abs(other - n_i) > SPIN_SLACK * np.linalg.norm(omega, axis=1)
-    if wrong.any():
-        row = int(np.argmax(wrong))
-        raise ConfigError(
-            f"{where}: row {row + 1}: n_i is {other[row]:g}, and the spin of the full state "
-            f"{n_i[row]:g}; leave n_i and omega_xy0 out"
-        )
+    told = "n_i is {:g}, and the spin of the full state {:g}; leave n_i and omega_xy0 out"
+    refuse_row(where, wrong, told, other, n_i)
     lengths = {name: u[:, k] for k, name in enumerate(U)}
     return {"n_i": n_i, "omega_xy0": omega_xy0, "psi": psi} | lengths
 
@@ -199,22 +199,23 @@ def _numbers(series: pd.Series[str], name: str, where: str) -> Floats:
     if name in NULLABLE:
         bad &= ~series.isna().to_numpy()
     if bad.any():
-        row = int(np.argmax(bad))
-        cell = series.iloc[row]
-        found = "empty" if pd.isna(cell) else f"{str(cell)[:40]!r}"
-        raise ConfigError(f"{where}: row {row + 1}: {name} is {found}; a finite number is needed")
+        cells = [
+            "empty" if empty else repr(str(cell)[:40])
+            for cell, empty in zip(series, series.isna(), strict=True)
+        ]
+        refuse_row(where, bad, name + " is {}; a finite number is needed", cells)
     return values
 
 
 def _check_rows(columns: dict[str, Floats], where: str) -> None:
-    worst: list[tuple[int, str]] = list(violations(**{name: columns[name] for name in PARAMETERS}))
+    worst: list[tuple[int, str]] = []
+    if all(name in columns for name in PARAMETERS):
+        worst += violations(**{name: columns[name] for name in PARAMETERS})
     for name, is_wrong, wanted in RULES if "u_x" in columns else (*RULES, *SPIN_RULES):
         # NaN, where it may stand, is no value, and breaks no rule.
-        values = columns.get(name, np.array([np.nan]))
-        bad = is_wrong(values)
-        if bad.any():
+        if name in columns and (bad := is_wrong(columns[name])).any():
             row = int(np.argmax(bad))
-            worst.append((row, f"{name} is {values[row]:g}; {wanted}"))
+            worst.append((row, f"{name} is {columns[name][row]:g}; {wanted}"))
     if worst:
         row, sentence = min(worst)
         raise ConfigError(f"{where}: row {row + 1}: {sentence}")

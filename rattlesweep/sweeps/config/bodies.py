@@ -15,8 +15,9 @@ from rattlesweep.sweeps.config.fields import (
     Spaced,
     check_one,
     interval,
-    meant,
     no_repeats,
+    parameter,
+    within,
 )
 from rattlesweep.sweeps.config.messages import out_of_range
 from rattlesweep.sweeps.config.refine import Refine
@@ -31,16 +32,17 @@ MAX_SOBOL = 2**30
 class SdRanges(Base):
     """Ranges that shell-dumbbell bodies are drawn from; the paper's Table I unless given."""
 
-    gamma: Annotated[list[fields.Gamma], *interval("gamma")] = Field(default=[5.0, 15.0])
-    f_sd: Annotated[list[fields.FSd], *interval("f_sd")] = Field(default=[0.05, 0.15])
-    theta: Annotated[list[fields.Theta], *interval("theta")] = Field(default=[0.6, 0.95])
-    phi: Annotated[list[fields.Phi], *interval("phi")] = Field(
-        default=[0.01, 0.1], validate_default=True
-    )
+    gamma: list[Annotated[float, within("gamma")]] = interval("gamma", [5.0, 15.0])
+    f_sd: list[Annotated[float, within("f_sd")]] = interval("f_sd", [0.05, 0.15])
+    theta: list[Annotated[float, within("theta")]] = interval("theta", [0.6, 0.95])
+    phi: list[Annotated[float, within("phi")]] = interval("phi", [0.01, 0.1])
     # Drawn from (low, high]: zero may bound the skew angle, but is never drawn.
-    minus_xi_deg: Annotated[
-        list[Annotated[float, Field(ge=0, lt=90)]], *interval("minus_xi_deg")
-    ] = Field(default=[0.0, 6.0])
+    minus_xi_deg: list[Annotated[float, Field(ge=0, lt=90)]] = interval("minus_xi_deg", [0.0, 6.0])
+
+    @field_validator("*")
+    @classmethod
+    def _ordered(cls, ends: list[float]) -> list[float]:
+        return fields.ordered(ends)
 
     @field_validator("minus_xi_deg")
     @classmethod
@@ -172,8 +174,8 @@ class SdSource(Surfaced):
 class Skewed(Base):
     """A body whose skew angle may be given in radians or in degrees."""
 
-    xi: fields.Xi | None = meant("xi", None)
-    xi_deg: fields.XiDeg | None = meant("xi_deg", None)
+    xi: float | None = parameter("xi", None)
+    xi_deg: float | None = parameter("xi_deg", None)
 
     needs_skew: ClassVar[bool] = True
 
@@ -193,11 +195,11 @@ class Skewed(Base):
 class Overrides(Skewed):
     """Parameters that replace those of a preset."""
 
-    alpha: fields.Alpha | None = meant("alpha", None)
-    beta: fields.Beta | None = meant("beta", None)
-    gamma: fields.Gamma | None = meant("gamma", None)
-    theta: fields.Theta | None = meant("theta", None)
-    phi: fields.Phi | None = meant("phi", None)
+    alpha: float | None = parameter("alpha", None)
+    beta: float | None = parameter("beta", None)
+    gamma: float | None = parameter("gamma", None)
+    theta: float | None = parameter("theta", None)
+    phi: float | None = parameter("phi", None)
 
     needs_skew: ClassVar[bool] = False
 
@@ -211,7 +213,7 @@ class PresetSource(Surfaced):
     """GH: the body of Garcia and Hubbard (1988); KL: that of Kane and Levinson (1982)."""
     overrides: Overrides = Field(default_factory=lambda: Overrides())
     """Parameters that replace the preset's."""
-    c: fields.C | None = meant("c", None)
+    c: float | None = parameter("c", None)
 
     @property
     def has_c(self) -> bool:
@@ -244,20 +246,20 @@ class PresetBase(Base):
 class ExplicitBase(Skewed):
     """Start from a body given by its six parameters."""
 
-    alpha: fields.Alpha = meant("alpha")
-    beta: fields.Beta = meant("beta")
-    gamma: fields.Gamma = meant("gamma")
-    theta: fields.Theta = meant("theta")
-    phi: fields.Phi = meant("phi")
+    alpha: float = parameter("alpha")
+    beta: float = parameter("beta")
+    gamma: float = parameter("gamma")
+    theta: float = parameter("theta")
+    phi: float = parameter("phi")
 
 
 class ShellDumbbellBase(Skewed):
     """Start from a shell-dumbbell body."""
 
-    gamma: fields.Gamma = meant("gamma")
-    f_sd: fields.FSd = meant("f_sd")
-    theta: fields.Theta = meant("theta")
-    phi: fields.Phi = meant("phi")
+    gamma: float = parameter("gamma")
+    f_sd: float = parameter("f_sd")
+    theta: float = parameter("theta")
+    phi: float = parameter("phi")
 
 
 def _base_kind(base: Any) -> str:
@@ -294,19 +296,24 @@ Axis = (
 )
 
 
+def varied(name: str) -> Any:
+    """A field that may hold an axis of a body parameter."""
+    return Field(default=None, description=PARAMETERS[name].meaning)
+
+
 class Axes(Base):
     """Parameters that vary: every combination is a body, and the first one varies slowest."""
 
-    alpha: Axis = meant("alpha", None)
-    beta: Axis = meant("beta", None)
-    gamma: Axis = meant("gamma", None)
-    f_sd: Axis = meant("f_sd", None)
-    theta: Axis = meant("theta", None)
-    phi: Axis = meant("phi", None)
-    xi: Axis = meant("xi", None)
-    xi_deg: Axis = meant("xi_deg", None)
-    minus_xi_deg: Axis = meant("minus_xi_deg", None)
-    c: Axis = meant("c", None)
+    alpha: Axis = varied("alpha")
+    beta: Axis = varied("beta")
+    gamma: Axis = varied("gamma")
+    f_sd: Axis = varied("f_sd")
+    theta: Axis = varied("theta")
+    phi: Axis = varied("phi")
+    xi: Axis = varied("xi")
+    xi_deg: Axis = varied("xi_deg")
+    minus_xi_deg: Axis = varied("minus_xi_deg")
+    c: Axis = varied("c")
 
     @field_validator("*")
     @classmethod

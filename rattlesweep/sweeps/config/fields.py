@@ -10,12 +10,12 @@ from pydantic import (
     ConfigDict,
     Discriminator,
     Field,
+    PlainSerializer,
     Tag,
-    WithJsonSchema,
     field_validator,
 )
-from pydantic_core import PydanticCustomError
 
+from rattlesweep.sweeps.config.messages import wrong_kind
 from rattlesweep.sweeps.config.yamlfile import is_number
 
 
@@ -65,25 +65,16 @@ How they go together is for `physics.body`.
 """
 
 
-def limited(name: str) -> Any:
+def within(name: str) -> Any:
     """Annotation of a number: the limits of a body parameter."""
     return Field(gt=PARAMETERS[name].low, lt=PARAMETERS[name].high)
 
 
-def meant(name: str, default: Any = ...) -> Any:
-    """A field that is described as a body parameter is."""
-    return Field(default=default, description=PARAMETERS[name].meaning)
+def parameter(name: str, default: Any = ...) -> Any:
+    """A field that holds a body parameter."""
+    low, high, meaning = PARAMETERS[name]
+    return Field(default=default, gt=low, lt=high, description=meaning)
 
-
-Alpha = Annotated[float, limited("alpha")]
-Beta = Annotated[float, limited("beta")]
-Gamma = Annotated[float, limited("gamma")]
-Theta = Annotated[float, limited("theta")]
-Phi = Annotated[float, limited("phi")]
-Xi = Annotated[float, limited("xi")]
-XiDeg = Annotated[float, limited("xi_deg")]
-C = Annotated[float, limited("c")]
-FSd = Annotated[float, limited("f_sd")]
 
 MAX_SPEED = 1e6
 """Of spins and oscillations, in sqrt(g/a): 5e6 turns a second of a body of 1 cm."""
@@ -94,15 +85,10 @@ MAX_TIME = 1e30
 MAX_AXIS = 10**6
 
 
-def _array(length: int, **item: Any) -> dict[str, Any]:
-    """JSON Schema of so many numbers."""
-    items = {"type": "number", **item}
-    return {"type": "array", "items": items, "minItems": length, "maxItems": length}
-
-
 _ENDS: Any = Field(
+    min_length=3,
+    max_length=3,
     description="[low, high, n]: n values between and including low and high.",
-    json_schema_extra={"minItems": 3, "maxItems": 3},
 )
 
 
@@ -129,8 +115,6 @@ class Spaced(Base):
     @field_validator("*")
     @classmethod
     def _can_be_spaced(cls, ends: list[float]) -> list[float]:
-        if len(ends) != 3:
-            raise ValueError(f"three numbers are wanted, [low, high, n], and not {len(ends)}")
         low, high, n = ends
         if n != int(n) or not 1 <= n <= MAX_AXIS:
             raise ValueError(f"n is {n:g}; it must be a whole number from 1 to {MAX_AXIS}")
@@ -167,9 +151,7 @@ class Logspace(Spaced):
 
 
 def no_repeats(values: list[Any]) -> list[Any]:
-    """The values, if there are any and none stands twice."""
-    if not values:
-        raise ValueError("the list is empty; give at least one number")
+    """The values, if none stands twice."""
     seen = set()
     for value in values:
         if value in seen:
@@ -181,32 +163,20 @@ def no_repeats(values: list[Any]) -> list[Any]:
 def _as_list(value: Any) -> Any:
     if isinstance(value, int | float) and not isinstance(value, bool):
         return [value]
-    if isinstance(value, dict) and "logspace" in value:
-        return Logspace.model_validate(value).values()
-    if isinstance(value, dict) and "linspace" in value:
-        return Linspace.model_validate(value).values()
+    if isinstance(value, dict) and value.keys() & {"linspace", "logspace"}:
+        return (Logspace if "logspace" in value else Linspace).model_validate(value).values()
     if not isinstance(value, list):
-        raise PydanticCustomError("number_or_list", "a number or a list of numbers is needed")
+        raise ValueError(wrong_kind(value, "a number or a list of numbers"))
     return value
 
 
-def _several(**item: Any) -> list[dict[str, Any]]:
-    """JSON Schemas of a list of distinct numbers, and of spaced ones."""
-    numbers = {"type": "array", "items": {"type": "number", **item}, "minItems": 1,
-               "uniqueItems": True}  # fmt: skip
-    return [
-        numbers,
-        *({"type": "object", "properties": {name: _array(3)}, "required": [name],
-           "additionalProperties": False} for name in ("linspace", "logspace")),
-    ]  # fmt: skip
-
-
-def _numbers(**item: Any) -> Any:
+def several(item: Any) -> Any:
     """Annotations of a list of distinct numbers that may be one number, or spaced ones."""
+    many = Annotated[list[item], Field(min_length=1, json_schema_extra={"uniqueItems": True})]
     return (
-        BeforeValidator(_as_list),
+        Field(min_length=1),
+        BeforeValidator(_as_list, json_schema_input_type=item | many | Linspace | Logspace),
         AfterValidator(no_repeats),
-        WithJsonSchema({"anyOf": [{"type": "number", **item}, *_several(**item)]}),
     )
 
 
@@ -219,27 +189,19 @@ def word_or_number(value: Any) -> str:
     return "word" if isinstance(value, str) and not is_number(value) else "number"
 
 
-def one_or_several(value: Any) -> str:
-    """Tag of several numbers, or of a word or a number."""
-    return "several" if isinstance(value, list | dict) else word_or_number(value)
-
-
 def _alone(values: list[Any]) -> Any:
     """A list of one number is that number."""
-    return values[0] if len(no_repeats(values)) == 1 else values
+    return values[0] if len(values) == 1 else values
 
 
 def losses(most: float) -> Any:
     """Type of a number from 0 to a limit, which may be several, or stand in a table."""
     number = Annotated[float, Field(ge=0, le=most)]
-    several = WithJsonSchema({"anyOf": _several(minimum=0, maximum=most)})
     return Annotated[
-        Annotated[number, Tag("number")]
-        | Annotated[
-            list[number], BeforeValidator(_as_list), AfterValidator(_alone), several, Tag("several")
-        ]
+        Annotated[list[number], *several(number), AfterValidator(_alone), Tag("number")]
         | Annotated[Literal["table"], Tag("word")],
-        Discriminator(one_or_several),
+        Discriminator(word_or_number),
+        PlainSerializer(lambda value: value),
     ]
 
 
@@ -248,47 +210,32 @@ def _unsigned_zero(spin: float) -> float:
 
 
 Positive = Annotated[float, Field(gt=0)]
-PositiveNumbers = Annotated[list[Positive], *_numbers(exclusiveMinimum=0)]
-CNumbers = Annotated[list[C], *_numbers(exclusiveMinimum=0)]
-OscillationNumbers = Annotated[
-    list[Annotated[Positive, Field(le=MAX_SPEED)]],
-    *_numbers(exclusiveMinimum=0, maximum=MAX_SPEED),
-]
-SpinNumbers = Annotated[
-    list[Annotated[float, Field(ge=-MAX_SPEED, le=MAX_SPEED), AfterValidator(_unsigned_zero)]],
-    *_numbers(minimum=-MAX_SPEED, maximum=MAX_SPEED),
-]
-
-
-def _three(values: list[float]) -> list[float]:
-    if len(values) != 3:
-        raise ValueError(f"{len(values)} components are no vector; give three, x, y, z")
-    return values
-
-
-def vector(**item: Any) -> Any:
-    """Annotations of a vector of three components, each with these limits."""
-    return AfterValidator(_three), WithJsonSchema(_array(3, **item))
-
-
+PositiveNumbers = Annotated[list[Positive], *several(Positive)]
+C = Annotated[float, within("c")]
+CNumbers = Annotated[list[C], *several(C)]
+Oscillation = Annotated[float, Field(gt=0, le=MAX_SPEED)]
+OscillationNumbers = Annotated[list[Oscillation], *several(Oscillation)]
 Speed = Annotated[float, Field(ge=-MAX_SPEED, le=MAX_SPEED)]
-AngularVelocity = Annotated[list[Speed], *vector(minimum=-MAX_SPEED, maximum=MAX_SPEED)]
-UnitVector = Annotated[list[Annotated[float, Field(ge=-2, le=2)]], *vector(minimum=-2, maximum=2)]
+Spin = Annotated[Speed, AfterValidator(_unsigned_zero)]
+SpinNumbers = Annotated[list[Spin], *several(Spin)]
+AngularVelocity = Annotated[list[Speed], Field(min_length=3, max_length=3)]
+UnitVector = Annotated[
+    list[Annotated[float, Field(ge=-2, le=2)]], Field(min_length=3, max_length=3)
+]
 
 
-def _ordered(ends: list[float]) -> list[float]:
-    if len(ends) != 2:
-        raise ValueError(f"a range has two numbers, [low, high], and not {len(ends)}; write both")
+def ordered(ends: list[float]) -> list[float]:
+    """The ends of a range, if they are in order."""
     low, high = ends
     if low > high:
         raise ValueError(f"the range [{low:g}, {high:g}] is reversed; write [{high:g}, {low:g}]")
     return ends
 
 
-def interval(name: str) -> Any:
-    """Annotations of a field that holds the range ``[low, high]`` of a body parameter."""
-    described = Field(description=f"Range [low, high]. {PARAMETERS[name].meaning}")
-    return AfterValidator(_ordered), WithJsonSchema(_array(2)), described
+def interval(name: str, default: list[float]) -> Any:
+    """A field that holds the range ``[low, high]`` of a body parameter."""
+    words = f"Range [low, high]. {PARAMETERS[name].meaning}"
+    return Field(default, min_length=2, max_length=2, description=words, validate_default=True)
 
 
 def _as_range(value: Any) -> Any:
@@ -298,8 +245,12 @@ def _as_range(value: Any) -> Any:
 
 def number_or_interval() -> Any:
     """Annotations of a field that holds a range, or one value for both of its ends."""
-    schema = WithJsonSchema({"anyOf": [{"type": "number"}, _array(2)]})
-    return BeforeValidator(_as_range), AfterValidator(_ordered), schema
+    ends = Annotated[list[float], Field(min_length=2, max_length=2)]
+    return (
+        Field(min_length=2, max_length=2),
+        BeforeValidator(_as_range, json_schema_input_type=float | ends),
+        AfterValidator(ordered),
+    )
 
 
 def check_one(model: BaseModel, *names: str, needed: bool = True, both: bool = False) -> None:

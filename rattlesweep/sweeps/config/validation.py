@@ -30,7 +30,6 @@ _WANTED = {
     "int_type": "a whole number",
     "int_from_float": "a whole number",
     "int_parsing": "a whole number",
-    "number_or_list": "a number or a list of numbers",
     "string_type": "text",
     "list_type": "a list",
     "dict_type": "a mapping",
@@ -147,6 +146,10 @@ def _sentence(kind: str, value: Any, context: dict[str, Any]) -> str:
     if kind in _LIMITS:
         name, bound = _LIMITS[kind]
         return out_of_range(f"{value!r}", bound, context[name])
+    if kind in ("too_short", "too_long"):
+        bound = "least" if kind == "too_short" else "most"
+        limit = context["min_length" if kind == "too_short" else "max_length"]
+        return f"the list has {context['actual_length']} values; give at {bound} {limit}"
     if kind == "string_too_short":
         return "the text is empty; write at least one character"
     if kind == "finite_number":
