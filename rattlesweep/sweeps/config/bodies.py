@@ -7,6 +7,7 @@ from pydantic import Discriminator, Field, Tag, ValidationInfo, field_validator,
 
 from rattlesweep.sweeps.config import fields
 from rattlesweep.sweeps.config.fields import (
+    ORDERED,
     PARAMETERS,
     Base,
     Linspace,
@@ -32,35 +33,24 @@ MAX_SOBOL = 2**30
 class SdRanges(Base):
     """Ranges that shell-dumbbell bodies are drawn from; the paper's Table I unless given."""
 
-    gamma: list[Annotated[float, within("gamma")]] = interval("gamma", [5.0, 15.0])
-    f_sd: list[Annotated[float, within("f_sd")]] = interval("f_sd", [0.05, 0.15])
-    theta: list[Annotated[float, within("theta")]] = interval("theta", [0.6, 0.95])
-    phi: list[Annotated[float, within("phi")]] = interval("phi", [0.01, 0.1])
+    gamma: Annotated[list[Annotated[float, within("gamma")]], ORDERED] = interval("gamma", 5, 15)
+    f_sd: Annotated[list[Annotated[float, within("f_sd")]], ORDERED] = interval("f_sd", 0.05, 0.15)
+    theta: Annotated[list[Annotated[float, within("theta")]], ORDERED] = interval(
+        "theta", 0.6, 0.95
+    )
+    phi: Annotated[list[Annotated[float, within("phi")]], ORDERED] = interval("phi", 0.01, 0.1)
     # Drawn from (low, high]: zero may bound the skew angle, but is never drawn.
-    minus_xi_deg: list[Annotated[float, Field(ge=0, lt=90)]] = interval("minus_xi_deg", [0.0, 6.0])
+    minus_xi_deg: Annotated[list[Annotated[float, Field(ge=0, lt=90)]], ORDERED] = interval(
+        "minus_xi_deg", 0, 6
+    )
 
-    @field_validator("*")
-    @classmethod
-    def _ordered(cls, ends: list[float]) -> list[float]:
-        return fields.ordered(ends)
-
-    @field_validator("minus_xi_deg")
-    @classmethod
-    def _skewed(cls, minus_xi_deg: list[float]) -> list[float]:
-        if minus_xi_deg[1] == 0:
-            raise ValueError("the range leaves only xi = 0, which never reverses; raise its end")
-        return minus_xi_deg
-
-    @field_validator("phi")
-    @classmethod
-    def _below_theta(cls, phi: list[float], info: ValidationInfo) -> list[float]:
-        theta = info.data.get("theta")
-        if theta and phi[1] >= theta[0]:
-            raise ValueError(
-                f"phi >= theta is possible, as phi goes up to {phi[1]:g} and theta down to "
-                f"{theta[0]:g}; the ranges must not meet"
-            )
-        return phi
+    rules = (
+        ("minus_xi_deg", lambda r: r.minus_xi_deg[1] == 0,
+         "the range leaves only xi = 0, which never reverses; raise its end"),
+        ("phi", lambda r: r.theta and r.phi[1] >= r.theta[0],
+         "phi >= theta is possible, as phi goes up to {phi[1]:g} and theta down to {theta[0]:g}; "
+         "the ranges must not meet"),
+    )  # fmt: skip
 
     def ends(self) -> list[list[float]]:
         """The ranges in the order of the fields, in which bodies are drawn."""
@@ -153,22 +143,13 @@ class SdSource(Surfaced):
         """Samples that saltelli draws together: at two points, and with one parameter moved."""
         return 2 + len(self.drawn)
 
-    @field_validator("draw")
-    @classmethod
-    def _numbered(cls, draw: str, info: ValidationInfo) -> str:
-        if draw != "random" and info.data.get("samples", 0) > MAX_SOBOL:
-            raise ValueError(f"the sequence has {MAX_SOBOL} points; take fewer samples, or random")
-        return draw
-
-    @field_validator("target")
-    @classmethod
-    def _redrawn_at_random(cls, target: Target | None, info: ValidationInfo) -> Target | None:
-        if target is not None and info.data.get("draw", "random") != "random":
-            raise ValueError(
-                "bodies that are redrawn until they meet a target do not fill the ranges evenly; "
-                "leave out the target, or take draw: random"
-            )
-        return target
+    rules = (
+        ("draw", lambda s: s.draw != "random" and s.samples > MAX_SOBOL,
+         f"the sequence has {MAX_SOBOL} points; take fewer samples, or random"),
+        ("target", lambda s: s.target and s.draw and s.draw != "random",
+         "bodies that are redrawn until they meet a target do not fill the ranges evenly; leave "
+         "out the target, or take draw: random"),
+    )  # fmt: skip
 
 
 class Skewed(Base):
@@ -380,25 +361,14 @@ class GridSource(Surfaced):
         own = {} if self.c is None or len(self.c) == 1 else {"c": self.c}
         return self.axes.values() | own
 
-    @field_validator("c")
-    @classmethod
-    def _one_axis(cls, c: list[float] | None, info: ValidationInfo) -> list[float] | None:
-        axes = info.data.get("axes")
-        if c is not None and axes is not None and axes.c is not None:
-            raise ValueError("c is an axis of axes too; keep one of them")
-        if c is not None and len(c) > 1 and info.data.get("refine") is not None:
-            raise ValueError("refine takes the axes of axes alone; write axes: {c: ...}")
-        return c
-
-    @field_validator("axes")
-    @classmethod
-    def _fit_base(cls, axes: Axes, info: ValidationInfo) -> Axes:
-        base = info.data.get("base")
-        foreign = ("alpha", "beta") if isinstance(base, ShellDumbbellBase) else ("f_sd",)
-        for name in foreign:
-            if base is not None and name in axes.given():
-                raise ValueError(
-                    f"{name} cannot vary over this base; f_sd is for a shell-dumbbell base, alpha "
-                    "and beta are for any other"
-                )
-        return axes
+    rules = (
+        *(("axes", lambda s, name=name: s.base and getattr(s.axes, name) is not None
+           and isinstance(s.base, ShellDumbbellBase) == (name != "f_sd"),
+           f"{name} cannot vary over this base; f_sd is for a shell-dumbbell base, alpha and beta "
+           "are for any other")
+          for name in ("alpha", "beta", "f_sd")),
+        ("c", lambda s: s.c is not None and s.axes and s.axes.c is not None,
+         "c is an axis of axes too; keep one of them"),
+        ("c", lambda s: s.c is not None and len(s.c) > 1 and s.refine,
+         "refine takes the axes of axes alone; write axes: {{c: ...}}"),
+    )  # fmt: skip

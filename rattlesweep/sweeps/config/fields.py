@@ -1,7 +1,9 @@
 """The kinds of values that configs are made of: numbers with limits, lists, spaced values."""
 
 import math
-from typing import Annotated, Any, Literal, NamedTuple
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import (
     AfterValidator,
@@ -12,6 +14,7 @@ from pydantic import (
     Field,
     PlainSerializer,
     Tag,
+    ValidationInfo,
     field_validator,
 )
 
@@ -28,6 +31,19 @@ class Base(BaseModel):
     model_config = ConfigDict(
         extra="forbid", frozen=True, strict=True, allow_inf_nan=False, use_attribute_docstrings=True
     )
+
+    rules: ClassVar[tuple[tuple[str, Callable[[Any], Any], str], ...]] = ()
+    """What goes with no value of the keys before it: a key, whether it breaks the rule, and the
+    sentence.  Both are given all keys by their names; those that are wrong themselves are False."""
+
+    @field_validator("*")
+    @classmethod
+    def _goes_with_others(cls, value: Any, info: ValidationInfo) -> Any:
+        known = dict.fromkeys(cls.model_fields, False) | info.data | {info.field_name: value}
+        for key, breaks, sentence in cls.rules:
+            if key == info.field_name and breaks(SimpleNamespace(**known)):
+                raise ValueError(sentence.format(**known))
+        return value
 
 
 class Parameter(NamedTuple):
@@ -232,10 +248,13 @@ def ordered(ends: list[float]) -> list[float]:
     return ends
 
 
-def interval(name: str, default: list[float]) -> Any:
+ORDERED = AfterValidator(ordered)
+
+
+def interval(name: str, *default: float) -> Any:
     """A field that holds the range ``[low, high]`` of a body parameter."""
     words = f"Range [low, high]. {PARAMETERS[name].meaning}"
-    return Field(default, min_length=2, max_length=2, description=words, validate_default=True)
+    return Field([*default], min_length=2, max_length=2, description=words, validate_default=True)
 
 
 def _as_range(value: Any) -> Any:
@@ -249,7 +268,7 @@ def number_or_interval() -> Any:
     return (
         Field(min_length=2, max_length=2),
         BeforeValidator(_as_range, json_schema_input_type=float | ends),
-        AfterValidator(ordered),
+        ORDERED,
     )
 
 

@@ -1,6 +1,6 @@
 """How states move, as a part of a sweep: a method and its tolerance or step."""
 
-from typing import Annotated, Any, Literal, NamedTuple, cast
+from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import (
     ConfigDict,
@@ -115,6 +115,22 @@ class Integrator(Base):
     max_steps: int = Field(default=MAX_STEPS, ge=1, le=2**62)
     """Steps after which a run is given up."""
 
+    rules = (
+        ("accuracy", lambda i: isinstance(i.accuracy, str),
+         "{accuracy} stands for a method and its tol, and method, tol or dt is given too; keep the "
+         "one or the other"),
+        ("accuracy", lambda i: i.accuracy and i.method and i.method not in ADAPTIVE,
+         "{method} has steps of one size, which follow no error; choose one of "
+         f"{', '.join(map(str, ADAPTIVE))}"),
+        *((key, lambda i, key=key: i.accuracy and getattr(i, key) is not None,
+           "accuracy {{t_r: {accuracy.t_r:g}}} stands in its place; keep one of the two")
+          for key in ("tol", "dt")),
+        ("tol", lambda i: i.tol is not None and i.method and i.method not in ADAPTIVE,
+         "{method} has steps of one size and takes no tol; leave it out"),
+        ("dt", lambda i: i.dt is not None and i.method in ADAPTIVE,
+         "{method} chooses its own steps and takes no dt; leave it out"),
+    )  # fmt: skip
+
     @property
     def goal(self) -> float | None:
         """Relative error that t_r may have, if that is what decides."""
@@ -150,40 +166,10 @@ class Integrator(Base):
             )
         return accuracy
 
-    @field_validator("accuracy")
-    @classmethod
-    def _alone(cls, accuracy: Any, info: ValidationInfo) -> AccuracyGoal | None:
-        if isinstance(accuracy, str):
-            raise ValueError(
-                f"{accuracy} stands for a method and its tol, and method, tol or dt is given too; "
-                "keep the one or the other"
-            )
-        method = info.data.get("method")
-        if accuracy is not None and method is not None and method not in ADAPTIVE:
-            raise ValueError(
-                f"{method} has steps of one size, which follow no error; "
-                f"choose one of {', '.join(map(str, ADAPTIVE))}"
-            )
-        return cast("AccuracyGoal | None", accuracy)
-
     @field_validator("tol", "dt")
     @classmethod
     def _of_its_method(cls, value: float | None, info: ValidationInfo) -> float | None:
-        """`tol` is for adaptive methods, `dt` for those of fixed step; each has its default."""
-        method, key = info.data.get("method"), info.field_name
-        goal: AccuracyGoal | None = info.data.get("accuracy")
-        if method is None:
-            return value
-        if goal is not None:
-            if value is not None:
-                raise ValueError(
-                    f"accuracy {{t_r: {goal.t_r:g}}} stands in its place; keep one of the two"
-                )
-            return None
-        if METHODS[method].adaptive == (key == "tol"):
-            default = TOL if key == "tol" else DT
-            return default if value is None else value
-        if value is not None:
-            steps = "chooses its own steps" if key == "dt" else "has steps of one size"
-            raise ValueError(f"{method} {steps} and takes no {key}; leave it out")
-        return None
+        """`tol` is of adaptive methods, `dt` of those of fixed step; each has its default."""
+        method, default = info.data.get("method"), TOL if info.field_name == "tol" else DT
+        takes = method and METHODS[method].adaptive == (info.field_name == "tol")
+        return default if value is None and takes and not info.data.get("accuracy") else value

@@ -14,7 +14,15 @@ from pydantic import BaseModel, ValidationError
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.sweeps.config import yamlfile
 from rattlesweep.sweeps.config.messages import describe
-from rattlesweep.sweeps.config.places import MAX_TOLD, Key, Origin, Places, Problem, dotted
+from rattlesweep.sweeps.config.places import (
+    MAX_TOLD,
+    Key,
+    Origin,
+    Places,
+    Problem,
+    dotted,
+    value_at,
+)
 from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.config.validation import problems_of
 
@@ -169,19 +177,12 @@ def _checked(
         config = Config.model_validate(data)
     except ValidationError as error:
         # A bad value is null in `data`; that null cannot stand there is no news.
-        known = {problem.key for problem in problems if _at(data, problem.key) is None}
+        known = {problem.key for problem in problems if value_at(data, problem.key) is None}
         found, more = problems_of(error, Config, data, known, places)
         problems = problems + found
     if problems or refused or config is None:
         raise ConfigError([*places.lines(problems, more), *refused[:MAX_TOLD]])
     return config.placed(places)
-
-
-def _at(data: Any, key: Key) -> Any:
-    for part in key:
-        inside = part in data if isinstance(data, dict) else isinstance(data, list)
-        data = data[part] if inside else None
-    return data
 
 
 def _override(data: dict[str, Any], origins: dict[Key, Origin], text: str) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from rattlesweep.errors import one_line
 
@@ -31,6 +31,15 @@ def dotted(key: Key) -> str:
     parts = (f"[{part}]" if isinstance(part, int) else f".{one_line(part)}" for part in key)
     text = "".join(parts).removeprefix(".")
     return text if len(text) <= 200 else f"{text[:120]}...{text[-77:]}"
+
+
+def value_at(data: Any, key: Key) -> Any:
+    """What stands at a key of nested data; None if nothing does."""
+    for part in key:
+        if not isinstance(data, list if isinstance(part, int) else dict):
+            return None
+        data = data[part] if isinstance(part, int) else data.get(part)
+    return data
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from itertools import product
+from types import SimpleNamespace
 from typing import Annotated, Any, Literal, get_args
 
 from pydantic import (
@@ -147,10 +148,14 @@ class Stop(Base):
         return self
 
 
-def _are_plain(info: ValidationInfo) -> bool:
+def _is_plain(config: Any) -> bool:
     """Whether, as far as is known, bodies are paraboloids and lose nothing."""
-    bodies = info.data.get("bodies")
-    return not info.data.get("dissipation") and not (bodies is not None and bodies.ellipsoidal)
+    return not config.dissipation and not (config.bodies and config.bodies.ellipsoidal)
+
+
+def _has_goal(config: Any) -> bool:
+    """Whether, as far as is known, an error of t_r is asked for."""
+    return getattr(getattr(config, "integrator", None), "goal", None) is not None
 
 
 def _check_cases(data: Mapping[str, Any]) -> None:
@@ -203,120 +208,66 @@ class Config(Base):
 
     _places: Places = PrivateAttr(default_factory=Places)
 
-    @field_validator("name")
-    @classmethod
-    def _names_a_directory(cls, name: str) -> str:
-        if not name.strip() or name in (".", ".."):
-            raise ValueError("the name is empty or dots only; write a word")
-        if not name.isprintable() or "/" in name or "\\" in name:
-            raise ValueError("the name has a slash or a control character; write a plain word")
-        return name
+    rules = (
+        ("name", lambda c: not c.name.strip() or c.name in (".", ".."),
+         "the name is empty or dots only; write a word"),
+        ("name", lambda c: not c.name.isprintable() or "/" in c.name or "\\" in c.name,
+         "the name has a slash or a control character; write a plain word"),
+        ("stop", lambda c: c.stop and c.bodies and c.bodies.source != "sd",
+         "bodies of source {bodies.source} are no samples of which there could be more; leave it "
+         "out, or take source: sd"),
+        ("stop", lambda c: c.stop and getattr(c.bodies, "draw", None) == "saltelli",
+         "samples of draw: saltelli come seven at a time, and say less than as many others of when "
+         "there are enough; leave it out, or take draw: sobol"),
+        ("spin", lambda c: c.spin and c.launch,
+         "spin and launch are both given; keep one of them"),
+        ("spin", lambda c: c.spin is None and c.launch is None and c.bodies
+         and c.bodies.source != "table",
+         "missing; bodies of source {bodies.source} need a spin with n_i and omega_xy0, or a "
+         "launch with omega and u"),
+        *(("dissipation", lambda c, name=name: getattr(c.dissipation, name) == TABLE and c.bodies
+           and c.bodies.source != "table",
+           f"{name} is that of a table, and the bodies are of source {{bodies.source}}; give a "
+           "number, or several")
+          for name in Dissipation.model_fields),
+        ("dissipation", lambda c: c.horizon and c.horizon.t_decay is not None
+         and not any(c.dissipation.values("sigma"))
+         and not (c.bodies and c.bodies.source == "table"),
+         "horizon.t_decay is in units of gamma/sigma, and sigma is 0; give sigma, or another "
+         "horizon"),
+        ("dissipation", lambda c: c.dissipation and c.model and c.model != "full",
+         "the model {model} conserves energy; take model: full, or leave it out"),
+        ("integrator", lambda c: c.integrator.goal is not None and c.model == "gh",
+         "the model gh is a closed form whose t_r has no error to limit; leave accuracy out"),
+        ("classify", lambda c: c.classify.early and c.model and c.model != "full",
+         "early is for the model full, and the model {model} has no stable spin by which a run "
+         "could be certain to be SS; leave early out"),
+        ("classify", lambda c: c.classify.early and not _is_plain(c),
+         "early is for paraboloids without dissipation; leave it out"),
+        *(("record", lambda c, goal=goal: "reversals" in c.record
+           and (_has_goal(c) if goal else "error" in c.record),
+           f"{goal or 'error'} compares runs at their first reversal, behind which reversals "
+           "follows them; keep one of the two")
+          for goal in ("integrator.accuracy of t_r", "")),
+        *(("record", lambda c, word=word: word in c.record and c.classify and c.classify.early,
+           f"{word} {what} of a run up to its horizon, and classify.early ends runs before; leave "
+           "one of them out")
+          for word, what in (("lyapunov", "is the exponent"), ("reversals", "are those"))),
+        ("record", lambda c: "lyapunov" in c.record and not _is_plain(c),
+         "lyapunov is for paraboloids without dissipation; leave it out"),
+    )  # fmt: skip
 
-    @field_validator("stop")
+    @field_validator("spin", "dissipation")
     @classmethod
-    def _of_samples(cls, stop: Stop | None, info: ValidationInfo) -> Stop | None:
-        bodies = info.data.get("bodies")
-        if stop is not None and bodies is not None and bodies.source != "sd":
-            raise ValueError(
-                f"bodies of source {bodies.source} are no samples of which there could be more; "
-                "leave it out, or take source: sd"
-            )
-        if stop is not None and getattr(bodies, "draw", None) == "saltelli":
-            raise ValueError(
-                "samples of draw: saltelli come seven at a time, and say less than as many others "
-                "of when there are enough; leave it out, or take draw: sobol"
-            )
-        return stop
-
-    @field_validator("spin")
-    @classmethod
-    def _spin_where_needed(cls, spin: Spin | None, info: ValidationInfo) -> Spin | None:
-        bodies, launch = info.data.get("bodies"), info.data.get("launch")
-        if launch is not None and spin is not None:
-            raise ValueError("spin and launch are both given; keep one of them")
-        if spin is None:
-            # A launch that is wrong is missing here.
-            stated = launch is not None or "launch" not in info.data
-            if bodies is not None and bodies.source != "table" and not stated:
-                raise ValueError(
-                    f"missing; bodies of source {bodies.source} need a spin with n_i and "
-                    "omega_xy0, or a launch with omega and u"
-                )
-            return None
-        _check_cases({**info.data, "spin": spin})
-        return spin
-
-    @field_validator("integrator")
-    @classmethod
-    def _of_what_is_integrated(cls, integrator: Integrator, info: ValidationInfo) -> Integrator:
-        if integrator.goal is not None and info.data.get("model") == "gh":
-            raise ValueError(
-                "the model gh is a closed form whose t_r has no error to limit; leave accuracy out"
-            )
-        return integrator
+    def _few_enough(cls, value: Any, info: ValidationInfo) -> Any:
+        _check_cases({**info.data, str(info.field_name): value})
+        return value
 
     @field_validator("record")
     @classmethod
-    def _once_and_in_order(cls, record: list[str], info: ValidationInfo) -> list[str]:
-        if record:
-            no_repeats(record)
-        integrator = info.data.get("integrator")
-        implied = ["error"] if integrator is not None and integrator.goal is not None else []
-        found = [name for name in get_args(Record) if name in record + implied]
-        if {"error", "reversals"} <= set(found):
-            what = "integrator.accuracy of t_r" if implied else "error"
-            raise ValueError(
-                f"{what} compares runs at their first reversal, behind which reversals follows "
-                "them; keep one of the two"
-            )
-        classify = info.data.get("classify")
-        for name, what in (("lyapunov", "is the exponent"), ("reversals", "are those")):
-            if name in found and classify is not None and classify.early:
-                raise ValueError(
-                    f"{name} {what} of a run up to its horizon, and classify.early ends runs "
-                    "before; leave one of them out"
-                )
-        if "lyapunov" in found and not _are_plain(info):
-            raise ValueError("lyapunov is for paraboloids without dissipation; leave it out")
-        return found
-
-    @field_validator("classify")
-    @classmethod
-    def _early_where_stable(cls, classify: Classify, info: ValidationInfo) -> Classify:
-        model = info.data.get("model", "full")
-        if classify.early and model != "full":
-            raise ValueError(
-                f"early is for the model full, and the model {model} has no stable spin by which a "
-                "run could be certain to be SS; leave early out"
-            )
-        if classify.early and not _are_plain(info):
-            raise ValueError("early is for paraboloids without dissipation; leave it out")
-        return classify
-
-    @field_validator("dissipation")
-    @classmethod
-    def _of_what_can_lose(cls, dissipation: Dissipation, info: ValidationInfo) -> Dissipation:
-        bodies = info.data.get("bodies")
-        _check_cases({**info.data, "dissipation": dissipation})
-        for name in Dissipation.model_fields:
-            if getattr(dissipation, name) == TABLE and bodies and bodies.source != "table":
-                raise ValueError(
-                    f"{name} is that of a table, and the bodies are of source {bodies.source}; "
-                    "give a number, or several"
-                )
-        horizon, table = info.data.get("horizon"), bodies is not None and bodies.source == "table"
-        decays = table or any(dissipation.values("sigma"))
-        if horizon and horizon.t_decay is not None and not decays:
-            raise ValueError(
-                "horizon.t_decay is in units of gamma/sigma, and sigma is 0; give sigma, or "
-                "another horizon"
-            )
-        model = info.data.get("model")
-        if dissipation and model not in (None, "full"):
-            raise ValueError(
-                f"the model {model} conserves energy; take model: full, or leave it out"
-            )
-        return dissipation
+    def _in_order(cls, record: list[str], info: ValidationInfo) -> list[str]:
+        found = no_repeats(record) + ["error"] * _has_goal(SimpleNamespace(**info.data))
+        return [name for name in get_args(Record) if name in found]
 
     @property
     def parts(self) -> list[str]:

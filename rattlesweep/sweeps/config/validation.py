@@ -16,7 +16,7 @@ from rattlesweep.sweeps.config.messages import (
     quoted,
     wrong_kind,
 )
-from rattlesweep.sweeps.config.places import MAX_TOLD, Key, Places, Problem
+from rattlesweep.sweeps.config.places import MAX_TOLD, Key, Places, Problem, value_at
 
 Models = list[type[BaseModel]]
 
@@ -53,7 +53,7 @@ def problems_of(
     Of keys in `known`, and of what is below them, enough is said already; of the others the first
     `MAX_TOLD` by their `places` are put in words.
     """
-    every = list(_errors(error, model))
+    every = [(_of_data(key, data), models, one) for key, models, one in _errors(error, model)]
     unknown: dict[Key, list[str]] = {}
     for key, _, one in every:
         if one["type"] == "extra_forbidden":
@@ -66,8 +66,7 @@ def problems_of(
         and not (one["type"] == "missing" and nearest(str(key[-1]), unknown.get(key[:-1], ())))
     ]
     found.sort(key=lambda item: places.rank(Problem(item[0], "")))
-    bodies = data.get("bodies") if isinstance(data, dict) else None
-    source = bodies.get("source") if isinstance(bodies, dict) else None
+    source = value_at(data, ("bodies", "source"))
     homes = _homes(model, source if isinstance(source, str) else None)
     told = [_problem(key, models, one, homes) for key, models, one in found[:MAX_TOLD]]
     return list(dict.fromkeys(told)), max(0, len(found) - MAX_TOLD)
@@ -87,6 +86,13 @@ def _errors(
             yield from _errors(inner, None, key)
         else:
             yield key, models, one
+
+
+def _of_data(key: Key, data: Any) -> Key:
+    """The key without places in a list that was made of a number, or of spaced values."""
+    while key and isinstance(key[-1], int) and not isinstance(value_at(data, key[:-1]), list):
+        key = key[:-1]
+    return key
 
 
 def _walk(model: type[BaseModel] | None, location: Iterable[Any]) -> tuple[Key, Models]:

@@ -19,10 +19,8 @@ from ruamel.yaml.error import MarkedYAMLError
 from ruamel.yaml.events import (
     AliasEvent,
     CollectionEndEvent,
-    CollectionStartEvent,
     DocumentStartEvent,
     MappingStartEvent,
-    NodeEvent,
     ScalarEvent,
     SequenceStartEvent,
 )
@@ -31,7 +29,7 @@ from ruamel.yaml.reader import ReaderError
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.sweeps.config.places import Key, Problem
 
-# Reading takes 40 us a value and 1 us a character: what is larger is refused in a second.
+# Reading takes 40 us a value or key and 1 us a character: what is larger is refused in seconds.
 MAX_BYTES = 250_000
 MAX_NODES = 20_000
 MAX_DEPTH = 30
@@ -69,10 +67,8 @@ class Document:
 class _NotYaml(Exception):
     """The text cannot be read, for the reason and at the place that are given."""
 
-    def __init__(
-        self, message: str, position: tuple[int, int] | None = None, key: Key = ()
-    ) -> None:
-        self.problem = Problem(key, message, position)
+    def __init__(self, message: str, mark: Any, key: Key = ()) -> None:
+        self.problem = Problem(key, message, _position(mark))
 
 
 def is_number(text: str) -> bool:
@@ -122,9 +118,10 @@ def read_text(path: str | os.PathLike[str]) -> str:
 
 
 def parse(text: str) -> Document:
-    """Read one YAML document from `text`."""
+    """Read one YAML document from `text`; of what is no YAML, the first problem alone."""
     document = Document()
-    events = _events(text)
+    # The pure parser: the C one follows YAML 1.1.
+    events = YAML(typ="safe", pure=True).parse(text)
     try:
         next(events)
         if isinstance(next(events), DocumentStartEvent):
@@ -132,59 +129,30 @@ def parse(text: str) -> Document:
             next(events)
             if isinstance(second := next(events), DocumentStartEvent):
                 message = "a second YAML document begins; keep one document in the file"
-                raise _NotYaml(message, _position(second.start_mark))
+                raise _NotYaml(message, second.start_mark)
+        return document
     except _NotYaml as error:
-        return Document(problems=[error.problem])
-    return document
+        problem = error.problem
+    except MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        problem = Problem((), _syntax_message(error), mark and _position(mark))
+    except ReaderError as error:
+        before, character = text[: error.position], ord(text[error.position])
+        problem = Problem(
+            (),
+            f"the character U+{character:04X} is not allowed in YAML; remove it",
+            (before.count("\n") + 1, len(before) - before.rfind("\n")),
+        )
+    except Exception as error:
+        # On malformed text ruamel also lets ValueError, OverflowError, IndexError ... escape.
+        kind = type(error).__name__
+        message = f"the text is not valid YAML ({kind} while reading it); check quotes and escapes"
+        problem = Problem((), message)
+    return Document(problems=[problem])
 
 
 def _position(mark: Any) -> tuple[int, int]:
     return mark.line + 1, mark.column + 1
-
-
-def _events(text: str) -> Iterator[Any]:
-    """What the parser finds, of a bounded number and depth; what goes wrong is a `_NotYaml`."""
-    nodes = level = 0
-    try:
-        # The pure parser: the C one follows YAML 1.1.
-        for event in YAML(typ="safe", pure=True).parse(text):
-            refusal = None
-            if isinstance(event, DocumentStartEvent) and event.version not in (None, (1, 2)):
-                refusal = (
-                    "the %YAML line asks for another version; remove it, as configs are YAML 1.2"
-                )
-            if isinstance(event, NodeEvent):
-                nodes += 1
-                if nodes > MAX_NODES:
-                    refusal = (
-                        f"more than {MAX_NODES} keys and values up to here; a config is a short "
-                        "YAML file, and long lists of bodies go into a table"
-                    )
-                elif level > MAX_DEPTH:
-                    # Also for speed: parsing takes time that grows with the square of the depth.
-                    refusal = f"more than {MAX_DEPTH} levels are nested; a config has at most 5"
-            if refusal:
-                raise _NotYaml(refusal, _position(event.start_mark))
-            level += isinstance(event, CollectionStartEvent)
-            level -= isinstance(event, CollectionEndEvent)
-            yield event
-    except _NotYaml:
-        raise
-    except MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        raise _NotYaml(_syntax_message(error), mark and _position(mark)) from None
-    except ReaderError as error:
-        before, character = text[: error.position], ord(text[error.position])
-        raise _NotYaml(
-            f"the character U+{character:04X} is not allowed in YAML; remove it",
-            (before.count("\n") + 1, len(before) - before.rfind("\n")),
-        ) from None
-    except Exception as error:
-        # On malformed text ruamel also lets ValueError, OverflowError, IndexError ... escape.
-        raise _NotYaml(
-            f"the text is not valid YAML ({type(error).__name__} while reading it); "
-            "check its quotes and escapes"
-        ) from None
 
 
 def _syntax_message(error: MarkedYAMLError) -> str:
@@ -201,9 +169,21 @@ class _Reader:
 
     document: Document
     events: Iterator[Any]
+    nodes: int = 0
 
     def value(self, event: Any, key: Key) -> Any:
         """The value that begins with `event`."""
+        self.nodes += 1
+        if self.nodes > MAX_NODES:
+            raise _NotYaml(
+                f"more than {MAX_NODES} values up to here; a config is a short YAML file, and long "
+                "lists of bodies go into a table",
+                event.start_mark,
+            )
+        if len(key) > MAX_DEPTH:
+            # Also for speed: parsing takes time that grows with the square of the depth.
+            message = f"more than {MAX_DEPTH} levels are nested; a config has at most 5"
+            raise _NotYaml(message, event.start_mark)
         if isinstance(event, AliasEvent):
             return self.problem(
                 key, event, "aliases (*name) are not supported; write the value out"
@@ -235,7 +215,7 @@ class _Reader:
             if not isinstance(name, ScalarEvent) or name.anchor or name.tag not in (None, "!"):
                 raise _NotYaml(
                     "a list, mapping or alias found where a key should be; write a name",
-                    _position(name.start_mark),
+                    name.start_mark,
                     key,
                 )
             # Keys are names as they are written, also where a value would be a number or null.
@@ -245,7 +225,9 @@ class _Reader:
                 self.problem(
                     child, name, f"the key is repeated (first in line {line}); keep one of the two"
                 )
-                _Reader(Document(), self.events).value(next(self.events), child)
+                kept, self.document = self.document, Document()
+                self.value(next(self.events), child)
+                self.document = kept
                 continue
             self.document.positions[child] = _position(name.start_mark)
             data[name.value] = self.value(next(self.events), child)
