@@ -35,10 +35,11 @@ def dotted(key: Key) -> str:
 
 def value_at(data: Any, key: Key) -> Any:
     """What stands at a key of nested data; None if nothing does."""
-    for part in key:
-        if not isinstance(data, list if isinstance(part, int) else dict):
-            return None
-        data = data[part] if isinstance(part, int) else data.get(part)
+    try:
+        for part in key:
+            data = data[part]
+    except (TypeError, KeyError, IndexError):
+        return None
     return data
 
 
