@@ -55,32 +55,36 @@ def launch(n_i, omega_xy0, psi, exact=False):
     return np.stack([zero, zero, zero - 1, omega_xy0 * c, omega_xy0 * s, -n_i])
 
 
-def _cross(a, b):
+def cross(a, b):
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
-def _add(*vectors):
+def add(*vectors):
     return tuple(sum(parts[1:], parts[0]) for parts in zip(*vectors, strict=True))
 
 
-def rhs(y, q):
-    """Derivatives of (u, omega): Eqs. diff-u and diff-omega with Eqs. def-xy and def-z."""
-    u, w = y[:3], y[3:]
-    ix, iy, iz, bxx, bxy, byy, axx, axy, ayy = q
-    du = _cross(u, w)
+def contact(u, du, q):
+    """The contact point and its rate: Eqs. def-xy and def-z."""
+    bxx, bxy, byy, axx, axy, ayy = q[3:]
     up, uq = u[0] / u[2], u[1] / u[2]
-    x, y_ = bxx * up + bxy * uq, bxy * up + byy * uq
-    fx, fy = axx * x + axy * y_, axy * x + ayy * y_
+    x, y = bxx * up + bxy * uq, bxy * up + byy * uq
+    fx, fy = axx * x + axy * y, axy * x + ayy * y
     dp, dq = (du[0] - up * du[2]) / u[2], (du[1] - uq * du[2]) / u[2]
     dx, dy = bxx * dp + bxy * dq, bxy * dp + byy * dq
-    z = 1 - (x * fx + y_ * fy) / 2
-    r = (x, y_, z)
-    dr = (dx, dy, -(fx * dx + fy * dy))
+    return (x, y, 1 - (x * fx + y * fy) / 2), (dx, dy, -(fx * dx + fy * dy))
+
+
+def rhs(y, q):
+    """Derivatives of (u, omega): Eqs. diff-u and diff-omega."""
+    u, w, (ix, iy, iz) = y[:3], y[3:], q[:3]
+    du = cross(u, w)
+    r, dr = contact(u, du, q)
+    x, y_, z = r
     iw = (ix * w[0], iy * w[1], iz * w[2])
-    t = _add(
-        _cross(iw, w),
-        _cross(r, _add(_cross(dr, w), _cross(w, _cross(r, w)))),
-        _cross(r, u),
+    t = add(
+        cross(iw, w),
+        cross(r, add(cross(dr, w), cross(w, cross(r, w)))),
+        cross(r, u),
     )
     # The matrix of dw -> I dw - r x (r x dw), inverted by its cofactors.
     mxx, myy, mzz = ix + y_ * y_ + z * z, iy + x * x + z * z, iz + x * x + y_ * y_
@@ -199,14 +203,10 @@ def pace(y, q, fast):
     A long body that rolls far changes its inertia about the contact point within a part of a
     period.  A function of the state alone, so that halving ``angle`` halves every step.
     """
-    u = [part.astype(float) for part in y[:3]]
-    w = [part.astype(float) for part in y[3:]]
-    du = _cross(u, w)
-    dp = (du[0] - u[0] / u[2] * du[2]) / u[2]
-    dq = (du[1] - u[1] / u[2] * du[2]) / u[2]
-    bxx, bxy, byy = (part.astype(float) for part in q[3:6])
-    contact = np.hypot(bxx * dp + bxy * dq, bxy * dp + byy * dq)
-    return fast + np.sqrt(w[0] ** 2 + w[1] ** 2 + w[2] ** 2) + contact
+    y, q = y.astype(float), q.astype(float)
+    u, w = y[:3], y[3:]
+    _, (dx, dy, _) = contact(u, cross(u, w), q)
+    return fast + np.sqrt((w**2).sum(axis=0)) + np.hypot(dx, dy)
 
 
 def integrate(parameters, n_i, omega_xy0, psi, t_end, angle=ANGLE, exact=False):

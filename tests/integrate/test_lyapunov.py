@@ -11,7 +11,6 @@ from scipy.integrate import solve_ivp
 from test_full import mp_energy, mp_rhs
 
 import rattlesweep as rs
-from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import integrate
 from rattlesweep.integrate.follow import lyapunov
 from rattlesweep.integrate.model import FULL, REDUCED
@@ -346,7 +345,7 @@ def test_directories_of_before_the_column_have_it_all_the_same(tmp_path, monkeyp
     digest = content_hash(output)
     store = Store(output)
 
-    def age(keep: int = 4) -> None:
+    def age(keep=4):
         """Make the blocks, of the second one so many rows, what an earlier version wrote."""
         receipts = {}
         for index in (0, 1):
@@ -397,16 +396,6 @@ def test_a_sweep_records_it_when_asked(model, tmp_path):
         for n_i, whole in zip(runs.n_i, runs.lyapunov, strict=True):
             rate = max(float(x) for x in steady.growth(constants, n_i))
             assert 0 < whole < 1.5 * rate
-
-
-def test_the_closed_form_has_no_exponent(tmp_path):
-    config = {
-        "bodies": {"source": "preset", "name": "GH"},
-        "spin": {"n_i": [-0.1, 0.1], "omega_xy0": [0.01]},
-    }
-    with pytest.raises(ConfigError, match=r"record: the model 'gh' has no 'lyapunov' to record"):
-        rs.sweep({**config, "model": "gh", "record": ["lyapunov"]}, output=tmp_path / "gh")
-    assert not (tmp_path / "gh").exists()
 
 
 def test_runs_that_fail_or_have_no_horizon_are_null(tmp_path):

@@ -1,7 +1,5 @@
 """Kernels ahead of their first use, and what is said while one is being compiled."""
 
-from __future__ import annotations
-
 import io
 import re
 import sys

@@ -1,9 +1,6 @@
 """`rattlesweep init` writes a config that runs as it is, and overwrites nothing."""
 
-from __future__ import annotations
-
 import re
-from pathlib import Path
 
 import pytest
 from refusal import assert_refused
@@ -15,12 +12,12 @@ from rattlesweep.sweeps.config.schema import Config
 
 
 @pytest.fixture(autouse=True)
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
-def test_it_runs_as_it_is(here: Path):
+def test_it_runs_as_it_is(here):
     written = invoke("init", "mine.yaml")
     assert (written.exit_code, written.stdout) == (0, "mine.yaml\n")
     assert written.stderr == "run it: rattlesweep validate mine.yaml, rattlesweep run mine.yaml\n"
@@ -35,7 +32,7 @@ def test_it_runs_as_it_is(here: Path):
     assert "NAME" not in text
 
 
-def test_what_is_commented_out_is_true(here: Path):
+def test_what_is_commented_out_is_true(here):
     """Defaults are the defaults, and other sources are valid."""
     invoke("init")
     text, yaml = (here / "sweep.yaml").read_text(), YAML(typ="safe")
@@ -58,12 +55,12 @@ def test_what_is_commented_out_is_true(here: Path):
 
 
 @pytest.mark.parametrize("name", ["12", "true", "a: b", "null"])
-def test_any_name_of_a_file_is_a_name(here: Path, name: str):
+def test_any_name_of_a_file_is_a_name(here, name):
     assert invoke("init", f"{name}.yaml").exit_code == 0
     assert load_config(f"{name}.yaml").name == name
 
 
-def test_it_refuses_in_a_sentence(here: Path):
+def test_it_refuses_in_a_sentence(here):
     (here / "mine.yaml").write_text("precious")
     assert_refused(invoke("init", "mine.yaml"), 2, "mine.yaml: is there already; choose another")
     assert (here / "mine.yaml").read_text() == "precious"

@@ -1,10 +1,8 @@
 """A sweep as Python has it: tables, xarray, pictures, pages and runs of one directory."""
 
-from __future__ import annotations
-
+import shutil
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -19,7 +17,7 @@ PARAMETERS = ["alpha", "beta", "gamma", "theta", "phi", "xi"]
 
 
 @pytest.fixture(scope="module")
-def sd(tmp_path_factory: pytest.TempPathFactory) -> rs.Sweep:
+def sd(tmp_path_factory):
     """Two targets, two spins in descending order, five bodies each."""
     config = {
         "bodies": {"source": "sd", "samples": 5, "target": {"K_r": [0.1, 0.03], "rel_tol": 0.1}},
@@ -32,7 +30,7 @@ def sd(tmp_path_factory: pytest.TempPathFactory) -> rs.Sweep:
 
 
 @pytest.fixture(scope="module")
-def grid(tmp_path_factory: pytest.TempPathFactory) -> rs.Sweep:
+def grid(tmp_path_factory):
     """A map of GH's body by two parameters and the spin."""
     config = {
         "bodies": {"source": "grid", "base": {"preset": "GH"},
@@ -43,7 +41,7 @@ def grid(tmp_path_factory: pytest.TempPathFactory) -> rs.Sweep:
     return rs.sweep(config, output=tmp_path_factory.mktemp("grid") / "out", threads=1)
 
 
-def test_read_chooses_columns_and_runs(sd: rs.Sweep):
+def test_read_chooses_columns_and_runs(sd):
     everything = sd.read()
     pd.testing.assert_frame_equal(everything, sd.runs)
     assert len(everything) == 20
@@ -58,7 +56,7 @@ def test_read_chooses_columns_and_runs(sd: rs.Sweep):
     assert sd.summary.attrs["units"]["t_r_mean"] == "sqrt(a/g)"
 
 
-def test_files_are_read_once_as_long_as_they_stay(sd: rs.Sweep, monkeypatch):
+def test_files_are_read_once_as_long_as_they_stay(sd, monkeypatch):
     sweep, calls = rs.load(sd.directory), []
     read = Store.read_block
     monkeypatch.setattr(Store, "read_block", lambda *args: calls.append(args) or read(*args))
@@ -98,22 +96,20 @@ def test_files_are_read_once_as_long_as_they_stay(sd: rs.Sweep, monkeypatch):
      (lambda s: s.show(0, 0, from_time=-1), "from_time -1: rows begin at 0 or later"),
      (lambda s: s.show(0, 0, t_end=-1), "t_end -1")],
 )  # fmt: skip
-def test_bad_arguments_get_a_sentence_and_nothing_is_written(sd: rs.Sweep, call, words):
+def test_bad_arguments_get_a_sentence_and_nothing_is_written(sd, call, words):
     before = sorted(sd.directory.rglob("*"))
     with pytest.raises(rs.ConfigError, match=words):
         call(sd)
     assert sorted(sd.directory.rglob("*")) == before
 
 
-def test_a_map_is_a_dataset_of_its_axes(grid: rs.Sweep):
+def test_a_map_is_a_dataset_of_its_axes(grid):
     data = grid.to_xarray()
     assert dict(data.sizes) == {"n_i": 2, "omega_xy0": 1, "theta": 3, "minus_xi_deg": 2}
     assert data.theta.values.tolist() == [0.6, 0.7, 0.8]
     assert (data.n_i.attrs["units"], data.minus_xi_deg.attrs["units"]) == ("sqrt(g/a)", "degree")
-    assert (data.t_r.attrs["units"], data.t_r.attrs["long_name"][:10]) == (
-        "sqrt(a/g)",
-        "first zero",
-    )
+    assert data.t_r.attrs["units"] == "sqrt(a/g)"
+    assert data.t_r.attrs["long_name"].startswith("first zero")
     assert "M" in data.attrs["comment"]
     assert {"theta", "n_i", "case", "sample"} & set(data.data_vars) == set()
     rows = grid.read()
@@ -132,7 +128,7 @@ def test_a_map_is_a_dataset_of_its_axes(grid: rs.Sweep):
     assert part.n_steps.notnull().sum() == (rows.type == "R").sum()
 
 
-def test_random_bodies_are_a_dataset_of_samples(sd: rs.Sweep):
+def test_random_bodies_are_a_dataset_of_samples(sd):
     data = sd.to_xarray(["t_r", "K_r", "theta", "energy_0"])
     assert dict(data.sizes) == {"K_r": 2, "n_i": 2, "omega_xy0": 1, "sample": 5}
     assert data.K_r.values.tolist() == [0.03, 0.1]
@@ -145,14 +141,14 @@ def test_random_bodies_are_a_dataset_of_samples(sd: rs.Sweep):
     )
 
 
-def test_without_xarray_a_sentence_says_what_to_install(grid: rs.Sweep, monkeypatch):
+def test_without_xarray_a_sentence_says_what_to_install(grid, monkeypatch):
     monkeypatch.setitem(sys.modules, "xarray", None)
     with pytest.raises(rs.ConfigError, match=r"needs xarray .*pip install 'rattlesweep\[xarray\]'"):
         grid.to_xarray()
 
 
-def test_pictures_and_pages(sd: rs.Sweep, tmp_path: Path):
-    figure: Any = sd.plot("times", select={"K_r": [0.03, 0.1]}, path=tmp_path / "times.svg")
+def test_pictures_and_pages(sd, tmp_path):
+    figure = sd.plot("times", select={"K_r": [0.03, 0.1]}, path=tmp_path / "times.svg")
     assert (tmp_path / "times.svg").read_text().startswith("<?xml")
     assert figure._repr_png_()[:4] == b"\x89PNG"
     condition = "type = 'R' and t_r < 2 * t_rgh"
@@ -172,7 +168,7 @@ def test_pictures_and_pages(sd: rs.Sweep, tmp_path: Path):
     assert path.table.t.iloc[-1] == 10
 
 
-def test_a_notebook_shows_what_there_is(sd: rs.Sweep):
+def test_a_notebook_shows_what_there_is(sd):
     text = sd._repr_html_()
     assert "20 runs" in text
     assert str(sd.directory) in text
@@ -180,9 +176,7 @@ def test_a_notebook_shows_what_there_is(sd: rs.Sweep):
     assert "fraction_SS" in text
 
 
-def test_the_summary_of_a_sweep_under_way(sd: rs.Sweep, tmp_path: Path):
-    import shutil
-
+def test_the_summary_of_a_sweep_under_way(sd, tmp_path):
     copy = tmp_path / "out"
     shutil.copytree(sd.directory, copy)
     (copy / "summary.parquet").unlink()
@@ -195,10 +189,10 @@ def test_the_summary_of_a_sweep_under_way(sd: rs.Sweep, tmp_path: Path):
 
 
 BODIES = pd.DataFrame([vars(GH)] * 3)[PARAMETERS].assign(theta=[0.6, 0.7, 0.8])
-KEYS: dict[str, Any] = {"spin": {"n_i": [0.2], "omega_xy0": 0.1}, "horizon": {"t": 30}}
+KEYS = {"spin": {"n_i": [0.2], "omega_xy0": 0.1}, "horizon": {"t": 30}}
 
 
-def test_a_sweep_of_a_table_in_memory(tmp_path: Path, monkeypatch):
+def test_a_sweep_of_a_table_in_memory(tmp_path, monkeypatch):
     output = tmp_path / "out"
     done = rs.sweep(BODIES, output=output, threads=1, **KEYS)
     pd.testing.assert_frame_equal(done.read(PARAMETERS), BODIES)
@@ -223,7 +217,7 @@ def test_a_sweep_of_a_table_in_memory(tmp_path: Path, monkeypatch):
     assert rs.load("moved").replay(0, 1, points=2).t_end == 30
 
 
-def test_rows_may_say_how_they_are_launched(tmp_path: Path):
+def test_rows_may_say_how_they_are_launched(tmp_path):
     launched = BODIES.assign(n_i=[0.2, 0.3, -0.4], omega_xy0=0.1, t_end=[5.0, np.nan, 7.0])
     done = rs.sweep(launched, output=tmp_path / "out", threads=1, horizon={"t": 6})
     assert done.runs.t_end.tolist() == [5, 6, 7]
@@ -232,7 +226,7 @@ def test_rows_may_say_how_they_are_launched(tmp_path: Path):
     pd.testing.assert_frame_equal(again.runs, done.runs)
 
 
-def test_bad_tables_leave_nothing(tmp_path: Path):
+def test_bad_tables_leave_nothing(tmp_path):
     output = tmp_path / "out"
     for bodies, keys, words in (
         (BODIES.assign(theta=[0.6, 2, 0.8]), KEYS, "bodies: row 2: theta is 2"),
@@ -247,7 +241,7 @@ def test_bad_tables_leave_nothing(tmp_path: Path):
     with pytest.raises(rs.ConfigError, match="spin: is given beside a config"):
         rs.sweep({"bodies": {"source": "preset", "name": "GH"}}, output=output, **KEYS)
     with pytest.raises(rs.ConfigError, match=r"threads: 1\.5"):
-        rs.sweep(BODIES, output=output, threads=1.5, **KEYS)  # type: ignore[arg-type]
+        rs.sweep(BODIES, output=output, threads=1.5, **KEYS)
     other = tmp_path / "mine"
     other.mkdir()
     (other / "thesis.txt").write_text("all of it")

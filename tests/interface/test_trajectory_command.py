@@ -6,7 +6,6 @@ import io
 import json
 import re
 import sys
-from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
@@ -71,7 +70,7 @@ def test_options_mean_what_they_say(options, wanted):
     assert np.array_equal(printed.to_numpy(), run.table.to_numpy())
 
 
-def test_files_hold_the_table_and_say_which_run_it_is(tmp_path: Path):
+def test_files_hold_the_table_and_say_which_run_it_is(tmp_path):
     target = tmp_path / "new" / "run.parquet"
     names = "t,n,energy_drift,E_r,C_I,n_reduced"
     result = command("--output", target, "--channels", names)
@@ -90,7 +89,7 @@ def test_files_hold_the_table_and_say_which_run_it_is(tmp_path: Path):
     assert sorted(p.name for p in tmp_path.rglob("*")) == ["new", "run.csv", "run.parquet"]
 
 
-def test_infinity_and_nan_become_null(tmp_path: Path):
+def test_infinity_and_nan_become_null(tmp_path):
     arguments = ("--model", "reduced", "--points", 2, "--channels", "C_I")
     assert command(*arguments).stdout == "C_I\n\n\n"
     command(*arguments, "--output", tmp_path / "c.parquet")
@@ -140,7 +139,7 @@ def test_wrong_commands_say_so_in_one_line(tmp_path, monkeypatch, line):
 
 
 @pytest.mark.slow  # compiles rk4
-def test_a_run_that_fails_keeps_its_rows_and_says_so(tmp_path: Path):
+def test_a_run_that_fails_keeps_its_rows_and_says_so(tmp_path):
     target = tmp_path / "run.csv"
     result = command("--method", "rk4", "--dt-step", 1.0, "--n-i", -0.1, "--t-end", 600,
                      "--points", 2001, "--output", target)  # fmt: skip
@@ -149,7 +148,7 @@ def test_a_run_that_fails_keeps_its_rows_and_says_so(tmp_path: Path):
     assert len(target.read_text().splitlines()) == 2002
 
 
-def test_a_file_that_breaks_off_leaves_the_old_one(tmp_path: Path):
+def test_a_file_that_breaks_off_leaves_the_old_one(tmp_path):
     target = tmp_path / "run.parquet"
     target.write_bytes(b"old")
 
@@ -209,7 +208,7 @@ def test_contact_that_no_real_body_keeps_is_said():
     assert f"(largest: {ratio.max():.3g})" in slips.warning
 
 
-def test_the_look_at_the_contact_is_that_of_a_sweep(tmp_path: Path):
+def test_the_look_at_the_contact_is_that_of_a_sweep(tmp_path):
     sweep = rs.sweep(
         {"bodies": {"source": "preset", "name": "GH"}, "record": ["contact"],
          "spin": {"n_i": -0.9, "omega_xy0": 0.05}, "horizon": {"t": 100}},
@@ -251,7 +250,7 @@ def test_a_long_table_is_printed_by_its_ends(tmp_path, monkeypatch):
     assert np.array_equal(table.to_numpy(), ends.to_numpy())
 
 
-def test_a_figure_shows_the_channels_that_are_asked_for(tmp_path: Path):
+def test_a_figure_shows_the_channels_that_are_asked_for(tmp_path):
     def labels(*names: str) -> list[str]:
         course = trajectory_figure.course_of(Launch(GH, 0.1, 0.01, 130.0), names or None)
         return [a.get_ylabel() for a in trajectory_figure.draw(course.columns(), course).axes]
@@ -262,7 +261,7 @@ def test_a_figure_shows_the_channels_that_are_asked_for(tmp_path: Path):
     ]  # fmt: skip
 
 
-def test_figures_are_files_and_do_not_obey_the_users_matplotlibrc(tmp_path: Path):
+def test_figures_are_files_and_do_not_obey_the_users_matplotlibrc(tmp_path):
     loud = {"font.size": 20, "savefig.facecolor": "yellow", "savefig.bbox": "tight",
             "axes.facecolor": "red", "lines.linewidth": 9, "svg.fonttype": "none"}  # fmt: skip
     arguments = ("--channels", "t,F_normal", "--figure")

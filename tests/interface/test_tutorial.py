@@ -12,7 +12,7 @@ from test_run import ROOT, invoke
 
 
 @pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def here(tmp_path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A working directory with the shipped configs."""
     shutil.copytree(ROOT / "configs", tmp_path / "configs")
     monkeypatch.chdir(tmp_path)

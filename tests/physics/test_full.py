@@ -6,6 +6,7 @@ import math
 import numpy as np
 import oracle
 import pytest
+import reference
 from exact import exactly
 from mpmath import mp
 from samples import GH, mapping
@@ -27,74 +28,37 @@ mp_oscillation = exactly(full.oscillation)
 # --- the paper's equations at 60 digits ---------------------------------------------------------
 
 
-def cross(a, b):
-    return mp.matrix(
-        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-    )
-
-
 def dot(a, b):
     return sum(x * y for x, y in zip(a, b, strict=True))
 
 
 class Paper:
-    """Eqs. diff-u, diff-omega, def-xy, def-z and em-1 of one body; u and omega of three numbers."""
+    """Eqs. diff-u, diff-omega and em-1 for a body and a state, as `reference` has them."""
 
-    def __init__(self, body):
-        alpha, beta, gamma, theta, phi, xi = (mp.mpf(float(x)) for x in body)
-        self.inertia = mp.diag([alpha - 1, beta - 1, gamma])
-        c, s = mp.cos(xi), mp.sin(xi)
-        turn = mp.matrix([[c, -s], [s, c]])
-        self.radii = turn * mp.diag([1 / theta, 1 / phi]) * turn.T
-        self.curvature = turn * mp.diag([theta, phi]) * turn.T
-
-    def constants(self):
-        """What the code keeps of the body: inertia and B - 1."""
-        b = self.radii - mp.eye(2)
-        return [*(self.inertia[i, i] for i in range(3)), b[0, 0], b[0, 1], b[1, 1]]
-
-    @staticmethod
-    def vectors(state):
-        p, q, *omega = (mp.mpf(x) for x in state)
-        u = -mp.matrix([p, q, 1]) / mp.sqrt(1 + p * p + q * q)
-        return u, mp.matrix(omega)
-
-    def contact(self, u, du):
-        """The vector r and its dotted derivative."""
-        flat = mp.matrix([u[0], u[1]])
-        r = self.radii * flat / u[2]
-        dr = self.radii * (mp.matrix([du[0], du[1]]) / u[2] - flat * du[2] / u[2] ** 2)
-        z, dz = 1 - (r.T * self.curvature * r)[0] / 2, -(r.T * self.curvature * dr)[0]
-        return mp.matrix([*r, z]), mp.matrix([*dr, dz])
-
-    def rhs(self, state):
-        u, w = self.vectors(state)
-        du = -cross(w, u)
-        r, dr = self.contact(u, du)
-        left = self.inertia + dot(r, r) * mp.eye(3) - r * r.T
-        dw = mp.lu_solve(
-            left,
-            -cross(w, self.inertia * w)
-            + cross(r, cross(dr, w) + cross(w, cross(r, w)))
-            + cross(r, u),
-        )
+    def __init__(self, body, state):
+        self.q = q = reference.constants([body], exact=True)[:, 0]
+        # What the code keeps of the body: inertia and B - 1.
+        self.constants = [*q[:3], q[3] - 1, q[4], q[5] - 1]
+        p, q_, *omega = (mp.mpf(x) for x in state)
+        upright = -1 / mp.sqrt(1 + p * p + q_ * q_)
+        self.u, self.omega = (p * upright, q_ * upright, upright), omega
+        d = reference.rhs(np.array([*self.u, *omega]), q)
+        self.du, self.domega = d[:3], d[3:]
+        self.r, self.dr = reference.contact(self.u, self.du, q)
         # p = u_x/u_z, q = u_y/u_z
-        slopes = [(du[i] - u[i] / u[2] * du[2]) / u[2] for i in range(2)]
-        return [*slopes, *dw]
+        slopes = [(self.du[i] - x * self.du[2]) / upright for i, x in enumerate((p, q_))]
+        self.rates = [*slopes, *self.domega]
 
-    def energy(self, state):
-        u, w = self.vectors(state)
-        r, _ = self.contact(u, -cross(w, u))
-        v = cross(r, w)
-        return (dot(v, v) + dot(w, self.inertia * w)) / 2 - dot(r, u) - 1
+    def energy(self):
+        v, w = reference.cross(self.r, self.omega), self.omega
+        inertia = [i * x for i, x in zip(self.q[:3], w, strict=True)]
+        return (dot(v, v) + dot(w, inertia)) / 2 - dot(self.r, self.u) - 1
 
-    def force(self, state):
-        u, w = self.vectors(state)
-        r, dr = self.contact(u, -cross(w, u))
-        dw = mp.matrix(self.rhs(state)[2:])
-        f = cross(dr, w) + cross(r, dw) + cross(w, cross(r, w)) + u
-        along = dot(f, u)
-        return along, mp.norm(f - along * u)
+    def force(self):
+        w, r, cross = self.omega, self.r, reference.cross
+        f = reference.add(cross(self.dr, w), cross(r, self.domega), cross(w, cross(r, w)), self.u)
+        along = dot(f, self.u)
+        return along, mp.norm([x - along * y for x, y in zip(f, self.u, strict=True)])
 
 
 # --- bodies and states --------------------------------------------------------------------------
@@ -158,32 +122,29 @@ def test_formulas_are_the_papers(cases):
     """At 60 digits the compiled formulas and the paper's six variables agree to 50."""
     for parameters, state in cases:
         with mp.workdps(3 * DIGITS):  # the potential of a slope of 1e-150 has to show
-            paper = Paper(parameters)
-            constants = paper.constants()
-            arguments = [*(mp.mpf(float(x)) for x in state), *constants]
+            paper = Paper(parameters, state)
+            arguments = [*(mp.mpf(float(x)) for x in state), *paper.constants]
             small = mp.mpf(10) ** -50
-            got, wanted = mp_rhs(*arguments), paper.rhs(state)
-            for one, two in zip(got, wanted, strict=True):
+            for one, two in zip(mp_rhs(*arguments), paper.rates, strict=True):
                 assert abs(one - two) <= small * abs(two)
-            u, omega = paper.vectors(state)
-            assert abs(mp_spin(*arguments[:5]) / dot(u, omega) - 1) < small
-            rate = dot(u, wanted[2:])
-            assert abs(mp_spin_rate(*arguments[:2], *wanted[2:]) - rate) <= small * abs(rate)
+            assert abs(mp_spin(*arguments[:5]) / dot(paper.u, paper.omega) - 1) < small
+            rate = dot(paper.u, paper.domega)
+            assert abs(mp_spin_rate(*arguments[:2], *paper.domega) - rate) <= small * abs(rate)
             normal, tangential = mp_force(*arguments)
-            normal_p, tangential_p = paper.force(state)
+            normal_p, tangential_p = paper.force()
             assert abs(normal - normal_p) <= small * (1 + abs(normal_p))
             assert abs(tangential - tangential_p) <= small * (abs(tangential_p) + small)
         with mp.workdps(6 * DIGITS):
-            paper = Paper(parameters)
-            arguments[5:] = paper.constants()
-            energy = paper.energy(state)
+            paper = Paper(parameters, state)
+            arguments[5:] = paper.constants
+            energy = paper.energy()
             assert abs(mp_energy(*arguments) - energy) <= small * energy
 
 
 def test_oscillation_is_twice_the_energy_of_small_motion_without_spin():
     for parameters, state in CASES[:20]:
         with mp.workdps(DIGITS):
-            ix, iy, iz, *surface = Paper(parameters).constants()
+            ix, iy, iz, *surface = Paper(parameters, state).constants
             p, q, a, b = (mp.mpf(float(x)) * mp.mpf(10) ** -20 for x in state[:4])
             twice = mp_oscillation(p, q, a, b, ix, iy, *surface)
             ratio = 2 * mp_energy(p, q, a, b, mp.mpf(0), ix, iy, iz, *surface) / twice
@@ -262,9 +223,9 @@ def errors(parameters, state):
     """Relative errors of the rates, and as multiples of what the arguments' rounding does."""
     got = full.rhs(*map(float, state), *full.constants(*parameters))
     with mp.workdps(DIGITS):
-        paper = Paper(parameters)
-        wanted = paper.rhs(state)
-        inherent = condition(mp_rhs, [*(mp.mpf(float(x)) for x in state), *paper.constants()])
+        paper = Paper(parameters, state)
+        wanted = paper.rates
+        inherent = condition(mp_rhs, [*(mp.mpf(float(x)) for x in state), *paper.constants])
         error = [abs(mp.mpf(g) - w) for g, w in zip(got, wanted, strict=True)]
         relative = [float(e / abs(w)) for e, w in zip(error, wanted, strict=True)]
         multiple = [float(e / i) for e, i in zip(error, inherent, strict=True)]
@@ -295,7 +256,7 @@ def test_relative_accuracy_in_the_extremes():
 def test_constants_keep_their_digits(theta, phi, xi):
     body = (13.04, 1.522, 12.28, theta, phi, xi)
     with mp.workdps(DIGITS):
-        wanted = Paper(body).constants()
+        wanted = Paper(body, [0] * 5).constants
         for got, exact in zip(full.constants(*body).tolist(), wanted, strict=True):
             # alpha - 1 and beta - 1 are exact here but for one rounding
             assert abs(mp.mpf(got) / exact - 1) < 6 * EPS
