@@ -30,7 +30,7 @@ def bodies(draw):
 
 
 launches = st.tuples(
-    logs(1e-4, 3), st.sampled_from([-1, 1]), logs(1e-9, 1), st.floats(-1.6, 1.6), logs(0.01, 30)
+    logs(1e-4, 3), st.sampled_from([-1, 1]), logs(1e-9, 1), st.floats(-1.6, 1.6), logs(1e-6, 30)
 )
 
 

@@ -106,7 +106,8 @@ def test_states_and_all_reversals_agree_with_scipy():
         max_step=0.2, events=lambda t, y, body: oracle.spin(y),
     )  # fmt: skip
     channels = ["t", "n", "u_x", "u_y", "u_z", "omega_x", "omega_y", "omega_z"]
-    run = rs.trajectory(GH, n_i=0.2, omega_xy0=0.5, times=times, tol=1e-12, channels=channels)
+    options = {"times": times, "t_end": 20, "tol": 1e-12, "channels": channels}
+    run = rs.trajectory(GH, n_i=0.2, omega_xy0=0.5, **options)
     assert run.table.iloc[:, 2:].to_numpy() == pytest.approx(other.y.T, abs=1e-8)
     assert len(run.zeros) == 7
     assert run.zeros == pytest.approx(other.t_events[0], abs=1e-8)
