@@ -16,8 +16,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from ruamel.yaml import YAML
+from sweeping import invoke
 from test_config import GOOD
-from test_run import invoke
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.cases.plan import make_plan

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from sweeping import PROGRAM, invoke, tree
 from test_config import GRID, PRESET, changed, variants
-from test_run import PROGRAM, invoke, tree
 
 from rattlesweep.sweeps.store import atomic as files
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from refusal import assert_refused
-from test_run import CONFIGS, PROGRAM, invoke
+from sweeping import CONFIGS, PROGRAM, invoke
 
 import rattlesweep as rs
 from rattlesweep import cli

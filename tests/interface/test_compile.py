@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 
 import pytest
-from test_run import CONFIGS, invoke
+from sweeping import CONFIGS, invoke
 
 from rattlesweep.cli.common import progress
 from rattlesweep.integrate import cache

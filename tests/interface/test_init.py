@@ -5,7 +5,7 @@ import re
 import pytest
 from refusal import assert_refused
 from ruamel.yaml import YAML
-from test_run import invoke
+from sweeping import invoke
 
 from rattlesweep.sweeps.config.load import load_config, parse_config
 from rattlesweep.sweeps.config.schema import Config

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import polars as pl
 import pytest
-from test_run import begin, run
+from sweeping import begin, run
 
 ORDERED = 'ORDER BY "case", sample'
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from ruamel.yaml import YAML
-from test_run import invoke
+from sweeping import invoke
 
 import rattlesweep as rs
 from rattlesweep.sweeps.cases.plan import make_plan

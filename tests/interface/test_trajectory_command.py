@@ -15,7 +15,7 @@ import pyarrow.csv as pcsv
 import pyarrow.parquet as pq
 import pytest
 from refusal import assert_refused
-from test_run import invoke
+from sweeping import invoke
 
 import rattlesweep as rs
 from rattlesweep import cli

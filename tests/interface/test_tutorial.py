@@ -8,7 +8,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from test_run import ROOT, invoke
+from sweeping import ROOT, invoke
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import shlex
 import numpy as np
 import pytest
 from refusal import assert_refused
-from test_run import invoke
+from sweeping import invoke
 
 import rattlesweep as rs
 from rattlesweep.physics.body import PARAMETERS

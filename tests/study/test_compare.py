@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pytest
-from test_run import invoke
+from sweeping import invoke
 
 import rattlesweep as rs
 from rattlesweep.sweeps.store.stored import open_stored

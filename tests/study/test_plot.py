@@ -15,7 +15,7 @@ import pandas as pd
 import pytest
 from matplotlib.colors import to_rgb
 from refusal import assert_refused
-from test_run import invoke, tree
+from sweeping import invoke, tree
 from theory_mp import n_c1_squared
 
 import rattlesweep as rs

@@ -13,7 +13,7 @@ import pyarrow.csv as pcsv
 import pyarrow.parquet as pq
 import pytest
 from refusal import assert_refused
-from test_run import invoke, rows, run
+from sweeping import invoke, rows, run
 
 import rattlesweep as rs
 from rattlesweep.integrate.model import FULL

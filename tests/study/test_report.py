@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 from refusal import assert_refused
-from test_run import invoke, tree
+from sweeping import invoke, tree
 
 import rattlesweep as rs
 from rattlesweep.study.pages import config_yaml

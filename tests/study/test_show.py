@@ -19,7 +19,7 @@ import pytest
 from browser import NO_WEBGL, WEBGL, Browser, browser, find_browser
 from refusal import assert_refused
 from scipy.spatial.transform import Rotation
-from test_run import invoke, rows, run
+from sweeping import invoke, rows, run
 
 import rattlesweep as rs
 from rattlesweep.study.viewer import show

@@ -9,38 +9,28 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+import sweeping
 from refusal import assert_refused
-from test_run import invoke
+from sweeping import content_hash, invoke, proved, rows
 
 import rattlesweep as rs
 from rattlesweep.integrate.batch import most_threads
 from rattlesweep.physics import theory
+from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.study.onerun.course import Course
 from rattlesweep.study.onerun.replay import Replay
-from rattlesweep.sweeps.cases.plan import make_plan
 from rattlesweep.sweeps.cases.shards import Shard
-from rattlesweep.sweeps.config.load import load_config
-from rattlesweep.sweeps.engines.run import run_sweep
-from rattlesweep.sweeps.inspect.content_hash import content_hash
 from rattlesweep.sweeps.inspect.merge import merge
-from rattlesweep.sweeps.inspect.verify import verify
 
-STEADY = Path(__file__).parents[2] / "configs" / "steady.yaml"
 SETS = (
-    "bodies.samples=12",
-    "bodies.target={K_r: [0.0041, 0.02], rel_tol: 0.1}",
-    "spin.n_i=[-0.2, -0.5, 0.4]",
-)
+    "bodies.samples=12", "bodies.target={K_r: [0.0041, 0.02], rel_tol: 0.1}",
+    "spin.n_i=[-0.2, -0.5, 0.4]", "record=[energy, windows]",
+)  # fmt: skip
 EARLY = "classify.early=true"
 
 
 def sweep(output: Path, *sets: str, **options: Any) -> Any:
-    """Run the sweep with some more settings."""
-    return run_sweep(make_plan(load_config(STEADY, [*SETS, *sets])), output, **options)
-
-
-def rows(directory: Path) -> pd.DataFrame:
-    return pd.read_parquet(directory / "runs").sort_values(["case", "sample"], ignore_index=True)
+    return sweeping.sweep(output, "steady.yaml", *SETS, *sets, **options)
 
 
 def ended(early: pd.DataFrame, full: pd.DataFrame) -> pd.Series:
@@ -49,19 +39,26 @@ def ended(early: pd.DataFrame, full: pd.DataFrame) -> pd.Series:
 
 
 @pytest.fixture(scope="module")
-def both(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def both(tmp_path_factory) -> Path:
     """The same runs to their horizons and ended early."""
     root = tmp_path_factory.mktemp("early")
-    sweep(root / "full", "block_size=50", "record=[energy, windows]")
-    sweep(root / "early", "block_size=50", "record=[energy, windows]", EARLY)
+    sweep(root / "full", "block_size=50")
+    sweep(root / "early", "block_size=50", EARLY)
     return root
 
 
-def test_no_type_changes_and_steady_runs_take_a_fraction_of_their_steps(both: Path) -> None:
-    full, early = rows(both / "full"), rows(both / "early")
+@pytest.fixture(scope="module")
+def tables(both) -> tuple[pd.DataFrame, pd.DataFrame, pd.Series]:
+    """Runs ended early, runs to their horizons, and which did not wait for those."""
+    early, full = rows(both / "early"), rows(both / "full")
+    return early, full, ended(early, full)
+
+
+def test_no_type_changes_and_steady_runs_take_a_fraction_of_their_steps(both, tables):
+    early, full, some = tables
     assert early.type.equals(full.type)
     assert set(full.type) == {"R", "SS", "SW", "unclassified"}
-    some, steady = ended(early, full), full.type == "SS"
+    steady = full.type == "SS"
     assert steady[some].all()
     assert 10 < 0.8 * steady.sum() < some.sum()
     assert early.n_steps[steady].sum() < 0.3 * full.n_steps[steady].sum()
@@ -70,10 +67,8 @@ def test_no_type_changes_and_steady_runs_take_a_fraction_of_their_steps(both: Pa
     pd.testing.assert_frame_equal(*summary, check_exact=True)
 
 
-def test_what_a_run_that_has_ended_early_says_of_itself(both: Path) -> None:
-    full, early = rows(both / "full"), rows(both / "early")
-    some = ended(early, full)
-    early, full = early[some], full[some]
+def test_what_a_run_that_has_ended_early_says_of_itself(tables):
+    early, full = (table[tables[2]] for table in tables[:2])
     assert (early.status == "ok").all()
     assert (early.amp_growth <= 0).all()
     assert (full.amp_growth <= 0).all()
@@ -83,15 +78,13 @@ def test_what_a_run_that_has_ended_early_says_of_itself(both: Path) -> None:
     np.testing.assert_allclose(early.n_departure, full.n_departure, atol=1e-12)
     assert (early.energy_drift.abs() < 1e-6).all()
     assert (early.energy_drift_max <= full.energy_drift_max).all()
-    for one, whole, window, t_end in zip(
-        early.window_amplitude, full.window_amplitude, early.window_t, early.t_end, strict=True
-    ):
-        # Those that were over.
-        assert len(one) == t_end // window
-        np.testing.assert_array_equal(one, whole[: len(one)])
+    for one, whole in zip(early.itertuples(), full.itertuples(), strict=True):
+        windows = one.window_amplitude  # those that were over
+        assert len(windows) == one.t_end // one.window_t
+        np.testing.assert_array_equal(windows, whole.window_amplitude[: len(windows)])
 
 
-def test_other_thresholds_give_the_types_of_runs_to_the_horizon(both: Path, tmp_path: Path) -> None:
+def test_other_thresholds_give_the_types_of_runs_to_the_horizon(both, tmp_path):
     """An end is certain for any ss_growth, so that no threshold trusts it more than it may."""
     for k, sets in enumerate((["classify.ss_growth=1e-12"], ["classify.sw_departure=1e-6"])):
         for name in ("full", "early"):
@@ -100,24 +93,21 @@ def test_other_thresholds_give_the_types_of_runs_to_the_horizon(both: Path, tmp_
             done = invoke("classify", copy, *(word for one in sets for word in ("--set", one)))
             assert done.exit_code == 0, done.stderr
         assert rows(tmp_path / f"early{k}").type.equals(rows(tmp_path / f"full{k}").type)
-        assert verify(tmp_path / f"early{k}").problems == []
+        proved(tmp_path / f"early{k}")
 
 
-def test_it_is_no_threshold_and_another_sweep(both: Path) -> None:
-    done = invoke("classify", both / "full", "--set", EARLY)
+def test_it_is_no_threshold_and_another_sweep(both):
+    full, early = both / "full", both / "early"
+    done = invoke("classify", full, "--set", EARLY)
     assert_refused(done, 2, "early: it decides when runs end, which takes their integration")
-    done = invoke("classify", both / "early", "--set", "classify.early=false")
+    done = invoke("classify", early, "--set", "classify.early=false")
     assert_refused(done, 2, "run the config again with it, into another directory")
-    sets = [word for one in (*SETS, EARLY) for word in ("--set", one)]
-    done = invoke("run", STEADY, *sets, "--set", "record=[energy, windows]", "-q",
-                  "--output", both / "full")  # fmt: skip
+    done = sweeping.run("steady.yaml", full, *SETS, EARLY, options=("-q",))
     assert_refused(done, 2, "holds the runs of another config (classify.early: not set against tr")
-    done = invoke("merge", both / "full", both / "early", "--output", both / "merged")
+    done = invoke("merge", full, early, "--output", both / "merged")
     assert_refused(done, 2, "classify.early: false against true")
-
-
-def test_compare_takes_it_as_another_way_to_integrate(both: Path) -> None:
-    done = invoke("compare", both / "full", both / "early", "--json")
+    # A comparison takes it as another way to integrate.
+    done = invoke("compare", full, early, "--json")
     assert done.exit_code == 0, done.stderr
     said = json.loads(done.stdout)
     assert any(words.startswith("classify.early: false against true") for words in said["differ"])
@@ -125,22 +115,17 @@ def test_compare_takes_it_as_another_way_to_integrate(both: Path) -> None:
     assert said["total"]["equal"] == said["total"]["reversing"] > 20
 
 
-def test_the_same_content_however_it_is_run(both: Path, tmp_path: Path) -> None:
-    sets = ("record=[energy, windows]", EARLY)
-    expected = content_hash(both / "early")
-    assert expected != content_hash(both / "full")
-    sweep(tmp_path / "blocks", *sets, "block_size=17", threads=most_threads())
-    for index in range(2):
-        sweep(tmp_path / "shards", *sets, "block_size=9", shard=Shard(index, 2), threads=1)
-    for name in ("blocks", "shards"):
-        assert content_hash(tmp_path / name) == expected
-        assert verify(tmp_path / name, recompute=10).problems == []
+def test_the_same_content_however_it_is_run(both, tmp_path):
+    for index, threads in enumerate((most_threads(), 1)):
+        share = {"shard": Shard(index, 2), "threads": threads}
+        sweep(tmp_path, EARLY, "block_size=17", **share)
+    assert proved(tmp_path, recompute=5) == content_hash(both / "early")
+    assert content_hash(both / "early") != content_hash(both / "full")
 
 
-def test_a_replay_goes_on_to_the_horizon(both: Path) -> None:
-    source, full = Replay(both / "early"), rows(both / "full")
-    early = rows(both / "early")
-    row = early[ended(early, full)].iloc[-1]
+def test_a_replay_goes_on_to_the_horizon(both, tables):
+    early, full, some = tables
+    source, row = Replay(both / "early"), early[some].iloc[-1]
     one = source.find(int(row.case), int(row["sample"]))
     source.prove(one)
     whole = Course(source.prepare(one))
@@ -155,10 +140,9 @@ def test_a_replay_goes_on_to_the_horizon(both: Path) -> None:
     assert part.n_steps == one.n_steps
 
 
-def test_errors_of_types_are_told_of_runs_that_end_early(tmp_path: Path) -> None:
-    sets = ("record=[error]", "spin.n_i=[-0.5]")
+def test_errors_of_types_are_told_of_runs_that_end_early(tmp_path):
     for name, more in (("full", ()), ("early", (EARLY,))):
-        sweep(tmp_path / name, *sets, *more)
+        sweep(tmp_path / name, "record=[error]", "spin.n_i=[-0.5]", *more)
     full, early = rows(tmp_path / "full"), rows(tmp_path / "early")
     some = ended(early, full)
     assert some.sum() > 5
@@ -167,36 +151,30 @@ def test_errors_of_types_are_told_of_runs_that_end_early(tmp_path: Path) -> None
     pd.testing.assert_frame_equal(early[~some], full[~some], check_exact=True)
 
 
-def test_from_python(tmp_path: Path) -> None:
-    bodies = {"source": "preset", "name": "GH", "overrides": {"theta": 0.95}}
-    config = {
-        "bodies": bodies,
-        "spin": {"n_i": [-0.5], "omega_xy0": 0.001},
-        "horizon": {"t": 2000.0},
-    }
-    full = rs.sweep(config, output=tmp_path / "full").runs.iloc[0]
-    early = rs.sweep(config | {"classify": {"early": True}}, output=tmp_path / "early").runs.iloc[0]
-    assert (full.type, full.t_end) == ("SS", 2000)
-    assert (early.type, early.t_end < 1000) == ("SS", True)
-    # The mirror image is stable in the other direction.
-    table = tmp_path / "mirrored.csv"
-    pd.DataFrame([early[["alpha", "beta", "gamma", "theta", "phi"]]]).assign(xi=-early.xi).to_csv(
-        table, index=False
-    )
-    mirrored = config | {"bodies": {"source": "table", "path": str(table)}}
-    mirrored |= {"spin": {"n_i": 0.5, "omega_xy0": 0.001}, "classify": {"early": True}}
-    found = rs.sweep(mirrored, output=tmp_path / "mirrored").runs.iloc[0]
-    assert found.type == "SS"
-    assert found.t_end == pytest.approx(early.t_end, rel=1e-2)
-    assert found.n_end == pytest.approx(-early.n_end, rel=1e-12)
+def test_from_python_and_for_the_mirror_image(tmp_path):
+    """Which is stable in the other direction."""
+    b = rs.Rattleback.gh()
+    spin, early = {"n_i": [-0.5], "omega_xy0": 0.001}, {"classify": {"early": True}}
+    body = [b.alpha, b.beta, b.gamma, 0.95, b.phi]
+    found = []
+    for name, sign, settings in (("full", 1, {}), ("early", 1, early), ("mirrored", -1, early)):
+        table = pd.DataFrame([[*body, sign * b.xi]], columns=list(PARAMETERS))
+        config = {"spin": spin | {"n_i": -0.5 * sign}, "horizon": {"t": 2000.0}, **settings}
+        found.append(rs.sweep(table, output=tmp_path / name, **config).runs.iloc[0])
+    assert [run.type for run in found] == ["SS"] * 3
+    full, early, mirrored = found
+    assert full.t_end == 2000
+    assert early.t_end < 1000
+    assert mirrored.t_end == pytest.approx(early.t_end, rel=1e-2)
+    assert mirrored.n_end == pytest.approx(-early.n_end, rel=1e-12)
 
 
 @pytest.mark.slow
-def test_many_runs(tmp_path: Path) -> None:
+def test_many_runs(tmp_path):
     """A share of what benchmarks/early.py does on all of ``configs/steady.yaml``, another draw."""
     sets = ["bodies.samples=100", "seed=11"]
     for name, more in (("full", []), ("early", [EARLY])):
-        run_sweep(make_plan(load_config(STEADY, [*sets, *more])), tmp_path / name)
+        sweeping.sweep(tmp_path / name, "steady.yaml", *sets, *more)
     full, early = rows(tmp_path / "full"), rows(tmp_path / "early")
     assert len(full) == 12_000
     assert early.type.equals(full.type)
@@ -205,7 +183,7 @@ def test_many_runs(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_bodies_of_any_kind(tmp_path: Path) -> None:
+def test_bodies_of_any_kind(tmp_path):
     """Any inertia and surface, near the threshold and far beyond, oscillations of all sizes."""
     rng, count = np.random.default_rng(5), 12_000
     beta = rng.uniform(1.05, 4, count)
@@ -220,12 +198,9 @@ def test_bodies_of_any_kind(tmp_path: Path) -> None:
         "n_i": n_c1 * np.exp(rng.uniform(np.log(0.98), np.log(2.5), count)),
         "omega_xy0": 10 ** rng.uniform(-3, -0.3, count),
     }
-    table = pd.DataFrame(columns)[n_c1 > -3]
-    table.to_csv(tmp_path / "bodies.csv", index=False)
-    bodies = {"source": "table", "path": str(tmp_path / "bodies.csv")}
-    config = {"bodies": bodies, "horizon": {"t_rgh": 5, "t": 50_000.0}}
-    full = rs.sweep(config, output=tmp_path / "full").runs
-    early = rs.sweep(config | {"classify": {"early": True}}, output=tmp_path / "early").runs
+    table, config = pd.DataFrame(columns)[n_c1 > -3], {"horizon": {"t_rgh": 5, "t": 50_000.0}}
+    full = rs.sweep(table, output=tmp_path / "full", **config).runs
+    early = rs.sweep(table, output=tmp_path / "early", **config, classify={"early": True}).runs
     some = ended(early, full)
     assert len(full) > 9_000
     assert some.sum() > 0.3 * len(full)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import shutil
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -10,18 +11,17 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+import sweeping
 from stopping import again_and_again
+from sweeping import changed, content_hash, plan_of, proved
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.blocks.block import finish_block, prepare_runs
-from rattlesweep.sweeps.cases.plan import make_plan
 from rattlesweep.sweeps.cases.shards import Shard
 from rattlesweep.sweeps.cases.stages import FIRST, make_stages
-from rattlesweep.sweeps.config.load import parse_config
-from rattlesweep.sweeps.engines.run import run_sweep
-from rattlesweep.sweeps.inspect.content_hash import content_hash
 from rattlesweep.sweeps.inspect.retype import retype
 from rattlesweep.sweeps.inspect.verify import verify
+from rattlesweep.sweeps.store import sealed
 from rattlesweep.sweeps.tables.arrow import build_table
 from rattlesweep.sweeps.tables.cells import Cells, wilson
 from rattlesweep.sweeps.tables.columns import runs_schema
@@ -38,20 +38,19 @@ CONFIG: dict[str, Any] = {
 
 
 def sweep(output: Path, config: dict[str, Any] = CONFIG, **options: Any) -> Any:
-    return run_sweep(make_plan(parse_config(config)), output, **options)
+    return sweeping.sweep(output, config, **options)
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def whole(tmp_path_factory) -> Path:
     output = tmp_path_factory.mktemp("enough") / "out"
     sweep(output)
     return output
 
 
 def test_every_case_is_known_well_enough_and_no_case_long_before(whole):
-    assert verify(whole, recompute=30).problems == []
-    summary = pd.read_parquet(whole / "summary.parquet")
-    runs = pd.read_parquet(whole / "runs")
+    proved(whole, recompute=30)
+    summary, runs = pd.read_parquet(whole / "summary.parquet"), pd.read_parquet(whole / "runs")
     assert len(set(summary.runs)) > 1
     assert (summary.runs >= FIRST).all()
     assert (summary.runs % CONFIG["block_size"] == 0).all()
@@ -67,27 +66,22 @@ def test_every_case_is_known_well_enough_and_no_case_long_before(whole):
             assert max(high - low for low, high in parts) / 2 > 0.03
 
 
-def test_mean_times_known_well_enough(tmp_path):
-    sweep(tmp_path, CONFIG | {"stop": {"t_r": 0.05}, "bodies": {"source": "sd", "samples": 6000}})
-    runs = pd.read_parquet(tmp_path / "runs")
-    for _, own in runs.groupby("case"):
+def test_mean_times_known_well_enough_or_all_samples(tmp_path):
+    sweep(tmp_path / "known", changed(CONFIG, bodies={"samples": 6000}) | {"stop": {"t_r": 0.05}})
+    for _, own in pd.read_parquet(tmp_path / "known" / "runs").groupby("case"):
         assert 1.96 * own.t_r.sem() / own.t_r.mean() <= 0.05
         assert FIRST <= len(own) < 6000
+    never = changed(CONFIG, bodies={"samples": 1000}, stop={"t_r": 1e-4})
+    assert sweep(tmp_path / "all", never).runs == 3000
+    proved(tmp_path / "all")
 
 
-def test_no_more_than_the_samples(tmp_path):
-    bodies = {"source": "sd", "samples": 1000}
-    result = sweep(tmp_path, CONFIG | {"bodies": bodies, "stop": {"fraction": 0.03, "t_r": 1e-4}})
-    assert result.runs == 3000
-    assert verify(tmp_path).problems == []
-
-
-def test_the_rows_are_those_of_the_sweep_without_it(whole, tmp_path):
-    sweep(tmp_path, {key: value for key, value in CONFIG.items() if key != "stop"})
-    keys = ["case", "sample"]
-    some = pd.read_parquet(whole / "runs").set_index(keys).sort_index()
-    every = pd.read_parquet(tmp_path / "runs").set_index(keys)
-    pd.testing.assert_frame_equal(some, every.loc[some.index])
+def test_the_rows_are_those_of_the_sweep_without_it(whole):
+    some = pd.read_parquet(whole / "runs").sort_values(["case", "sample"], ignore_index=True)
+    plan = plan_of(CONFIG, stop=None)
+    columns = finish_block(plan.config, *prepare_runs(plan, *some[["case", "sample"]].to_numpy().T))
+    every = build_table(columns, runs_schema(model="gh")).to_pandas()
+    pd.testing.assert_frame_equal(some, every, check_exact=True)
 
 
 def test_stopped_again_and_again_in_any_order_with_harm(whole, tmp_path):
@@ -103,36 +97,30 @@ def test_stopped_again_and_again_in_any_order_with_harm(whole, tmp_path):
             dice.choice(blocks).unlink()
 
     assert again_and_again(partial(sweep, tmp_path), 6, dice, harm) > 5
-    assert verify(tmp_path).problems == []
-    assert content_hash(tmp_path) == content_hash(whole)
+    assert proved(tmp_path) == content_hash(whole)
     assert (tmp_path / "summary.parquet").read_bytes() == (whole / "summary.parquet").read_bytes()
 
 
 def test_what_was_decided_is_verified(whole, tmp_path):
     """A directory that stopped too early is not taken for complete."""
-    import json
-    import shutil
-
-    from rattlesweep.sweeps.store import sealed
-
-    shutil.copytree(whole, tmp_path / "out")
-    path = tmp_path / "out" / "manifest.json"
+    output = Path(shutil.copytree(whole, tmp_path / "out"))
+    path = output / "manifest.json"
     said = sealed.load(path.read_bytes())
     last = said["stages"].pop()
     gone = -(-last // CONFIG["block_size"])
     said["runs"], said["blocks"] = said["runs"] - last, said["blocks"] - gone
     for index in range(said["blocks"], said["blocks"] + gone):
-        (tmp_path / "out" / "runs" / f"block-{index:06d}.parquet").unlink()
+        (output / "runs" / f"block-{index:06d}.parquet").unlink()
         del said["receipts"][str(index)]
     path.write_bytes(sealed.dump(said))
-    assert json.loads(path.read_text())["state"] == "complete"
-    assert any("other stages" in problem for problem in verify(tmp_path / "out").problems)
-    sweep(tmp_path / "out")
-    assert content_hash(tmp_path / "out") == content_hash(whole)
+    assert said["state"] == "complete"
+    assert any("other stages" in problem for problem in verify(output).problems)
+    sweep(output)
+    assert content_hash(output) == content_hash(whole)
 
 
 def test_what_would_change_decisions_is_refused(whole):
-    before = content_hash(whole)
+    before = proved(whole)
     for change, options, words in (
         ({}, {"shard": Shard(0, 2)}, "there are no shares"),
         ({}, {"retry_failed": True}, "has chosen the runs"),
@@ -144,14 +132,12 @@ def test_what_would_change_decisions_is_refused(whole):
             sweep(whole, CONFIG | change, **options)
     with pytest.raises(ConfigError, match="its types cannot change"):
         retype(whole, ["classify.sw_departure=0.1"])
-    assert content_hash(whole) == before
-    assert verify(whole).problems == []
+    assert proved(whole) == before
 
 
 def stopped(seed: int) -> Cells:
     """Runs of a sweep in memory, by case."""
-    small = {"stop": {"fraction": 0.03}, "block_size": 50, "seed": seed}
-    plan = make_plan(parse_config(CONFIG | small))
+    plan = plan_of(CONFIG, block_size=50, seed=seed)
     decide, cells = make_stages(plan.config, 3, plan.samples), Cells(3)
     assert decide is not None
     numbers = decide.first()
@@ -169,7 +155,7 @@ def stopped(seed: int) -> Cells:
 def test_what_is_promised_holds_in_95_of_100_sweeps():
     """Stopping by what came out may not make it look better known than it is."""
     bodies = {"source": "sd", "samples": 2**18, "draw": "sobol"}
-    plan = make_plan(parse_config(CONFIG | {"bodies": bodies, "stop": None}))
+    plan = plan_of(CONFIG, bodies=bodies, stop=None)
     launches, batch = prepare_runs(plan, *np.divmod(np.arange(plan.runs), plan.samples))
     t_r = finish_block(plan.config, launches, batch)["t_r"].reshape(3, -1)
     true = np.isfinite(t_r).mean(axis=1)

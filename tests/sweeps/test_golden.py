@@ -12,32 +12,27 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
+from sweeping import content_hash
 
 import rattlesweep as rs
-from rattlesweep.sweeps.inspect.content_hash import content_hash
 
 HERE = Path(__file__).parents[1] / "golden"
 GOLDEN = HERE / "golden.parquet"
 
-# Relative, of what was measured times ten or more. What is not named is an end state or a drift,
-# which is rounding itself, and compared on its own scale below.
+# Of what was measured times ten or more: relative and absolute. End states and drifts are rounding
+# itself, and compared on their own scale.
+CLOSE = {
+    "t_r": (1e-6, 0), "t_end": (1e-6, 0), "n_end": (0, 1e-6), "n_departure": (1e-4, 1e-7),
+    "n_steps": (1e-2, 0), "energy_drift": (0, 1e-7), "contact_ratio_max": (1e-2, 0),
+    "contact_normal_min": (0, 1e-3),
+}  # fmt: skip
 THEORY = ("alpha", "beta", "gamma", "theta", "phi", "xi", "f_sd", "n_i", "omega_xy0", "psi",
           "omega_p", "omega_r", "K_p", "K_r", "n_c1", "n_0", "t_rgh", "energy_0")  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def today(tmp_path_factory: pytest.TempPathFactory) -> rs.Sweep:
-    return rs.sweep(HERE / "golden.yaml", output=tmp_path_factory.mktemp("golden") / "out")
-
-
-def origin_of(path: Path) -> dict[str, Any]:
-    return json.loads(pq.read_schema(path).metadata[b"origin"])
 
 
 def ordinary(rows: pd.DataFrame) -> pd.Series:
@@ -57,31 +52,21 @@ def assert_close(now: pd.DataFrame, then: pd.DataFrame) -> None:
     apart, errors = (now.t_r - then.t_r).abs(), now.t_r_error + then.t_r_error
     assert (apart[~kept] <= errors[~kept]).all()
     now, then = now[kept], then[kept]
-    for name in ("t_r", "t_end"):
-        np.testing.assert_allclose(now[name], then[name], rtol=1e-6, err_msg=name)
-    change = (now.t_r / then.t_r - 1).abs().median()
-    assert change < 1e-12
-    np.testing.assert_allclose(now.n_end, then.n_end, atol=1e-6)
-    np.testing.assert_allclose(now.n_departure, then.n_departure, rtol=1e-4, atol=1e-7)
-    np.testing.assert_allclose(now.n_steps, then.n_steps, rtol=1e-2)
-    np.testing.assert_allclose(now.energy_drift, then.energy_drift, atol=1e-7)
-    np.testing.assert_allclose(now.contact_ratio_max, then.contact_ratio_max, rtol=1e-2)
-    np.testing.assert_allclose(now.contact_normal_min, then.contact_normal_min, atol=1e-3)
+    for name, (rtol, atol) in CLOSE.items():
+        np.testing.assert_allclose(now[name], then[name], rtol, atol, err_msg=name)
+    assert (now.t_r / then.t_r - 1).abs().median() < 1e-12
 
 
-def test_the_golden_sweep_comes_out_again(today):
-    origin, manifest = origin_of(GOLDEN), today.manifest
-    same = all(
-        origin["versions"][name] == manifest["versions"][name]
-        for name in ("numpy", "numba", "llvmlite")
-    )
-    if same and origin["machine"]["cpu"] == manifest["machine"]["cpu"]:
+def test_the_golden_sweep_comes_out_again(tmp_path):
+    today = rs.sweep(HERE / "golden.yaml", output=tmp_path / "out")
+    origin, manifest = json.loads(pq.read_schema(GOLDEN).metadata[b"origin"]), today.manifest
+    versions = [[m["versions"][name] for name in ("numpy", "numba", "llvmlite")]
+                for m in (origin, manifest)]  # fmt: skip
+    if versions[0] == versions[1] and origin["machine"]["cpu"] == manifest["machine"]["cpu"]:
         assert content_hash(today.directory) == origin["content_hash"]
-    assert_close(today.runs, pd.read_parquet(GOLDEN))
-
-
-def test_it_holds_something_of_everything():
     then = pd.read_parquet(GOLDEN)
+    assert_close(today.runs, then)
+    # It holds something of everything.
     assert set(then.type) == {"R", "SS", "SW", "unclassified"}
     assert then.n_i.min() < 0 < then.n_i.max()
     assert then.n_steps.max() > 20 * then.n_steps.min()

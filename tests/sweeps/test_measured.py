@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from refusal import assert_refused
-from test_run import invoke
+from sweeping import invoke
 
 import rattlesweep as rs
 from rattlesweep.sweeps.cases import table
@@ -44,7 +44,7 @@ def sweep(path: Path, output: Path, **rest: Any) -> pd.DataFrame:
 
 
 @pytest.mark.parametrize("ending", ["csv", "parquet"])
-def test_bodies_and_launches_in_si_units(tmp_path: Path, ending: str):
+def test_bodies_and_launches_in_si_units(ending, tmp_path):
     path = tmp_path / f"stones.{ending}"
     if ending == "csv":
         STONES.to_csv(path, index=False)
@@ -57,15 +57,12 @@ def test_bodies_and_launches_in_si_units(tmp_path: Path, ending: str):
             inertia=(given.ixx_kg_m2, given.iyy_kg_m2, given.izz_kg_m2, given.ixy_kg_m2),
         )  # fmt: skip
         second = math.sqrt(given.height_m / 9.81)
-        assert [run.alpha, run.theta, run.xi] == pytest.approx(
-            [body.alpha, body.theta, body.xi], rel=1e-12
+        rpm = math.pi / 30 * second
+        assert [run.alpha, run.theta, run.xi, run.n_i, run.n_i_rpm] == pytest.approx(
+            [body.alpha, body.theta, body.xi, given.n_i_rpm * rpm, given.n_i_rpm], rel=1e-12
         )
-        assert run.n_i == pytest.approx(given.n_i_rpm * math.pi / 30 * second, rel=1e-12)
-        assert run.n_i_rpm == pytest.approx(given.n_i_rpm, rel=1e-12)
-        one = rs.simulate(
-            body, n_i=run.n_i, omega_xy0=given.omega_xy0_rpm * math.pi / 30 * second,
-            t_end=given.t_end_s / second,
-        )  # fmt: skip
+        launch = {"n_i": run.n_i, "omega_xy0": given.omega_xy0_rpm * rpm}
+        one = rs.simulate(body, **launch, t_end=given.t_end_s / second)
         assert (run.type, np.isnan(run.t_r)) == (one.type, one.t_r is None)
         if one.t_r is not None:
             assert run.t_r == pytest.approx(one.t_r, rel=1e-7)
@@ -79,67 +76,61 @@ def test_bodies_and_launches_in_si_units(tmp_path: Path, ending: str):
     # An output table is a table, in whatever units it came.
     again = sweep(tmp_path / "out" / "runs", tmp_path / "again", horizon={"t": 1e4})
     pd.testing.assert_frame_equal(again[kept], runs[kept])
-    same = runs.t_r.notna()
     # Which windows there are goes by the horizon.
-    again, runs = again.drop(columns="amp_growth"), runs.drop(columns="amp_growth")
-    pd.testing.assert_frame_equal(again[same], runs[same], check_exact=True)
+    again, runs = (frame[runs.t_r.notna()].drop(columns="amp_growth") for frame in (again, runs))
+    pd.testing.assert_frame_equal(again, runs, check_exact=True)
 
 
-def test_commands_know_the_columns_of_a_table(tmp_path: Path, monkeypatch):
+def test_commands_know_the_columns_of_a_table(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     STONES.to_csv("stones.csv", index=False)
     Path("c.yaml").write_text(
         "bodies: {source: table, path: stones.csv}\nblock_size: 2\noutput: out\n"
     )
     assert invoke("run", "c.yaml", "-q").exit_code == 0
-    found = invoke("replay", "out", "--where", "stone = 'grey' and number < 8", "--points", "2")
-    assert found.exit_code == 0, found.stderr
-    assert invoke("verify", "out", "--recompute", "3").exit_code == 0
-    assert invoke("plan", "c.yaml", "--budget", "0.1s").exit_code == 0
-    assert invoke("plot", "out", "--kind", "scatter", "--x", "hardness").exit_code == 0
-    for k in (0, 1):
-        share = ("--output", f"s{k}", "--shard", f"{k}/2", "-q")
-        assert invoke("run", "c.yaml", *share).exit_code == 0
-    assert invoke("merge", "s0", "s1", "--output", "m").exit_code == 0
     runs = rs.load("out").runs
+    chosen = ("--where", "stone = 'grey' and number < 8", "--points", "2")
+    for command in (
+        ("replay", "out", *chosen), ("verify", "out", "--recompute", 3), ("status", "out"),
+        ("plan", "c.yaml", "--budget", "0.1s"),
+        ("plot", "out", "--kind", "scatter", "--x", "hardness", "--output", "p.svg"),
+        *(("run", "c.yaml", "--output", f"s{k}", "--shard", f"{k}/2", "-q") for k in (0, 1)),
+        ("merge", "s0", "s1", "--output", "m"),
+    ):  # fmt: skip
+        assert invoke(*command).exit_code == 0, command
     pd.testing.assert_frame_equal(rs.load("m").runs, runs)
     # Again, and once its manifest is lost.
     assert invoke("run", "c.yaml", "-q").exit_code == 0
     Path("out/manifest.json").unlink()
     assert invoke("run", "c.yaml", "-q").exit_code == 0
     pd.testing.assert_frame_equal(rs.load("out").runs, runs)
-    assert invoke("status", "out").exit_code == 0
 
 
-def test_a_directory_begun_without_the_columns_keeps_its_runs(tmp_path: Path, monkeypatch):
+def test_a_directory_begun_without_the_columns_keeps_its_runs(tmp_path, monkeypatch):
     """As one of an earlier version, which left out what it did not know."""
-    monkeypatch.chdir(tmp_path)
-    Path("t.csv").write_text(f"stone,{PLAIN}\ngrey,{ROW}\nred,{ROW}\n")
-    config = {
-        "bodies": {"source": "table", "path": "t.csv"},
-        "spin": {"n_i": 0.3, "omega_xy0": [0.1, 0.2]}, "horizon": {"t": 20}, "block_size": 3,
-    }  # fmt: skip
+    path, output = tmp_path / "t.csv", tmp_path / "out"
+    path.write_text(f"stone,{PLAIN}\ngrey,{ROW}\nred,{ROW}\n")
+    rest = {"spin": {"n_i": 0.3, "omega_xy0": [0.1, 0.2]}, "horizon": {"t": 20}, "block_size": 3}
     with monkeypatch.context() as before:
         before.setattr(table, "own_columns", lambda *_: table.Measured())
-        old = rs.sweep(config, output="out").runs
+        old = sweep(path, output, **rest)
     assert "stone" not in old
-    first, last = sorted(Path("out/runs").iterdir())
+    first, last = sorted((output / "runs").iterdir())
     stamp = first.stat().st_mtime_ns
     last.unlink()
-    pd.testing.assert_frame_equal(rs.sweep(config, output="out").runs, old)
+    pd.testing.assert_frame_equal(sweep(path, output, **rest), old)
     assert first.stat().st_mtime_ns == stamp
 
 
-def test_xi_in_degrees_and_the_unit_of_time_alone(tmp_path: Path):
+def test_xi_in_degrees_and_the_unit_of_time_alone(tmp_path):
     path = tmp_path / "t.csv"
-    path.write_text(
-        f"{PLAIN.replace('xi', 'xi_deg')},height_m\n13.04,1.522,12.28,0.82,0.036,-1.72,0.02\n"
-    )
-    spin = {"n_i": 0.3, "omega_xy0": 0.1}
-    runs = sweep(path, tmp_path / "out", spin=spin)
+    body = ROW.replace("-0.03", "-1.72")
+    path.write_text(f"{PLAIN.replace('xi', 'xi_deg')},height_m\n{body},0.02\n")
+    runs = sweep(path, tmp_path / "out", spin={"n_i": 0.3, "omega_xy0": 0.1})
+    second = math.sqrt(0.02 / 9.81)
     assert runs.xi[0] == -math.radians(1.72)
-    assert runs.t_r_s[0] == pytest.approx(runs.t_r[0] * math.sqrt(0.02 / 9.81), rel=1e-14)
-    assert runs.n_i_rpm[0] == pytest.approx(0.3 / math.sqrt(0.02 / 9.81) * 30 / math.pi)
+    assert runs.t_r_s[0] == pytest.approx(runs.t_r[0] * second, rel=1e-14)
+    assert runs.n_i_rpm[0] == pytest.approx(0.3 / second * 30 / math.pi)
 
 
 SI = ",".join(name for name in STONES if name.endswith(("kg", "_m", "m2")))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import random
-import shutil
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,17 +11,16 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pytest
+import sweeping
 from stopping import again_and_again
+from sweeping import content_hash, plan_of, proved
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.study.plots.layout import read_layout
-from rattlesweep.study.plots.map import CODES, Map
+from rattlesweep.study.plots.map import CODES
 from rattlesweep.study.plots.registry import read_picture
-from rattlesweep.sweeps.cases.plan import make_plan
 from rattlesweep.sweeps.cases.stages import make_stages, strides
 from rattlesweep.sweeps.config.load import parse_config, physics_hash
-from rattlesweep.sweeps.engines.run import run_sweep
-from rattlesweep.sweeps.inspect.content_hash import content_hash
 from rattlesweep.sweeps.inspect.verify import verify
 
 GRID: dict[str, Any] = {
@@ -41,38 +39,36 @@ RUNS = 6100
 
 
 def sweep(output: Path, config: dict[str, Any] = CONFIG, **options: Any) -> Any:
-    return run_sweep(make_plan(parse_config(config)), output, **options)
+    return sweeping.sweep(output, config, **options)
 
 
 @pytest.fixture(scope="module")
-def full(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def full(tmp_path_factory) -> Path:
     output = tmp_path_factory.mktemp("full") / "out"
-    sweep(output, CONFIG | {"bodies": GRID})
+    sweep(output, CONFIG | {"bodies": GRID, "block_size": RUNS})
     return output
 
 
 @pytest.fixture(scope="module")
-def refined(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def refined(tmp_path_factory) -> Path:
     output = tmp_path_factory.mktemp("refined") / "out"
     sweep(output)
     return output
 
 
-def picture(output: Path) -> Map:
-    found = read_picture(read_layout(output), "map")
-    assert isinstance(found, Map)
-    return found
+def picture(output: Path) -> Any:
+    return read_picture(read_layout(output), "map")
 
 
 def test_a_fraction_of_the_runs_gives_the_same_map(full, refined):
-    assert verify(refined, recompute=20).problems == []
-    some = pd.read_parquet(refined / "runs").set_index(["case", "sample"]).sort_index()
-    every = pd.read_parquet(full / "runs").set_index(["case", "sample"])
+    proved(refined, recompute=20)
+    keys = ["case", "sample"]
+    some = pd.read_parquet(refined / "runs").set_index(keys).sort_index()
+    every = pd.read_parquet(full / "runs").set_index(keys)
     assert len(every) == RUNS
     assert len(some) < RUNS / 4
     pd.testing.assert_frame_equal(some, every.loc[some.index])
-    code, _ = picture(full).shown()
-    inferred, _ = picture(refined).shown()
+    code, inferred = picture(full).shown()[0], picture(refined).shown()[0]
     assert CODES["missing"] not in inferred
     assert len(np.unique(code)) == 3
     assert np.mean(code != inferred) < 0.002
@@ -85,60 +81,43 @@ def test_times_between_runs_are_as_near_as_asked(full, tmp_path):
     off = np.abs(ratio / exact - 1)[(code == inferred) & np.isfinite(exact) & np.isfinite(ratio)]
     assert (code == inferred).mean() > 0.99
     assert np.quantile(off, 0.98) < 0.05
-    runs = len(pd.read_parquet(tmp_path / "runs", columns=["case"]))
-    assert runs < 0.5 * RUNS
+    assert len(pd.read_parquet(tmp_path / "runs", columns=["case"])) < 0.5 * RUNS
 
 
-def test_stopped_again_and_again_in_any_order(refined, tmp_path):
-    dice = random.Random(1)
+def test_stopped_again_and_again_in_any_order_and_in_whatever_blocks(refined, tmp_path):
+    dice, output = random.Random(1), tmp_path / "again"
 
     def harm(trial: int) -> None:
-        blocks = sorted((tmp_path / "runs").iterdir())
         if dice.random() < 0.3:
-            dice.choice(blocks).unlink()
-        assert not any("other stages" in text for text in verify(tmp_path).problems)
+            dice.choice(sorted((output / "runs").iterdir())).unlink()
+        assert not any("other stages" in text for text in verify(output).problems)
 
-    again_and_again(partial(sweep, tmp_path), 4, dice, harm)
-    assert content_hash(tmp_path) == content_hash(refined)
-    assert (tmp_path / "summary.parquet").read_bytes() == (refined / "summary.parquet").read_bytes()
-
-
-def test_whatever_the_blocks(refined, tmp_path):
-    sweep(tmp_path, CONFIG | {"block_size": 777})
-    assert content_hash(tmp_path) == content_hash(refined)
-
-
-def test_goes_on_in_the_blocks_that_it_was_begun_in(refined, tmp_path):
-    output = Path(shutil.copytree(refined, tmp_path / "out"))
+    assert again_and_again(partial(sweep, output), 4, dice, harm) > 2
+    sweep(tmp_path / "other", CONFIG | {"block_size": 777})
+    for directory in (output, tmp_path / "other"):
+        assert proved(directory) == content_hash(refined)
+    summary = (refined / "summary.parquet").read_bytes()
+    assert (output / "summary.parquet").read_bytes() == summary
+    # It goes on in the blocks that it was begun in.
     (output / "runs" / "block-000003.parquet").unlink()
     result = sweep(output, CONFIG | {"block_size": 40})
     assert any("was begun in blocks of 100 runs" in remark for remark in result.remarks)
-    assert verify(output).problems == []
-    assert content_hash(output) == content_hash(refined)
+    assert proved(output) == content_hash(refined)
 
 
 # -- where cells are halved ------------------------------------------------------------------------
 
 
-def asked(kind: Any, axes: dict[str, int], **refine: Any) -> tuple[np.ndarray, np.ndarray, int]:
+def asked(kind: Any, theta: int, phi: int, levels: int) -> tuple[np.ndarray, np.ndarray, int]:
     """Which points of a plane of bodies are asked for; the types ``kind(x, y)``; stages."""
-    names = ("theta", "phi")
-    spans = {"theta": [0.6, 0.95], "phi": [0.02, 0.1]}
-    ticks = {n: {"linspace": [*spans[n], axes[n]]} for n in names}
-    config = parse_config(
-        CONFIG
-        | {
-            "bodies": GRID | {"axes": ticks, "refine": refine},
-            "spin": {"n_i": [-0.1, 0.1], "omega_xy0": 0.01},
-        }
-    )
-    plan = make_plan(config)
-    decide = make_stages(config, 2, plan.samples)
+    axes = {"theta": {"linspace": [0.6, 0.95, theta]}, "phi": {"linspace": [0.02, 0.1, phi]}}
+    spin = {"n_i": [-0.1, 0.1], "omega_xy0": 0.01}
+    plan = plan_of(CONFIG, bodies=GRID | {"axes": axes, "refine": {"levels": levels}}, spin=spin)
+    decide = make_stages(plan.config, 2, plan.samples)
     assert decide is not None
-    shape = tuple(axes[n] for n in names)
-    x, y = np.meshgrid(*(np.linspace(0, 1, n) for n in shape), indexing="ij")
+    x, y = np.meshgrid(np.linspace(0, 1, theta), np.linspace(0, 1, phi), indexing="ij")
     truth = np.where(kind(x, y), "R", "SW")
-    there = np.zeros((2, *shape), dtype=bool)
+    there = np.zeros((2, theta, phi), dtype=bool)
     numbers, stages = decide.first(), 0
     while len(numbers):
         assert not there.ravel()[numbers].any()
@@ -154,20 +133,17 @@ def asked(kind: Any, axes: dict[str, int], **refine: Any) -> tuple[np.ndarray, n
 
 
 def test_each_spin_is_a_picture_of_its_own_and_only_boundaries_are_refined():
-    there, truth, _ = asked(lambda x, y: x + 0.3 * y > 0.6, {"theta": 129, "phi": 129}, levels=4)
+    there, truth, _ = asked(lambda x, y: x + 0.3 * y > 0.6, 129, 129, levels=4)
     assert there[1].sum() == 9 * 9
-    differs = truth[1:] != truth[:-1]
     # Both sides of every step are known.
-    assert (there[0][1:] & there[0][:-1])[differs].all()
+    assert (there[0][1:] & there[0][:-1])[truth[1:] != truth[:-1]].all()
     assert there[0].sum() < 0.1 * there[0].size
 
 
 def test_a_boundary_that_hides_between_coarse_points_is_followed_to_its_ends():
     """A spiral arm thinner than the coarse cells, which meets them in a few places only."""
-    there, truth, stages = asked(
-        lambda x, y: np.abs(y - 0.5 - 0.3 * np.sin(7 * x)) < 0.025, {"theta": 257, "phi": 200},
-        levels=4,
-    )  # fmt: skip
+    arm = lambda x, y: np.abs(y - 0.5 - 0.3 * np.sin(7 * x)) < 0.025  # noqa: E731
+    there, truth, stages = asked(arm, 257, 200, levels=4)
     steps = truth[:, 1:] != truth[:, :-1]
     assert (there[0][:, 1:] & there[0][:, :-1])[steps].mean() > 0.97
     assert stages > 5
@@ -177,9 +153,8 @@ def test_a_boundary_that_hides_between_coarse_points_is_followed_to_its_ends():
 def test_what_is_smaller_than_a_coarse_cell_may_be_missed():
     """The known weakness, which the docs measure."""
     island = lambda x, y: (x - 0.53) ** 2 + (y - 0.53) ** 2 < 0.02**2  # noqa: E731
-    size = {"theta": 129, "phi": 129}
-    assert asked(island, size, levels=4)[0][0].sum() == 9 * 9
-    assert asked(island, size, levels=1)[0][0].sum() > 65 * 65
+    assert asked(island, 129, 129, levels=4)[0][0].sum() == 9 * 9
+    assert asked(island, 129, 129, levels=1)[0][0].sum() > 65 * 65
 
 
 @pytest.mark.parametrize(
@@ -196,12 +171,9 @@ def test_coarse_grids(shape, levels, expected):
 def test_refused_where_nothing_can_be_left_out_or_recorded():
     few = GRID | {"axes": {"theta": [0.6, 0.7, 0.8]}, "refine": {}}
     with pytest.raises(ConfigError, match="no axis has 5 values or more"):
-        make_plan(parse_config(CONFIG | {"bodies": few, "spin": {"n_i": 0.1, "omega_xy0": 0.1}}))
-    by = GRID | {"refine": {"by": "lyapunov"}}
+        plan_of(CONFIG, bodies=few, spin={"n_i": 0.1, "omega_xy0": 0.1})
     with pytest.raises(ConfigError, match=r"refine\.by: there is no column lyapunov"):
-        make_plan(parse_config(CONFIG | {"bodies": by}))
-
-
-def test_the_hash_knows_it():
-    plain, refined = (physics_hash(parse_config(c)) for c in (CONFIG | {"bodies": GRID}, CONFIG))
-    assert plain != refined
+        plan_of(CONFIG, bodies=GRID | {"refine": {"by": "lyapunov"}})
+    assert physics_hash(parse_config(CONFIG)) != physics_hash(
+        parse_config(CONFIG | {"bodies": GRID})
+    )

@@ -9,13 +9,14 @@ import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
+import sweeping
 from refusal import assert_refused
-from test_run import CONFIGS, invoke
+from sweeping import invoke
 
 import rattlesweep as rs
 from rattlesweep.study.plots.layout import read_layout
 from rattlesweep.study.plots.registry import read_picture
-from rattlesweep.study.plots.reversals import _borders
+from rattlesweep.sweeps.tables.cells import Moments
 
 CONFIG: dict[str, Any] = {
     "bodies": {"source": "grid", "base": {"preset": "GH"}, "axes": {"theta": [0.64, 0.8, 0.9]}},
@@ -26,13 +27,13 @@ NEW = ["n_reversals", "reversal_times", "spin_after"]
 
 
 @pytest.fixture(scope="module")
-def sweep(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def sweep(tmp_path_factory) -> Path:
     directory = tmp_path_factory.mktemp("reversals") / "out"
     rs.sweep(CONFIG | {"record": ["reversals", "windows"]}, output=directory)
     return directory
 
 
-def test_they_are_those_of_the_trajectory(sweep: Path):
+def test_they_are_those_of_the_trajectory(sweep):
     """Every run, bit for bit; the largest spin at the accepted steps in between."""
     runs = rs.load(sweep).runs
     assert runs.n_reversals.max() > 8
@@ -51,22 +52,24 @@ def test_they_are_those_of_the_trajectory(sweep: Path):
         assert run.t_end == 900
 
 
-def test_the_first_one_and_the_type_are_as_without(sweep: Path, tmp_path: Path):
-    runs, plain = rs.load(sweep).runs, rs.sweep(CONFIG, output=tmp_path / "plain").runs
-    pd.testing.assert_series_equal(runs.t_r, plain.t_r, check_exact=True)
-    pd.testing.assert_series_equal(runs.type, plain.type)
+def test_the_first_one_and_the_type_are_as_without(sweep, tmp_path):
+    runs, plain = rs.load(sweep).runs, rs.sweep(CONFIG, output=tmp_path).runs
+    pd.testing.assert_frame_equal(runs[["t_r", "type"]], plain[["t_r", "type"]], check_exact=True)
     assert not set(NEW) & set(plain)
     # What does not reverse is the same to the last bit.
     still = plain.t_r.isna()
     assert still.any()
     pd.testing.assert_frame_equal(runs[plain.columns][still], plain[still], check_exact=True)
+    # Without the record there is no such picture.
+    assert_refused(invoke("plot", tmp_path, "--kind", "reversals"), 2, "does not fit")
 
 
-def test_commands_know_the_columns(sweep: Path, tmp_path: Path):
-    assert invoke("verify", sweep, "--recompute", "12").exit_code == 0
-    assert invoke("status", sweep).exit_code == 0
-    assert invoke("classify", sweep, "--set", "classify.sw_departure=0.1").exit_code == 0
-    assert invoke("compare", sweep, sweep).exit_code == 0
+def test_commands_know_the_columns(sweep):
+    typed = ("--set", "classify.sw_departure=0.1")
+    for name, *options in (
+        ("verify", "--recompute", 12), ("status",), ("classify", *typed), ("compare", sweep),
+    ):  # fmt: skip
+        assert invoke(name, sweep, *options).exit_code == 0
     found = invoke("replay", sweep, "--where", "n_reversals > 8", "--points", "2")
     assert found.exit_code == 0
     assert "reversals at" in found.stderr
@@ -79,69 +82,57 @@ def test_commands_know_the_columns(sweep: Path, tmp_path: Path):
         assert max(map(len, table[name].to_pylist())) == 8
 
 
-def test_failed_runs_have_none(tmp_path: Path):
+def test_failed_runs_have_none(tmp_path):
     config = CONFIG | {"record": ["reversals"], "integrator": {"max_steps": 500}}
-    runs = rs.sweep(config, output=tmp_path / "out").runs
+    runs = rs.sweep(config, output=tmp_path).runs
     failed = runs.status != "ok"
     assert failed.any()
-    assert runs[NEW][failed].isna().all().all()
-    assert runs.t_r[failed].isna().all()
+    assert runs[[*NEW, "t_r"]][failed].isna().all(axis=None)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("model", ["reduced", "full"])
-def test_with_a_fixed_step_and_the_reduced_model(model, tmp_path: Path):
-    rk4 = {"method": "rk4", "dt": 0.01}
+def test_with_a_fixed_step_and_the_reduced_model(model, tmp_path):
     config = CONFIG | {
-        "record": ["reversals"], "model": model, "horizon": {"t": 300}, "integrator": rk4,
-        "spin": {"n_i": [0.2, -0.2], "omega_xy0": 0.1},
+        "record": ["reversals"], "model": model, "horizon": {"t": 300},
+        "integrator": {"method": "rk4", "dt": 0.01}, "spin": {"n_i": [0.2, -0.2], "omega_xy0": 0.1},
     }  # fmt: skip
-    runs = rs.sweep(config, output=tmp_path / "out").runs
+    runs = rs.sweep(config, output=tmp_path).runs
     assert runs.n_reversals.max() > 0
     for run in runs.itertuples():
-        path = rs.replay(tmp_path / "out", int(run.case), int(run.sample), points=2)
+        path = rs.replay(tmp_path, int(run.case), int(run.sample), points=2)
         assert run.reversal_times.tolist() == path.reversals[:8].tolist()
 
 
-# ------------------------------------------------------------------------------ a map
+# -- a map -------------------------------------------------------------------------------------
 
 
-def test_a_map_of_the_shipped_config(tmp_path: Path):
-    axis = "bodies.axes.minus_xi_deg={logspace: [0.3, 5, 8]}"
-    spins = "spin.n_i={linspace: [-0.3, 0.3, 8]}"
-    out = tmp_path / "out"
-    small = ["--set", axis, "--set", spins, "--set", "horizon.t=600", "--output", out, "-q"]
-    assert invoke("run", CONFIGS / "reversals.yaml", *small).exit_code == 0
-    data = tmp_path / "d.csv"
-    result = invoke("plot", out, "--output", tmp_path / "p.png", "--data", data)
+def test_a_map_of_the_shipped_config(tmp_path):
+    out, data = tmp_path / "out", tmp_path / "d.csv"
+    small = ("bodies.axes.minus_xi_deg={logspace: [0.3, 5, 8]}",
+             "spin.n_i={linspace: [-0.3, 0.3, 8]}", "horizon.t=600")  # fmt: skip
+    assert sweeping.run("reversals.yaml", out, *small, options=("-q",)).exit_code == 0
+    result = invoke("plot", out, "--output", tmp_path / "p.svg", "--data", data)
     assert result.exit_code == 0, result.stderr
     assert result.stderr == "reversals: 64 runs\n"
-    runs, cells = rs.load(out).runs, pd.read_csv(data)
-    assert sorted(cells.n_reversals_mean) == sorted(runs.n_reversals)
-    assert runs.n_reversals.max() > 1
+    counts = rs.load(out).runs.n_reversals
+    assert sorted(pd.read_csv(data).n_reversals_mean) == sorted(counts)
+    assert counts.max() > 1
     shown = read_picture(read_layout(out), "reversals")
     figure = shown.figure()
     mesh = figure.axes[0].collections[-1].get_array()
-    assert np.array_equal(np.sort(mesh.ravel()), np.sort(runs.n_reversals))
+    assert np.array_equal(np.sort(mesh.ravel()), np.sort(counts))
     labels = [text.get_text() for text in figure.axes[-1].get_yticklabels()]
     assert labels[:3] == ["0", "1", "2"]
-    # Without the record there is no such picture.
-    config = {**CONFIG, "spin": {"n_i": [0.1, 0.2], "omega_xy0": 0.1}, "horizon": {"t": 9}}
-    rs.sweep(config, output=tmp_path / "plain")
-    assert_refused(invoke("plot", tmp_path / "plain", "--kind", "reversals"), 2, "does not fit")
-
-
-def test_missing_cells_are_seen(sweep: Path):
-    layout = read_layout(sweep)
-    shown = read_picture(layout, "reversals")
+    # Cells without runs are seen.
     shown.cells.runs[0] = 0
     assert "not run yet" in [text.get_text() for text in shown.figure().legends[0].get_texts()]
-
-
-@pytest.mark.parametrize("most", [0, 1, 5, 6, 7, 12, 300])
-def test_colours_part_the_numbers(most):
-    borders = _borders(np.array([0.0, most]))
-    assert borders[0] == 0
-    assert borders[-1] == most + 1
-    assert (np.diff(borders) >= 1).all()
-    assert borders[: min(most, 6) + 1] == list(range(min(most, 6) + 1))
+    # Numbers up to 5 have a colour each, larger ones may share one, and every number has one.
+    for most in (6, 300):
+        shown.count = Moments(64)
+        shown.count.add(np.arange(2), np.array([0.0, most]))
+        labels = [text.get_text() for text in shown.figure().axes[-1].get_yticklabels()]
+        assert labels[:6] == [str(k) for k in range(6)]
+        spans = [[int(end) for end in label.split(" to ")] for label in labels]
+        assert [span[0] for span in spans[1:]] == [span[-1] + 1 for span in spans[:-1]]
+        assert (spans[0][0], spans[-1][-1]) == (0, most)

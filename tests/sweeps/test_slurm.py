@@ -13,19 +13,13 @@ from typing import Any
 import pytest
 from hardship import wait_until
 from refusal import assert_refused
-from test_run import PROGRAM, invoke
+from sweeping import PROGRAM, content_hash, invoke, proved, sweep
 
 from rattlesweep.integrate.cache import directory, source_hash
 from rattlesweep.integrate.lanes import kernel as lanes
 from rattlesweep.sweeps.cases import sampler
-from rattlesweep.sweeps.cases.plan import make_plan
-from rattlesweep.sweeps.config.load import load_config
-from rattlesweep.sweeps.engines.run import run_sweep
 from rattlesweep.sweeps.engines.slurm import limit_of, margin_of, memory_of
-from rattlesweep.sweeps.inspect.content_hash import content_hash
-from rattlesweep.sweeps.inspect.verify import verify
 
-ROOT = Path(__file__).parents[2]
 SHELLCHECK = Path(sys.executable).with_name("shellcheck")
 # Eight blocks of which each takes a moment: a fixed step and nothing that ends early.
 SWEEP = """\
@@ -40,7 +34,7 @@ block_size: 10
 
 
 @pytest.fixture
-def home(tmp_path: Path) -> Path:
+def home(tmp_path):
     """A directory with a name that must be quoted, and a config in it."""
     place = tmp_path / "it's here"
     place.mkdir()
@@ -48,10 +42,14 @@ def home(tmp_path: Path) -> Path:
     return place
 
 
-def script(home: Path, *options: Any, shards: int = 3, mem: str | None = "1G") -> str:
-    memory = [] if mem is None else ["--mem", mem]
-    result = invoke("slurm", home / "sweep.yaml", "--shards", shards, "--output", home / "out",
-                    *memory, *options)  # fmt: skip
+def asked(home: Path, *options: Any) -> Any:
+    """The command, with options of which the last of a name counts."""
+    given = ("--shards", 3, "--mem", "1G", "--output", home / "out", *options)
+    return invoke("slurm", home / "sweep.yaml", *given)
+
+
+def script(home: Path, *options: Any) -> str:
+    result = asked(home, *options)
     assert result.exit_code == 0, result.output
     return str(result.stdout)
 
@@ -73,6 +71,14 @@ class Cluster:
         path.write_text("#!/bin/bash\n" + text)
         path.chmod(0o755)
         return path
+
+    def stub(self, text: str, body: str) -> str:
+        """The script with another program in place of rattlesweep, whose output is seen."""
+        version = invoke("--version").stdout.strip()
+        told = f'[[ $1 == --version ]] && {{ echo "{version}"; exit; }}\n'
+        path = self.put("rattlesweep", told + body)
+        assert str(PROGRAM) in text
+        return text.replace(str(PROGRAM), str(path)).replace("--quiet >/dev/null", "--quiet")
 
     def start(self, text: str, index: int | None, **variables: str) -> subprocess.Popen[str]:
         """A task, as the node's daemon starts it: from a copy of the script, in a group."""
@@ -99,31 +105,30 @@ class Cluster:
         log = task.communicate(timeout=120)[0]
         return task.returncode, log
 
+    def signal(self, text: str, number: int, ready: Any) -> tuple[int, str]:
+        """Exit code and log of a task that gets a signal, to the script alone, once it is ready."""
+        task = self.start(text, 0)
+        wait_until(ready, 120, task)
+        task.send_signal(number)
+        log = task.communicate(timeout=60)[0]
+        return task.returncode, log
+
     def requeued(self) -> list[str]:
         """What `scontrol` was told."""
         return self.notes.read_text().splitlines()
 
 
 @pytest.fixture
-def cluster(tmp_path: Path) -> Cluster:
+def cluster(tmp_path):
     return Cluster(tmp_path)
 
 
-def stub(cluster: Cluster, text: str, body: str) -> str:
-    """The script with another program in place of rattlesweep."""
-    version = invoke("--version").stdout.strip()
-    path = cluster.put("rattlesweep", f'[[ $1 == --version ]] && {{ echo "{version}"; exit; }}\n'
-                                      + body)  # fmt: skip
-    assert str(PROGRAM) in text
-    return text.replace(str(PROGRAM), str(path))
-
-
-# -- the text ------------------------------------------------------------------------------------
+# -- the text ----------------------------------------------------------------------------------
 
 
 def test_script_asks_for_what_it_was_told_and_is_clean(home, cluster):
     text = script(home, "--cpus", 16, "--time", "1-02:30:00", "--partition", "short",
-                  "--set", "seed=7", shards=8)  # fmt: skip
+                  "--set", "seed=7", "--shards", 8)  # fmt: skip
     head = [line.removeprefix("#SBATCH ") for line in text.splitlines() if "#SBATCH" in line]
     assert head == [
         "--job-name=an-array", "--array=0-7", "--ntasks=1", "--cpus-per-task=16", "--mem=1024M",
@@ -134,32 +139,30 @@ def test_script_asks_for_what_it_was_told_and_is_clean(home, cluster):
     # Slurm may warn up to a minute early; the run stops by itself before even that.
     assert f"--max-time {26 * 3600 + 1800 - 300}s" in text
     assert "--set seed=7" in text
-    path = cluster.put("script", text)
-    assert subprocess.run(["/bin/bash", "-n", path], check=False).returncode == 0
-    done = subprocess.run([SHELLCHECK, "-o", "all", "-e", "SC2250,SC2310,SC2312", path],
-                          capture_output=True, text=True, check=False)  # fmt: skip
+    command = [SHELLCHECK, "-o", "all", "-e", "SC2250,SC2310,SC2312", cluster.put("script", text)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.stdout + done.stderr == ""
 
 
 def test_memory_comes_from_a_pilot_if_nothing_is_said(home):
-    line = next(line for line in script(home, mem=None).splitlines() if "--mem" in line)
+    text = invoke("slurm", home / "sweep.yaml", "--shards", 3, "--output", home / "out").stdout
+    line = next(line for line in text.splitlines() if "--mem" in line)
     # An interpreter with everything loaded takes 150 MB or more.
     assert 300 < int(line.split("=")[1].removesuffix("M")) < 4000
 
 
-@pytest.mark.parametrize(
-    ("text", "seconds"),
-    [("90", 5400), ("4:00:00", 14400), ("30:30", 1830), ("2-0", 172800), ("1-02:30", 95400),
-     ("1-02:30:05", 95405)],
-)  # fmt: skip
-def test_limits_are_read_as_slurm_reads_them(text, seconds):
-    assert limit_of(text) == seconds
-    assert 0 < margin_of(seconds) <= 300
-
-
-def test_sizes_of_memory_are_read_as_slurm_reads_them():
-    assert [memory_of(t) for t in ("4G", "800M", "512", "2t", "3GB")] == [
-        4 * 2**30, 800 * 2**20, 512 * 2**20, 2 * 2**40, 3 * 2**30]  # fmt: skip
+def test_limits_and_sizes_are_read_as_slurm_reads_them():
+    for text, seconds in (
+        ("90", 5400), ("4:00:00", 14400), ("30:30", 1830), ("2-0", 172800), ("1-02:30", 95400),
+        ("1-02:30:05", 95405),
+    ):  # fmt: skip
+        assert limit_of(text) == seconds
+        assert 0 < margin_of(seconds) <= 300
+    for text in ("", "-1", "1:2:3:4", "x", "0"):
+        with pytest.raises(ValueError, match=r"is no time limit|is too short"):
+            limit_of(text)
+    sizes = {"4G": 4 << 30, "800M": 800 << 20, "512": 512 << 20, "2t": 2 << 40, "3GB": 3 << 30}
+    assert {text: memory_of(text) for text in sizes} == sizes
 
 
 @pytest.mark.parametrize(
@@ -177,29 +180,28 @@ def test_sizes_of_memory_are_read_as_slurm_reads_them():
     ],
 )
 def test_what_is_wrong_is_said_before_a_script_is_printed(options, sentence, home):
-    result = invoke("slurm", home / "sweep.yaml", "--shards", 3, "--mem", "1G", *options)
-    assert_refused(result, 2, sentence)
+    assert_refused(asked(home, *options), 2, sentence)
 
 
 def test_directory_of_another_config_is_found_when_the_script_is_made(home):
-    other = make_plan(load_config(home / "sweep.yaml", ["seed=6", "model=gh"]))
-    run_sweep(other, home / "out")
-    result = invoke(
-        "slurm", home / "sweep.yaml", "--shards", 2, "--output", home / "out", "--mem", "1G"
-    )
-    assert_refused(result, 2, "it holds the runs of another config")
+    sweep(home / "out", home / "sweep.yaml", "seed=6", "model=gh")
+    assert_refused(asked(home), 2, "it holds the runs of another config")
 
 
-# -- what it does, with a stand-in for the program -------------------------------------------------
+def test_arrays_larger_than_slurm_takes_are_remarked(home):
+    many = ("--set", "bodies.samples=2000", "--set", "block_size=1", "--shards")
+    for count, remarked in ((1001, False), (1002, True)):
+        result = asked(home, *many, count)
+        assert f"--array=0-{count - 1}\n" in result.stdout
+        assert ("MaxArraySize" in result.stderr) == remarked
+
+
+# -- what it does, with a stand-in for the program ---------------------------------------------
 
 
 def test_program_gets_its_share_threads_and_time(home, cluster):
-    text = stub(
-        cluster,
-        script(home, "--time", "1:00:00", "--set", "name=x'y z"),
-        'printf "%s\\n" "$@"; env >&2\n',
-    ).replace("--quiet >/dev/null", "--quiet")
-    code, log = cluster.run(text, 2)
+    text = script(home, "--time", "1:00:00", "--set", "name=x'y z")
+    code, log = cluster.run(cluster.stub(text, 'printf "%s\\n" "$@"; env >&2\n'), 2)
     assert code == 0
     lines = log.splitlines()
     at = lines.index("run")
@@ -210,28 +212,22 @@ def test_program_gets_its_share_threads_and_time(home, cluster):
     assert "NUMBA_NUM_THREADS=2" in lines
     assert f"NUMBA_CACHE_DIR={cluster.place}/rattlesweep-{os.getuid()}" in lines
     assert cluster.requeued() == []
-
-
-def test_own_directories_are_numbered(home, cluster):
-    text = stub(cluster, script(home, "--own-directories"), 'echo "$4"\n').replace(
-        "--quiet >/dev/null", "--quiet"
-    )
-    assert f"{home}/out-1\n" in cluster.run(text, 1)[1]
-    assert (home / "out-1").is_dir()
+    text = script(home, "--own-directories")
     assert "{0..2} --output" in text
+    assert f"{home}/out-1\n" in cluster.run(cluster.stub(text, 'echo "$4"\n'), 1)[1]
+    assert (home / "out-1").is_dir()
 
 
-@pytest.mark.parametrize("code", [0, 1, 2, 3, 130, 137, 143])
-def test_exit_codes_pass_on_without_a_restart(code, home, cluster):
-    assert cluster.run(stub(cluster, script(home), f"exit {code}\n"))[0] == code
+def test_exit_codes_pass_on_and_what_ran_out_of_time_is_queued_again(home, cluster):
+    text = script(home, "--restarts", 4)
+    for code in (0, 1, 2, 3, 130, 137, 143):
+        assert cluster.run(cluster.stub(text, f"exit {code}\n"))[0] == code
     assert cluster.requeued() == []
-
-
-def test_what_ran_out_of_time_goes_into_the_queue_again_and_not_for_ever(home, cluster):
-    text = stub(cluster, script(home, "--restarts", 4), "exit 75\n")
+    text = cluster.stub(text, "exit 75\n")
     code, log = cluster.run(text, 1, SLURM_RESTART_COUNT="3")
     assert (code, cluster.requeued()) == (0, ["requeue 100_1"])
     assert "task 100_1 resumes after a restart" in log
+    # Not for ever.
     code, log = cluster.run(text, 1, SLURM_RESTART_COUNT="4")
     assert (code, cluster.requeued()) == (75, ["requeue 100_1"])
     assert "error: task 100_1 is not done after 4 restarts; submit the script again" in log
@@ -247,14 +243,9 @@ def test_signals_reach_the_program_and_only_a_warning_means_again(
 ):
     ready = cluster.place / "ready"
     body = f'trap "exit 143" TERM\ntouch {ready}\nwhile :; do sleep 0.05; done\n'
-    task = cluster.start(stub(cluster, script(home), body), 0)
-    wait_until(ready.exists, 120, task)
-    # To the script alone, as `--signal=B:` has it.
-    task.send_signal(getattr(signal, f"SIG{number}"))
-    assert task.wait(30) == code
+    text = cluster.stub(script(home), body)
+    assert cluster.signal(text, getattr(signal, f"SIG{number}"), ready.exists)[0] == code
     assert cluster.requeued() == (["requeue 100_0"] if again else [])
-    assert task.stdout is not None
-    task.stdout.close()
 
 
 @pytest.mark.parametrize(
@@ -265,84 +256,55 @@ def test_signals_reach_the_program_and_only_a_warning_means_again(
         ((str(PROGRAM), "/bin/echo"), 2, "this script is of rattlesweep"),
         (("sweep.yaml", "gone.yaml"), 2, "gone.yaml"),
         (("/out", "/sweep.yaml/out"), 1, "cannot write in"),
+        (None, 2, "this is a job array; hand it to sbatch"),
     ],
 )
 def test_environment_is_checked_before_anything_is_begun(change, code, sentence, home, cluster):
-    assert change[0] in script(home)
-    got, log = cluster.run(script(home).replace(*change))
+    text = script(home)
+    if change is None:
+        got, log = cluster.run(text, None)
+    else:
+        assert change[0] in text
+        got, log = cluster.run(text.replace(*change))
     assert got == code
     assert sentence in log
     assert log.startswith("error: ")
     assert len(log.strip().splitlines()) == 1
-    assert (
-        sorted(p.name for p in home.iterdir())
-        == ["out", "sweep.yaml"][0 if (home / "out").exists() else 1 :]
-    )
-
-
-def test_script_outside_an_array_says_so(home, cluster):
-    code, log = cluster.run(script(home), None)
-    assert (code, log) == (2, "error: this is a job array; hand it to sbatch\n")
+    assert not [path for path in home.rglob("*") if path.name not in ("out", "sweep.yaml")]
 
 
 def test_kernels_are_not_taken_from_a_directory_of_somebody_else(home, cluster):
     other = cluster.place / "elsewhere"
     other.mkdir()
     (cluster.place / f"rattlesweep-{os.getuid()}").symlink_to(other)
-    text = stub(cluster, script(home), 'echo "cache $NUMBA_CACHE_DIR"\n').replace(
-        "--quiet >/dev/null", "--quiet"
-    )
+    text = cluster.stub(script(home), 'echo "cache $NUMBA_CACHE_DIR"\n')
     log = cluster.run(text, TMPDIR=str(cluster.place))[1]
     used = Path(next(line for line in log.splitlines() if line.startswith("cache "))[6:])
     assert used.parent == cluster.place
     assert used.name.startswith("tmp.")
 
 
-# -- and with the program itself -------------------------------------------------------------------
+# -- and with the program itself ---------------------------------------------------------------
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("own", [pytest.param(False, id="shared"), pytest.param(True, id="own")])
+@pytest.mark.parametrize("own", [False, True], ids=["shared", "own"])
 def test_array_with_a_warning_in_the_middle_comes_to_the_same_table(own, home, cluster):
-    plan = make_plan(load_config(home / "sweep.yaml"))
-    run_sweep(plan, home / "plain")
+    sweep(home / "plain", home / "sweep.yaml")
     # Kernels as on a node where they are compiled already: it takes 10 s each.
     node = cluster.place / f"rattlesweep-{os.getuid()}"
     for file in (lanes.__file__, sampler.__file__):
         shutil.copytree(directory(file), node / source_hash(file))
     node.chmod(0o700)
-    text = script(home, *(["--own-directories"] if own else []), shards=2)
+    text = script(home, *(["--own-directories"] if own else []), "--shards", 2)
     places = [home / f"out-{i}" if own else home / "out" for i in range(2)]
     runs = places[0] / "runs"
-    task = cluster.start(text, 0)
-    wait_until(lambda: any(runs.glob("block-*.parquet")), 120, task)
-    task.send_signal(signal.SIGUSR1)
-    assert task.wait(60) == 0
-    assert task.stdout is not None
-    log = task.stdout.read()
-    task.stdout.close()
+    code, log = cluster.signal(text, signal.SIGUSR1, lambda: any(runs.glob("block-*.parquet")))
+    assert code == 0
     assert cluster.requeued() == ["requeue 100_0"], log
     assert len(list(runs.glob("block-*.parquet"))) < 4
     codes = [cluster.run(text, 0, SLURM_RESTART_COUNT="1")[0], cluster.run(text, 1)[0]]
     assert codes == [0, 0]
-    whole = home / "out"
     if own:
-        whole = home / "out-merged"
-        assert invoke("merge", *places, "--output", whole).exit_code == 0
-    assert verify(whole).problems == []
-    assert content_hash(whole) == content_hash(home / "plain")
-
-
-def test_arrays_larger_than_slurm_takes_are_remarked(home):
-    many = ("--set", "bodies.samples=2000", "--set", "block_size=1", "--shards")
-    for count, remarked in ((1001, False), (1002, True)):
-        result = invoke("slurm", home / "sweep.yaml", "--mem", "1G", *many, count)
-        assert result.exit_code == 0
-        assert f"--array=0-{count - 1}\n" in result.stdout
-        assert ("MaxArraySize" in result.stderr) == remarked
-
-
-def test_limits_that_make_no_sense_are_refused():
-    for text in ("", "-1", "1:2:3:4", "x", "0"):
-        with pytest.raises(ValueError, match=r"is no time limit|is too short"):
-            limit_of(text)
+        assert invoke("merge", *places, "--output", home / "out").exit_code == 0
+    assert proved(home / "out") == content_hash(home / "plain")

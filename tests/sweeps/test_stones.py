@@ -9,184 +9,167 @@ from typing import Any
 import numpy as np
 import pytest
 import stone_oracle
-from click.testing import CliRunner
+from refusal import assert_refused
 from scipy.optimize import brentq
+from sweeping import invoke, plan_of, proved
+from test_stone import kl_state, random_bodies
 
 import rattlesweep as rs
-from rattlesweep import cli
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import integrate
 from rattlesweep.integrate.model import FRICTION
 from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.physics import full, stone
 from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.sweeps.blocks.block import prepare_block
 from rattlesweep.sweeps.cases.launches import model_of
-from rattlesweep.sweeps.cases.plan import make_plan
 from rattlesweep.sweeps.config.load import parse_config, physics_hash
 from rattlesweep.sweeps.tables.columns import runs_schema
 
 SPIN = {"n_i": [0.2], "omega_xy0": [0.05]}
 GH = {"source": "preset", "name": "GH"}
+GRID = {"source": "grid", "base": {"preset": "GH"}}
 HEAD = ",".join(PARAMETERS)
 ROW = "13.04,1.522,12.28,0.6429,0.036,-0.03"
 
 
-def config(bodies: dict[str, Any], **others: Any) -> Any:
-    return parse_config({"bodies": bodies, "spin": SPIN, **others})
-
-
 def c_of(bodies: dict[str, Any], **others: Any) -> Any:
-    plan = make_plan(config(bodies, **others))
+    plan = plan_of({"bodies": bodies, "spin": SPIN, **others})
     return plan.source.bodies(0, np.arange(plan.samples)).c
 
 
 def test_a_paraboloid_is_as_it_was():
     """Without a word of surface or dissipation nothing is known of them, nor by default."""
-    plain = config(GH)
+    plain, said, curved, losing = (
+        parse_config({"bodies": bodies, "spin": SPIN, "dissipation": losses})
+        for bodies, losses in ((GH, {}), (GH, {"sigma": 0.0, "rolling": 0}),
+                               (GH | {"c": 2.0}, {}), (GH, {"sigma": 0.1}))
+    )  # fmt: skip
     assert model_of(plain).name == "full"
     assert c_of(GH) is None
-    said = config(GH, dissipation={"sigma": 0.0, "rolling": 0})
+    assert physics_hash(said) == physics_hash(parse_config({"bodies": GH, "spin": SPIN}))
     assert physics_hash(said) == physics_hash(plain)
     assert not {"c", "sigma", "energy_left"} & set(runs_schema(plain.parts).names)
     assert runs_schema(said.parts) == runs_schema(plain.parts)
-    assert physics_hash(config(GH | {"c": 2.0})) != physics_hash(plain)
-    assert physics_hash(config(GH, dissipation={"sigma": 0.1})) != physics_hash(plain)
+    assert len({physics_hash(config) for config in (plain, curved, losing)}) == 3
 
 
 @pytest.mark.parametrize("draw", ["random", "sobol"])
 def test_drawn_bodies_have_semi_axes_from_their_range_and_stay_the_same_otherwise(draw):
     source = {"source": "sd", "samples": 300, "draw": draw}
     c = c_of(source | {"c": [1.5, 4]})
-    assert c.min() >= 1.5
-    assert c.max() < 4
+    assert 1.5 <= c.min() < c.max() < 4
     assert 2.6 < c.mean() < 2.9
     assert len(set(c.tolist())) == 300
     assert c_of(source | {"c": [1.5, 4]}, seed=1).tolist() != c.tolist()
     assert set(c_of(source | {"c": 3}).tolist()) == {3}
     if draw == "random":
-        whole, flat = (make_plan(config(s)).source for s in (source | {"c": [1.5, 4]}, source))
+        whole, flat = (plan_of({"bodies": s, "spin": SPIN}).source.bodies(0, np.arange(300))
+                       for s in (source | {"c": [1.5, 4]}, source))  # fmt: skip
         for name in PARAMETERS:
-            one, other = (getattr(s.bodies(0, np.arange(300)), name) for s in (whole, flat))
-            assert one.tolist() == other.tolist()
-
-
-def test_targets_go_with_a_range_of_semi_axes():
-    target = {"K_r": [0.05, 0.1], "rel_tol": 0.05}
-    source = make_plan(
-        config({"source": "sd", "samples": 20, "target": target, "c": [1, 2]})
-    ).source
-    first, second = (source.bodies(group, np.arange(20)) for group in (0, 1))
-    assert first.c is not None
-    assert first.c.tolist() != second.c.tolist()
+            assert np.array_equal(getattr(whole, name), getattr(flat, name))
+    # Each target draws its own.
+    aimed = {"source": "sd", "samples": 20, "target": {"K_r": [0.05, 0.1], "rel_tol": 0.05}}
+    plan = plan_of({"bodies": aimed | {"c": [1, 2]}, "spin": SPIN})
+    first, second = (plan.source.bodies(group, np.arange(20)).c for group in (0, 1))
+    assert first.tolist() != second.tolist()
 
 
 def test_presets_grids_and_tables(tmp_path):
-    kl = {"source": "preset", "name": "KL"}
-    assert c_of(kl).tolist() == [2.0]
-    assert c_of(kl | {"c": 3.0}).tolist() == [3.0]
-    assert c_of(kl | {"surface": "paraboloid"}) is None
-    assert c_of(GH | {"surface": "ellipsoid", "c": 1.5}).tolist() == [1.5]
-    grid = {"source": "grid", "base": {"preset": "GH"}, "axes": {"theta": [0.6, 0.7]}}
-    assert c_of(grid | {"c": [1, 2, 4]}).tolist() == [1, 2, 4, 1, 2, 4]
-    assert c_of(grid | {"c": {"logspace": [1, 4, 3]}}).tolist() == [1, 2, 4, 1, 2, 4]
-    assert c_of(grid | {"c": 5}).tolist() == [5, 5]
-    assert c_of(grid | {"axes": {"c": [1, 2]}}).tolist() == [1, 2]
-    assert c_of(grid) is None
-    table = tmp_path / "b.csv"
-    table.write_text(f"{HEAD},c\n{ROW},\n{ROW},1.5\n")
-    found = {"source": "table", "path": str(table)}
-    assert c_of(found | {"surface": "ellipsoid"})[1] == 1.5
-    assert math.isnan(c_of(found | {"surface": "ellipsoid"})[0])
-    assert c_of(found | {"c": 9}).tolist() == [9, 1.5]
-    assert c_of(found | {"surface": "paraboloid"}) is None
-
-
-REFUSED: dict[str, tuple[dict[str, Any], str]] = {
-    "negative c": ({"bodies": GH | {"c": -1}}, "bodies.c: -1 is out of range; it must be above 0"),
-    "zero c": ({"bodies": GH | {"c": 0}}, "bodies.c: 0 is out of range"),
-    "c below the curvature": (
-        {"bodies": GH | {"c": 0.6}},
-        "bodies.overrides: c 0.6 is not above theta 0.6429: the ellipsoid's horizontal semi-axis",
-    ),
-    "c below the curvatures drawn": (
-        {"bodies": {"source": "sd", "c": [0.9, 2]}},
-        "bodies.c: c down to 0.9 and theta up to 0.95 give bodies that would rather lie",
-    ),
-    "c below the curvature in a corner": (
-        {"bodies": {"source": "grid", "base": {"preset": "GH"}, "axes": {"theta": [0.6, 0.9]},
-                    "c": [0.8, 2]}},
-        "bodies.axes: at alpha 13.04, beta 1.522, gamma 12.28, theta 0.9",
-    ),
-    "two axes of c": (
-        {"bodies": {"source": "grid", "base": {"preset": "GH"}, "axes": {"c": [1, 2]},
-                    "c": [2, 3]}},
-        "bodies.c: c is an axis of axes too; keep one of them",
-    ),
-    "reversed c": ({"bodies": {"source": "sd", "c": [3, 2]}}, "bodies.c: the range [3, 2] is"),
-    "c of a word": ({"bodies": GH | {"c": "two"}}, 'bodies.c: "two" (text) is given here'),
-    "no c": (
-        {"bodies": GH | {"surface": "ellipsoid"}},
-        "an ellipsoid needs c, its vertical semi-axis over a; give c: 2",
-    ),
-    "c of a paraboloid": (
-        {"bodies": GH | {"surface": "paraboloid", "c": 2}},
-        "c is given, and a paraboloid has none; take surface: ellipsoid",
-    ),
-    "another surface": ({"bodies": GH | {"surface": "sphere"}}, 'bodies.surface: "sphere" is not'),
-    "negative sigma": (
-        {"bodies": GH, "dissipation": {"sigma": -0.1}},
-        "dissipation.sigma: -0.1 is out of range; it must be at least 0",
-    ),
-    "negative lever": (
-        {"bodies": GH, "dissipation": {"rolling": -1e-3}},
-        "dissipation.rolling: -0.001 is out of range; it must be at least 0",
-    ),
-    "long lever": ({"bodies": GH, "dissipation": {"rolling": 2}}, "dissipation.rolling: 2 is out"),
-    "another loss": (
-        {"bodies": GH, "dissipation": {"air": 1}}, 'dissipation.air: unknown key "air"',
-    ),
-    "dissipation of the reduced model": (
-        {"bodies": GH, "model": "reduced", "dissipation": {"sigma": 0.1}},
-        "dissipation: the model reduced conserves energy; take model: full",
-    ),
-    "early ends with dissipation": (
-        {"bodies": GH, "dissipation": {"sigma": 0.1}, "classify": {"early": True}},
-        "classify: early is for paraboloids without dissipation; leave it out",
-    ),
-    "exponents of an ellipsoid": (
-        {"bodies": GH | {"c": 2}, "record": ["lyapunov"]},
-        "record: lyapunov is for paraboloids without dissipation; leave it out",
-    ),
-    "exponents with dissipation": (
-        {"bodies": GH, "dissipation": {"sigma": 0.1}, "record": ["lyapunov"]},
-        "record: lyapunov is for paraboloids without dissipation; leave it out",
-    ),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize(("data", "words"), REFUSED.values(), ids=REFUSED)
-def test_what_makes_no_sense_is_refused_in_a_sentence(tmp_path, data, words):
-    file = tmp_path / "c.yaml"
-    file.write_text(json.dumps(data | {"spin": SPIN}))
-    output = tmp_path / "out"
-    result = CliRunner().invoke(cli.main, ["run", str(file), "--output", str(output)])
-    assert result.exit_code == 2, result.output
-    assert words in result.stderr
-    assert "Traceback" not in result.output
-    assert not output.exists()
+    kl, grid = {"source": "preset", "name": "KL"}, GRID | {"axes": {"theta": [0.6, 0.7]}}
+    (tmp_path / "b.csv").write_text(f"{HEAD},c\n{ROW},\n{ROW},1.5\n")
+    table = {"source": "table", "path": str(tmp_path / "b.csv")}
+    for source, expected in (
+        (kl, [2.0]), (kl | {"c": 3.0}, [3.0]), (GH | {"surface": "ellipsoid", "c": 1.5}, [1.5]),
+        (grid | {"c": [1, 2, 4]}, [1, 2, 4, 1, 2, 4]), (grid | {"c": 5}, [5, 5]),
+        (grid | {"c": {"logspace": [1, 4, 3]}}, [1, 2, 4, 1, 2, 4]),
+        (grid | {"axes": {"c": [1, 2]}}, [1, 2]),
+        (table | {"surface": "ellipsoid"}, [np.nan, 1.5]), (table | {"c": 9}, [9, 1.5]),
+    ):  # fmt: skip
+        np.testing.assert_array_equal(c_of(source), expected)
+    for source in (kl | {"surface": "paraboloid"}, grid, table | {"surface": "paraboloid"}):
+        assert c_of(source) is None
 
 
 def test_tables_of_ellipsoids_are_refused_where_they_do_not_fit(tmp_path):
-    table = tmp_path / "b.csv"
-    source = {"source": "table", "path": str(table)}
-    table.write_text(f"{HEAD},c\n{ROW},1.5\n{ROW},0.5\n")
+    source = {"source": "table", "path": str(tmp_path / "b.csv")}
+    (tmp_path / "b.csv").write_text(f"{HEAD},c\n{ROW},1.5\n{ROW},0.5\n")
     with pytest.raises(ConfigError, match=r"bodies.surface: missing; the table has a column c"):
         c_of(source)
     with pytest.raises(ConfigError, match=r"bodies.path: row 2: c 0.5 is not above theta 0.6429"):
         c_of(source | {"surface": "ellipsoid"})
-    table.write_text(f"{HEAD}\n{ROW}\n")
+    (tmp_path / "b.csv").write_text(f"{HEAD}\n{ROW}\n")
     with pytest.raises(ConfigError, match=r"bodies.c: missing; the table has no column c"):
         c_of(source | {"surface": "ellipsoid"})
+
+
+ALONE = "is for paraboloids without dissipation; leave it out"
+# name: (bodies over those of the preset, the rest of the config, words)
+REFUSED: dict[str, tuple[dict[str, Any], dict[str, Any], str]] = {
+    "negative c": ({"c": -1}, {}, "bodies.c: -1 is out of range; it must be above 0"),
+    "zero c": ({"c": 0}, {}, "bodies.c: 0 is out of range"),
+    "c below the curvature": (
+        {"c": 0.6}, {},
+        "bodies.overrides: c 0.6 is not above theta 0.6429: the ellipsoid's horizontal semi-axis",
+    ),
+    "c below the curvatures drawn": (
+        {"source": "sd", "c": [0.9, 2]}, {},
+        "bodies.c: c down to 0.9 and theta up to 0.95 give bodies that would rather lie",
+    ),
+    "c below the curvature in a corner": (
+        GRID | {"axes": {"theta": [0.6, 0.9]}, "c": [0.8, 2]}, {},
+        "bodies.axes: at alpha 13.04, beta 1.522, gamma 12.28, theta 0.9",
+    ),
+    "two axes of c": (
+        GRID | {"axes": {"c": [1, 2]}, "c": [2, 3]}, {},
+        "bodies.c: c is an axis of axes too; keep one of them",
+    ),
+    "reversed c": ({"source": "sd", "c": [3, 2]}, {}, "bodies.c: the range [3, 2] is"),
+    "c of a word": ({"c": "two"}, {}, 'bodies.c: "two" (text) is given here'),
+    "no c": (
+        {"surface": "ellipsoid"}, {},
+        "an ellipsoid needs c, its vertical semi-axis over a; give c: 2",
+    ),
+    "c of a paraboloid": (
+        {"surface": "paraboloid", "c": 2}, {},
+        "c is given, and a paraboloid has none; take surface: ellipsoid",
+    ),
+    "another surface": ({"surface": "sphere"}, {}, 'bodies.surface: "sphere" is not'),
+    "negative sigma": (
+        {}, {"dissipation": {"sigma": -0.1}},
+        "dissipation.sigma: -0.1 is out of range; it must be at least 0",
+    ),
+    "negative lever": (
+        {}, {"dissipation": {"rolling": -1e-3}},
+        "dissipation.rolling: -0.001 is out of range; it must be at least 0",
+    ),
+    "long lever": ({}, {"dissipation": {"rolling": 2}}, "dissipation.rolling: 2 is out"),
+    "another loss": ({}, {"dissipation": {"air": 1}}, 'dissipation.air: unknown key "air"'),
+    "dissipation of the reduced model": (
+        {}, {"model": "reduced", "dissipation": {"sigma": 0.1}},
+        "dissipation: the model reduced conserves energy; take model: full",
+    ),
+    "early ends with dissipation": (
+        {}, {"dissipation": {"sigma": 0.1}, "classify": {"early": True}},
+        f"classify: early {ALONE}",
+    ),
+    "exponents of an ellipsoid": (
+        {"c": 2}, {"record": ["lyapunov"]}, f"record: lyapunov {ALONE}",
+    ),
+    "exponents with dissipation": (
+        {}, {"dissipation": {"sigma": 0.1}, "record": ["lyapunov"]}, f"record: lyapunov {ALONE}",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_makes_no_sense_is_refused_in_a_sentence(name, tmp_path):
+    bodies, rest, words = REFUSED[name]
+    file, output = tmp_path / "c.yaml", tmp_path / "out"
+    bodies = bodies if "source" in bodies else GH | bodies
+    file.write_text(json.dumps({"bodies": bodies, "spin": SPIN} | rest))
+    assert_refused(invoke("run", file, "--output", output), 2, words)
+    assert not output.exists()
 
 
 @pytest.mark.parametrize(
@@ -200,20 +183,14 @@ def test_tables_of_ellipsoids_are_refused_where_they_do_not_fit(tmp_path):
 )
 @pytest.mark.parametrize("command", ["body", "trajectory"])
 def test_options_are_refused_in_a_sentence(command, options, words):
-    result = CliRunner().invoke(cli.main, [command, "--preset", "GH", *options])
-    assert result.exit_code == 2
-    assert words in result.stderr
-    assert result.stderr.count("\n") == 1
+    assert_refused(invoke(command, "--preset", "GH", *options), 2, words)
 
 
 def test_body_tells_thresholds_and_what_is_lost():
-    def told(*options: str) -> dict[str, Any]:
-        result = CliRunner().invoke(cli.main, ["body", "--preset", "KL", "--json", *options])
-        assert result.exit_code == 0, result.output
-        found: dict[str, Any] = json.loads(result.output)
-        return found
-
-    plain, viscous, rolling = told(), told("--sigma", "0.01"), told("--rolling", "0.01")
+    plain, viscous, rolling = (
+        json.loads(invoke("body", "--preset", "KL", "--json", *options).output)
+        for options in ((), ("--sigma", "0.01"), ("--rolling", "0.01"))
+    )
     assert plain["c"] == 2
     assert "sigma" not in plain
     assert viscous["n_growth_pitch"] > 0 > viscous["n_growth_roll"]
@@ -227,74 +204,57 @@ def test_body_tells_thresholds_and_what_is_lost():
         assert rolling[name] is None
 
 
-@pytest.fixture(scope="module")
-def stones(tmp_path_factory: pytest.TempPathFactory) -> Any:
+def test_a_sweep_of_stones_and_its_types(tmp_path):
     """Paraboloids and ellipsoids under both losses: one kernel that knows all of it."""
-    folder = tmp_path_factory.mktemp("stones")
-    table = folder / "b.csv"
     rows = [f"{ROW},{c},{n},0.05,400" for n in (0.3, -0.1, -0.003) for c in ("", 2)]
+    table = tmp_path / "b.csv"
     table.write_text("\n".join([f"{HEAD},c,n_i,omega_xy0,t_end", *rows]))
-    sweep = rs.sweep(
+    stones = rs.sweep(
         {"bodies": {"source": "table", "path": str(table), "surface": "ellipsoid"},
          "dissipation": {"sigma": 0.1, "rolling": 1e-4},
          "integrator": {"tol": 1e-11},
          "record": ["energy", "contact", "windows"]},
-        output=folder / "out",
+        output=tmp_path / "out",
     )  # fmt: skip
-    return sweep
-
-
-def test_a_sweep_of_stones(stones):
     runs = stones.read()
     assert runs.status.tolist() == ["ok"] * 6
     assert runs.c.isna().tolist() == [True, False] * 3
     assert set(runs.sigma) == {0.1}
     assert set(runs["rolling"]) == {1e-4}
     # Rolling resistance leaves no linear theory.
-    assert runs.growth.isna().all()
-    assert runs.n_growth.isna().all()
-    assert runs.n_c1.isna().all()
+    assert runs[["growth", "n_growth", "n_c1"]].isna().all(axis=None)
     assert np.isfinite(runs.t_rgh).all()
     assert set(runs.type) >= {"R", "D"}
-    dead = runs.energy_left < 0.01
-    assert (runs.type[~runs.t_r.notna()] == "D").eq(dead[~runs.t_r.notna()]).all()
+    stays = runs[runs.t_r.isna()]
+    assert (stays.type == "D").eq(stays.energy_left < 0.01).all()
     # The balance of energy and work.
     assert (runs.energy_drift.abs() < 1e-7).all()
     assert (runs.energy_drift_max < 1e-6).all()
-    assert (runs.energy_left < 1).all()
-    assert (runs.energy_left > 0).all()
-    summary = stones.summary
-    assert summary.fraction_D.sum() > 0
-    assert np.allclose(
-        summary.filter(like="fraction_").drop(columns="fraction_bondi").sum(axis=1), 1
-    )
+    assert runs.energy_left.between(0, 1, inclusive="neither").all()
+    shares = stones.summary.filter(like="fraction_").drop(columns="fraction_bondi")
+    assert shares.fraction_D.sum() > 0
+    assert np.allclose(shares.sum(axis=1), 1)
+    # Types follow their threshold without integrating.
+    typed = invoke("classify", stones.directory, "--set", "classify.dead_energy=1e-9")
+    assert typed.exit_code == 0
+    assert "D" not in set(rs.load(stones.directory).read().type)
+    proved(stones.directory)
 
 
-def test_types_follow_their_threshold_without_integrating(stones):
-    directory = str(stones.directory)
-    result = CliRunner().invoke(
-        cli.main, ["classify", directory, "--set", "classify.dead_energy=1e-9"]
-    )
-    assert result.exit_code == 0, result.output
-    assert "D" not in set(rs.load(directory).read().type)
-    verified = CliRunner().invoke(cli.main, ["verify", directory])
-    assert verified.exit_code == 0, verified.output
-    CliRunner().invoke(cli.main, ["classify", directory])
+# -- against mechanics -------------------------------------------------------------------------
 
 
 def kernel_of_everything(bodies, states, losses, t_end, tol=1e-13):
     """Outcomes by the kernel that has all losses, of lists of bodies, launches and losses."""
     y0, constants = [], []
-    from rattlesweep.physics import full, stone
-
     for body, (u, omega), (sigma, rolling) in zip(bodies, states, losses, strict=True):
         y0.append([*full.from_vectors(u, omega), 0.0])
         shape = full.constants(*(body[name] for name in PARAMETERS))
         constants.append(
             [*shape, stone.inverse_semi_axis(body["c"]), sigma, rolling, stone.SMOOTHING]
         )
-    _, like = prepare_block(plan := make_plan(config(GH | {"c": 2}, dissipation={"rolling": 1})),
-                            plan.block(0))  # fmt: skip
+    plan = plan_of({"bodies": GH | {"c": 2}, "spin": SPIN, "dissipation": {"rolling": 1}})
+    _, like = prepare_block(plan, plan.block(0))
     assert like is not None
     n = len(y0)
     batch = type(like)(
@@ -305,29 +265,23 @@ def kernel_of_everything(bodies, states, losses, t_end, tol=1e-13):
     return integrate(batch, METHODS["dop853"], FRICTION["ellipsoid", "rolling"], tol=tol)
 
 
-def runs_against_the_oracle(count: int, seed: int, t_end: float) -> None:
-    from test_stone import random_bodies
-
-    scenes = list(random_bodies(count, seed))
-    losses = [(sigma * (k % 3 > 0), 0.3 * rolling * (k % 2)) for k, (*_, sigma, rolling)
-              in enumerate(scenes)]  # fmt: skip
-    bodies = [body for body, *_ in scenes]
-    # Tilts and rates of a stone that stays on the table.
-    states = []
-    for _, u, omega, *_ in scenes:
+@pytest.mark.parametrize(
+    ("count", "seed", "t_end"),
+    [(12, 11, 6.0), pytest.param(300, 12, 15.0, marks=pytest.mark.slow)],
+)
+def test_runs_against_mechanics(count, seed, t_end):
+    bodies, states, losses = [], [], []
+    for k, (body, u, omega, sigma, rolling) in enumerate(random_bodies(count, seed)):
+        # Tilts and rates of a stone that stays on the table.
         u = np.array([0.2 * u[0], 0.2 * u[1], 0])
         u[2] = -math.sqrt(1 - u @ u)
+        bodies.append(body)
         states.append((u, omega * [0.3, 0.3, 1]))
+        losses.append((sigma * (k % 3 > 0), 0.3 * rolling * (k % 2)))
     out = kernel_of_everything(bodies, states, losses, t_end)
-    checked = 0
-    for k, (body, (u, omega), (sigma, rolling)) in enumerate(zip(bodies, states, losses,
-                                                                strict=True)):  # fmt: skip
-        if out.status[k] != 0:
-            continue
-        wanted = stone_oracle.follow(body, u, omega, out.t_end[k], sigma, rolling)
-        end = wanted.y[:, -1]
-        from rattlesweep.physics import full
-
+    ok = np.flatnonzero(out.status == 0)
+    for k in ok:
+        end = stone_oracle.follow(bodies[k], *states[k], out.t_end[k], *losses[k]).y[:, -1]
         got_u, got_omega = full.to_vectors(out.y_end[k, :5])
         scale = max(1.0, np.abs(end[3:6]).max())
         np.testing.assert_allclose(got_u, end[:3], rtol=0, atol=1e-9, err_msg=str(k))
@@ -336,23 +290,11 @@ def runs_against_the_oracle(count: int, seed: int, t_end: float) -> None:
         if np.isfinite(out.t_r[k]):
             # The spin is zero there, to what the state is known to.
             assert abs(end[:3] @ end[3:6]) < 1e-9
-        checked += 1
-    assert checked > 0.9 * count
-
-
-def test_a_dozen_runs_against_mechanics():
-    runs_against_the_oracle(12, 11, 6.0)
-
-
-@pytest.mark.slow
-def test_three_hundred_runs_against_mechanics():
-    runs_against_the_oracle(300, 12, 15.0)
+    assert len(ok) > 0.9 * count
 
 
 def test_kane_and_levinsons_stone_reverses_when_theirs_does():
     """The spin's first zero after their launch: 2.684647045 s; the paraboloid's: 2.6597 s."""
-    from test_stone import kl_state
-
     body = {name: getattr(rs.Rattleback.kl(), name) for name in (*PARAMETERS, "c")}
     u, omega, second = kl_state(-5.0)
     out = kernel_of_everything([body, body | {"c": None}], [(u, omega)] * 2, [(0, 0)] * 2, 200.0)
@@ -363,8 +305,6 @@ def test_kane_and_levinsons_stone_reverses_when_theirs_does():
 @pytest.mark.slow
 def test_kane_and_levinsons_stone_along_its_course():
     """Channels: omega_3 is zero first at 2.352730997 s; both ways, with and without sigma."""
-    from test_stone import kl_state
-
     unit = 1e-4 * math.sqrt(stone_oracle.KL_GRAVITY / stone_oracle.KL_HEIGHT)
     for omega_3, sigma in ((-5.0, 0.0), (5.0, 0.0), (-5.0, 1e-4), (5.0, 1e-4)):
         u, omega, second = kl_state(omega_3)

@@ -13,6 +13,7 @@ from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
+import sweeping
 from hardship import (
     Reference,
     blocks_of,
@@ -26,25 +27,24 @@ from hardship import (
     trace,
     wait_until,
 )
+from refusal import assert_refused
 from syscalls import CHANGES
 
 from rattlesweep.errors import OutputError
 from rattlesweep.integrate import task
 from rattlesweep.integrate.batch import available_threads
-from rattlesweep.sweeps.cases.plan import Plan, make_plan
-from rattlesweep.sweeps.config.load import parse_config
 from rattlesweep.sweeps.engines import local
-from rattlesweep.sweeps.engines.progress import Progress, Result
-from rattlesweep.sweeps.engines.run import run_sweep
-from rattlesweep.sweeps.inspect.content_hash import content_hash
+from rattlesweep.sweeps.engines.progress import Progress
 from rattlesweep.sweeps.inspect.merge import merge
 from rattlesweep.sweeps.inspect.retype import retype
 from rattlesweep.sweeps.inspect.status import status_of
 from rattlesweep.sweeps.inspect.verify import verify
 
+GOES_ON = "the same command resumes from there"
+
 
 @pytest.fixture(scope="module")
-def sweep(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Reference]:
+def tiny_sweep(tmp_path_factory) -> tuple[Path, Reference]:
     """A config of four blocks, and its sweep."""
     folder = tmp_path_factory.mktemp("sweep")
     config = tiny(folder, block_size=6)
@@ -52,54 +52,50 @@ def sweep(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Reference]:
     return config, Reference.of(folder / "out")
 
 
-def test_the_time_is_up(sweep, tmp_path):
-    config, reference = sweep
-    output, kept, ends = tmp_path / "out", [0], []
-    while 0 not in ends:
+def test_the_time_is_up(tiny_sweep, tmp_path):
+    config, reference = tiny_sweep
+    output, kept, code = tmp_path / "out", [0], -1
+    while code:
         done = nursery().run("run", config, "--output", output, "--max-time", "0.7s", pace=0.3)
-        ends.append(done.code)
+        code = done.code
         kept.append(check_whole(output, reference))
-        if done.code:
-            assert done.code == 75
-            assert done.out == ""
+        if code:
+            assert (code, done.out) == (75, "")
             assert done.err.splitlines()[-1] == (
                 f"stopped: the time is up; {6 * kept[-1]} runs are kept, 0 in flight were lost, "
-                "and the same command resumes from there"
+                f"and {GOES_ON}"
             )
             assert manifest(output)["state"] == "stopped"
             assert kept[-1] > kept[-2]
             assert not [name for name in everything_in(output) if "/." in f"/{name}"]
-    assert len(ends) > 1
+    assert len(kept) > 2
     check_finished(output, reference)
 
 
-def test_a_time_too_short_for_one_run_says_so(sweep, tmp_path):
-    config, reference = sweep
-    output = tmp_path / "out"
+def test_a_time_too_short_for_one_run_says_so(tiny_sweep, tmp_path):
+    config, reference = tiny_sweep
+    args = ("run", config, "--output", tmp_path / "out", "--max-time")
     began = time.monotonic()
-    done = nursery().run("run", config, "--output", output, "--max-time", "0.3s", pace=60,
-                         grace=0.3)  # fmt: skip
+    done = nursery().run(*args, "0.3s", pace=60, grace=0.3)
     assert time.monotonic() - began < 30  # it does not wait for the block
     assert done.code == 75
     assert done.err.splitlines()[-1] == (
         "stopped: the time was up before one run had ended, give more; 0 runs are kept, 0 in "
-        "flight were lost, and the same command resumes from there"
+        f"flight were lost, and {GOES_ON}"
     )
-    assert blocks_of(output) == {}
-    done = nursery().run("run", config, "--output", output, "--max-time", "1h")
-    assert done.code == 0
-    check_finished(output, reference)
+    assert blocks_of(tmp_path / "out") == {}
+    assert nursery().run(*args, "1h").code == 0
+    check_finished(tmp_path / "out", reference)
     # What is done needs no time.
-    done = nursery().run("run", config, "--output", output, "--max-time", "0.001s", "-q")
+    done = nursery().run(*args, "0.001s", "-q")
     assert (done.code, done.err) == (0, "")
 
 
 @pytest.mark.parametrize("text", ["2", "s", "-1s", "0s", "1 fortnight", "", "nan s"])
-def test_what_is_no_time(text, sweep, tmp_path):
-    done = nursery().run("run", sweep[0], "--output", tmp_path / "out", f"--max-time={text}")
-    assert done.code == 2
-    assert done.err.startswith(f"error: --max-time {text}".rstrip() + ": is ")
-    assert done.err.count("\n") == 1
+def test_what_is_no_time(text, tiny_sweep, tmp_path):
+    given = ("--output", tmp_path / "out", f"--max-time={text}")
+    result = sweeping.invoke("run", tiny_sweep[0], *given)
+    assert_refused(result, 2, f"error: --max-time {text}".rstrip() + ": is ")
     assert not (tmp_path / "out").exists()
 
 
@@ -112,8 +108,8 @@ def test_what_is_no_time(text, sweep, tmp_path):
         pytest.param(signal.SIGTERM, 143, "terminated", 1, marks=pytest.mark.slow),
     ],
 )
-def test_stopped_at_every_call(number, code, word, stride, sweep, tmp_path):
-    config, reference = sweep
+def test_stopped_at_every_call(number, code, word, stride, tiny_sweep, tmp_path):
+    config, reference = tiny_sweep
     output = tmp_path / "out"
     args = ("run", config, "--output", output, "-q")
     calls = trace(output, tmp_path / "log", *args, kinds=CHANGES)
@@ -126,18 +122,17 @@ def test_stopped_at_every_call(number, code, word, stride, sweep, tmp_path):
         assert done.code == code, where
         kept = re.fullmatch(
             rf"{word}; (completed work is|(\d+) runs are) kept(, 0 in flight were lost)?, "
-            "and the same command resumes from there\n",
+            rf"and {GOES_ON}\n",
             done.err,
         )
         assert kept, f"{where} {done.err}"
         assert int(kept[2] or 0) <= 6 * check_whole(output, reference), where
-        assert nursery().run(*args).code == 0
-        check_finished(output, reference)
+        check_goes_on(config, output, reference)
 
 
-def test_a_second_ctrl_c_is_obeyed_at_once(sweep, tmp_path):
+def test_a_second_ctrl_c_is_obeyed_at_once(tiny_sweep, tmp_path):
     """The first one waits for the manifest, which another process does not let go of."""
-    config, reference = sweep
+    config, reference = tiny_sweep
     output = tmp_path / "out"
     child = nursery().start("run", config, "--output", output, "-q", pace=0.2)
     wait_until(lambda: child.ended() or blocks_of(output))
@@ -159,33 +154,26 @@ def test_a_second_ctrl_c_is_obeyed_at_once(sweep, tmp_path):
 # -- inside a block ----------------------------------------------------------------------------
 
 RUNS, FEW = 600, 120
+ONE: dict[str, Any] = {
+    "name": "one block",
+    "bodies": {"source": "sd", "samples": RUNS // 2},
+    "spin": {"n_i": [-0.1, 0.2], "omega_xy0": 0.01},
+    "block_size": RUNS,
+}
+SMALL = ONE | {"bodies": {"source": "sd", "samples": FEW // 2}}
 
 
-def plan_of(runs: int = RUNS, **changes: Any) -> Plan:
-    """A sweep of one block."""
-    config = {
-        "name": "one",
-        "bodies": {"source": "sd", "samples": runs // 2},
-        "spin": {"n_i": [-0.1, 0.2], "omega_xy0": 0.01},
-        "block_size": RUNS,
-    }
-    return make_plan(parse_config(config | changes))
-
-
-@pytest.fixture(scope="module")
-def plain(tmp_path_factory: pytest.TempPathFactory) -> Reference:
-    """That sweep, never stopped."""
-    output = tmp_path_factory.mktemp("plain")
-    run_sweep(plan_of(), output)
-    return Reference.of(output)
+def sweep(output: Path, config: dict[str, Any] = ONE, **options: Any) -> Any:
+    return sweeping.sweep(output, config, **options)
 
 
 @pytest.fixture(scope="module")
-def few(tmp_path_factory: pytest.TempPathFactory) -> Reference:
-    """A small one, which many sessions are to share."""
-    output = tmp_path_factory.mktemp("few")
-    run_sweep(plan_of(FEW), output)
-    return Reference.of(output)
+def whole(tmp_path_factory) -> dict[int, Reference]:
+    """Both sweeps, never stopped."""
+    folder = tmp_path_factory.mktemp("whole")
+    sweep(folder / "one")
+    sweep(folder / "small", SMALL)
+    return {RUNS: Reference.of(folder / "one"), FEW: Reference.of(folder / "small")}
 
 
 @pytest.fixture
@@ -206,18 +194,14 @@ def stop_after(more: int) -> Callable[[Progress], None]:
     return report
 
 
-def rows_in(output: Path) -> int:
-    return sum(pq.ParquetFile(path).metadata.num_rows for path in output.glob("runs/*"))
-
-
-def test_the_runs_of_a_stopped_block_are_kept(plain, often, tmp_path):
+def test_the_runs_of_a_stopped_block_are_kept(whole, often, tmp_path):
     output, kept = tmp_path / "out", [0]
     for more in (1, 150):
         with pytest.raises(KeyboardInterrupt) as stopped:
-            run_sweep(plan_of(), output, report=stop_after(more))
-        kept.append(rows_in(output))
-        assert kept[-2] + more <= kept[-1] < RUNS
+            sweep(output, report=stop_after(more))
         assert list(blocks_of(output)) == ["block-000000.parquet"]
+        kept.append(pq.read_metadata(output / "runs" / "block-000000.parquet").num_rows)
+        assert kept[-2] + more <= kept[-1] < RUNS
         (said,) = stopped.value.__notes__
         lost = re.fullmatch(rf"{kept[-1]:,} runs are kept, (\d+) in flight were lost", said)
         assert lost
@@ -236,40 +220,30 @@ def test_the_runs_of_a_stopped_block_are_kept(plain, often, tmp_path):
     summary = retype(output, ["classify.sw_departure=1e-6"]).summary
     assert summary.column("runs").to_pylist() == [0, 0]
     assert manifest(output)["receipts"] == {}
-    done = run_sweep(plan_of(), output)
+    done = sweep(output)
     assert (done.resumed_runs, done.done, done.runs) == (kept[-1], RUNS - kept[-1], RUNS)
-    check_finished(output, plain)
-    assert content_hash(output) == plain.hash
+    check_finished(output, whole[RUNS])
 
 
-def stop_and_go(plan: Plan, output: Path, **how: Any) -> list[Result]:
+@pytest.mark.parametrize("retry", [False, True])
+def test_any_time_however_short_makes_progress(retry, whole, often, tmp_path):
     """The same command with hardly any time, until it is through."""
-    reports = []
+    failed, reports = 0, []
+    if retry:
+        limited = SMALL | {"integrator": {"max_steps": 400}}
+        failed = sweep(tmp_path, limited).failed["step_limit"]
+        assert failed > 20
     while not reports or reports[-1].stopped:
-        reports.append(run_sweep(plan, output, threads=1, max_time=1e-9, **how))
+        reports.append(sweep(tmp_path, SMALL, threads=1, max_time=1e-9, retry_failed=retry))
         # The last one may find that all runs have ended, and only has to say so.
         assert reports[-1].done > 0 or not reports[-1].stopped
-        assert len(reports) <= RUNS
-    return reports
-
-
-def test_any_time_however_short_makes_progress(few, often, tmp_path):
-    reports = stop_and_go(plan_of(FEW), tmp_path)
+        assert len(reports) <= FEW
     assert len(reports) > 1
-    assert sum(report.done for report in reports) == FEW
     assert reports[0].stopped == "the time is up"
-    check_finished(tmp_path, few)
-
-
-def test_retrying_hears_the_time(few, often, tmp_path):
-    limited = {"integrator": {"max_steps": 400}}
-    failed = run_sweep(plan_of(FEW, **limited), tmp_path).failed["step_limit"]
-    assert failed > 20
-    reports = stop_and_go(plan_of(FEW), tmp_path, retry_failed=True)
-    assert len(reports) > 1
-    assert [report.runs for report in reports] == [FEW] * len(reports)
+    assert sum(report.done for report in reports) == (failed if retry else FEW)
     assert sum(report.retried for report in reports) == failed
-    check_finished(tmp_path, few)
+    assert not retry or {report.runs for report in reports} == {FEW}
+    check_finished(tmp_path, whole[FEW])
 
 
 def test_blocks_that_vanish_are_no_success(tmp_path):
@@ -277,10 +251,11 @@ def test_blocks_that_vanish_are_no_success(tmp_path):
         local.work_off(session)
         session.store.block_path(1).unlink()
 
+    config = SMALL | {"model": "gh", "block_size": 80}
     with pytest.raises(OutputError, match=r"block-000001.parquet was in place and has vanished"):
-        run_sweep(plan_of(FEW, block_size=80), tmp_path, engine=vanishing)
+        sweep(tmp_path, config, engine=vanishing)
     assert manifest(tmp_path)["state"] == "stopped"
-    assert run_sweep(plan_of(FEW, block_size=80), tmp_path).summary is not None
+    assert sweep(tmp_path, config).summary is not None
     assert verify(tmp_path).problems == []
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -58,7 +57,7 @@ def oracle(runs: pd.DataFrame) -> dict[str, float]:
 
 
 @pytest.mark.parametrize(("seed", "size", "rows"), [(1, 300, 2000), (2, 1 << 18, (1 << 17) + 5)])
-def test_against_pandas(tmp_path: Path, seed: int, size: int, rows: int) -> None:
+def test_against_pandas(tmp_path, seed, size, rows):
     store = fill(tmp_path, size, rows, seed=seed)  # the second case has more than a row group
     summary = summarise(store, CASES)
     assert same_schema(summary.schema, summary_schema())
@@ -70,46 +69,64 @@ def test_against_pandas(tmp_path: Path, seed: int, size: int, rows: int) -> None
     assert summary.column("K_r").to_pylist() == [0.01, None, None]
     assert summary.column("K_p").to_pylist() == [None, 0.3, None]
     assert summary.column("n_i").to_pylist() == [-0.1, -0.1, None]
+    # It is written as it was made.
+    store.write_summary(summary)
+    assert pd.read_parquet(store.summary_path).equals(summary.to_pandas())
+    metadata = store.read_summary().schema.field("t_r_mean").metadata
+    assert metadata[b"unit"] == b"sqrt(a/g)"
 
 
-def test_block_size_does_not_show(tmp_path: Path) -> None:
-    tables = [summarise(fill(tmp_path / str(n), n, 3000), CASES) for n in (3000, 1024, 999, 100)]
-    for table in tables[1:]:
-        assert table.equals(tables[0])
+def test_block_size_does_not_show(tmp_path):
+    tables = [summarise(fill(tmp_path / str(n), n, 3000), CASES) for n in (3000, 1024, 100)]
+    assert tables[0].equals(tables[1])
+    assert tables[0].equals(tables[2])
     for name in ("t_r_mean", "t_r_std", "t_rgh_mean", "t_r_over_t_rgh_mean", "t_r_over_t_rgh_sem"):
-        bits = {t.column(name).to_numpy().tobytes() for t in tables}
-        assert len(bits) == 1
+        assert len({t.column(name).to_numpy().tobytes() for t in tables}) == 1
 
 
-def test_last_digits_are_no_difference(tmp_path: Path) -> None:
+def test_last_digits_are_no_difference(tmp_path):
     one = summarise(fill(tmp_path, 300), CASES)
     for factor, same in ((1 + 1e-13, True), (1 + 1e-6, False)):
         values = pc.multiply(one["t_r_std"], factor)
         other = one.set_column(one.schema.get_field_index("t_r_std"), "t_r_std", values)
         assert same_summary(one, other) == same
-    nulls = pa.nulls(3, pa.float64())
-    assert not same_summary(one, one.set_column(1, "K_p", nulls))
-
-
-def one_case(directory: Path, **change: object) -> dict[str, object]:
-    store = Store(directory)
-    store.prepare()
-    columns = random_columns(np.zeros(3, int), np.arange(3)) | {"K_p": np.full(3, 0.3)}
-    ok = {"status": ["ok"] * 3, "type": ["R", "SS", "SS"], "t_r": np.array([7.0, np.nan, np.nan])}
-    store.write_block(0, build_table({**columns, **ok, **change}, SCHEMA))
-    row: dict[str, object] = summarise(store, CASES[:1]).to_pylist()[0]
-    return row
-
-
-def test_nothing_to_take_a_mean_of(tmp_path: Path) -> None:
-    row = one_case(tmp_path / "one reversal")
-    assert (row["t_r_mean"], row["t_r_std"]) == (7.0, None)
-    row = one_case(tmp_path / "failed", status=["diverged"] * 3, type=[None] * 3)
-    assert row["fraction_R"] is None
-    assert (row["failed"], row["t_r_mean"]) == (3, None)
+    assert not same_summary(one, one.set_column(1, "K_p", pa.nulls(3, pa.float64())))
 
 
 NAN = np.nan
+
+
+def one_case(directory, **change):
+    """Summary of three runs: one that reverses at 7, and two steady ones."""
+    store = Store(directory)
+    store.prepare()
+    columns = random_columns(np.zeros(3, int), np.arange(3)) | {"K_p": np.full(3, 0.3)}
+    ok = {"status": ["ok"] * 3, "type": ["R", "SS", "SS"], "t_r": [7.0, NAN, NAN]}
+    changed = {name: values if name in ("status", "type") else np.array(values, float)
+               for name, values in {**ok, **change}.items()}  # fmt: skip
+    store.write_block(0, build_table(columns | changed, SCHEMA))
+    return summarise(store, CASES[:1]).to_pylist()[0]
+
+
+DIVERGED = {"status": ["diverged"] * 3, "type": [None] * 3}
+ONE_DIVERGED = {"status": ["ok", "diverged", "ok"], "type": ["R", None, "SS"], "t_r": [7, 9, NAN]}
+# Those that do not reverse have a theory too, and it must not count.
+TIMES = {"type": ["R", "R", "SS"], "t_r": [20, 6, NAN], "t_rgh": [10, 4, 1000]}
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({}, {"t_r_mean": 7.0, "t_r_std": None}),
+        (DIVERGED, {"fraction_R": None, "failed": 3, "t_r_mean": None}),
+        (ONE_DIVERGED, {"t_r_mean": 7.0, "fraction_R": 0.5, "failed": 1}),
+        (TIMES, {"t_r_over_t_rgh_mean": 1.75, "t_r_over_t_rgh_sem": 0.25, "t_r_mean": 13.0,
+                 "t_rgh_mean": 338.0}),
+    ],
+)  # fmt: skip
+def test_what_counts_and_where_there_is_nothing_to_take_a_mean_of(change, expected, tmp_path):
+    row = one_case(tmp_path, **change)
+    assert {name: row[name] for name in expected} == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(
@@ -124,35 +141,14 @@ NAN = np.nan
     ],
 )
 def test_bondi_share(n_c1, n_i, omega_p, expected, tmp_path):
-    columns = {"n_c1": np.array(n_c1), "n_i": np.array(n_i), "omega_p": np.array(omega_p, float)}
-    assert one_case(tmp_path, **columns)["fraction_bondi"] == expected
-    # Mirror images are steady where n is positive.
-    mirrored = {name: -values for name, values in columns.items() if name != "omega_p"}
-    mirrored |= {"K_p": np.full(3, -0.3), "omega_p": columns["omega_p"]}
-    assert one_case(tmp_path, **mirrored)["fraction_bondi"] == expected
+    for sign in (1, -1):  # mirror images are steady where n is positive
+        spins = {"n_c1": sign * np.array(n_c1), "n_i": sign * np.array(n_i)}
+        row = one_case(tmp_path / str(sign), **spins, omega_p=omega_p, K_p=[sign * 0.3] * 3)
+        assert row["fraction_bondi"] == expected
 
 
-def test_ratio_is_the_mean_over_the_runs_that_reverse(tmp_path: Path) -> None:
-    # Those that do not reverse have a theory too, and it must not count.
-    t_r, t_rgh = np.array([20.0, 6.0, np.nan]), np.array([10.0, 4.0, 1000.0])
-    row = one_case(tmp_path, type=["R", "R", "SS"], t_r=t_r, t_rgh=t_rgh)
-    assert row["t_r_over_t_rgh_mean"] == 1.75
-    assert row["t_r_over_t_rgh_sem"] == pytest.approx(0.25)
-    assert (row["t_r_mean"], row["t_rgh_mean"]) == (13.0, 338.0)
-
-
-def test_failed_runs_do_not_count_as_reversals(tmp_path: Path) -> None:
-    row = one_case(
-        tmp_path,
-        status=["ok", "diverged", "ok"],
-        type=["R", None, "SS"],
-        t_r=np.array([7.0, 9.0, np.nan]),
-    )
-    assert (row["t_r_mean"], row["fraction_R"], row["failed"]) == (7.0, 0.5, 1)
-
-
-def test_case_not_yet_run(tmp_path: Path) -> None:
-    store = Store(tmp_path)
+def test_cases_not_yet_run_and_runs_that_do_not_belong(tmp_path):
+    store = Store(tmp_path / "none")
     store.prepare()
     summary = summarise(store, CASES)
     assert summary.column("runs").to_pylist() == [0, 0, 0]
@@ -160,15 +156,11 @@ def test_case_not_yet_run(tmp_path: Path) -> None:
     store.write_summary(summary)
     assert store.read_summary().equals(summary)
     assert "NaN" not in closing_table(summary)
-
-
-def test_runs_that_do_not_belong(tmp_path: Path) -> None:
-    store = fill(tmp_path, 300)
     with pytest.raises(OutputError, match="case 2, which"):
-        summarise(store, CASES[:2])
+        summarise(fill(tmp_path / "three", 300), CASES[:2])
 
 
-def test_moments_do_not_lose_digits_over_many_pieces() -> None:
+def test_moments_do_not_lose_digits_over_many_pieces():
     rng = np.random.default_rng(3)
     cell, values = rng.integers(0, 5, 3000), 1e7 + rng.normal(size=3000)
     moments = Moments(6)
@@ -178,16 +170,14 @@ def test_moments_do_not_lose_digits_over_many_pieces() -> None:
     assert moments.means()[:5] == pytest.approx([part.mean() for part in parts], rel=1e-14)
     assert moments.deviations()[:5] == pytest.approx([p.std(ddof=1) for p in parts], rel=1e-12)
     assert np.isnan([moments.means()[5], moments.deviations()[5], moments.errors()[5]]).all()
-
-
-def test_moments_beyond_the_range_of_numbers_are_none() -> None:
+    # Beyond the range of numbers there are none.
     moments = Moments(3)
     moments.add(np.array([0, 0, 1, 1, 2]), np.array([1e170, 3e170, 1e308, -1e308, 2.0]))
-    assert moments.means() == pytest.approx([2e170, np.nan, 2.0], nan_ok=True)
+    assert moments.means() == pytest.approx([2e170, NAN, 2.0], nan_ok=True)
     assert np.isnan(moments.deviations()).all()
 
 
-def test_wilson_against_scipy() -> None:
+def test_wilson_against_scipy():
     part, whole = np.array([0, 7, 1, 245, 1, 0]), np.array([7, 7, 7, 1000, 1, 0])
     low, high = wilson(part, whole)
     for k in range(5):
@@ -200,16 +190,7 @@ def test_wilson_against_scipy() -> None:
         wilson(3, 2)
 
 
-def test_summary_is_written_as_it_was_made(tmp_path: Path) -> None:
-    store = fill(tmp_path, 300)
-    summary = summarise(store, CASES)
-    store.write_summary(summary)
-    assert pd.read_parquet(store.summary_path).equals(summary.to_pandas())
-    metadata = store.read_summary().schema.field("t_r_mean").metadata
-    assert metadata[b"unit"] == b"sqrt(a/g)"
-
-
-def test_closing_table() -> None:
+def test_closing_table():
     values = [0, None, 0.0041, -0.5, 0.001, 10_000_000, 0.5, 0.25, 0.25, 0.0, 0.125]
     values += [812.4567, 3.0, 1600.0, 1.01557, 0.003, 12, 0, *[None] * 6]
     first = dict(zip(summary_schema().names, values, strict=True))

@@ -1,0 +1,108 @@
+"""Sweeps and commands of tests, in this process unless a process is the matter."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from click.testing import CliRunner
+
+from rattlesweep import cli
+from rattlesweep.sweeps.cases.plan import Plan, make_plan
+from rattlesweep.sweeps.config.load import load_config, parse_config
+from rattlesweep.sweeps.engines.run import run_sweep
+from rattlesweep.sweeps.inspect.content_hash import content_hash
+from rattlesweep.sweeps.inspect.verify import verify
+
+ROOT = Path(__file__).parents[2]
+CONFIGS = ROOT / "configs"
+PROGRAM = Path(sys.executable).with_name("rattlesweep")
+
+
+# -- commands ----------------------------------------------------------------------------------
+
+
+def invoke(*args: Any) -> Any:
+    """One command in this process; whatever it raises is not the way it may end."""
+    result = CliRunner().invoke(cli.main, [str(a) for a in args])
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    assert "Traceback" not in result.output
+    return result
+
+
+def run(config: str | Path, output: Path, *sets: str, options: tuple[Any, ...] = ()) -> Any:
+    """Run a shipped config, or one at a path."""
+    chosen = [part for text in sets for part in ("--set", text)]
+    return invoke("run", CONFIGS / config, "--output", output, *chosen, *options)
+
+
+def start(*args: Any, **kwargs: Any) -> subprocess.Popen[str]:
+    """The program in a process of its own, without a terminal."""
+    kwargs = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "stdin": subprocess.DEVNULL,
+              "text": True, **kwargs}  # fmt: skip
+    return subprocess.Popen([PROGRAM, *map(str, args)], **kwargs)
+
+
+def begin(output: Path, *sets: str, **kwargs: Any) -> subprocess.Popen[str]:
+    """A sweep of 6000 runs in 12 blocks, some seconds long, in a process of its own."""
+    chosen = ("bodies.samples=1500", "bodies.target={K_r: [0.02, 0.1], rel_tol: 0.1}",
+              "spin.n_i=[-0.3, -0.5]", "block_size=500", *sets)  # fmt: skip
+    args = [part for text in chosen for part in ("--set", text)]
+    return start("run", CONFIGS / "quickstart.yaml", "--output", output, *args, **kwargs)
+
+
+# -- sweeps ------------------------------------------------------------------------------------
+
+
+def changed(config: dict[str, Any], **parts: Any) -> dict[str, Any]:
+    """A config with other keys; of a section, those that are given."""
+    return config | {
+        key: config.get(key, {}) | part if isinstance(part, dict) else part
+        for key, part in parts.items()
+    }
+
+
+def plan_of(config: str | Path | dict[str, Any], *sets: str, **changes: Any) -> Plan:
+    """Plan of a shipped config or one at a path with some settings, or of data with other keys."""
+    if isinstance(config, dict):
+        return make_plan(parse_config(config | changes))
+    return make_plan(load_config(CONFIGS / config, sets))
+
+
+def sweep(output: Path, config: str | Path | dict[str, Any], *sets: str, **options: Any) -> Any:
+    """Run such a plan without the command; `options` are those of `run_sweep`."""
+    return run_sweep(plan_of(config, *sets), output, **options)
+
+
+# -- what is left ------------------------------------------------------------------------------
+
+
+def rows(output: Path) -> pd.DataFrame:
+    """All runs in the order of their blocks."""
+    parts = [pd.read_parquet(path) for path in sorted((output / "runs").glob("*.parquet"))]
+    return pd.concat(parts, ignore_index=True)
+
+
+def manifest(output: Path) -> dict[str, Any]:
+    """What the manifest says, as any reader of JSON has it."""
+    found: dict[str, Any] = json.loads((output / "manifest.json").read_text())
+    return found
+
+
+def proved(output: Path, recompute: int = 0) -> str:
+    """Content of a directory that proves whole, and some of its runs computed anew."""
+    assert verify(output, recompute=recompute, seed=1).problems == []
+    return content_hash(output)
+
+
+def tree(directory: Path) -> dict[str, bytes]:
+    """All files below a directory, and folders as empty ones."""
+    return {
+        str(p.relative_to(directory)): p.read_bytes() if p.is_file() else b""
+        for p in sorted(directory.rglob("*"))
+    }
