@@ -106,29 +106,6 @@ def _model(name: str) -> tuple[Model, int]:
     return MODELS[name], 99
 
 
-def build_march(adaptive: bool, model: Model) -> Callable[..., None]:
-    """Compile :func:`follow.march` of a model when it is first called."""
-    march = specialise(
-        follow.march, f"march_{model.name}{mark(adaptive)}", **names(adaptive, model)
-    )
-    compiled: Callable[..., None] = cached(march, nogil=True, error_model="numpy")
-    return compiled
-
-
-def build_aside(name: str) -> Callable[..., None]:
-    """Compile :func:`follow.aside` of a model when it is first called."""
-    model, given = _model(name)
-    given = min(given, model.n_state)
-    bindings = names(True, model) | {
-        "N_GIVEN": given,
-        "OTHERS": (0.0,) * (model.n_state - given),
-    }
-    compiled: Callable[..., None] = cached(
-        specialise(follow.aside, f"aside_{name}", **bindings), nogil=True, error_model="numpy"
-    )
-    return compiled
-
-
 def aside_workspace(tableau: Tableau, name: str) -> NDArray[np.float64]:
     """``w``, the first argument of aside."""
     w: NDArray[np.float64] = workspace(tableau, _model(name)[0], 1)[0]
@@ -136,9 +113,11 @@ def aside_workspace(tableau: Tableau, name: str) -> NDArray[np.float64]:
 
 
 def march_example(model_name: str, adaptive: bool) -> tuple[Any, tuple[Any, ...]]:
-    """March, not yet compiled, and arguments to call it with."""
+    """:func:`follow.march` of a model, not yet compiled, and arguments to call it with."""
     model = MODELS[model_name]
-    return build_march(adaptive, model), (
+    name = f"march_{model_name}{mark(adaptive)}"
+    march = specialise(follow.march, name, **names(adaptive, model))
+    return cached(march, nogil=True, error_model="numpy"), (
         parts(),
         workspace(DOP853, model, 1)[0],
         np.zeros((1, model.n_state)),
@@ -155,12 +134,15 @@ def march_example(model_name: str, adaptive: bool) -> tuple[Any, tuple[Any, ...]
 
 
 def aside_example(model_name: str) -> tuple[Any, tuple[Any, ...]]:
-    """Aside, not yet compiled, and arguments to call it with."""
+    """:func:`follow.aside` of a model, not yet compiled, and arguments to call it with."""
     model, given = _model(model_name)
-    return build_aside(model_name), (
+    given = min(given, model.n_state)
+    bindings = {"N_GIVEN": given, "OTHERS": (0.0,) * (model.n_state - given)}
+    aside = specialise(follow.aside, f"aside_{model_name}", **names(True, model), **bindings)
+    return cached(aside, nogil=True, error_model="numpy"), (
         parts(),
         aside_workspace(DOP853, model_name),
-        np.zeros((1, follow.STATE + 2 * min(given, model.n_state))),
+        np.zeros((1, follow.STATE + 2 * given)),
         np.zeros(0, dtype=np.int64),
         np.zeros(0),
         np.zeros(model.n_constants),

@@ -22,8 +22,6 @@ from rattlesweep.integrate.model import FULL, MODELS, WITH_TANGENT
 from rattlesweep.integrate.tableau import DOP853, METHODS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from numpy.typing import ArrayLike
 
     from rattlesweep.arrays import Floats
@@ -78,7 +76,7 @@ def _finite(values: Floats) -> Floats:
 attempt: Any = None  # bound by build
 
 
-def drive(w, constants, y0, seed, times, scale, growth, states):  # type: ignore[no-untyped-def]
+def drive(w, constants, y0, seed, times, scale, growth):  # type: ignore[no-untyped-def]
     """Template: move one run, in one lane, from each time to the next; returns how many it reached.
 
     A step ends at each of the times, and the next is then as long as it would have been without.
@@ -113,8 +111,6 @@ def drive(w, constants, y0, seed, times, scale, growth, states):  # type: ignore
             held = False
             if behind:
                 growth[k] = tangent_log(lane)
-                for i, component in enumerate(lane.y1):
-                    states[k, i] = component
                 t = times[k]
                 h = max(h_next, h)
             else:
@@ -124,52 +120,14 @@ def drive(w, constants, y0, seed, times, scale, growth, states):  # type: ignore
     return times.size
 
 
-def build(tableau: Tableau, model: Model) -> Callable[..., int]:
-    """:func:`drive` for a method and a model with tangent, compiled when it is first called."""
-    bindings = names(True, model, 1) | {"attempt": compile_attempt(tableau, model, 1)}
-    driver = specialise(drive, f"along_{tableau.name}_{model.name}", **bindings)
-    compiled: Callable[..., int] = cached(driver, nogil=True, error_model="numpy")
-    return compiled
-
-
-def follow(
-    driver: Callable[..., int],
-    tableau: Tableau,
-    model: Model,
-    constants: ArrayLike,
-    y0: ArrayLike,
-    times: ArrayLike,
-    *,
-    tol: float,
-    seed: ArrayLike | None = None,
-) -> tuple[Floats, Floats]:
-    """Call what :func:`build` made; see :func:`growth_along`."""
-    times = np.array(times, dtype=float)
-    if times.ndim != 1 or np.any(~(np.diff(times, prepend=0.0) > 0)):
-        raise ValueError("times must be a list of numbers that are positive and ascend")
-    y0, constants = np.array(y0, dtype=float), np.array(constants, dtype=float)
-    if seed is None and model.tangent is not None:
-        seed = model.tangent.seed(*y0, *constants)
-    growth, states = np.full(len(times), np.nan), np.full((len(times), model.n_state), np.nan)
-    w = np.zeros(Layout.of(model).rows(tableau, model))
-    reached = driver(
-        w, constants, y0, np.array(seed, dtype=float), times, 1.0 / tol**2, growth, states
-    )
-    if reached < len(times):
-        raise ArithmeticError(
-            f"no step, however small, met the tolerance before t = {times[reached]}"
-        )
-    return growth, states
-
-
 def example(tableau_name: str, model_name: str) -> tuple[Any, tuple[Any, ...]]:
-    """Driver, not yet compiled, and arguments to call it for no times."""
+    """:func:`drive` of a method and a model, not yet compiled, and arguments to call it with."""
     tableau, model = METHODS[tableau_name], MODELS[model_name]
+    bindings = names(True, model, 1) | {"attempt": compile_attempt(tableau, model, 1)}
+    driver = specialise(drive, f"along_{tableau_name}_{model_name}", **bindings)
     nothing = [np.zeros(n) for n in (model.n_constants, model.n_state, model.n_state, 0)]
     w = np.zeros(Layout.of(model).rows(tableau, model))
-    return build(tableau, model), (
-        w, *nothing, 1.0, np.zeros(0), np.zeros((0, model.n_state))
-    )  # fmt: skip
+    return cached(driver, nogil=True, error_model="numpy"), (w, *nothing, 1.0, np.zeros(0))
 
 
 def growth_along(
@@ -206,6 +164,18 @@ def growth_along(
     """
     if not tableau.adaptive:
         raise ValueError(f"the method {tableau.name} has no error control")
-    carried = WITH_TANGENT[model.name]
-    driver = loaded(example, tableau.name, carried.name)
-    return follow(driver, tableau, carried, constants, y0, times, tol=tol, seed=seed)[0]
+    times = np.array(times, dtype=float)
+    if times.ndim != 1 or np.any(~(np.diff(times, prepend=0.0) > 0)):
+        raise ValueError("times must be a list of numbers that are positive and ascend")
+    model = WITH_TANGENT[model.name]
+    assert model.tangent is not None
+    y0, constants = np.array(y0, dtype=float), np.array(constants, dtype=float)
+    seed = model.tangent.seed(*y0, *constants) if seed is None else seed
+    growth, w = np.full(len(times), np.nan), np.zeros(Layout.of(model).rows(tableau, model))
+    driver = loaded(example, tableau.name, model.name)
+    reached = driver(w, constants, y0, np.array(seed, dtype=float), times, 1.0 / tol**2, growth)
+    if reached < len(times):
+        raise ArithmeticError(
+            f"no step, however small, met the tolerance before t = {times[reached]}"
+        )
+    return growth
