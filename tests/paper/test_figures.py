@@ -11,11 +11,13 @@ import pyarrow as pa
 import pytest
 from telling import quiet
 
+from rattlesweep.paper import columns
 from rattlesweep.paper.claims.claim import claims, judge
 from rattlesweep.paper.claims.runs import force_words
 from rattlesweep.paper.figures import fig4, fig6, fig8, lyapunov
-from rattlesweep.paper.figures.follow import forces, thin
+from rattlesweep.paper.figures.follow import FORCES, forces
 from rattlesweep.paper.registry import FIGURES
+from rattlesweep.study.onerun.figure import thin
 
 GH = ("G1", "G2", "G3")
 
@@ -55,11 +57,11 @@ def test_a_thinned_curve_keeps_ends_and_extremes_of_every_stretch():
 
 
 def test_forces_are_judged_only_while_the_body_presses_down():
-    table = pd.DataFrame(
+    frame = pd.DataFrame(
         {"t": [0.0, 1.0, 2.0, 3.0], "F_normal": [1.0, 0.5, -0.1, 0.9],
          "F_tangential": [0.1, 0.2, 5.0, 0.3]}
     )  # fmt: skip
-    row = forces("x", table)
+    row = columns.table([forces("x", frame)], FORCES).to_pylist()[0]
     assert (row["ratio_max"], row["ratio_t"]) == (0.4, 1.0)
     assert (row["normal_min"], row["normal_t"], row["t_end"]) == (-0.1, 2.0, 3.0)
     assert (row["slip_t"], row["open_t"]) == (None, 2.0)

@@ -8,13 +8,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pyarrow as pa
-from numpy.typing import NDArray
 
-from rattlesweep.arrays import Floats
 from rattlesweep.errors import OutputError
 from rattlesweep.paper.columns import number, schema, table, word
 from rattlesweep.paper.workspace import Progress
 from rattlesweep.study.onerun.course import Course, Trajectory, collect
+from rattlesweep.study.onerun.figure import thin
 from rattlesweep.study.onerun.rows import Rows
 from rattlesweep.sweeps.blocks.single import Launch
 from rattlesweep.sweeps.tables.columns import FORCE, TIME
@@ -50,41 +49,22 @@ def follow(
 
 
 def forces(name: str, run: pd.DataFrame) -> dict[str, Any]:
-    """Row of :data:`FORCES` of a run with the channels :data:`FORCE_CHANNELS`."""
-    t, normal = run["t"].to_numpy(), run["F_normal"].to_numpy()
+    """Row of :data:`FORCES` of a run with the channels :data:`FORCE_CHANNELS`; NaN for never."""
+    t, normal = run["t"], run["F_normal"]
     # Where the body would leave the plane, the ratio means nothing.
     down = normal > 0
-    ratio = np.divide(run["F_tangential"], normal, out=np.zeros(len(t)), where=down)
-    most, least = int(np.argmax(ratio)), int(np.argmin(normal))
-
-    def first(happens: NDArray[np.bool_]) -> float | None:
-        return float(t[np.argmax(happens)]) if happens.any() else None
-
+    ratio = (run["F_tangential"] / normal).where(down, 0.0)
+    most, least = ratio.idxmax(), normal.idxmin()
     return {
         "run": name,
-        "t_end": t[-1],
+        "t_end": t.iloc[-1],
         "ratio_max": ratio[most],
         "ratio_t": t[most],
         "normal_min": normal[least],
         "normal_t": t[least],
-        "slip_t": first(down & (ratio > 1)),
-        "open_t": first(~down),
+        "slip_t": t[ratio > 1].min(),
+        "open_t": t[~down].min(),
     }
-
-
-def thin(values: Floats, bins: int) -> NDArray[np.int64]:
-    """Places of the ends, and of the least and the largest value of each of so many stretches.
-
-    A curve through them covers on paper what the whole one does, if a stretch is no wider than a
-    line.
-    """
-    count = len(values)
-    if count <= 2 * bins:
-        return np.arange(count)
-    stretches = np.split(values, np.linspace(0, count, bins + 1).astype(np.int64)[1:-1])
-    first = np.cumsum([0, *map(len, stretches[:-1])])
-    extremes = [(part.argmin(), part.argmax()) for part in stretches]
-    return np.union1d(first[:, None] + extremes, [0, count - 1])
 
 
 def thinned(run: pd.DataFrame, wanted: pa.Schema, bins: dict[str, int]) -> pa.Table:

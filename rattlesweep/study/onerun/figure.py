@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from rattlesweep.arrays import Floats
+from rattlesweep.arrays import Floats, Places
 from rattlesweep.study import style
 from rattlesweep.study.onerun.channels import CHANNELS
 from rattlesweep.study.onerun.course import Course, PreparedRun
@@ -22,8 +22,8 @@ from rattlesweep.sweeps.blocks.single import Launch
 WIDTH, DPI = 7.2, 160
 # Every period of the pitch is to be seen, as far as the points are not too many.
 ROWS = Rows(per_period=24, most=400_001)
-# More than so many points become the least and the largest of each of so many bins.
-LINE, BINS = 8000, 1600
+# Stretches of which no more than the least and the largest value are drawn.
+BINS = 1600
 # Of more reversals than this only the first is marked.
 MARKS = 12
 CURVES = {"full": "full dynamics", "reduced": "reduced model", "gh": "Garcia and Hubbard"}
@@ -177,14 +177,21 @@ def _finish(axes: Any, course: Course) -> None:
 
 
 def _line(axis: Any, t: Floats, values: Floats, colour: str, label: str | None = None) -> None:
-    """Draw a curve, or the band it fills where it swings faster than can be seen."""
-    if len(t) <= LINE:
-        axis.plot(t, values, color=colour, linewidth=1.0, label=label)
-        return
-    edges = np.linspace(0, len(t), BINS + 1).astype(int)[:-1]
-    low, high = np.minimum.reduceat(values, edges), np.maximum.reduceat(values, edges)
-    # Neighbours share a border, so that a slow curve does not fall apart into dots.
-    low[:-1] = np.minimum(low[:-1], high[1:])
-    high[:-1] = np.maximum(high[:-1], low[1:])
-    axis.fill_between(t[edges], low, high, color=colour, linewidth=0.6)
-    axis.plot([], [], color=colour, linewidth=1.0, label=label)
+    """Draw a curve, as far as it can be seen."""
+    places = thin(values, BINS)
+    axis.plot(t[places], values[places], color=colour, linewidth=1.0, label=label)
+
+
+def thin(values: Floats, bins: int) -> Places:
+    """Places of the ends, and of the least and the largest value of each of so many stretches.
+
+    A curve through them covers on paper what the whole one does, if a stretch is no wider than a
+    line.
+    """
+    count = len(values)
+    if count <= 2 * bins:
+        return np.arange(count)
+    stretches = np.split(values, np.linspace(0, count, bins + 1).astype(np.int64)[1:-1])
+    first = np.cumsum([0, *map(len, stretches[:-1])])
+    extremes = [(part.argmin(), part.argmax()) for part in stretches]
+    return np.union1d(first[:, None] + extremes, [0, count - 1])
