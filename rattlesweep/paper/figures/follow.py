@@ -54,14 +54,14 @@ def forces(name: str, run: pd.DataFrame) -> dict[str, Any]:
     # Where the body would leave the plane, the ratio means nothing.
     down = normal > 0
     ratio = (run["F_tangential"] / normal).where(down, 0.0)
-    most, least = ratio.idxmax(), normal.idxmin()
+    most, least = int(ratio.argmax()), int(normal.argmin())
     return {
         "run": name,
         "t_end": t.iloc[-1],
-        "ratio_max": ratio[most],
-        "ratio_t": t[most],
-        "normal_min": normal[least],
-        "normal_t": t[least],
+        "ratio_max": ratio.iloc[most],
+        "ratio_t": t.iloc[most],
+        "normal_min": normal.iloc[least],
+        "normal_t": t.iloc[least],
         "slip_t": t[ratio > 1].min(),
         "open_t": t[~down].min(),
     }
