@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 import reference
 from mpmath import mp
+from oracle import GH
 from theory_mp import growth_exact
 
 from rattlesweep.integrate.lanes.build import kernel
@@ -23,9 +24,6 @@ from rattlesweep.sweeps.blocks import block as blocks
 from rattlesweep.sweeps.cases.plan import make_plan
 from rattlesweep.sweeps.config.load import parse_config
 from rattlesweep.sweeps.tables.types import TYPES
-
-GH = {"alpha": 13.04, "beta": 1.522, "gamma": 12.28, "theta": 0.6429, "phi": 0.036,
-      "xi": -math.radians(1.72)}  # fmt: skip
 
 
 def shell_dumbbell(gamma=10.0, f_sd=0.1, theta=0.8, phi=0.05, xi=-3.0):
@@ -335,12 +333,16 @@ def linear(case, answer):
 TOLS = (1e-9, 1e-12)
 
 
-def against_reference(cases, one_by_one=False):
-    """Rows (case, answers at TOLS, the reference's t_r, its own error, errors at TOLS)."""
-    answers = [
+def _at_tols(cases, one_by_one):
+    return [
         [ask([c], {"tol": tol})[0] for c in cases] if one_by_one else ask(cases, {"tol": tol})
         for tol in TOLS
     ]
+
+
+def against_reference(cases, one_by_one=False):
+    """Rows (case, answers at TOLS, the reference's t_r, its own error, errors at TOLS)."""
+    answers = _at_tols(cases, one_by_one)
     coarse, fine = (refer(cases, answers[0], share) for share in (1.0, 0.5))
     rows = []
     for k, case in enumerate(cases):
@@ -357,13 +359,8 @@ def against_reference(cases, one_by_one=False):
 
 def against_growth(cases, one_by_one=False):
     """Rows (case, answers at TOLS, exponent of the run, errors of amplitude and phase at TOLS)."""
-    answers = [
-        [ask([c], {"tol": tol})[0] for c in cases] if one_by_one else ask(cases, {"tol": tol})
-        for tol in TOLS
-    ]
     rows = []
-    for k, case in enumerate(cases):
-        both = [found[k] for found in answers]
+    for case, both in zip(cases, zip(*_at_tols(cases, one_by_one), strict=True), strict=True):
         off = [linear(case, answer) for answer in both]
         rows.append((case, both, off[0][0], [x[1:] for x in off]))
     return rows

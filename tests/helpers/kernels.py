@@ -39,6 +39,14 @@ def _modes(body):
     return theory.modes(*(body[name] for name in ("alpha", "beta", "theta", "phi", "xi")))
 
 
+def _batch(n_i, t_end, **own):
+    """A batch whose windows are N_WINDOWS parts of each horizon, without marks or taps."""
+    return batch.Batch(
+        t_end=t_end, window=t_end / N_WINDOWS, first_mark=t_end, scale=np.abs(n_i),
+        tapped=np.zeros(len(t_end), bool), **own,
+    )  # fmt: skip
+
+
 def full_batch(body, n_i, omega_xy0=0.01, psi="relevant", t_end=1000.0):
     """A batch of the full model; ``psi`` in radians or a word of `launch.direction`."""
     body, (n_i, omega_xy0, t_end) = _columns(body, n_i, omega_xy0, t_end)
@@ -48,20 +56,17 @@ def full_batch(body, n_i, omega_xy0=0.01, psi="relevant", t_end=1000.0):
     found = steady.steady_modes(constants, n_i)
     pitch = (modes.K_p * n_i > 0)[:, None]
     probe = np.where(pitch, found.pitch_probe, found.roll_probe)
-    return batch.Batch(
+    speed = theory.oscillation_speed(body["alpha"], body["beta"], body["gamma"], omega_xy0, psi)
+    return _batch(
+        n_i,
+        t_end,
         y0=launch.full_state(n_i, omega_xy0, psi),
         constants=constants.T,
         probe=np.concatenate([probe.real, probe.imag], axis=1),
-        t_end=t_end,
         swing=2 * np.maximum(np.abs(found.pitch.imag), modes.omega_p),
         relevant=np.where(pitch[:, 0], found.pitch.imag, found.roll.imag),
-        rate=30 * theory.oscillation_speed(body["alpha"], body["beta"], body["gamma"],
-                                           omega_xy0, psi) ** 2,
-        window=t_end / N_WINDOWS,
-        first_mark=t_end,
-        scale=np.abs(n_i),
-        tapped=np.zeros(len(t_end), bool),
-    )  # fmt: skip
+        rate=30 * speed**2,
+    )
 
 
 def reduced_batch(body, n_i, e_p, e_r, t_end=1000.0):
@@ -72,18 +77,15 @@ def reduced_batch(body, n_i, e_p, e_r, t_end=1000.0):
     n_0 = np.sqrt(n_i**2 + 2 * (e_p + e_r) / inertia)
     fastest = np.maximum(np.abs(modes.K_p), np.abs(modes.K_r))
     pitch = (modes.K_p * n_i > 0).astype(float)
-    return batch.Batch(
+    return _batch(
+        n_i,
+        t_end,
         y0=np.stack([n_i, e_p, e_r], axis=1),
         constants=np.stack([modes.K_p, modes.K_r, inertia], axis=1),
         probe=np.stack([pitch, 1 - pitch], axis=1),
-        t_end=t_end,
         swing=fastest * n_0,
         relevant=np.zeros(len(t_end)),
         rate=fastest * n_0**2,
-        window=t_end / N_WINDOWS,
-        first_mark=t_end,
-        scale=np.abs(n_i),
-        tapped=np.zeros(len(t_end), bool),
     )
 
 
@@ -111,21 +113,13 @@ def assert_same(a, b, skip=()):
     for name, value in columns(a).items():
         if name not in skip:
             other = getattr(b, name)
-            assert value.shape == other.shape, name
-            assert value.tobytes() == other.tobytes(), name
+            assert (value.shape, value.tobytes()) == (other.shape, other.tobytes()), name
 
 
 def pick(outcome, which):
     """The rows ``which`` of an outcome."""
-    parts = {
-        name: value[which] if len(value) else value for name, value in columns(outcome).items()
-    }
+    parts = {name: v[which] if len(v) else v for name, v in columns(outcome).items()}
     return batch.Outcome(**parts, stopped=outcome.stopped)
-
-
-def full_energy(runs, states):
-    """Energies of states, shape (runs, 5)."""
-    return np.array([full.energy(*y, *q) for y, q in zip(states, runs.constants, strict=True)])
 
 
 def mode_energies(body, n_i, omega_xy0):
