@@ -9,7 +9,6 @@ from typing import Any
 
 import click
 import jsonschema
-import numpy as np
 import pytest
 from click.testing import CliRunner
 from refusal import assert_refused
@@ -176,24 +175,6 @@ def test_body_says_what_the_python_interface_says():
         name, value = line.split()[:2]
         shown = None if value == "none" else pytest.approx(float(value), rel=1e-9)
         assert found[name] == shown or (found[name] is None and value == "none")
-
-
-def test_body_of_a_shell_dumbbell():
-    def body(*args: object) -> dict[str, float]:
-        return json.loads(invoke("body", *args, "--json").stdout)
-
-    found = body("--gamma", 10, "--f-sd", 0.1, "--theta", 0.8, "--phi", 0.05, "--xi-deg", -3)
-    same = rs.Rattleback.shell_dumbbell(
-        gamma=10, f_sd=0.1, theta=0.8, phi=0.05, xi=float(np.radians(-3))
-    )
-    assert found["K_r"] == rs.modes(same).K_r
-    assert found["t_rgh"] == rs.reversal_time_gh(same, 0.1, 0.01)
-    six = ("alpha", "beta", "gamma", "theta", "phi", "xi")
-    assert body(*(part for n in six for part in (f"--{n}", repr(getattr(same, n))))) == found
-    mirrored = body("--preset", "GH", "--xi-deg", 1.72)
-    gh = body("--preset", "GH", "--n-i", -0.1)
-    assert mirrored["t_rgh"] == pytest.approx(gh["t_rgh"], rel=1e-13)
-    assert mirrored["K_p"] == pytest.approx(-gh["K_p"], rel=1e-13)
 
 
 WRONG = """
