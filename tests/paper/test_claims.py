@@ -17,7 +17,7 @@ from rattlesweep.paper import run
 from rattlesweep.paper.claims import sweeps as measures
 from rattlesweep.paper.claims.claim import CLAIMS, TABLE, Claim, Count, claims, every, judge
 from rattlesweep.paper.columns import table
-from rattlesweep.paper.figures import times
+from rattlesweep.paper.figures import fig5
 from rattlesweep.paper.report import closing_table
 
 BY_ID = claims()
@@ -87,7 +87,7 @@ def points(coefficient="K_p", sign=1, ratio=1.0, scatter=0.01):
     for k in (0.1, 0.3, 1.0):
         for n in (0.1, 0.2, 0.3, 0.4, 0.5):
             for w in (0.001, 0.01, 0.1):
-                line = times.gh_line(k, n, math.hypot(n, w))
+                line = fig5.gh_line(k, n, math.hypot(n, w))
                 rows.append({coefficient: k, "n_i": sign * n, "omega_xy0": w, "runs": 9,
                              "reversed": 9, "t_r_mean": ratio * line, "t_r_std": scatter * line,
                              "t_r_low": 0.99 * ratio * line, "t_r_high": 1.01 * ratio * line,

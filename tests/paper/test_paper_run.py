@@ -425,7 +425,7 @@ def test_data_are_of_the_code_below_them(monkeypatch, tmp_path):
     for file, changed in (
         ("paper/registry.py", [False, False]),
         ("paper/claims/theory.py", [False, False]),
-        ("paper/figures/times.py", [False, True]),
+        ("paper/figures/fig5.py", [False, True]),
         ("study/style.py", [False, True]),
         ("paper/steady.yaml", [False, True]),
         ("physics/theory.py", [True, True]),

@@ -11,7 +11,7 @@ from telling import quiet
 from rattlesweep.paper.claims import bodies
 from rattlesweep.paper.claims import theory as measures
 from rattlesweep.paper.claims.claim import claims, judge
-from rattlesweep.paper.figures import fig2, fig3, sd
+from rattlesweep.paper.figures import fig2, fig3
 from rattlesweep.paper.registry import FIGURES
 from rattlesweep.physics import full, theory
 from rattlesweep.physics.body import Rattleback
@@ -33,7 +33,7 @@ def fig3_tables():
 
 def test_bodies_are_counted_by_their_coefficients():
     size = 250_000
-    alpha, beta, _, th, phi, xi = sd.draw(0, size, SdRanges(), 7)
+    alpha, beta, _, th, phi, xi = fig2.drawn_bodies(0, size, SdRanges(), 7)
     found = theory.modes(alpha, beta, th, phi, xi)
     wanted = np.histogram2d(found.K_p, found.K_r, bins=[fig3.edges("K_p"), fig3.edges("K_r")])[0]
     shares = []
@@ -45,7 +45,7 @@ def test_bodies_are_counted_by_their_coefficients():
         assert np.abs(counts - wanted).sum() <= 4
         ratio = found.omega_p / found.omega_r
         assert least == pytest.approx(ratio.min(), rel=1e-14)
-        assert below == np.count_nonzero(ratio < sd.BOUND)
+        assert below == np.count_nonzero(ratio < fig2.BOUND)
     assert shares[-1] == 1
     other, _, _ = fig3.count_bodies(size, SdRanges(), 2, quiet, seed=4)
     assert not np.array_equal(other, counts)
@@ -72,7 +72,7 @@ def test_fig2_tables(fig2_tables):
     assert list(data["probability"].iloc[[0, -1]]) == [0, 1]
     assert (data.diff().dropna() >= 0).all().all()
     # Against the defining matrix, of the same bodies.
-    alpha, beta, _, th, phi, xi = sd.draw(0, 40_000, SdRanges())
+    alpha, beta, _, th, phi, xi = fig2.drawn_bodies(0, 40_000, SdRanges())
     found = measures.by_definition((alpha, beta, alpha, th, phi, xi))
     middle, ratio = data[data["probability"] == 0.5].iloc[0], np.sqrt(found["ratio"])
     assert middle["ratio"] == pytest.approx(np.median(ratio), rel=1e-3)

@@ -6,8 +6,8 @@ import numpy as np
 
 from rattlesweep.arrays import Floats
 from rattlesweep.paper.claims.claim import EXACT, Measured, Tables, every, share
+from rattlesweep.paper.figures.fig2 import BOUND, drawn_bodies
 from rattlesweep.paper.figures.fig3 import DECADES, counts_of, edges
-from rattlesweep.paper.figures.sd import BOUND, draw
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import shell_dumbbell
 from rattlesweep.sweeps.config.bodies import SdRanges
@@ -22,7 +22,7 @@ MUCH = 10.0
 
 def sd_bodies(samples: int, seed: int = 2017) -> tuple[Floats, ...]:
     """``alpha, beta, gamma, theta, phi, xi`` of random bodies of the set SD."""
-    return draw(0, samples, SdRanges(), seed)
+    return drawn_bodies(0, samples, SdRanges(), seed)
 
 
 def wide_bodies(samples: int, seed: int = 2017) -> tuple[Floats, ...]:
@@ -40,19 +40,12 @@ def wide_bodies(samples: int, seed: int = 2017) -> tuple[Floats, ...]:
 def frequencies(tables: Tables) -> Measured:
     """T4: the ratio of the frequencies, and their zeroth order."""
     row = tables["fig2"]["summary"].to_pylist()[0]
-    rare = ""
+    rare = []
     if "fig3" in tables:
         # Its bodies are a hundred times as many.
         many = tables["fig3"]["summary"].to_pylist()[0]
-        rare = (
-            " Of the {density_samples:,} bodies of Fig. 3, {below} have a ratio of 1.3 or less "
-            "({low:.1e} to {high:.1e} of them, 95 %), the least being {ratio_min:.3f}; a sample of "
-            "a million contains none with probability {none:.0%}."
-        ).format(
-            **many,
-            **share(many["below"], many["density_samples"]),
-            none=np.exp(-1e6 * many["below"] / many["density_samples"]),
-        )
+        own = share(many["below"], many["density_samples"])
+        rare = [many | own | {"none": np.exp(-1e6 * own["value"])}]
     checks = [row["below"] == 0, row["ratio_bound"] >= BOUND,
               max(row["distance_p"], row["distance_r"]) < CLOSE]  # fmt: skip
     least = tables["fig2"]["cumulative"]["ratio"][0].as_py()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -101,6 +101,8 @@ class Claim:
     ``low`` and ``high`` its confidence interval or range."""
     measured: str  # what was found, with numbers in braces
     notes: str = ""  # likewise, how it was found, and what explains it
+    lists: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    """Of a number that is rows: what stands between them, and the words of one."""
     leeway: str = ""  # the paper's word that leaves room in the headline, such as “almost”
     figures: Sequence[str] = ()  # whose tables are needed; none for a claim about formulas alone
 
@@ -116,6 +118,8 @@ class Claim:
         if found is None:
             return None
         checks, numbers = found
+        for name, (between, words) in self.lists.items():
+            numbers[name] = between.join(words.format(**row) for row in numbers[name])
         told = [
             f"{words}: {'yes' if check else 'no'}"
             + (f", {check}" if isinstance(check, Count) else "")

@@ -60,7 +60,7 @@ def envelopes(tables: Tables) -> Measured:
     """G3: amplitudes about the reversals."""
     runs = runs_of_gh(tables)
     extrema = tables["fig4"]["extrema"].to_pandas()
-    checks, words, tops = [], [], []
+    checks, shapes, tops = [], [], []
     for part, name, main, other in (
         ("a", "unsteady", "omega_x", "omega_y"),
         ("b", "steady", "omega_y", "omega_x"),
@@ -71,17 +71,13 @@ def envelopes(tables: Tables) -> Measured:
         deep = dip["low"] / min(dip["left"], dip["right"])
         checks += [abs(late) <= 2, abs(off) <= 2 and deep <= 0.75]
         tops.append(big["top"])
-        words.append(
-            f"({part}) {main} largest {big['top']:.4f} at {big['top_t']:.1f} ({late:+.1f} "
-            f"periods); {other} {dip['low']:.4f} at {dip['low_t']:.1f} ({off:+.1f} periods), "
-            f"between {dip['left']:.4f} at {dip['left_t']:.1f} and {dip['right']:.4f} at "
-            f"{dip['right_t']:.1f}"
-        )
+        names = {"part": part, "main": main, "other": other, "late": late, "off": off}
+        shapes.append(names | dip | {"top": big["top"], "top_t": big["top_t"]})
     ratios = [run[f"frequency_{c}"] / run["omega_relevant"] for run in runs.values() for c in "xy"]
     checks += [tops[1] > tops[0], max(abs(ratio - 1) for ratio in ratios) <= 0.1]
     return checks, {
-        "value": tops[1] / tops[0], "shapes": "; ".join(words),
-        "ratios": ", ".join(f"{ratio:.3f}" for ratio in ratios),
+        "value": tops[1] / tops[0], "shapes": shapes,
+        "ratios": [{"ratio": ratio} for ratio in ratios],
         "free": [run["frequency_free"] / run["omega_relevant"] for run in runs.values()],
     }  # fmt: skip
 
@@ -120,25 +116,18 @@ def three_kinds(tables: Tables) -> Measured:
         mean[c] < 0.5 * whole[c] and gaps[c][0] > 2 * mean[c],
         not chaotic[c],
     ]
-    named = "; ".join(
-        f"theta = {theta:g}: first interval between reversals {gaps[theta][0]:.0f}, then "
-        f"{mean[theta]:.0f} +- {scatter[theta]:.1%}, reduced model {whole[theta]:.0f}; Lyapunov "
-        f"exponent {best['exponent'][theta]:.2g} +- {best['error'][theta]:.1g}, growth "
-        f"e^{best['growth'][theta]:.0f}"
+    runs = [
+        {"theta": theta, "first": gaps[theta][0], "mean": mean[theta], "scatter": scatter[theta],
+         "whole": whole[theta], **best.loc[theta]}
         for theta in PAPERS
-    )
+    ]  # fmt: skip
     doubling = float(np.log(2) / best["exponent"][c])
-    narrow = "" if not chaotic[c] else (
-        " The motion of (c) is chaotic, but looks quasi-periodic because the chaos is confined "
-        f"to a narrow band: small differences double in {doubling:.0f}, or "
-        f"{doubling / mean[c]:.1f} intervals between reversals, yet these intervals differ by "
-        f"only {scatter[c]:.1%}."
-    )  # fmt: skip
+    narrow = {"doubling": doubling, "gaps": doubling / mean[c], "scatter": scatter[c]}
     value, error = float(best["exponent"][b]), float(best["error"][b])
     return checks, {
-        "value": value, "low": value - 2 * error, "high": value + 2 * error, "runs": named,
+        "value": value, "low": value - 2 * error, "high": value + 2 * error, "runs": runs,
         "second": second, "t_end": best["t_end"].iloc[0], "tol": best["tol"].iloc[0],
-        "narrow": narrow,
+        "narrow": [narrow] if chaotic[c] else [],
     }  # fmt: skip
 
 
@@ -160,10 +149,7 @@ def invariants(tables: Tables) -> Measured:
     return checks, {
         "value": float(full["moves"].min()), "energy": simple["energy_drift"].max(),
         "casimir": simple["moves"].max(), "uneven": uneven, "drift": full["energy_drift"].max(),
-        "moved": ", ".join(
-            f"{moves:.3g} (at the reversals alone {at[theta]:.3g}) at theta = {theta:g}"
-            for theta, moves in zip(full["theta"], full["moves"], strict=True)
-        ),
+        "moved": full.assign(reversals=full["theta"].map(at)).to_dict("records"),
     }  # fmt: skip
 
 
@@ -182,11 +168,7 @@ def forces(tables: Tables) -> Measured:
     return [round(value, 1) == 0.2, bool((runs["normal_min"] > 0).all())], {
         "value": value, "run": top["run"], "t": top["ratio_t"], "light": light["run"],
         "normal": light["normal_min"],
-        "runs": "; ".join(
-            f"{row.run}: {row.ratio_max:.3f} at t = {row.ratio_t:.1f}, F_parallel at least "
-            f"{row.normal_min:.3f} at t = {row.normal_t:.1f}"
-            for row in runs.itertuples()
-        ),
+        "runs": runs.to_dict("records"),
         "others": f" Largest ratios in the other figures: {others}." if others else "",
     }  # fmt: skip
 

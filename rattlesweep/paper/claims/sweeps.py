@@ -194,14 +194,13 @@ def onset_of_wobbling(tables: Tables) -> Measured | None:
     if points.empty:
         return None
     ratio = points["onset_median"] / points["t_r_median"]
+    sizes = ratio.rename("ratio").groupby(points["omega_xy0"])
     low = onset.query("K_r < 0.03 and abs(n_i) >= 0.3")
     late = low["onset_late"].sum() / max(1, low["wobbling"].sum())
     return [every((ratio > 0.5) & (ratio < 2)), bool(late > 0)], {
         "value": float(ratio.median()), "low": float(ratio.min()), "high": float(ratio.max()),
         "points": len(ratio), "fine": int(near(ratio).sum()), "late": late,
-        "sizes": ", ".join(
-            f"{own.median():.2f} at {size:g}" for size, own in ratio.groupby(points["omega_xy0"])
-        ),
+        "sizes": sizes.median().reset_index().to_dict("records"),
     }  # fmt: skip
 
 
@@ -248,9 +247,7 @@ def steady_spin(tables: Tables) -> Measured:
         "value": float(top["fraction_SS"]), "low": float(top["low_SS"]),
         "high": float(top["high_SS"]), "K_r": top["K_r"], "n_i": top["n_i"],
         "slowest": slowest["n_i"].iloc[0], "reversing": share_words(*reversing),
-        "by_spin": ", ".join(
-            f"{n:g}: {most:.1%}" for n, most in zip(by_spin.index, values.max(axis=1), strict=True)
-        ),
+        "by_spin": by_spin.max(axis=1).rename("most").reset_index().to_dict("records"),
     }  # fmt: skip
 
 
@@ -262,7 +259,7 @@ def wobbling(tables: Tables) -> Measured:
     around = pooled(beyond, "SW")
     both = around + pooled(beyond, "unclassified")
     total = int(beyond["SW"].sum()), int(beyond["runs"].sum())
-    single = beyond["fraction_SW"]
+    single, by_spin = beyond["fraction_SW"], pooled(frame, "SW").groupby(level="n_i", sort=False)
     checks = [
         int(frame.query("abs(n_i) <= 0.1")["SW"].sum()) > 0,
         every(split_slow["small"] > split_slow["large"]),
@@ -272,10 +269,7 @@ def wobbling(tables: Tables) -> Measured:
     return checks, {
         **share(*total), "share": share_words(*total), "single": (single.min(), single.max()),
         "both": (both.min(), both.max()), "both_mean": both.mean(), "mean": around.mean(),
-        "by_spin": ", ".join(
-            f"{n:g}: {own.min():.1%} to {own.max():.1%}"
-            for n, own in pooled(frame, "SW").groupby(level="n_i", sort=False)
-        ),
+        "by_spin": by_spin.agg(["min", "max"]).reset_index().to_dict("records"),
     }  # fmt: skip
 
 
@@ -306,13 +300,8 @@ def large_oscillation(tables: Tables) -> Measured:
     return checks, {
         **decided, "bondi_only": past, "bondi": int(large["bondi"].sum()), "omega_xy0": size,
         "hits": hits, "runs": runs, "most": decided["high"] * runs,
-        "readings": "; ".join(
-            f"{name}: {count}"
-            for name, count in zip(others["definition"], others["count"], strict=True)
-        ),
-        "past": basin["runs"].max(), "bears": ", ".join(
-            f"{row.SS} at {row.omega_xy0:g}" for row in basin.itertuples()
-        ),
+        "readings": others.to_dict("records"), "past": basin["runs"].max(),
+        "bears": basin.to_dict("records"),
     }  # fmt: skip
 
 
@@ -334,16 +323,11 @@ def wobbling_chaos(tables: Tables) -> Measured | None:
         (int(part["chaotic"].sum()), len(part)) for part in parts
     )
     kept = calm["growth_longer"].dropna()
-    longer = (
-        f" The {len(kept)} chaotic ones at abs(n_i) <= 0.4 were followed to {LONGER} horizons: "
-        f"{(kept > LEAST_GROWTH).sum()} are still chaotic in the second half of that time."
-        if len(kept)
-        else ""
-    )
+    longer = {"followed": len(kept), "horizons": LONGER, "still": (kept > LEAST_GROWTH).sum()}
     checks = [Count(total - hits, total), many > 0, many * large > few * small]
     return checks, {
         **share(hits, total), "hits": hits, "runs": total, "share": share_words(hits, total),
         "middle": middle, "small": f"{many} of {small}", "large": f"{few} of {large}",
         "K_r": least, "least": "{} of {}, {}".format(*lowest, share_words(*lowest)),
-        "longer": longer,
+        "longer": [longer] if len(kept) else [],
     }  # fmt: skip

@@ -14,8 +14,14 @@ from matplotlib.figure import Figure as Drawing
 from rattlesweep.arrays import Floats, Integers
 from rattlesweep.integrate.task import Control, side_by_side
 from rattlesweep.paper.columns import count, number, schema, table
-from rattlesweep.paper.figures.sd import BOUND, CHUNK, SEED, cumulative, draw_modes
-from rattlesweep.paper.figures.sd import draw as draw_bodies
+from rattlesweep.paper.figures.fig2 import (
+    BOUND,
+    CHUNK,
+    SEED,
+    cumulative,
+    draw_modes,
+    drawn_bodies,
+)
 from rattlesweep.paper.figures.style import frame
 from rattlesweep.paper.workspace import Progress, Tables, between
 from rattlesweep.physics import theory
@@ -98,7 +104,7 @@ def count_bodies(
 
     def part(first: int, _: Control) -> tuple[float, int]:
         last = min(first + CHUNK, total)
-        alpha, beta, _gamma, theta, phi, xi = draw_bodies(first, last, ranges, seed)
+        alpha, beta, _gamma, theta, phi, xi = drawn_bodies(first, last, ranges, seed)
         square_p, square_r, *coefficients = theory.torque_coefficients(alpha, beta, theta, phi, xi)
         ratio = square_p / square_r
         places = [
@@ -113,7 +119,7 @@ def count_bodies(
         return float(np.sqrt(ratio.min())), int(np.count_nonzero(ratio < BOUND**2))
 
     # Compiled here, if at all, and not in two threads at once.
-    draw_bodies(0, 0, ranges, seed)
+    drawn_bodies(0, 0, ranges, seed)
     found = side_by_side(
         [partial(part, first) for first in range(0, total, CHUNK)],
         threads,

@@ -21,7 +21,7 @@ from scipy.special import bdtr
 from rattlesweep.arrays import Floats
 from rattlesweep.paper.columns import count, number, schema, table
 from rattlesweep.paper.figures.chaos import thinned_out
-from rattlesweep.paper.figures.times import panels, times
+from rattlesweep.paper.figures.fig5 import panels, times
 from rattlesweep.paper.workspace import Progress, Tables, Workspace, between
 from rattlesweep.physics import full
 from rattlesweep.physics.body import PARAMETERS
