@@ -21,7 +21,7 @@ from rattlesweep.sweeps.tables.columns import ENERGY, FORCE, RATE, TIME
 if TYPE_CHECKING:
     from rattlesweep.integrate.follow.trajectory import Samples
     from rattlesweep.integrate.model import Model
-    from rattlesweep.study.onerun.course import Course
+    from rattlesweep.sweeps.cases.launches import Launches
 
 
 def _arrays(function: Any) -> Callable[..., Any]:
@@ -65,17 +65,22 @@ def formulas(model: Model) -> Formulas:
 class View:
     """Quantities of a run at the same times, worked out when they are first asked for.
 
-    ``samples`` are of the run's own model, ``beside`` of the reduced one at the same times.
+    ``equations`` are those integrated, None for the closed form, with their ``constants`` and the
+    launch's energy; ``samples`` are theirs, ``beside`` of the reduced model at the same times.
     """
 
-    course: Course
+    model: str
+    equations: Model | None
+    launches: Launches
+    constants: Floats
+    energy_0: float
     samples: Samples
     beside: Samples | None
 
     @property
     def _own(self) -> Formulas | None:
         """Formulas of the run's model; the closed form has none."""
-        return None if self.course.equations is None else formulas(self.course.equations)
+        return None if self.equations is None else formulas(self.equations)
 
     @cached_property
     def y(self) -> Floats:
@@ -85,7 +90,7 @@ class View:
     @cached_property
     def gh(self) -> Floats:
         """Garcia and Hubbard's spin."""
-        return self.course.launches.gh.spin(self.samples.t)
+        return self.launches.gh.spin(self.samples.t)
 
     @cached_property
     def n(self) -> Floats:
@@ -97,14 +102,14 @@ class View:
     def energy(self) -> Floats:
         """Energy."""
         assert self._own is not None
-        kept: Floats = self._own.energy(*self.y, *self.course.constants)
+        kept: Floats = self._own.energy(*self.y, *self.constants)
         return kept + self.work
 
     @property
     def work(self) -> Floats:
         """Work of the dissipation so far."""
         # Behind the five variables that the full model has.
-        has = self.course.model == "full" and len(self.y) > full.N_STATE
+        has = self.model == "full" and len(self.y) > full.N_STATE
         return self.y[full.N_STATE] if has else np.zeros(self.y.shape[1])
 
     @cached_property
@@ -122,12 +127,12 @@ class View:
         For GH at n = 0.1 the pitch's energy then swings by 1.4 % within a period, and by 11 % with
         the spin's own part left in omega.
         """
-        if self.course.model == "reduced":
+        if self.model == "reduced":
             return self.y[1], self.y[2]
         p, q = self.y[:2]
         u, omega = self.vectors
         a, b = omega[:2] - self.n * u[:2]
-        m, bodies = self.course.launches.modes, self.course.launches.bodies
+        m, bodies = self.launches.modes, self.launches.bodies
 
         def energy(psi: Floats, frequency: Floats) -> Floats:
             x, y = bodies.alpha * np.cos(psi), bodies.beta * np.sin(psi)
@@ -141,7 +146,7 @@ class View:
     @cached_property
     def casimir(self) -> Floats:
         """Casimir invariant, NaN where a mode has no energy at all."""
-        m = self.course.launches.modes
+        m = self.launches.modes
         value = reduced.casimir(*self.modes, m.K_p, m.K_r)
         return np.where(np.isfinite(value), value, np.nan)
 
@@ -152,7 +157,7 @@ class View:
         assert self._own is not None
         # Where it is does not depend on how it moves.
         still = np.zeros_like(p)
-        shape = self.course.constants[3:7]
+        shape = self.constants[3:7]
         fx, fy, rise, *_ = self._own.touch(p, q, *[still] * 6, *shape)
         return p + fx, q + fy, 1 - rise
 
@@ -160,7 +165,7 @@ class View:
     def force(self) -> tuple[Floats, Floats]:
         """Normal and tangential contact force."""
         assert self._own is not None
-        normal, tangential = self._own.force(*self.y, *self.course.constants)
+        normal, tangential = self._own.force(*self.y, *self.constants)
         return normal, tangential
 
     @cached_property
@@ -210,7 +215,7 @@ CHANNELS: dict[str, Channel] = {
                      lambda v: v.vectors[1]),
         Channel("energy", ENERGY, "energy", BOTH, lambda v: v.energy),
         Channel("energy_drift", "1", "energy less the work over the launch's energy, minus 1", BOTH,
-                lambda v: (v.energy - v.work) / v.course.energy_0 - 1),
+                lambda v: (v.energy - v.work) / v.energy_0 - 1),
         Channel("work", ENERGY, "work of the dissipation, negative", FULL, lambda v: v.work),
         Channel("E_p", ENERGY, "energy of the pitch, not averaged over its period", BOTH,
                 lambda v: v.modes[0]),

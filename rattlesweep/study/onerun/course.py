@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -126,7 +127,8 @@ class Course:
         # Of the spin so far: times of all zeros, and of the first ones of its reversals.
         self.zeros = self.observer.zeros = self._follower.zeros
         self.reversals = self.observer.reversals
-        self.energy_0: float = self._follower.energy_0
+        self._view = partial(View, self.model, self.equations, launches, self.constants,
+                             self._follower.energy_0)  # fmt: skip
         self._beside = None
         if "reduced" in needs:
             beside = with_energies(reduced_batch(launches), *energies)
@@ -151,7 +153,7 @@ class Course:
         """Columns by name, at most :data:`CHUNK` rows at a time."""
         for samples in self._samples():
             beside = None if self._beside is None else self._beside.at(samples.t)
-            view = View(self, samples, beside)
+            view = self._view(samples, beside)
             yield {channel.name: channel.of(view) for channel in self.channels}
 
     def columns(self) -> dict[str, Floats]:
