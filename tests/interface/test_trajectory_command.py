@@ -120,7 +120,7 @@ def test_what_a_figure_shows(model: str):
 
 
 WRONG = """
---channels t,omga_x: 'omga_x' is not one; omega_x is the nearest
+--channels t,omga_x: did you mean "omega_x"?
 --points 5 --steps: points and steps are both given
 --output run.xlsx: the name must end in .parquet or .csv
 --figure run.jpg: the name must end in .svg, .png or .pdf

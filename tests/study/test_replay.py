@@ -131,7 +131,7 @@ ONE = ["--case", 0, "--sample", 1]
         (["--where", "K_r < 0"], "--where K_r < 0: no stored run", 2),
         (["--where", "K_r<1", "--first", 2], "2 runs do not go into one table", 2),
         (["--where", "K_r<1", "--first", 2, "--output", "a.csv"], "would be written there", 2),
-        ([*ONE, "--channels", "t,omga_x"], "omega_x is the nearest", 2),
+        ([*ONE, "--channels", "t,omga_x"], 'did you mean "omega_x"?', 2),
         ([*ONE, "--output", "a.xlsx"], ".parquet or .csv", 2),
         ([*ONE, "--output", "/proc/no/a.csv"], "cannot write in", 1),
         ([*ONE, "--t-end", "nan"], "finite, positive time", 2),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
@@ -16,6 +15,7 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.cache import specialise
 from rattlesweep.physics import full, reduced
 from rattlesweep.physics.attitude import quaternion
+from rattlesweep.sweeps.config.messages import not_one_of
 from rattlesweep.sweeps.tables.columns import ENERGY, FORCE, RATE, TIME
 
 if TYPE_CHECKING:
@@ -248,15 +248,11 @@ CHANNELS: dict[str, Channel] = {
 def choose(names: Iterable[str], model: str) -> tuple[Channel, ...]:
     """Channels by name; refuses what is unknown, twice there, or not of the model, and nothing."""
     names = list(names)
+    own = [channel.name for channel in CHANNELS.values() if model in channel.models]
     for name in names:
         if name not in CHANNELS:
-            near = difflib.get_close_matches(name, CHANNELS, 1, 0.0)
-            raise ConfigError(
-                f"channels: {name!r} is not one; {near[0]} is the nearest. "
-                f"There are {', '.join(CHANNELS)}"
-            )
-        if model not in CHANNELS[name].models:
-            own = [c.name for c in CHANNELS.values() if model in c.models]
+            raise ConfigError(f"channels: {not_one_of(name, own)}")
+        if name not in own:
             raise ConfigError(
                 f"channels: {name} is not of the model {model}, which has {', '.join(own)}"
             )

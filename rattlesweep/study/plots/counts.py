@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.study.plots.layout import Layout
 from rattlesweep.study.plots.picture import Picture
-from rattlesweep.sweeps.tables.cells import Cells, columns_for, share, wilson
+from rattlesweep.sweeps.tables.cells import Cells, Moments, columns_for, floats, share, wilson
 
 MOST_CELLS = 4_000_000
 
@@ -21,17 +22,19 @@ MOST_CELLS = 4_000_000
 class Counted(Picture):
     """A picture of runs by cell: those that differ in other than its axes are counted together.
 
-    `cells` are flat; `grid` gives any of their arrays the shape of the axes.
+    `cells` are flat, and so are the `moments` of `more` columns, of the runs that have one; `grid`
+    gives any of their arrays the shape of the axes.
     """
 
-    def __init__(self, layout: Layout, x: str | None) -> None:
+    def __init__(self, layout: Layout, x: str | None, more: Sequence[str] = ()) -> None:
         super().__init__(layout, x)
-        self.columns = ("case", "sample", *columns_for(layout.config))
+        self.columns = ("case", "sample", *columns_for(layout.config), *more)
         if (cells := math.prod(self.shape)) > MOST_CELLS:
             raise ConfigError(
                 f"{cells} cells are too many for a picture; choose some with --select"
             )
         self.cells = Cells(cells)
+        self.moments = {name: Moments(cells) for name in more}
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -40,7 +43,12 @@ class Counted(Picture):
 
     def add(self, rows: pa.RecordBatch) -> None:
         """Count more rows."""
-        self.cells.add(rows, self.layout.cells(rows, self.axes))
+        cell = self.layout.cells(rows, self.axes)
+        self.cells.add(rows, cell)
+        for name, moments in self.moments.items():
+            values = floats(rows.column(name))
+            kept = (cell >= 0) & np.isfinite(values)
+            moments.add(cell[kept], values[kept])
 
     def __len__(self) -> int:
         return int(self.cells.runs.sum())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -160,34 +159,25 @@ class Layout:
 
 def _places(axis: Axis, wanted: str, option: str) -> Integers:
     """Places of the values that a text chooses, ascending."""
-    if ":" in wanted:
-        low, high = _numbers(wanted.split(":"), option, 2)
-        places = np.flatnonzero((axis.values >= low) & (axis.values <= high))
-        if not len(places):
-            raise ConfigError(f"{option}: no value lies there; there are {_listed(axis)}")
-        return places
-    numbers = _numbers(wanted.split(","), option)
-    return np.unique([_place(axis, number, option) for number in numbers])
-
-
-def _numbers(words: list[str], option: str, count: int | None = None) -> list[float]:
+    between = ":" in wanted
     try:
-        numbers = [float(word) for word in words]
-        if count in (None, len(numbers)) and not any(math.isnan(number) for number in numbers):
-            return numbers
+        numbers = np.array([float(word) for word in wanted.split(":" if between else ",")])
     except ValueError:
-        pass
-    raise ConfigError(f"{option}: {','.join(words)} are not numbers; write -0.3,-0.5 or 0.6:0.7")
-
-
-def _place(axis: Axis, number: float, option: str) -> int:
-    place = int(np.argmin(np.abs(axis.values - number)))
-    scale = max(abs(number), float(np.abs(axis.values).max()) * NEAR)
-    if abs(axis.values[place] - number) > NEAR * scale:
+        numbers = np.full(1, np.nan)
+    if np.isnan(numbers).any() or (between and len(numbers) != 2):
+        raise ConfigError(f"{option}: {wanted} are not numbers; write -0.3,-0.5 or 0.6:0.7")
+    if between:
+        found = (axis.values >= numbers[0]) & (axis.values <= numbers[1])
+        if not found.any():
+            raise ConfigError(f"{option}: no value lies there; there are {_listed(axis)}")
+        return np.flatnonzero(found)
+    nought = NEAR**2 * float(np.abs(axis.values).max())
+    alike = np.isclose(axis.values[:, None], numbers, rtol=NEAR, atol=nought)
+    for number in numbers[~alike.any(axis=0)]:
         raise ConfigError(
             f"{option}: {axis.name} has no value {number:g}; there are {_listed(axis)}"
         )
-    return place
+    return np.flatnonzero(alike.any(axis=1))
 
 
 def _listed(axis: Axis) -> str:

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 from matplotlib.colors import BoundaryNorm, ListedColormap, LogNorm, Normalize
 from matplotlib.patches import Patch
 
@@ -26,7 +25,6 @@ from rattlesweep.study.plots.panels import (
 )
 from rattlesweep.study.style import FAILED, MISSING, TYPE_STYLE, label
 from rattlesweep.sweeps.config.bodies import GridSource
-from rattlesweep.sweeps.tables.cells import Moments, floats
 
 # From this many values on along both sides, a grid is a map.
 SIDE = 8
@@ -60,22 +58,13 @@ class Map(Counted):
     name = "map"
     caption = "Types, and reversal times in units of Garcia and Hubbard's."
 
-    def __init__(self, layout: Layout, x: str | None) -> None:
-        super().__init__(layout, x)
+    def __init__(self, layout: Layout, x: str | None, more: Sequence[str] = ()) -> None:
+        super().__init__(layout, x, (*more, *([GROWTH] if layout.config.dissipation else [])))
         for axis in self.axes[:2]:
             if len(axis.values) < 2:
                 raise ConfigError(
                     f"--kind map: only one value of {axis.name} is left; a map needs two or more"
                 )
-        self.growth = Moments(len(self.cells.runs)) if layout.config.dissipation else None
-        if self.growth is not None:
-            self.columns = (*self.columns, GROWTH)
-
-    def add(self, rows: pa.RecordBatch) -> None:
-        """Count more rows."""
-        super().add(rows)
-        if self.growth is not None:
-            add_finite(self.growth, self.layout.cells(rows, self.axes), rows.column(GROWTH))
 
     @staticmethod
     def fits(layout: Layout) -> bool:
@@ -210,11 +199,11 @@ class Map(Counted):
         """Draw where the relevant oscillation, at the launch, neither grows nor decays; whether it
         did.
         """
-        if self.growth is None:
+        if GROWTH not in self.moments:
             return False
         x, y, *_ = self.axes
         here: Any = (slice(None), slice(None), *panel.where)
-        mean = self.grid(self.growth.means())[here]
+        mean = self.grid(self.moments[GROWTH].means())[here]
         if not (np.nanmin(mean, initial=0) < 0 < np.nanmax(mean, initial=0)):
             return False
         for line in LINES:
@@ -234,13 +223,6 @@ class Map(Counted):
 def patch(colour: str, words: str) -> Patch:
     """Cells of a colour in a legend."""
     return Patch(facecolor=colour, label=words, edgecolor="#555555", linewidth=0.5)
-
-
-def add_finite(moments: Moments, cell: Integers, column: pa.Array) -> None:
-    """Add to cells the values of a column, but for nulls and rows that are not shown."""
-    values = floats(column)
-    kept = (cell >= 0) & np.isfinite(values)
-    moments.add(cell[kept], values[kept])
 
 
 def inferred(code: Integers, ratio: Floats) -> tuple[Integers, Floats]:

@@ -19,12 +19,10 @@ from rattlesweep.study.plots.map import (
     CODES,
     NO_REVERSAL,
     Map,
-    add_finite,
     patch,
 )
 from rattlesweep.study.plots.panels import draw_panels, entry, legend_above
 from rattlesweep.study.style import label
-from rattlesweep.sweeps.tables.cells import Moments
 
 # So many numbers have a colour each; beyond, a colour is of more and more of them.
 SINGLE = 6
@@ -38,26 +36,17 @@ class Reversals(Map):
     caption = "Numbers of reversals by the horizon."
 
     def __init__(self, layout: Layout, x: str | None) -> None:
-        super().__init__(layout, x)
-        self.columns = (*self.columns, COLUMN)
-        self.count = Moments(len(self.cells.runs))
+        super().__init__(layout, x, (COLUMN,))
 
     @staticmethod
     def fits(layout: Layout) -> bool:
         """Where they are recorded, and there are two axes."""
         return "reversals" in layout.config.record and Map.fits(layout)
 
-    def add(self, rows: pa.RecordBatch) -> None:
-        """Count more rows."""
-        super().add(rows)
-        add_finite(self.count, self.layout.cells(rows, self.axes), rows.column(COLUMN))
-
     def table(self) -> pa.Table:
         """One row a cell that holds runs."""
-        mean = self.count.means()[self.cells.runs > 0]
-        return super().table().append_column(
-            f"{COLUMN}_mean", pa.array(mean, from_pandas=True)
-        )  # fmt: skip
+        mean = pa.array(self.moments[COLUMN].means()[self.cells.runs > 0], from_pandas=True)
+        return super().table().append_column(f"{COLUMN}_mean", mean)
 
     def size(self) -> tuple[float, float]:
         """By the number of panels."""
@@ -67,7 +56,7 @@ class Reversals(Map):
         """Cells by their number, in steps of one while it is small."""
         x, y, *rows = self.axes
         panels = draw_panels(figure, rows, ())
-        mean, code = self.grid(self.count.means()), self._codes()
+        mean, code = self.grid(self.moments[COLUMN].means()), self._codes()
         borders = _borders(mean)
         shades = colormaps["viridis"](np.linspace(0.1, 1, max(1, len(borders) - 2)))
         norm = BoundaryNorm(np.array(borders) - 0.5, len(borders) - 1)
