@@ -10,7 +10,6 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from ruamel.yaml import YAML
-from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
 from rattlesweep.durations import clock
 from rattlesweep.sweeps.config.fields import Linspace, Logspace
@@ -61,38 +60,30 @@ def source(svg: bytes, png: bytes) -> str:
 
 def config_yaml(config: Mapping[str, Any]) -> str:
     """YAML text of a resolved config; long lists of evenly spaced numbers become axes."""
-    yaml = YAML()
+    yaml: Any = YAML(typ="safe", pure=True)
+    # What holds no other mapping or list stands in one line, keys in the order they have.
+    yaml.default_flow_style = None
+    yaml.sort_base_mapping_type_on_output = False
     yaml.width = 96
     buffer = io.StringIO()
-    yaml.dump(_shaped(config, 0), buffer)
+    yaml.dump(_shaped(config), buffer)
     return buffer.getvalue()
 
 
-def _shaped(value: Any, depth: int) -> Any:
-    if isinstance(value, Mapping):
-        mapping = CommentedMap((key, _shaped(v, depth + 1)) for key, v in value.items())
-        for name in ("linspace", "logspace"):
-            if name in mapping:
-                low, high, count = mapping[name]
-                mapping[name] = _flow([low, high, int(count)])
-        if depth and not any(isinstance(v, CommentedMap) for v in mapping.values()):
-            mapping.fa.set_flow_style()
-        return mapping
+def _shaped(value: Any) -> Any:
+    """As a person would write it: axes as such, whole counts."""
     if isinstance(value, list):
-        if len(value) >= LONG and (axis := _axis(value)):
-            return _shaped(axis, 1)
-        return _flow(value)
+        return _axis(value) or value
+    if isinstance(value, Mapping):
+        for name in {"linspace", "logspace"} & value.keys():
+            low, high, count = value[name]
+            return {name: [low, high, int(count)]}
+        return {key: _shaped(each) for key, each in value.items()}
     return value
 
 
-def _flow(values: Sequence[Any]) -> CommentedSeq:
-    sequence = CommentedSeq(values)
-    sequence.fa.set_flow_style()
-    return sequence
-
-
 def _axis(values: Sequence[Any]) -> dict[str, list[float]] | None:
-    if not all(isinstance(value, float) for value in values):
+    if len(values) < LONG or not all(isinstance(value, float) for value in values):
         return None
     ends = [values[0], values[-1], float(len(values))]
     for kind, name in ((Linspace, "linspace"), (Logspace, "logspace")):
