@@ -154,33 +154,27 @@ def _facts(course: Course, cause: str) -> list[tuple[str, str]]:
                        for value in course.integrator.values())  # fmt: skip
     t_rgh, losses = float(course.launches.gh.t_rgh[0]), course.launches
     sigma, rolling = (0.0 if of is None else of[0] for of in (losses.sigma, losses.rolling))
-    lines = [
-        ("α, β, γ", f"{b['alpha']:.5g}, {b['beta']:.5g}, {b['gamma']:.5g}"),
-        ("θ, φ", f"{b['theta']:.5g}, {b['phi']:.5g}"),
-        ("skew ξ", f"{math.degrees(b['xi']):.4g}°"),
-    ]
-    if "c" in b:
-        lines.append(("c", f"{b['c']:.5g} (ellipsoid)"))
-    if sigma or rolling:
-        lines.append(("dissipation", f"σ {sigma:.4g}, rolling {rolling:.4g}"))
-    lines += [
-        ("n_i, ω_xy0", f"{launch['n_i']:g}, {launch['omega_xy0']:g}"),
-        ("launched along", f"{math.degrees(launch['psi']):.4g}°"),
-        ("K_p, K_r", f"{float(m.K_p[0]):.4g}, {float(m.K_r[0]):.4g}"),
-        ("ω_p, ω_r", f"{float(m.omega_p[0]):.4g}, {float(m.omega_r[0]):.4g}"),
-        ("t_rGH", f"{t_rgh:.6g}" if math.isfinite(t_rgh) else "none"),
-        ("reversals", _listed(course.reversals, course.t)),
-        ("integrated by", method),
-        ("status", course.status.label),
-    ]
-    if course.zeros != course.reversals:
-        lines.insert(-2, ("zero crossings", _listed(course.zeros, course.t)))
-    if cause:
-        lines.append(("sensitive", cause))
-    if course.observer.warning:
-        lines.append(("beware", course.observer.warning))
+    lossy, more = sigma or rolling, course.zeros != course.reversals
+    facts = {
+        "α, β, γ": f"{b['alpha']:.5g}, {b['beta']:.5g}, {b['gamma']:.5g}",
+        "θ, φ": f"{b['theta']:.5g}, {b['phi']:.5g}",
+        "skew ξ": f"{math.degrees(b['xi']):.4g}°",
+        "c": f"{b['c']:.5g} (ellipsoid)" if "c" in b else "",
+        "dissipation": f"σ {sigma:.4g}, rolling {rolling:.4g}" if lossy else "",
+        "n_i, ω_xy0": f"{launch['n_i']:g}, {launch['omega_xy0']:g}",
+        "launched along": f"{math.degrees(launch['psi']):.4g}°",
+        "K_p, K_r": f"{float(m.K_p[0]):.4g}, {float(m.K_r[0]):.4g}",
+        "ω_p, ω_r": f"{float(m.omega_p[0]):.4g}, {float(m.omega_r[0]):.4g}",
+        "t_rGH": f"{t_rgh:.6g}" if math.isfinite(t_rgh) else "none",
+        "reversals": _listed(course.reversals, course.t),
+        "zero crossings": _listed(course.zeros, course.t) if more else "",
+        "integrated by": method,
+        "status": course.status.label,
+        "sensitive": cause,
+        "beware": course.observer.warning,
+    }
     # Exponents keep the hyphen that programs read.
-    return [(name, re.sub(r"(?<!e)-", "−", text)) for name, text in lines]
+    return [(name, re.sub(r"(?<!e)-", "−", text)) for name, text in facts.items() if text]
 
 
 def _listed(times: list[float], end: float) -> str:
