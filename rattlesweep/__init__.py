@@ -6,51 +6,17 @@
 0.553
 """
 
+# ruff: noqa: F403, F405
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from rattlesweep.api import (
-        ConfigError,
-        GrowthRates,
-        Modes,
-        OutputError,
-        Page,
-        Rattleback,
-        Run,
-        Sweep,
-        bondi_threshold,
-        growth_rates,
-        load,
-        modes,
-        replay,
-        reversal_time_gh,
-        simulate,
-        sweep,
-        trajectory,
-    )
+    from rattlesweep.api import *
 
-__all__ = [
-    "ConfigError",
-    "GrowthRates",
-    "Modes",
-    "OutputError",
-    "Page",
-    "Rattleback",
-    "Run",
-    "Sweep",
-    "__version__",
-    "bondi_threshold",
-    "growth_rates",
-    "load",
-    "modes",
-    "replay",
-    "reversal_time_gh",
-    "simulate",
-    "sweep",
-    "trajectory",
-]
+__all__ = ["ConfigError", "GrowthRates", "Modes", "OutputError", "Page", "Rattleback", "Run",
+           "Sweep", "__version__", "bondi_threshold", "growth_rates", "load", "modes", "replay",
+           "reversal_time_gh", "simulate", "sweep", "trajectory"]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:
