@@ -68,9 +68,7 @@ def matrices(body):
     return _matrices(*(get(body, name) for name in PARAMETERS))
 
 
-# ---------------------------------------------------------------------------------------------
-# The full equations of motion
-# ---------------------------------------------------------------------------------------------
+# --- The full equations of motion ---
 
 
 def contact_point(u, body):
@@ -144,9 +142,7 @@ def launch(body, n_i, omega_xy0, psi):
     )
 
 
-# ---------------------------------------------------------------------------------------------
-# Oscillation modes and asymmetric torque coefficients
-# ---------------------------------------------------------------------------------------------
+# --- Oscillation modes and asymmetric torque coefficients ---
 
 
 def h_matrix(body):
@@ -210,9 +206,7 @@ def mean_torque_over_energy(body, mode, amplitude=1e-4, samples=4096):
     return float(np.mean(torque)) / mean_energy
 
 
-# ---------------------------------------------------------------------------------------------
-# Reversal times
-# ---------------------------------------------------------------------------------------------
+# --- Reversal times ---
 
 
 def advance(body, y0, dt, method="DOP853", rtol=1e-12, atol=1e-15):
@@ -229,9 +223,8 @@ def advance(body, y0, dt, method="DOP853", rtol=1e-12, atol=1e-15):
 def _first_bracket(ts, s, sign, rate, value):
     """(a, b) around the first zero of a function sampled as s at ts, or None.
 
-    Pairs of zeros between two samples are found at the extremum between them: where two samples
-    are within ten second differences of zero and the function turns back between them, the
-    extremum is located on ``rate`` (the derivative) and its sign looked at.
+    Where two samples are within ten second differences of zero and the function turns back between
+    them, the extremum is located on its derivative ``rate``, and its sign looked at.
     """
     near = 10.0 * np.max(np.abs(np.diff(s, 2))) + 1e-15
     for k in range(len(ts) - 1):
@@ -277,29 +270,23 @@ def first_zero(body, y0, t_end, rtol=1e-12, atol=1e-15, method="DOP853", samples
         ys = dense(ts)
         s = np.sum(ys[:3] * ys[3:], axis=0)
 
-        def rate(t, dense=dense):
-            return spin_rate(dense(t), body)
-
         def value(t, dense=dense):
             return spin(dense(t))
 
-        bracket = _first_bracket(ts, s, sign, rate, value)
-        if bracket is None:
-            continue
+        def state(t, t_old=t_old, y_old=y_old):
+            return advance(body, y_old, t - t_old, method, rtol, atol)
 
-        def polished(t, t_old=t_old, y_old=y_old):
-            return spin(advance(body, y_old, t - t_old, method, rtol, atol))
-
-        a, b = bracket
-        of = polished if polished(a) * sign > 0.0 >= polished(b) * sign else value
-        t_r = b if of(b) == 0.0 else brentq(of, a, b, xtol=1e-15, rtol=1e-15)
-        return t_r, advance(body, y_old, t_r - t_old, method, rtol, atol)
+        bracket = _first_bracket(ts, s, sign, lambda t, d=dense: spin_rate(d(t), body), value)
+        if bracket is not None:
+            a, b = bracket
+            exact = spin(state(a)) * sign > 0.0 >= spin(state(b)) * sign
+            of = (lambda t, state=state: spin(state(t))) if exact else value
+            t_r = b if of(b) == 0.0 else brentq(of, a, b, xtol=1e-15, rtol=1e-15)
+            return t_r, state(t_r)
     return None, solver.y
 
 
-# ---------------------------------------------------------------------------------------------
-# Linear growth about steady spin
-# ---------------------------------------------------------------------------------------------
+# --- Linear growth about steady spin ---
 
 
 def jacobian_spin(body, n):
@@ -328,9 +315,7 @@ def linear_growth(body, n):
     return lam[np.lexsort((-lam.real, -lam.imag))]
 
 
-# ---------------------------------------------------------------------------------------------
-# Reduced three-variable dynamics
-# ---------------------------------------------------------------------------------------------
+# --- Reduced three-variable dynamics ---
 
 
 def reduced_rhs(t, y, K_p, K_r, I_eff):

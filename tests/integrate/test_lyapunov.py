@@ -212,22 +212,16 @@ def test_the_reduced_model_is_integrable():
 # --- what it may not depend on --------------------------------------------------------------------
 
 
-def test_the_first_tangent_hardly_matters():
-    times = np.linspace(0, 2000, 41)[1:]
+def test_the_first_tangent_hardly_matters_and_a_very_long_one_stays_a_number():
+    times = np.array([*np.linspace(50, 2000, 40), 20_000.0])
     a = lyapunov.growth_along(*CHAOTIC, times)
     b = lyapunov.growth_along(*CHAOTIC, times, seed=SEED)
-    assert a[-1] > 100
+    assert a[39] > 100
     # Both turn into the direction that grows most, and keep their distance from there on.
     assert abs(b[0] - a[0]) > 1e-3
-    assert np.diff(a[5:]) == pytest.approx(np.diff(b[5:]), abs=1e-5)
-
-
-def test_a_very_long_tangent_stays_a_number():
-    times = np.array([10_000.0, 20_000.0])
-    growth = lyapunov.growth_along(*CHAOTIC, times)
+    assert np.diff(a[5:40]) == pytest.approx(np.diff(b[5:40]), abs=1e-5)
     # e^1600: the double's range ends at e^709.
-    assert growth[1] > 1400
-    assert np.diff(growth)[0] == pytest.approx(growth[0], rel=0.2)
+    assert a[40] > 1400
 
 
 def test_tolerance_and_threads():
@@ -250,19 +244,11 @@ def test_tolerance_and_threads():
         assert along == pytest.approx(growth, abs=1e-5)
 
 
-@pytest.mark.parametrize(
-    ("method", "model"),
-    [
-        ("dop853", FULL),
-        pytest.param("dop853", REDUCED, marks=pytest.mark.slow),
-        *(
-            pytest.param(name, model, marks=pytest.mark.slow)
-            for name in METHODS
-            if name != "dop853"
-            for model in (FULL, REDUCED)
-        ),
-    ],
-)
+PAIRS = [pytest.param(m, model, marks=[] if (m, model) == ("dop853", FULL) else [pytest.mark.slow])
+         for m in METHODS for model in (FULL, REDUCED)]  # fmt: skip
+
+
+@pytest.mark.parametrize(("method", "model"), PAIRS)
 def test_all_else_is_the_same_bit_for_bit(method, model):
     rng = np.random.default_rng(6)
     n_i = rng.uniform(0.02, 0.5, 70) * rng.choice([-1, 1], 70)
