@@ -396,7 +396,7 @@ def side_by_side():
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
-@pytest.mark.parametrize("layer", ["omp", "workqueue"])
+@pytest.mark.parametrize("layer", ["omp", pytest.param("workqueue", marks=pytest.mark.slow)])
 def test_threads_and_a_pool_that_is_forked_after_the_first_use_integrate(layer):
     code = f"import test_kernel_cache as t; t.side_by_side(); t.pool({layer!r})"
     done = python(code, NUMBA_THREADING_LAYER=layer)

@@ -50,7 +50,7 @@ def of_model(model, body, sigma, rolling):
 
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
 def test_equations_are_those_of_mechanics(model):
-    for body, u, omega, sigma, rolling in random_bodies(300, 1):
+    for body, u, omega, sigma, rolling in random_bodies(100, 1):
         body, sigma, rolling = of_model(model, body, sigma, rolling)
         y = np.concatenate([u, omega, [0.0]])
         state = [*full.from_vectors(u, omega), 0.3][: model.n_state]
