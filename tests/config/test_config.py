@@ -310,6 +310,8 @@ preset | + | stop: {fraction: 0.1} | 3:1: stop: bodies of source preset are no s
 grid | [0.6, 0.99, 200] | [0.6, 0.60000000000001, 1000] | 1000 values from 0.6 to 0.60000000000001 would not all differ; give
 grid | 0.99, 200 | 1.0, 200 | 1:51: bodies.axes.theta: the value 1 is out of range; it must be below 1
 grid | phi: [0.02 | f_sd: [0.02 | 1:44: bodies.axes: f_sd cannot vary over this base; f_sd is for a shell-dumbbell
+grid | axes: {theta: {linspace: [0.6, 0.99, 200]}, phi: [0.02, 0.036]} | axes: {} | 1:44: bodies.axes: no parameter varies; give at least one axis
+grid | 0.036]} | 0.036]}, refine: {levels: 4, by: typ} | bodies.refine.by: "typ" is not one of type, t_r, n_end,
 grid | 0.99, 200 | 0.99, 2.5 | bodies.axes.theta.linspace: n is 2.5; it must be a whole number from 1 to 1000000
 shell | xi_deg: -3 | xi_deg: -3, xi: -0.1 | bodies.base: both xi and xi_deg are given; keep one of them
 sd | seed: 2017 | seed: !!int 7 | 2:7: seed: tags (!name) are not

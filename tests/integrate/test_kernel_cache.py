@@ -20,8 +20,8 @@ import numpy as np
 import oracle
 import pytest
 
+from rattlesweep.integrate import SettingError, loading
 from rattlesweep.integrate import cache as storage
-from rattlesweep.integrate import loading
 from rattlesweep.integrate.batch import integrate
 from rattlesweep.integrate.cache import cached, directory, source_hash, specialise
 from rattlesweep.integrate.lanes import build as built
@@ -401,6 +401,16 @@ def test_threads_and_a_pool_that_is_forked_after_the_first_use_integrate(layer):
     code = f"import test_kernel_cache as t; t.side_by_side(); t.pool({layer!r})"
     done = python(code, NUMBA_THREADING_LAYER=layer)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_threading_layer_that_cannot_be_is_one_sentence(monkeypatch):
+    def fail():
+        raise ValueError("The threading layer requested 'none' is unknown to Numba.\nHints follow.")
+
+    monkeypatch.setattr(numba, "get_num_threads", fail)
+    monkeypatch.setattr(numba.config, "THREADING_LAYER", "none")
+    with pytest.raises(SettingError, match=r"^NUMBA_THREADING_LAYER=none: The .* to Numba; leave"):
+        built.parallel()
 
 
 THREADS = "it must be a whole number from 1 to 4096"

@@ -1,7 +1,5 @@
 """Calls in threads of their own: their results, their errors, and how they are stopped."""
 
-from __future__ import annotations
-
 import os
 import signal
 import threading

@@ -33,7 +33,7 @@ ARITHMETIC = re.compile(
 SLOW = {"div", "sqrt"}
 TANGENTS = [model.name for model in WITH_TANGENT.values()]
 # A step takes seconds to compile: a few at every time, the others when asked.
-QUICK = {("dop853", "full"), ("rk4", "reduced")}
+QUICK = {("dop853", "full"), ("rk4", "reduced_tangent")}
 kinds = pytest.mark.parametrize(
     ("method", "model"),
     [

@@ -1,7 +1,5 @@
 """The Python interface takes arrays: one call for many runs, with the bits of single ones."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

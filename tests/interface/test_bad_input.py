@@ -195,12 +195,11 @@ GOOD_BODY = st.builds(
 GOOD_SPIN = st.floats(-3, 3).filter(bool)
 
 
-# Bodies of the other models are the same, and `test_kernel_fuzz` has launches of any kernel.
 @settings(
     max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(
-    st.sampled_from(["full", "gh"]),
+    st.sampled_from(["full", "reduced", "gh"]),
     st.tuples(st.lists(GOOD_BODY, min_size=1, max_size=3), GOOD_SPIN, st.floats(1e-12, 3)).map(
         lambda launched: (True, *launched)
     )

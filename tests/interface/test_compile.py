@@ -4,7 +4,6 @@ import io
 import re
 import sys
 import time
-from pathlib import Path
 
 import pytest
 from sweeping import CONFIGS, invoke
@@ -22,7 +21,7 @@ class Terminal(io.StringIO):
         return True
 
 
-def test_a_terminal_sees_a_clock_that_ticks(monkeypatch: pytest.MonkeyPatch):
+def test_a_terminal_sees_a_clock_that_ticks(monkeypatch):
     shown = Terminal()
     monkeypatch.setattr(sys, "stderr", shown)
     with listening(progress.CompileNotice(tick=0.001)), compiling("dop853/full"):
@@ -34,7 +33,7 @@ def test_a_terminal_sees_a_clock_that_ticks(monkeypatch: pytest.MonkeyPatch):
     assert shown.getvalue().split("\r")[-2].strip() == ""
 
 
-def test_two_at_a_time_have_one_clock_that_goes_on(monkeypatch: pytest.MonkeyPatch):
+def test_two_at_a_time_have_one_clock_that_goes_on(monkeypatch):
     shown, bars = Terminal(), []
     monkeypatch.setattr(sys, "stderr", shown)
     made = progress.new_bar
@@ -51,7 +50,7 @@ def test_two_at_a_time_have_one_clock_that_goes_on(monkeypatch: pytest.MonkeyPat
     assert "1:00:00" in shown.getvalue().split(WORDS)[-1]
 
 
-def test_elsewhere_it_is_one_line_or_none(capfd: pytest.CaptureFixture[str]):
+def test_elsewhere_it_is_one_line_or_none(capfd):
     notice = progress.CompileNotice()
     for listener in (notice, notice, None):
         with listening(listener), compiling("dop853/full"):
@@ -61,7 +60,7 @@ def test_elsewhere_it_is_one_line_or_none(capfd: pytest.CaptureFixture[str]):
     assert capfd.readouterr().err.count(WORDS) == 1
 
 
-def test_compilation_is_no_part_of_the_rate(monkeypatch: pytest.MonkeyPatch):
+def test_compilation_is_no_part_of_the_rate(monkeypatch):
     clock, shown = [0.0], []
     monkeypatch.setattr(progress.time, "monotonic", lambda: clock[0])
     meter = progress.Meter()
@@ -73,7 +72,7 @@ def test_compilation_is_no_part_of_the_rate(monkeypatch: pytest.MonkeyPatch):
 
 
 @pytest.fixture
-def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def place(tmp_path, monkeypatch):
     """A cache directory in which nothing is, and loading that takes no time."""
     path = tmp_path / "cache" / cache.source_hash(cache.__file__)
     path.mkdir(parents=True)
@@ -101,7 +100,7 @@ def lines(*args: object) -> list[list[str]]:
     return [line.split("  ", 1) for line in result.stdout.splitlines()]
 
 
-def test_a_line_a_kernel(place: Path):
+def test_a_line_a_kernel(place):
     assert [name for name, _ in lines(CONFIGS / "gh.yaml")] == ["sweep dop853 full"]
     first, again = lines(), lines()
     assert [name for name, _ in first] == ["bodies", "sweep dop853 full"]
@@ -115,14 +114,14 @@ def test_a_line_a_kernel(place: Path):
     assert {words.strip() for _, words in lines("--all")} == {"already there"}
 
 
-def test_the_closed_form_needs_none(place: Path, tmp_path: Path):
+def test_the_closed_form_needs_none(place, tmp_path):
     config = tmp_path / "closed.yaml"
     config.write_text("bodies: {source: preset, name: GH}\nspin: {n_i: 0.1, omega_xy0: 0.01}\n"
                       "model: gh\n")  # fmt: skip
     assert lines(config) == []
 
 
-def test_kernels_of_other_versions_are_removed(place: Path):
+def test_kernels_of_other_versions_are_removed(place):
     root = place.parent
     old = [root / ("0" * 16), root / f"{'1' * 16}-{'2' * 8}"]
     kept = [place, root / ("3" * 16), root / "else", root / f"{place.name[:16]}-{'4' * 8}"]
@@ -134,7 +133,7 @@ def test_kernels_of_other_versions_are_removed(place: Path):
     assert sorted(root.iterdir()) == sorted(kept)
 
 
-def test_no_place_to_keep_kernels_is_said(monkeypatch: pytest.MonkeyPatch):
+def test_no_place_to_keep_kernels_is_said(monkeypatch):
     monkeypatch.setattr(cache, "directory", lambda *file: None)
     result = invoke("compile")
     assert (result.exit_code, result.stdout) == (1, "")

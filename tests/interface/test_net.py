@@ -1,7 +1,5 @@
 """What a user sees is what is kept in `tests/net`; see `tests/net/make.py`."""
 
-from __future__ import annotations
-
 import importlib.util
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """What a run leaves opens in pandas, DuckDB and Polars, alike, at any moment."""
 
-from __future__ import annotations
-
 import json
 import time
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The command `trajectory`: CSV, files, figures, and what it says when something is wrong."""
 
-from __future__ import annotations
-
 import io
 import json
 import re

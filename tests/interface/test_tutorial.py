@@ -1,7 +1,5 @@
 """The pages of docs/ say what is: their commands are executed, in order, as a reader would."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import shutil
