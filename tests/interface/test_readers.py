@@ -11,6 +11,8 @@ import polars as pl
 import pytest
 from sweeping import begin, run
 
+ORDERED = 'ORDER BY "case", sample'
+
 
 @pytest.fixture(scope="module")
 def output(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -23,11 +25,26 @@ def output(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return directory
 
 
-def test_queries_need_no_help(output):
-    """Counts as a user would ask for them, and the summary says the same.
+def test_three_readers_see_the_same_rows_at_any_cut(output):
+    """More columns and rows, to the bit: tests/store/test_store.py."""
+    glob = str(output / "runs" / "*.parquet")
+    assert len(list((output / "runs").iterdir())) == 2
+    pandas = pd.concat([pd.read_parquet(p) for p in sorted((output / "runs").glob("*.parquet"))])
+    whole = pd.read_parquet(output / "runs")
+    pd.testing.assert_frame_equal(whole, pandas.reset_index(drop=True), check_exact=True)
+    assert {"R", "SS"} <= set(pandas.type.dropna())
+    assert {"ok", "step_limit"} == set(pandas.status)
+    with duckdb.connect() as connection:
+        duck = connection.sql(f"SELECT * FROM read_parquet('{glob}') {ORDERED}")
+        columns, values = duck.columns, duck.fetchall()
+    polars = pl.read_parquet(glob).sort("case", "sample")
+    assert list(pandas.columns) == columns == polars.columns
+    assert polars.rows() == values
+    assert len(values) == len(pandas) == 120
 
-    That three readers see the same rows: tests/store/test_store.py.
-    """
+
+def test_queries_need_no_help(output):
+    """Counts as a user would ask for them, and the summary says the same."""
     glob = str(output / "runs" / "*.parquet")
     summary = pd.read_parquet(output / "summary.parquet")
     question = (
