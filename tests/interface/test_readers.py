@@ -26,7 +26,6 @@ def output(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_three_readers_see_the_same_rows_at_any_cut(output):
-    """More columns and rows, to the bit: tests/store/test_store.py."""
     glob = str(output / "runs" / "*.parquet")
     assert len(list((output / "runs").iterdir())) == 2
     pandas = pd.concat([pd.read_parquet(p) for p in sorted((output / "runs").glob("*.parquet"))])

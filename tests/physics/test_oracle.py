@@ -126,17 +126,3 @@ def test_gh_steady_reversal():
     psi = oracle.modes(oracle.GH)["psi_r"]
     t_r, _ = oracle.first_reversal(oracle.GH, -0.1, 0.01, psi, 900.0)
     assert t_r == pytest.approx(809.857417847725, abs=5e-9)
-
-
-# With |omega_xy0| = 0.1 GH's spin just touches zero at t = 1.967 when n_i is this.
-TOUCH = 0.00663381740279008
-
-
-@pytest.mark.parametrize(
-    ("offset", "expected"),
-    [(-1e-4, 1.85117222647), (-1e-7, 1.96356847665), (-1e-11, 1.967217), (1e-11, 3.13791070912)],
-)
-def test_grazing_zeros(offset, expected):
-    psi = oracle.modes(oracle.GH)["psi_p"]
-    t_r, _ = oracle.first_reversal(oracle.GH, TOUCH + offset, 0.1, psi, 6.0)
-    assert t_r == pytest.approx(expected, abs=1e-6 if offset == -1e-11 else 1e-10)
