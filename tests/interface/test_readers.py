@@ -8,6 +8,8 @@ import duckdb
 import numpy as np
 import pandas as pd
 import polars as pl
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from sweeping import begin, run
 
@@ -34,12 +36,13 @@ def test_three_readers_see_the_same_rows_at_any_cut(output):
     assert {"R", "SS"} <= set(pandas.type.dropna())
     assert {"ok", "step_limit"} == set(pandas.status)
     with duckdb.connect() as connection:
-        duck = connection.sql(f"SELECT * FROM read_parquet('{glob}') {ORDERED}")
-        columns, values = duck.columns, duck.fetchall()
-    polars = pl.read_parquet(glob).sort("case", "sample")
-    assert list(pandas.columns) == columns == polars.columns
-    assert polars.rows() == values
-    assert len(values) == len(pandas) == 120
+        duck = connection.sql(f"SELECT * FROM read_parquet('{glob}') {ORDERED}").to_arrow_table()
+    polars = pl.read_parquet(glob).sort("case", "sample").to_arrow()
+    assert len(whole) == 120
+    assert list(whole) == duck.column_names == polars.column_names
+    values = pa.Table.from_pandas(whole, schema=pq.read_schema(next(output.glob("runs/*"))))
+    assert values.to_pylist() == duck.to_pylist()
+    assert values.to_pylist() == polars.to_pylist()
 
 
 def test_queries_need_no_help(output):
