@@ -82,7 +82,7 @@ def test_energy_drift_is_that_of_the_states(method):
     assert [full.spin(*y) for y in out.y_end] == pytest.approx(out.n_end, abs=1e-16)
 
 
-@pytest.mark.parametrize(("count", "seed"), [(9, 7), pytest.param(40, 11, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("count", "seed"), [(9, 33), pytest.param(40, 11, marks=pytest.mark.slow)])
 def test_random_bodies_reverse_when_the_oracle_says(count, seed):
     body, n_i, omega = shell_dumbbells(count, seed=seed)
     omega[: count // 2] = 0.1
