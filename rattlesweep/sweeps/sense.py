@@ -331,17 +331,17 @@ class DrawnBodies:
     def __init__(self, source: SdSource) -> None:
         target = source.target
         drawn = draw(source, RUNS if target is None else DRAWN)
-        self._groups = [drawn]
+        self._bodies = drawn
         if target is not None:
             found = coefficient(drawn, target.name)
             order = np.argsort(found)
             middle = np.searchsorted(found, target.values, sorter=order)
             first = np.clip(middle - RUNS // 2, 0, DRAWN - RUNS)
-            self._groups = [take(drawn, order[start : start + RUNS]) for start in first]
+            self._bodies = take(drawn, order[np.add.outer(first, np.arange(RUNS)).ravel()])
 
-    def bodies(self, group: int, samples: Integers) -> Bodies:
-        """Bodies of some samples of the cases of target ``group``."""
-        return take(self._groups[group], samples)
+    def bodies(self, group: int | Integers, samples: Integers) -> Bodies:
+        """Bodies of some samples, each of the cases of a target ``group``."""
+        return take(self._bodies, group * RUNS + samples)
 
 
 def draw(source: SdSource, size: int = DRAWN) -> Bodies:

@@ -307,7 +307,7 @@ sd | samples: 1000 | draw: sobol | 7:3: bodies.target: bodies that are redrawn u
 preset | source: preset, name: GH, overrides: {theta: 0.82} | source: sd, draw: sobol, samples: 2000000000 | 1:22: bodies.draw: the sequence has 1073741824 points; take fewer samples
 sd | classify: {} | stop: {} | 15:1: stop: neither fraction nor t_r is given; give one of them, or both
 preset | + | stop: {fraction: 0.1} | 3:1: stop: bodies of source preset are no samples of which there could be more;
-grid | [0.6, 0.99, 200] | [0.6, 0.60000000000001, 1000] | 1000 values from 0.6 to 0.60000000000001 would not all differ; give
+grid | [0.6, 0.99, 200] | [0.6, 0.60000000000001, 1000] | 1000 values from 0.6 to 0.60000000000001 cannot be spaced so that all differ; give
 grid | 0.99, 200 | 1.0, 200 | 1:51: bodies.axes.theta: the value 1 is out of range; it must be below 1
 grid | phi: [0.02 | f_sd: [0.02 | 1:44: bodies.axes: f_sd cannot vary over this base; f_sd is for a shell-dumbbell
 grid | axes: {theta: {linspace: [0.6, 0.99, 200]}, phi: [0.02, 0.036]} | axes: {} | 1:44: bodies.axes: no parameter varies; give at least one axis

@@ -73,7 +73,7 @@ class Launches:
 
 def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
     """Bodies, launches, theory and horizons of runs, in any order."""
-    bodies = _bodies(plan, np.array([c.group for c in plan.cases])[case], sample)
+    bodies = plan.source.bodies(np.array([c.group for c in plan.cases])[case], sample)
     spin, state = plan.config.spin, plan.config.launch
     if state is not None and bodies.n_i is None:
         omega, u = (np.tile(x, (len(sample), 1)) for x in (state.omega, state.u))
@@ -164,22 +164,6 @@ def _oscillation_speed(bodies: Bodies, n_i: Floats, omega: Floats, u: Floats) ->
     p, q, x, y, _ = full.from_vectors(u.T, (omega - n_i[:, None] * u).T)
     speed: Floats = np.sqrt(full.oscillation.py_func(p, q, x, y, ix, iy, *c) / iz)
     return speed
-
-
-def _bodies(plan: Plan, groups: Integers, sample: Integers) -> Bodies:
-    """Bodies of samples of some groups, each in the place of its run."""
-    found = {int(group): groups == group for group in np.unique(groups)}
-    parts = [plan.source.bodies(group, sample[mask]) for group, mask in found.items()]
-    if len(parts) == 1:
-        return parts[0]
-    # Where the parts, one behind the other, have the runs.
-    places = np.argsort(np.concatenate([np.flatnonzero(mask) for mask in found.values()]))
-    columns: dict[str, Any] = {
-        name: np.concatenate([getattr(part, name) for part in parts])[places]
-        for name, column in vars(parts[0]).items()
-        if column is not None
-    }
-    return type(parts[0])(**columns)
 
 
 def model_of(config: Config) -> Model:

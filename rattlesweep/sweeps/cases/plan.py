@@ -24,6 +24,7 @@ from rattlesweep.sweeps.cases.sources import Source, TableBodies, make_source
 from rattlesweep.sweeps.cases.stages import borders, make_stages, n_blocks
 from rattlesweep.sweeps.config.bodies import SdSource
 from rattlesweep.sweeps.config.fields import TABLE
+from rattlesweep.sweeps.config.load import parse_config
 from rattlesweep.sweeps.config.schema import Config, Dissipation
 from rattlesweep.sweeps.tables.columns import STATE, runs_schema
 
@@ -216,18 +217,14 @@ def _with_losses(config: Config, own: Mapping[str, float | str]) -> Config:
                 "keep one of them"
             )
     found = given.model_copy(update=dict(own))
-    if found and config.model != "full":
-        raise ConfigError(
-            f"model: {config.model} conserves energy, and the table has a column "
-            f"{next(name for name, value in own.items() if value)}; take model: full, or leave the "
-            "column out"
-        )
-    if found and ("lyapunov" in config.record or config.classify.early):
-        raise ConfigError(
-            "bodies.path: the table has dissipation, and record: [lyapunov] and classify.early are "
-            "for paraboloids without it; leave them or its columns out"
-        )
-    return config if found == given else config.model_copy(update={"dissipation": found})
+    if found == given:
+        return config
+    try:
+        data = config.model_dump() | {"dissipation": found.model_dump()}
+        return parse_config(data).placed(config.places)
+    except ConfigError as error:
+        words = [f"bodies.path: with the table's columns: {line}" for line in error.messages]
+        raise ConfigError(words) from None
 
 
 def _check_launches(

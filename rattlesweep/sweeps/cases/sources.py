@@ -77,8 +77,8 @@ class Source(Protocol):
     def samples(self) -> int:
         """Samples per case."""
 
-    def bodies(self, group: int, samples: Integers) -> Bodies:
-        """Bodies of some samples of the cases of target ``group``."""
+    def bodies(self, group: int | Integers, samples: Integers) -> Bodies:
+        """Bodies of some samples, each of the cases of a target ``group``."""
 
 
 def make_source(config: Config, base: Path | None = None) -> Source:
@@ -126,18 +126,18 @@ class SdBodies:
             for group in range(len(self._target.values)):
                 self._columns(group, np.arange(min(self.samples, 16)))
 
-    def bodies(self, group: int, samples: Integers) -> Bodies:
-        """Bodies of some samples of the cases of target ``group``."""
+    def bodies(self, group: int | Integers, samples: Integers) -> Bodies:
+        """Bodies of some samples, each of the cases of a target ``group``."""
         if self._target is None:
-            columns = self._columns(group, samples)
-        else:
-            # Every case of a target asks for the same bodies, and redrawing is slow.
-            columns = np.empty((2 + len(self._ranges), len(samples)))
-            chunk, place = np.divmod(samples, CHUNK)
-            for number in np.unique(chunk).tolist():
-                # A block may hold the end of one case and the start of the next.
-                here = chunk == number
-                columns[:, here] = self._chunk(group, number)[:, place[here]]
+            return Bodies.drawn(self._columns(0, samples))
+        # Every case of a target asks for the same bodies, and redrawing is slow.
+        columns = np.empty((2 + len(self._ranges), len(samples)))
+        chunk, place = np.divmod(samples, CHUNK)
+        group = np.broadcast_to(group, samples.shape)
+        # A block may hold the end of one case and the start of the next.
+        for number in np.unique(np.stack([group, chunk]), axis=1).T:
+            here = (group == number[0]) & (chunk == number[1])
+            columns[:, here] = self._chunk(*number.tolist())[:, place[here]]
         return Bodies.drawn(columns)
 
     def _draw_chunk(self, group: int, chunk: int) -> Floats:
@@ -192,8 +192,8 @@ class GridBodies:
         self._shape = tuple(len(values) for values in axes.values())
         self.samples = math.prod(self._shape)
 
-    def bodies(self, group: int, samples: Integers) -> Bodies:
-        """Bodies of some samples; ``group`` is always 0."""
+    def bodies(self, group: int | Integers, samples: Integers) -> Bodies:
+        """Bodies of some samples; all cases have the same."""
         places = np.unravel_index(samples, self._shape) if self._shape else ()
         values = {name: np.full(len(samples), value) for name, value in self._base.items()}
         for (name, axis), place in zip(self._axes.items(), places, strict=True):
@@ -282,8 +282,8 @@ class TableBodies:
             name: float(values[0]) if len(values) == 1 else TABLE for name, values in own.items()
         }
 
-    def bodies(self, group: int, samples: Integers) -> Bodies:
-        """Bodies of some samples; ``group`` is always 0."""
+    def bodies(self, group: int | Integers, samples: Integers) -> Bodies:
+        """Bodies of some samples; all cases have the same."""
         columns = {name: values[samples] for name, values in self._columns.items()}
         columns.setdefault("f_sd", np.full(len(samples), np.nan))
         for name in ("omega", "u") if self.has_state else ():

@@ -117,16 +117,15 @@ class Spaced(Base):
         low, high, n = next(iter(self.__dict__.values()))
         return low, high, int(n)
 
-    @classmethod
-    def between(cls, low: float, high: float, share: float) -> float:
-        """The value at a share of the way."""
-        return low * math.pow(high / low, share) if cls is Logspace else low + (high - low) * share
-
     def values(self) -> list[float]:
         """All values, in their order."""
         low, high, n = self.ends
-        inner = [self.between(low, high, i / (n - 1)) for i in range(1, n - 1)]
-        return [low, *inner, high] if n > 1 else [low]
+        shares = [i / (n - 1) for i in range(1, n - 1)]
+        if isinstance(self, Logspace):
+            inner = [low * math.pow(high / low, share) for share in shares]
+        else:
+            inner = [low + (high - low) * share for share in shares]
+        return [low, *inner, high][:n]
 
     @field_validator("*")
     @classmethod
@@ -139,18 +138,13 @@ class Spaced(Base):
                 f"no constant ratio leads from {low:g} to {high:g}; "
                 "both ends must have the same sign and neither be 0"
             )
-        if (n == 1) != (low == high):
+        # Neighbours closer than this may round to one number.
+        close = abs(high - low) <= 4 * (n - 1) * math.ulp(max(abs(low), abs(high)))
+        if low != high if n == 1 else close:
             raise ValueError(
-                f"{n:.0f} values from {low:g} to {high:g} cannot be spaced; "
-                "give equal ends with n = 1 and different ones with more"
+                f"{n:.0f} values from {low!r} to {high!r} cannot be spaced so that all differ; "
+                "give fewer, or equal ends with n = 1"
             )
-        # Values are closest at an end; neighbours closer than this may round to one number.
-        for end, place in ((low, 1), (high, n - 2)) if n > 1 else ():
-            beside = cls.between(low, high, place / (n - 1))
-            if not abs(beside - end) > 4 * math.ulp(max(abs(beside), abs(end))):
-                raise ValueError(
-                    f"{n:.0f} values from {low!r} to {high!r} would not all differ; give fewer"
-                )
         return ends
 
 

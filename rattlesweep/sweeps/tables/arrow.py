@@ -43,28 +43,18 @@ def build_table(columns: Mapping[str, Any], schema: pa.Schema) -> pa.Table:
     taken for any of them. A ValueError is a mistake of the calling code: names, lengths or types
     disagree with `schema`, or a column that must have a value in every row lacks one.
     """
-    missing = [name for name in schema.names if name not in columns]
-    extra = [name for name in columns if name not in schema.names]
-    if missing or extra:
-        raise ValueError(f"internal error: columns missing {missing}, not in the schema {extra}")
-    arrays: list[pa.Array] = []
-    for field in schema:
-        try:
-            array = _to_arrow(columns[field.name], field.type)
-        except (pa.ArrowException, ValueError, TypeError, IndexError) as error:
-            raise ValueError(f"internal error: column {field.name}: {error}") from error
-        if array.null_count and not field.nullable:
+    if columns.keys() != {*schema.names}:
+        raise ValueError(f"internal error: columns {[*columns]} for a schema of {schema.names}")
+    arrays = [_to_arrow(columns[field.name], field.type) for field in schema]
+    table = pa.Table.from_arrays(arrays, schema=schema.remove_metadata())
+    table.validate()
+    for field in table.schema:
+        if not field.nullable and (empty := table.column(field.name).null_count):
             raise ValueError(
-                f"internal error: column {field.name} has {array.null_count} rows without a "
-                "finite value, and may have none"
+                f"internal error: column {field.name} has {empty} rows without a finite value, and "
+                "may have none"
             )
-        if arrays and len(array) != len(arrays[0]):
-            raise ValueError(
-                f"internal error: column {field.name} has {len(array)} rows, "
-                f"{schema.names[0]} has {len(arrays[0])}"
-            )
-        arrays.append(array)
-    return pa.Table.from_arrays(arrays, schema=schema.remove_metadata())
+    return table
 
 
 def ragged(values: npt.NDArray[np.float64], counts: npt.NDArray[np.integer[Any]]) -> pa.Array:
