@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pyarrow as pa
 from numpy.typing import NDArray
 
 from rattlesweep.arrays import Flags, Floats, Integers
@@ -94,18 +92,13 @@ def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
     horizon = plan.config.horizon
     losses = (told("sigma"), told("rolling")) if plan.config.dissipation else None
     found = with_theory(case, sample, bodies, n_i, omega_xy0, psi, modes, horizon, losses)
-    measured = getattr(plan.source, "measured", None)
-    return found if measured is None else _measured(found, measured, plan.extra)
-
-
-def _measured(launches: Launches, measured: Measured, fields: Sequence[pa.Field]) -> Launches:
-    """With what the runs get of a table's own columns: those that are `fields`."""
-    names = {field.name for field in fields}
-    sample = launches.sample
+    measured: Measured | None = getattr(plan.source, "measured", None)
+    if measured is None:
+        return found
+    names = {field.name for field in plan.extra}
     carried = {name: of[sample] for name, of in measured.carried.items() if name in names}
-    if measured.second is None or MEASURED[0].name not in names:
-        return replace(launches, carried=carried)
-    return replace(launches, carried=carried, second=measured.second[sample])
+    second = measured.second if MEASURED[0].name in names else None
+    return replace(found, carried=carried, second=None if second is None else second[sample])
 
 
 def with_theory(

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import product
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 
 from rattlesweep.arrays import Flags, Integers
 from rattlesweep.errors import ConfigError
-from rattlesweep.sweeps.config.bodies import GridSource
-from rattlesweep.sweeps.config.refine import Refine
+from rattlesweep.sweeps.config.bodies import GridSource, Refine
 from rattlesweep.sweeps.config.schema import Config, Stop
 from rattlesweep.sweeps.tables.cells import COLUMNS, Cells, codes, floats, wilson
 from rattlesweep.sweeps.tables.columns import runs_schema
@@ -39,24 +38,7 @@ FEWEST = 5
 """Values along an axis of which some may be left out."""
 
 
-class Stages(Protocol):
-    """What a sweep decides by."""
-
-    @property
-    def columns(self) -> Sequence[str]:
-        """Columns of `runs` that it reads."""
-
-    def first(self) -> Integers:
-        """Numbers of the runs of the first stage, ascending."""
-
-    def add(self, rows: pa.RecordBatch) -> None:
-        """Take rows of a stage: all of one before those of the next, in their order."""
-
-    def next(self) -> Integers:
-        """Numbers of the runs of the next stage, ascending; empty if there is none."""
-
-
-def make_stages(config: Config, cases: int, samples: int) -> Stages | None:
+def make_stages(config: Config, cases: int, samples: int) -> Stopping | Refining | None:
     """What a sweep of so many cases and samples decides by; None if it does all runs."""
     if config.stop is not None:
         return Stopping(config.stop, cases, samples, config.block_size)
@@ -92,15 +74,15 @@ class Stopping:
         self._done = 0
 
     def first(self) -> Integers:
-        """The same number of samples of every case."""
+        """Numbers of the runs of the first stage: the same number of samples of every case."""
         return self._more(np.arange(len(self._cells.runs)), FIRST)
 
     def add(self, rows: pa.RecordBatch) -> None:
-        """Count runs."""
+        """Count runs: all of one stage before those of the next, in their order."""
         self._cells.add(rows, rows.column("case").to_numpy().astype(np.int64))
 
     def next(self) -> Integers:
-        """More samples of the cases that are not known well enough."""
+        """Those of the next: more samples of the cases that are not known well enough."""
         return self._more(np.flatnonzero(~self.known()), int(np.ceil(MORE * self._done)))
 
     def known(self) -> Flags:
@@ -169,14 +151,14 @@ class Refining:
         self.value = np.full(self.shape if refine.by != "type" else (0,), np.nan)
 
     def first(self) -> Integers:
-        """The coarse grid."""
+        """Numbers of the runs of the first stage: the coarse grid."""
         coarse = np.zeros(self.shape, dtype=bool)
         coarse[np.ix_(*(ticks(n, s) for n, s in zip(self.shape, self.strides, strict=True)))] = True
         numbers: Integers = np.flatnonzero(coarse)
         return numbers
 
     def add(self, rows: pa.RecordBatch) -> None:
-        """Take what runs came to."""
+        """Take what runs came to, stage by stage."""
         case, sample = (rows.column(n).to_numpy().astype(np.int64) for n in ("case", "sample"))
         number = case * self._samples + sample
         ok = codes(rows.column("status"), ("ok",)) == 0
@@ -185,7 +167,7 @@ class Refining:
             self.value.ravel()[number] = floats(rows.column(self._by))
 
     def next(self) -> Integers:
-        """The points between those of the cells, of any size, that are to be halved."""
+        """Those of the next: points between those of the cells, of any size, to be halved."""
         wanted = np.zeros(self.shape, dtype=bool)
         stride = self.strides
         while max(stride) > 1:

@@ -26,7 +26,7 @@ from rattlesweep.sweeps.cases.measured import (
     without_units,
 )
 from rattlesweep.sweeps.config.fields import MAX_SPEED, MAX_TIME
-from rattlesweep.sweeps.config.launch import unit
+from rattlesweep.sweeps.config.schema import unit
 from rattlesweep.sweeps.tables.columns import MEASURED
 
 LAUNCH = ("n_i", "omega_xy0")

@@ -199,24 +199,17 @@ def word_or_number(value: Any) -> str:
     return "word" if isinstance(value, str) and not is_number(value) else "number"
 
 
-def _alone(values: list[Any]) -> Any:
-    """A list of one number is that number."""
-    return values[0] if len(values) == 1 else values
-
-
 def losses(most: float) -> Any:
     """Type of a number from 0 to a limit, which may be several, or stand in a table."""
     number = Annotated[float, Field(ge=0, le=most)]
     return Annotated[
-        Annotated[list[number], *several(number), AfterValidator(_alone), Tag("number")]
+        Annotated[list[number], *several(number), Tag("number")]
         | Annotated[Literal["table"], Tag("word")],
         Discriminator(word_or_number),
+        # One number is itself.
+        AfterValidator(lambda x: x[0] if isinstance(x, list) and len(x) == 1 else x),
         PlainSerializer(lambda value: value),
     ]
-
-
-def _unsigned_zero(spin: float) -> float:
-    return spin + 0.0
 
 
 Positive = Annotated[float, Field(gt=0)]
@@ -226,7 +219,8 @@ CNumbers = Annotated[list[C], *several(C)]
 Oscillation = Annotated[float, Field(gt=0, le=MAX_SPEED)]
 OscillationNumbers = Annotated[list[Oscillation], *several(Oscillation)]
 Speed = Annotated[float, Field(ge=-MAX_SPEED, le=MAX_SPEED)]
-Spin = Annotated[Speed, AfterValidator(_unsigned_zero)]
+# A zero has no sign.
+Spin = Annotated[Speed, AfterValidator(lambda spin: spin + 0.0)]
 SpinNumbers = Annotated[list[Spin], *several(Spin)]
 AngularVelocity = Annotated[list[Speed], Field(min_length=3, max_length=3)]
 UnitVector = Annotated[

@@ -56,14 +56,12 @@ class AccuracyGoal(Base):
     its own estimate is below that; where none is, its t_r_error stays larger."""
 
 
-def _word_or_goal(value: Any) -> str:
-    return "AccuracyGoal" if isinstance(value, dict | AccuracyGoal) else "word"
-
-
 AccuracyWord = Literal["draft", "standard", "reference"]
 WordOrGoal = Annotated[
     Annotated[AccuracyWord, Tag("word")] | Annotated[AccuracyGoal, Tag("AccuracyGoal")],
-    Discriminator(_word_or_goal),
+    Discriminator(
+        lambda value: "AccuracyGoal" if isinstance(value, dict | AccuracyGoal) else "word"
+    ),
 ]
 
 

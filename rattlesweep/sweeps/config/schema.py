@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from itertools import product
 from types import SimpleNamespace
@@ -24,16 +24,17 @@ from rattlesweep.sweeps.config.fields import (
     MAX_SPEED,
     MAX_TIME,
     TABLE,
+    AngularVelocity,
     Base,
     OscillationNumbers,
     SpinNumbers,
+    UnitVector,
     check_one,
     losses,
     no_repeats,
     word_or_number,
 )
 from rattlesweep.sweeps.config.integrator import Integrator
-from rattlesweep.sweeps.config.launch import State
 from rattlesweep.sweeps.config.places import Places, Problem, dotted
 
 MAX_CASES = 100_000
@@ -61,6 +62,46 @@ class Spin(Base):
     psi: Psi = "relevant"
     """Direction of the oscillation: the relevant mode (pitch for n_i >= 0, roll for n_i < 0), the
     pitch mode, the roll mode, or an angle from the x axis in degrees."""
+
+
+U_SLACK = 1e-3
+"""How far the length of a unit vector may be from 1, as digits are typed."""
+
+
+class State(Base):
+    """A full state that all bodies are launched from, in components along the body's axes."""
+
+    omega: AngularVelocity
+    """Angular velocity [x, y, z] in sqrt(g/a)."""
+    u: UnitVector = Field(default=[0.0, 0.0, -1.0])
+    """Vertical unit vector [x, y, z], upwards; [0, 0, -1] is upright."""
+
+    @field_validator("u")
+    @classmethod
+    def _stands(cls, u: list[float]) -> list[float]:
+        return unit(u)
+
+    @model_validator(mode="after")
+    def _moves(self) -> "State":
+        if not any(self.omega) and not any(self.u[:2]):
+            raise ValueError("the body stands upright and at rest; give it an angular velocity")
+        return self
+
+
+def unit(u: Sequence[float]) -> list[float]:
+    """A vertical vector of length 1 exactly; one that is none, or no launch's, is refused."""
+    length = math.hypot(*u)
+    if not abs(length - 1) <= U_SLACK:
+        raise ValueError(
+            f"its length is {length:.6g}; give a unit vector, such as [0, 0, -1] for upright"
+        )
+    if not u[2] < 0:
+        raise ValueError(
+            f"u_z is {u[2]:g}; it must be negative, as the body's z axis points down, and "
+            "[0, 0, -1] is upright"
+        )
+    # One that is so to rounding keeps its bits.
+    return list(u) if abs(length - 1) < 1e-15 else [component / length for component in u]
 
 
 class Horizon(Base):
@@ -158,17 +199,6 @@ def _has_goal(config: Any) -> bool:
     return getattr(getattr(config, "integrator", None), "goal", None) is not None
 
 
-def _check_cases(data: Mapping[str, Any]) -> None:
-    """Refuse more cases than there can be; `data` are the keys that are right so far."""
-    target, spin = getattr(data.get("bodies"), "target", None), data.get("spin")
-    lost: Dissipation = data.get("dissipation") or Dissipation()
-    names = {"targets": target.values if target else [0]}
-    names |= {} if spin is None else {"n_i": spin.n_i, "omega_xy0": spin.omega_xy0}
-    names |= {name: lost.values(name) for name in ("sigma", "rolling")} if lost else {}
-    if (cases := math.prod(map(len, names.values()))) > MAX_CASES:
-        raise ValueError(f"{cases} cases ({' x '.join(names)}); at most {MAX_CASES} are possible")
-
-
 class Config(Base):
     """A sweep: which bodies, launched how, integrated with what, and written where."""
 
@@ -260,7 +290,15 @@ class Config(Base):
     @field_validator("spin", "dissipation")
     @classmethod
     def _few_enough(cls, value: Any, info: ValidationInfo) -> Any:
-        _check_cases({**info.data, str(info.field_name): value})
+        known = {**info.data, str(info.field_name): value}
+        target, spin = getattr(known.get("bodies"), "target", None), known.get("spin")
+        lost: Dissipation = known.get("dissipation") or Dissipation()
+        names = {"targets": target.values if target else [0]}
+        names |= {} if spin is None else {"n_i": spin.n_i, "omega_xy0": spin.omega_xy0}
+        names |= {name: lost.values(name) for name in ("sigma", "rolling")} if lost else {}
+        if (cases := math.prod(map(len, names.values()))) > MAX_CASES:
+            most = f"at most {MAX_CASES} are possible"
+            raise ValueError(f"{cases} cases ({' x '.join(names)}); {most}")
         return value
 
     @field_validator("record")
