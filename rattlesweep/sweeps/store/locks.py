@@ -41,10 +41,6 @@ _MOST_WORDS = 1 << 20
 _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS, errno.EINVAL)
 
 
-class Busy(OutputError):
-    """Another process works there; the message says which."""
-
-
 def holder(directory: Path) -> str | None:
     """Who works in a directory, in words; None if nobody does."""
     try:
@@ -60,7 +56,7 @@ def holder(directory: Path) -> str | None:
 
 @contextmanager
 def hold(directory: Path, share: str | None = None) -> Iterator[bool]:
-    """Hold a directory, which must exist, while a block of code runs; `Busy` if another does.
+    """Hold a directory, which must exist, for a block of code; an OutputError if another does.
 
     A share, such as ``shard-0-of-7``, leaves other shares to be held meanwhile. Yields whether no
     other process can be at work there: the whole is held, by a lock that exists.
@@ -74,9 +70,11 @@ def hold(directory: Path, share: str | None = None) -> Iterator[bool]:
             folder.mkdir(exist_ok=True)
             mine = stack.enter_context(_locked(folder / _WHOLE, shared=share is not None))
             if mine is False:
-                raise Busy(f"{directory} is in use by {holder(directory) or 'another process'}")
+                raise OutputError(
+                    f"{directory} is in use by {holder(directory) or 'another process'}"
+                )
             if share and stack.enter_context(_locked(folder / share, shared=False)) is False:
-                raise Busy(f"{directory}: {share} is in use by {_words(folder / share)}")
+                raise OutputError(f"{directory}: {share} is in use by {_words(folder / share)}")
         yield share is None and mine is True
 
 

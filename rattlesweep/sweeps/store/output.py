@@ -215,22 +215,20 @@ def _block_size(store: Store, blocks: list[int], sweep: str, plan: Plan) -> int:
 
     A ConfigError if they are not known to be of this sweep.
     """
-    ours = False
+    size = 0
     for index in blocks:
         note = _note(store.block_path(index))
         if note is None:
             continue
         if note.sweep != sweep:
-            ours = False
+            size = 0
             break
-        ours = True
-        size = note.first // index if index else note.stop
-        # A block in the place of another says nothing of the size.
-        borders = (index * size, min((index + 1) * size, plan.runs))
-        if size > 0 and (note.first, note.stop) == borders:
-            return max(size, plan.block_size) if size >= plan.runs else size
-    if ours:
-        return plan.block_size
+        if note.stop < plan.runs:
+            return note.stop - note.first
+        # The last one may be smaller, and is the only one of a size beyond the runs.
+        size = note.first // index if index and note.first else max(note.stop, plan.block_size)
+    if size:
+        return size
     raise ConfigError(
         f"{store.directory}: it holds runs but no intact manifest.json, and the runs are not known "
         "to be of this config; choose another output, or start over with --fresh"
