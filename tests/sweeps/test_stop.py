@@ -259,6 +259,18 @@ def test_blocks_that_vanish_are_no_success(tmp_path):
     assert verify(tmp_path).problems == []
 
 
+@pytest.mark.parametrize("harm", [Path.unlink, lambda path: path.write_bytes(b"{")])
+def test_a_manifest_that_is_harmed_meanwhile_is_made_anew(harm, tmp_path):
+    def harming(session: Any) -> None:
+        harm(session.store.manifest_path)
+        local.work_off(session)
+
+    assert run_sweep(plan_of(FEW, block_size=80), tmp_path, engine=harming).summary is not None
+    said = manifest(tmp_path)
+    assert (said["state"], len(said["receipts"]), len(said["sessions"])) == ("complete", 2, 1)
+    assert verify(tmp_path).problems == []
+
+
 def test_what_the_tests_leave_lying_is_in_pytests_own_directory(tmp_path_factory):
     assert nursery().folder.is_relative_to(tmp_path_factory.getbasetemp())
     assert nursery().folder.is_dir()
