@@ -265,7 +265,8 @@ def test_a_manifest_that_is_harmed_meanwhile_is_made_anew(harm, tmp_path):
         harm(session.store.manifest_path)
         local.work_off(session)
 
-    assert run_sweep(plan_of(FEW, block_size=80), tmp_path, engine=harming).summary is not None
+    config = SMALL | {"model": "gh", "block_size": 80}
+    assert sweep(tmp_path, config, engine=harming).summary is not None
     said = manifest(tmp_path)
     assert (said["state"], len(said["receipts"]), len(said["sessions"])) == ("complete", 2, 1)
     assert verify(tmp_path).problems == []
