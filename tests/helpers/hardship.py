@@ -122,6 +122,7 @@ class Nursery:
             ``hold``: how many blocks are done before `Child.go_on`. ``grace``: seconds that a first
             run is waited for when the time is up.
             ``uid``: user to become. ``fsize``: largest file that may be written, in bytes.
+            ``full``: whether standard output takes nothing.
         """
         self._number += 1
         number = self._number

@@ -98,6 +98,8 @@ def _prepare(order: dict[str, Any]) -> None:
         os.setgroups([])
         os.setgid(order["uid"])
         os.setuid(order["uid"])
+    if order.get("full"):
+        os.dup2(os.open("/dev/full", os.O_WRONLY), 1)
     if "fsize" in order:
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (order["fsize"],) * 2)

@@ -98,32 +98,32 @@ def test_reversals_of_fig_4_are_those_of_another_integrator(four):
     modes = oracle.modes(oracle.GH)
     assert rows["steady"]["omega_relevant"] == pytest.approx(modes["omega_r"], rel=1e-12)
     # The paper's Eq. (56) [trgh-p].
-    n_0 = math.sqrt(0.01 + 1e-4 * _inertia("unsteady", four) / 12.28)
+    n_0 = math.sqrt(0.01 + 1e-4 * inertia(0.1) / 12.28)
     t_rgh = math.log((n_0 + 0.1) / (n_0 - 0.1)) / (n_0 * modes["K_p"])
     assert rows["unsteady"]["t_rgh"] == pytest.approx(t_rgh, rel=1e-9)
 
 
-def _inertia(name, tables):
-    psi = oracle.relevant_psi(oracle.GH, 0.1 if name == "unsteady" else -0.1)
+def inertia(n_i):
+    """Of GH about the horizontal axis of its launch."""
+    psi = oracle.relevant_psi(oracle.GH, n_i)
     return 13.04 * math.cos(psi) ** 2 + 1.522 * math.sin(psi) ** 2
 
 
 def test_claims_of_fig_4_follow_the_series(four):
-    found = {c["id"]: c for c in judge({"fig4": four}, theory=False)}
+    def judged(**changed):
+        return {c["id"]: c for c in judge({"fig4": four | changed}, theory=False)}
+
+    found = judged()
     assert {name: c["verdict"] for name, c in found.items()} == dict.fromkeys(GH, "agree")
     assert found["G3"]["value"] > 2
-    rows = four["runs"].to_pylist()
-    late = [row | {"t_r": 2 * row["t_r"]} for row in rows]
-    changed = four | {"runs": pa.Table.from_pylist(late, schema=fig4.RUNS)}
-    found = {c["id"]: c["verdict"] for c in judge({"fig4": changed}, theory=False)}
-    assert found == dict.fromkeys(GH, "disagree")
+    late = [row | {"t_r": 2 * row["t_r"]} for row in four["runs"].to_pylist()]
+    found = judged(runs=pa.Table.from_pylist(late, schema=fig4.RUNS))
+    assert {name: c["verdict"] for name, c in found.items()} == dict.fromkeys(GH, "disagree")
     # With x and y exchanged every statement on them is wrong.
     frame = four["extrema"].to_pandas()
     frame["component"] = frame["component"].map({"omega_x": "omega_y", "omega_y": "omega_x"})
-    changed = four | {"extrema": pa.Table.from_pandas(frame, preserve_index=False)}
-    swapped = {c["id"]: c for c in judge({"fig4": changed}, theory=False)}["G3"]
-    assert swapped["verdict"] == "disagree"
-    assert (swapped["held"], swapped["checks"]) == (1, 6)
+    swapped = judged(extrema=pa.Table.from_pandas(frame, preserve_index=False))["G3"]
+    assert (swapped["verdict"], swapped["held"], swapped["checks"]) == ("disagree", 1, 6)
 
 
 def test_a_large_mode_alone_swings_as_it_does_at_the_reversal(four):
@@ -196,7 +196,7 @@ def test_one_chaotic_slow_run_is_enough_for_partly():
 def test_the_reduced_model_begins_as_the_caption_says(eight):
     """E_p(0) is the launch's, E_r(0) is given: C_I and E_tot follow, and with them the period."""
     rows = eight["invariants"].to_pandas().query("model == 'reduced'")
-    energy = 0.5 * 1e-4 * _inertia("unsteady", eight)
+    energy = 0.5 * 1e-4 * inertia(0.1)
     modes = oracle.modes(oracle.GH)
     c_i = oracle.reduced_C_I([0.1, energy, 3e-5], modes["K_p"], modes["K_r"])
     own = rows[rows["theta"] == 0.6429].iloc[0]
@@ -274,9 +274,7 @@ def test_pictures_of_the_runs(four, eight, grown):
                                  ("fig8_lyapunov", grown, 1)):  # fmt: skip
         figure = FIGURES[name].draw(tables)
         assert len(figure.axes) == panels
-        for axis in figure.axes:
-            for line in axis.lines:
-                x = np.asarray(line.get_xdata(), dtype=float)
-                assert np.isfinite(x).all()
+        for line in (line for axis in figure.axes for line in axis.lines):
+            assert np.isfinite(np.asarray(line.get_xdata(), dtype=float)).all()
     first = FIGURES["fig4"].draw(four).axes[0]
     assert len(first.lines) == 4

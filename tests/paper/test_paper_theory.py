@@ -5,7 +5,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import theory_mp
-from mpmath import mp
 from telling import quiet
 
 from rattlesweep.paper.claims import bodies
@@ -61,10 +60,12 @@ def test_a_stop_ends_the_counting():
     def stop(share, words):
         raise KeyboardInterrupt
 
-    with pytest.raises(KeyboardInterrupt):
-        fig3.count_bodies(10**9, SdRanges(), 2, stop)
-    with pytest.raises(KeyboardInterrupt):
-        fig2.distributions(1000, SdRanges(), stop)
+    for count in (
+        lambda: fig3.count_bodies(10**9, SdRanges(), 2, stop),
+        lambda: fig2.distributions(1000, SdRanges(), stop),
+    ):
+        with pytest.raises(KeyboardInterrupt):
+            count()
 
 
 def test_fig2_tables(fig2_tables):
@@ -73,12 +74,12 @@ def test_fig2_tables(fig2_tables):
     assert (data.diff().dropna() >= 0).all().all()
     # Against the defining matrix, of the same bodies.
     alpha, beta, _, th, phi, xi = fig2.drawn_bodies(0, 40_000, SdRanges())
-    found = measures.by_definition((alpha, beta, alpha, th, phi, xi))
-    middle, ratio = data[data["probability"] == 0.5].iloc[0], np.sqrt(found["ratio"])
-    assert middle["ratio"] == pytest.approx(np.median(ratio), rel=1e-3)
+    ratio = np.sqrt(measures.by_definition((alpha, beta, alpha, th, phi, xi))["ratio"])
     assert data["ratio"].iloc[[0, -1]].tolist() == pytest.approx([ratio.min(), ratio.max()])
-    assert middle["omega_p0"] == pytest.approx(np.median(np.sqrt((1 / phi - 1) / alpha)), rel=1e-3)
-    assert middle["omega_r0"] == pytest.approx(np.median(np.sqrt((1 / th - 1) / beta)), rel=1e-3)
+    middle = data[data["probability"] == 0.5].iloc[0]
+    for name, values in (("ratio", ratio), ("omega_p0", np.sqrt((1 / phi - 1) / alpha)),
+                         ("omega_r0", np.sqrt((1 / th - 1) / beta))):  # fmt: skip
+        assert middle[name] == pytest.approx(np.median(values), rel=1e-3)
 
 
 def test_fig3_tables(fig3_tables):
@@ -108,7 +109,7 @@ def test_nothing_of_a_picture_hangs_over_the_edge(request, name, figure):
         assert box.y1 <= height + 1
 
 
-# --- the claims ---------------------------------------------------------------------------------
+# --- the claims (of formulas that tests/physics/test_theory.py checks at 50 digits) --------------
 
 
 def claim(name, **tables):
@@ -141,83 +142,11 @@ def test_t1_is_off_in_one_digit_that_the_skew_angle_explains():
     assert "yes, 6 of 6" in claim("T1")["evidence"]
 
 
-def test_definition_of_the_coefficients_against_fifty_digits():
-    body = tuple(
-        np.concatenate(p) for p in zip(bodies.sd_bodies(15), bodies.wide_bodies(15), strict=True)
-    )
-    got = measures.by_definition(body)
-    for i, row in enumerate(np.stack(body, -1).tolist()):
-        wanted = theory_mp.reference(*row, 0.1, 0.01)
-        assert got["K_p"][i] == pytest.approx(float(wanted["K_p"]), rel=1e-9)
-        assert got["K_r"][i] == pytest.approx(float(wanted["K_r"]), abs=1e-9 * got["K_p"][i])
-        with mp.workdps(50):
-            ratio = (wanted["omega_p"] / wanted["omega_r"]) ** 2
-            # Eq. (37) [k-rat] in 50 digits.
-            assert abs(wanted["K_p"] / wanted["K_r"] / ratio - 1) < mp.mpf(10) ** -40
-
-
-@pytest.mark.parametrize("alpha", [3.7, 13.04])
-def test_limits_to_fifty_digits(alpha):
-    """T3 where doubles end: curvatures 1e-30 away from their limits."""
-    beta, th, phi = 1.522, 0.6429, 0.036
-    with mp.workdps(60):
-        tiny, xi = mp.mpf(10) ** -30, -(mp.mpf(10) ** -20)
-        lever = -xi * (1 / mp.mpf(beta) - 1 / mp.mpf(alpha))
-        skew = mp.mpf(alpha) / beta
-        flat = theory_mp.reference(alpha, beta, 12.28, th, tiny, xi, 0.1, 0.01)
-        tall = theory_mp.reference(alpha, beta, 12.28, 1 - tiny, phi, xi, 0.1, 0.01)
-        pairs = (
-            (flat["K_r"], lever * skew * (1 / mp.mpf(th) - 1)),
-            (flat["K_p"] * tiny, lever),
-            (tall["K_p"], lever * (1 / mp.mpf(phi) - 1)),
-            (tall["K_r"] / tiny, lever * skew),
-        )
-        for got, wanted in pairs:
-            assert abs(got / wanted - 1) < mp.mpf(10) ** -27
-
-
 def test_extrapolation_is_exact_for_quadratics():
     x = 2.0 ** -np.arange(3, 8)
     assert measures.extrapolated(5 + 3 * x - 7 * x**2) == pytest.approx(5, rel=1e-14)
     # A sequence with another limit is told apart.
     assert abs(measures.extrapolated(5.001 + x) - 5) > 5e-4
-
-
-@pytest.mark.parametrize("bodies", [bodies.sd_bodies, bodies.wide_bodies])
-def test_slopes_of_growth_against_fifty_digits(bodies):
-    body = bodies(8, seed=11)
-    pitch, roll = measures.growth_slopes(body)
-    h = mp.mpf(10) ** -25
-    for i, row in enumerate(np.stack(body, -1).tolist()):
-        with mp.workdps(100):
-            up, down = (theory_mp.growth_exact(*row, sign * h) for sign in (1, -1))
-            slopes = [float((up[k].real - down[k].real) / (2 * h)) for k in (0, 1)]
-        found = theory_mp.reference(*row, 0.1, 0.01)
-        assert pitch[i] == pytest.approx(slopes[0], rel=1e-9)
-        assert roll[i] == pytest.approx(slopes[1], abs=1e-9 * abs(slopes[0]))
-        assert slopes[0] == pytest.approx(float(found["K_p"]) / 2, rel=1e-12)
-        assert slopes[1] == pytest.approx(-float(found["K_r"]) / 2, rel=1e-9)
-
-
-def test_moffatt_and_tokieda_have_the_same_orbit():
-    """The map of T7 on a solution: both systems integrated by SciPy."""
-    from scipy.integrate import solve_ivp
-
-    K_p, K_r, inertia, ratio = 0.5, 0.1, 12.0, 5.0
-
-    def ours(t, y):
-        n, e_p, e_r = y
-        return [(K_r * e_r - K_p * e_p) / inertia, K_p * n * e_p, -K_r * n * e_r]
-
-    start, end = np.array([0.3, 0.2, 0.4]), 40.0  # P, R, S and tau
-    theirs = solve_ivp(lambda t, y: measures.prs(y, ratio), (0, end), start, rtol=1e-10,
-                       atol=1e-12).y[:, -1]  # fmt: skip
-    p, r, s = start
-    mapped = [s, inertia / 2 * p**2, inertia / 2 * r**2]
-    n, e_p, e_r = solve_ivp(ours, (0, 2 / K_r * end), mapped, rtol=1e-10, atol=1e-12).y[:, -1]
-    back = [np.sqrt(2 * e_p / inertia), np.sqrt(2 * e_r / inertia), n]
-    np.testing.assert_allclose(back, theirs, atol=1e-7)
-    assert np.abs(theirs - start).max() > 0.05
 
 
 def test_ellipsoids_by_slices():
@@ -255,34 +184,29 @@ def test_least_ratio_of_the_frequencies():
     assert fig2.ratio_bound(SdRanges(theta=[0.15, 0.2], phi=[0.05, 0.14])) == 1
 
 
+DISAGREE = {"f_sd": [0.3, 0.45], "theta": [0.4, 0.5], "phi": [0.2, 0.39],
+            "minus_xi_deg": [20.0, 30.0]}  # fmt: skip
+
+
 @pytest.mark.parametrize(
     ("ranges", "verdict"),
-    [
-        ({"theta": [0.75, 0.95]}, "agree"),
-        ({}, "partly"),
-        (
-            {"f_sd": [0.3, 0.45], "theta": [0.4, 0.5], "phi": [0.2, 0.39],
-             "minus_xi_deg": [20.0, 30.0]},
-            "disagree",
-        ),
-    ],
-)  # fmt: skip
+    [({"theta": [0.75, 0.95]}, "agree"), ({}, "partly"), (DISAGREE, "disagree")],
+)
 def test_t4_follows_the_measurement(ranges, verdict):
     tables = fig2.distributions(5000, SdRanges(**ranges), quiet)
     assert claim("T4", fig2=tables)["verdict"] == verdict
 
 
 def test_t5_follows_the_measurement(fig3_tables):
-    tables = dict(fig3_tables)
-    share = tables["density"]["relative_frequency"].to_numpy() * 1e3
-    place = tables["density"].schema.get_field_index("relative_frequency")
-    tables["density"] = tables["density"].set_column(place, "relative_frequency", [share])
-    assert claim("T5", fig3=tables)["verdict"] == "partly"
+    density = fig3_tables["density"]
+    share = density["relative_frequency"].to_numpy() * 1e3
+    place = density.schema.get_field_index("relative_frequency")
+    scaled = density.set_column(place, "relative_frequency", [share])
+    assert claim("T5", fig3=fig3_tables | {"density": scaled})["verdict"] == "partly"
     # The two parts of the figure must be of the same bodies.
     others = SdRanges(theta=[0.6, 0.62], phi=[0.09, 0.1])
-    other = fig3.distributions(20_000, 100, others, 1, quiet)
-    tables = dict(fig3_tables) | {"cumulative": other["cumulative"]}
-    assert claim("T5", fig3=tables)["verdict"] == "disagree"
+    other = fig3.distributions(20_000, 100, others, 1, quiet)["cumulative"]
+    assert claim("T5", fig3=fig3_tables | {"cumulative": other})["verdict"] == "disagree"
 
 
 def changed(function, **factors):

@@ -17,7 +17,6 @@ import pandas as pd
 import pyarrow as pa
 import pytest
 from hardship import (
-    OTHER_TYPES,
     Reference,
     blocks_of,
     check_finished,
@@ -35,6 +34,7 @@ from rattlesweep.errors import ConfigError, OutputError, printable
 from rattlesweep.sweeps.inspect.status import describe, status_of
 from rattlesweep.sweeps.inspect.verify import _choose, verify
 from rattlesweep.sweeps.store import sealed as sealedjson
+from rattlesweep.sweeps.store.manifest import Receipt
 from rattlesweep.sweeps.store.store import Store
 
 FIRST, LAST = "runs/block-000000.parquet", "runs/block-000003.parquet"
@@ -71,8 +71,8 @@ def check_every(
     directory: Path,
     name: str,
     versions: Iterable[bytes],
-    mend_every: int,
     verify_every: int,
+    mend_every: int,
 ) -> int:
     """Put damaged versions in a file's place: each is found; some by `verify` too, some mended."""
     path, original, count = directory / name, (directory / name).read_bytes(), 0
@@ -81,7 +81,7 @@ def check_every(
         "manifest.json": store.read_manifest,
         "summary.parquet": store.read_summary,
     }.get(name, lambda: store.read_block(int(path.stem.split("-")[1])))
-    for damaged in versions:
+    for count, damaged in enumerate(versions):
         assert damaged != original
         path.write_bytes(damaged)
         with pytest.raises(OutputError):
@@ -91,14 +91,12 @@ def check_every(
             assert any(str(path) in problem for problem in problems), (count, problems)
         if count % mend_every == 0:
             check_mended(sweep, directory)
-            if name.startswith("runs/"):
-                assert path.read_bytes() == original
-        count += 1
-    path.write_bytes(original)
-    return count
+            assert path.read_bytes() == original or name == "manifest.json"
+    return count + 1
 
 
-def flipped(data: bytes, places: Iterable[int], rng: random.Random) -> Iterable[bytes]:
+def flipped(data: bytes, places: Iterable[int], seed: int) -> Iterator[bytes]:
+    rng = random.Random(seed)
     for place in places:
         changed = bytearray(data)
         changed[place] ^= 1 << rng.randrange(8)
@@ -106,7 +104,7 @@ def flipped(data: bytes, places: Iterable[int], rng: random.Random) -> Iterable[
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_damage_is_found_and_mended(name, sweep, output, record_property):
+def test_damage_is_found_and_mended(name, sweep, output):
     """Flipped bits, where they matter most and anywhere; lost ends, and ends too many."""
     data, rng = (output / name).read_bytes(), random.Random(2017)
     places = {*range(8), *range(len(data) - 8, len(data))}
@@ -116,31 +114,20 @@ def test_damage_is_found_and_mended(name, sweep, output, record_property):
         places |= {*range(footer, len(data), (len(data) - footer) // 16)}
     lengths = {0, 1, 4, 7, 8, *range(9, len(data), len(data) // 6), len(data) - 1}
     versions = [
-        *flipped(data, sorted(places), rng),
+        *flipped(data, sorted(places), 2017),
         *(data[:length] for length in sorted(lengths)),
         *(data + b"\0", data + data, bytes(len(data))),
     ]
-    count = check_every(sweep, output, name, versions, mend_every=24, verify_every=3)
-    record_property("versions", count)
+    check_every(sweep, output, name, versions, verify_every=8, mend_every=31)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FILES)
-def test_every_flipped_byte_is_found(name, sweep, output, record_property):
-    data, rng = (output / name).read_bytes(), random.Random(1)
-    versions = flipped(data, range(len(data)), rng)
-    count = check_every(sweep, output, name, versions, mend_every=97, verify_every=11)
-    assert count == len(data)
-    record_property("offsets", count)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", [LAST, "manifest.json"])
-def test_every_lost_end_is_found(name, sweep, output, record_property):
+def test_every_flipped_byte_and_every_lost_end_is_found(name, sweep, output, record_property):
     data = (output / name).read_bytes()
-    versions = (data[:length] for length in range(len(data)))
-    count = check_every(sweep, output, name, versions, mend_every=97, verify_every=11)
-    record_property("lengths", count)
+    versions = [*flipped(data, range(len(data)), 1), *(data[:k] for k in range(len(data)))]
+    count = check_every(sweep, output, name, versions, verify_every=11, mend_every=97)
+    record_property("versions", count)
 
 
 # -- files in the wrong place ----------------------------------------------------------------------
@@ -214,8 +201,7 @@ def test_the_manifest_of_another_sweep_is_refused(sweep, output, other_seed):
     before = everything_in(output), blocks_of(output)
     assert len(found(output)) >= 4
     done = nursery().run("run", sweep[0], "--output", output, "-q")
-    assert done.code == 2
-    assert one_sentence(done.err)
+    assert (done.code, one_sentence(done.err)) == (2, True)
     assert "it holds the runs of another config (seed: 1 against 0)" in done.err
     assert (everything_in(output), blocks_of(output)) == before
     # Without it, the blocks say of which sweep they are.
@@ -223,20 +209,18 @@ def test_the_manifest_of_another_sweep_is_refused(sweep, output, other_seed):
     check_mended(sweep, output)
 
 
-@pytest.mark.parametrize("size", [4, 10, 100])
+@pytest.mark.parametrize("size", [4, 100])
 def test_the_manifest_of_the_same_sweep_in_other_blocks(size, sweep, output, tmp_path):
     other = tmp_path / "other"
     options = ("--set", f"block_size={size}", "-q")
     assert nursery().run("run", sweep[0], "--output", other, *options).code == 0
     shutil.copy(other / "manifest.json", output / "manifest.json")
     assert found(output)
-    done = nursery().run("run", sweep[0], "--output", output, "-q")
-    assert done.code == 0
-    check_finished(output, Reference.of(other))
+    check_goes_on(sweep[0], output, Reference.of(other))
     assert Reference.of(output).hash == sweep[2].hash
 
 
-def test_the_manifest_of_an_earlier_day(sweep, output, tmp_path):
+def test_the_manifest_of_an_earlier_day(sweep, output):
     """From a backup: all blocks are there, and the manifest knows of none."""
     sessions = [session | {"state": "running"} for session in manifest(output)["sessions"]]
     sealed(output, state="running", receipts={}, sessions=sessions)
@@ -248,31 +232,51 @@ def test_a_file_that_is_nobodys_is_left_alone(sweep, output, other_seed):
     stranger = output / "runs/block-000007.parquet"
     shutil.copy(other_seed / FIRST, stranger)
     assert len(found(output)) == 1
-    done = nursery().run("run", sweep[0], "--output", output, "-q")
+    run = ("run", sweep[0], "--output", output, "-q")
+    done = nursery().run(*run)
     assert done.code == 1
     assert done.err == f"error: {stranger} is no block of this sweep; move it elsewhere\n"
     stranger = stranger.rename(output / "runs/mine.parquet")
-    done = nursery().run("run", sweep[0], "--output", output, "-q")
+    done = nursery().run(*run)
     assert done.code == 0
     remark = f"{stranger} is no block of this sweep, but readers take it for one"
     assert done.err == f"note: {remark}\n"
     assert stranger.read_bytes() == (other_seed / FIRST).read_bytes()
-    stranger.unlink()
-    check_mended(sweep, output)
 
 
-def test_a_damaged_sweep_is_not_typed_merged_or_loaded_as_if_whole(sweep, output, tmp_path):
-    data = bytearray((output / LAST).read_bytes())
-    data[len(data) // 2] ^= 4
-    (output / LAST).write_bytes(data)
-    for command in (["classify", output, "--set", OTHER_TYPES],
-                    ["merge", output, "--output", tmp_path / "merged"]):  # fmt: skip
-        done = nursery().run(*command)
-        assert done.code == 1
-        assert one_sentence(done.err)
-        assert str(output / LAST) in done.err
-    assert json.loads((output / "manifest.json").read_text())["state"] == "complete"
-    check_mended(sweep, output)
+def test_a_block_under_another_name_is_put_in_its_place(sweep, output):
+    """It is the only copy: nothing is done again."""
+    (output / LAST).rename(output / "runs/block-000777.parquet")
+    (output / FIRST).write_bytes(b"damaged")
+    shutil.copy(output / "runs/block-000001.parquet", output / "runs/copy of 1.parquet")
+    done = nursery().run("run", sweep[0], "--output", output, "-q")
+    assert done.code == 0
+    assert "block-000777.parquet to block-000003.parquet, whose runs it holds" in done.err
+    assert "copy of 1.parquet: a copy of block-000001.parquet" in done.err
+    assert manifest(output)["sessions"][-1]["blocks"] == 1
+    check_finished(output, sweep[2])
+
+
+def test_status_counts_blocks_of_its_sweep_only(output):
+    shutil.copy(output / FIRST, output / "runs/block-123456.parquet")
+    for changes in ({}, {"receipts": {}}):
+        sealed(output, **changes)
+        done = nursery().run("status", output)
+        assert "runs     24 of 24 done (100.0 %)" in done.out
+        assert "blocks   4 of 4" in done.out
+        assert "strays   block-123456.parquet: no block of this sweep" in done.out
+    (output / "runs/block-123456.parquet").unlink()
+    swap(output)
+    assert "damaged  blocks 0, 3" in nursery().run("status", output).out
+
+
+def write_row(directory: Path, place: int, change: dict[str, Any]) -> Receipt:
+    """Change a row of the first block, which is sealed again; returns its new receipt."""
+    store = Store(directory)
+    file = store.read_block(0)
+    rows = file.table().to_pylist()
+    rows[place] |= change
+    return store.write_block(0, pa.Table.from_pylist(rows, file.table().schema), file.note)
 
 
 @pytest.mark.parametrize(
@@ -292,15 +296,20 @@ def test_a_damaged_sweep_is_not_typed_merged_or_loaded_as_if_whole(sweep, output
 )
 def test_values_that_cannot_be_are_found(change, words, output):
     """Not damage: the file is whole, and says what no run comes to."""
-    store = Store(output)
-    file = store.read_block(0)
-    table = file.table()
-    rows = table.to_pylist()
-    for name, value in change.items():
-        rows[0][name] = value
-    store.write_block(0, pa.Table.from_pylist(rows, table.schema), file.note)
+    write_row(output, 0, change)
     problems = verify(output).problems
     assert any(problem.startswith(f"{output / FIRST} has {words}") for problem in problems)
+
+
+def test_a_value_that_might_be_is_found_by_integrating_again(output):
+    rows = Store(output).read_block(0).table().to_pylist()
+    place, row = next((k, row) for k, row in enumerate(rows) if row["type"] == "R")
+    receipt = write_row(output, place, {"t_r": float(np.nextafter(row["t_r"], 0))})
+    Store(output).update_manifest(lambda manifest: manifest.receipts.update({0: receipt}))
+    which = f"case {row['case']}, sample {row['sample']}"
+    problem = f"{which} comes out otherwise when integrated again, in t_r"
+    assert problem not in verify(output).problems
+    assert problem in verify(output, recompute=24).problems
 
 
 # -- what is no file, or no file of ours -----------------------------------------------------------
@@ -320,36 +329,8 @@ def test_what_is_no_block_is_not_waited_for(kind, name, sweep, output):
         path.touch()
         os.truncate(path, 1 << 40)
     assert any(str(path) in problem for problem in found(output))
-    for command in (["status", output], ["classify", output]):
-        assert nursery().run(*command).code in (0, 1, 2)
+    assert nursery().run("status", output).code in (0, 1)
     check_mended(sweep, output)
-
-
-def test_a_block_under_another_name_is_put_in_its_place(sweep, output):
-    """It is the only copy: nothing is done again."""
-    (output / LAST).rename(output / "runs/block-000777.parquet")
-    (output / FIRST).write_bytes(b"damaged")
-    shutil.copy(output / "runs/block-000001.parquet", output / "runs/copy of 1.parquet")
-    done = nursery().run("run", sweep[0], "--output", output, "-q")
-    assert done.code == 0
-    assert "block-000777.parquet to block-000003.parquet, whose runs it holds" in done.err
-    assert "copy of 1.parquet: a copy of block-000001.parquet" in done.err
-    assert manifest(output)["sessions"][-1]["blocks"] == 1
-    check_finished(output, sweep[2])
-
-
-def test_status_counts_blocks_of_its_sweep_only(sweep, output):
-    shutil.copy(output / FIRST, output / "runs/block-123456.parquet")
-    for receipts in ("with", "without"):
-        if receipts == "without":
-            sealed(output, receipts={})
-        done = nursery().run("status", output)
-        assert "runs     24 of 24 done (100.0 %)" in done.out
-        assert "blocks   4 of 4" in done.out
-        assert "strays   block-123456.parquet: no block of this sweep" in done.out
-    (output / "runs/block-123456.parquet").unlink()
-    swap(output)
-    assert "damaged  blocks 0, 3" in nursery().run("status", output).out
 
 
 # -- a manifest whose seal is whole, and which says what cannot be ---------------------------------
@@ -375,8 +356,8 @@ def tampered(said: dict[str, Any], key: tuple[Any, ...], value: Any) -> bytes:
     return sealedjson.dump(changed)
 
 
-@pytest.mark.parametrize("stride", [5, pytest.param(1, marks=pytest.mark.slow)])
-def test_a_tampered_manifest_is_one_sentence_everywhere(stride, sweep, output, record_property):
+@pytest.mark.parametrize("stride", [9, pytest.param(1, marks=pytest.mark.slow)])
+def test_a_tampered_manifest_is_one_sentence_everywhere(stride, output):
     """No field of it, whatever it says, is good for a traceback or for an endless loop."""
     said = manifest(output)
     said["expected"] = {"seconds": 1.0, "low": 0.5, "high": 2.0}
@@ -398,7 +379,6 @@ def test_a_tampered_manifest_is_one_sentence_everywhere(stride, sweep, output, r
             assert printable(words) == words, (key, value)
     assert len(cases) * stride > 300
     assert refusals > len(cases)
-    record_property("manifests", len(cases))
 
 
 @pytest.mark.parametrize(
@@ -424,7 +404,6 @@ def test_a_tampered_manifest_is_named_and_mended(key, value, words, sweep, outpu
 
 def test_every_command_refuses_a_tampered_manifest(output, tmp_path):
     sealed(output, blocks=10**15)
-    assert len(found(output)) == 1
     for command in (
         ["status", output],
         ["classify", output],
@@ -434,29 +413,25 @@ def test_every_command_refuses_a_tampered_manifest(output, tmp_path):
         ["replay", output, "--case", "0", "--sample", "0"],
     ):
         done = nursery().run(*command)
-        assert done.code == 1, done
-        assert one_sentence(done.err), done
+        assert (done.code, one_sentence(done.err)) == (1, True), done
 
 
-def test_escapes_in_a_manifest_reach_no_terminal(sweep, output):
-    versions = manifest(output)["versions"] | {"numpy": "\x1b[2J1.0"}
-    sealed(output, name="\x1b]0;owned\x07", versions=versions)
-    done = nursery().run("status", output)
+def test_what_another_machine_or_version_says_reaches_the_terminal_as_words(sweep, output):
+    run = ("run", sweep[0], "--output", output, "-q")
+    said = manifest(output)
+    sealed(output, name="\x1b]0;owned\x07", versions=said["versions"] | {"numpy": "\x1b[2J1.0"})
+    done, again = nursery().run("status", output), nursery().run(*run)
     assert "\\x1b]0;owned\\x07" in done.out
-    again = nursery().run("run", sweep[0], "--output", output, "-q")
     assert "begun with other versions" in again.err
     assert "\x1b" not in done.out + again.err
-
-
-def test_another_number_of_processors_changes_no_bit(sweep, output):
-    """Results do not depend on it, so nothing is said."""
-    machine = manifest(output)["machine"]
-    sealed(output, machine=machine | {"processors": machine["processors"] + 62})
-    assert nursery().run("run", sweep[0], "--output", output, "-q").err == ""
-    sealed(output, machine=machine | {"cpu": "another"})
-    err = nursery().run("run", sweep[0], "--output", output, "-q").err
-    assert "was begun with other machine (cpu:" in err
-    assert "processors" not in err
+    # Results do not depend on the number of processors, so nothing is said of it.
+    machine = said["machine"] | {"processors": said["machine"]["processors"] + 62}
+    for other, words in ((machine, ""), (machine | {"cpu": "another"}, "other machine (cpu:")):
+        sealed(output, machine=other, versions=said["versions"])
+        err = nursery().run(*run).err
+        assert words in err
+        assert "processors" not in err
+        assert bool(err) == bool(words)
 
 
 # -- what is somebody else's -----------------------------------------------------------------------
@@ -466,17 +441,15 @@ def test_another_number_of_processors_changes_no_bit(sweep, output):
 def test_a_foreign_directory_is_refused(name, sweep, output, tmp_path):
     theirs = tmp_path / "theirs"
     theirs.mkdir()
+    (theirs / name).write_text('{"name": "app", "icons": []}')
     if name == "summary.parquet":
         pd.DataFrame({"mine": [1.0]}).to_parquet(theirs / name)
-    else:
-        (theirs / name).write_text('{"name": "app", "icons": []}')
     before = (theirs / name).read_bytes()
     run = ["run", sweep[0], "--output", theirs, "-q"]
-    for command in (run, [*run, "--fresh"], [*run, "--dry-run"], [*run, "--shard", "0/2"],
-                    ["merge", output, "--output", theirs]):  # fmt: skip
+    merge = ["merge", output, "--output", theirs]
+    for command in (run, [*run, "--fresh"], [*run, "--dry-run"], [*run, "--shard", "0/2"], merge):
         done = nursery().run(*command)
-        assert done.code == 2, done
-        assert one_sentence(done.err)
+        assert (done.code, one_sentence(done.err)) == (2, True), done
         assert f"{theirs}: it is not empty, and what it holds ({name}) is no sweep" in done.err
         assert everything_in(theirs) == {name}
         assert (theirs / name).read_bytes() == before
@@ -499,9 +472,6 @@ def test_fresh_does_not_remove_its_own_input(where, sweep, output, tmp_path):
     assert verify(output).problems == []
 
 
-# -- what a look costs -----------------------------------------------------------------------------
-
-
 def test_runs_are_chosen_without_a_list_of_all():
     spans = [(first, first + 10_000) for first in range(0, 10**8, 20_000)]
     tracemalloc.start()
@@ -516,9 +486,3 @@ def test_runs_are_chosen_without_a_list_of_all():
     assert _choose(few, 9, 1).tolist() == [5, 6, 7, 11]
     assert {n for k in range(100) for n in _choose(few, 1, k)} == {5, 6, 7, 11}
     assert len(_choose([], 3, 1)) == 0
-
-
-def test_verify_takes_as_many_threads_as_there_are(output):
-    done = nursery().run("verify", output, "--recompute", "1", "--threads", "999999")
-    assert done.code == 2
-    assert "999999 is more than" in done.err

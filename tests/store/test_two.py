@@ -7,13 +7,13 @@ import fcntl
 import json
 import os
 import re
+import shutil
 import signal
 import socket
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import duckdb
-import pandas as pd
 import pytest
 from hardship import (
     OTHER_TYPES,
@@ -32,14 +32,8 @@ from hardship import (
 )
 from scenes import finished_sweep
 
-from rattlesweep.sweeps.cases.shards import Shard
 from rattlesweep.sweeps.inspect.verify import verify
 from rattlesweep.sweeps.store.locks import hold, holder
-
-
-def no_lock(*_: object) -> None:
-    """`flock` on a file system without locks."""
-    raise OSError(errno.ENOLCK, "No locks available")
 
 
 @pytest.fixture(scope="module")
@@ -48,105 +42,103 @@ def sweep(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Referen
     return finished_sweep(tmp_path_factory.mktemp("sweep"))
 
 
+def run(config: Path, output: Path, *options: str) -> tuple[Any, ...]:
+    return ("run", config, "--output", output, "-q", *options)
+
+
+def classify(output: Path) -> tuple[Any, ...]:
+    return ("classify", output, "--set", OTHER_TYPES)
+
+
 def at_work(config: Path, output: Path, *options: str, **how: Any) -> Child:
     """A sweep that holds its directory after a block, until it is let go on."""
-    how, before = how or {"hold": 1}, len(blocks_of(output))
-    child = nursery().start("run", config, "--output", output, "-q", *options, **how)
+    before = len(blocks_of(output))
+    child = nursery().start(*run(config, output, *options), **(how or {"hold": 1}))
     wait_until(lambda: child.ended() or len(blocks_of(output)) > before)
     assert not child.ended(), child.wait()
     return child
 
 
-def told_who(done: Ended, child: Child, output: Path, *args: Any) -> bool:
-    """Whether a command was refused, and said who works there."""
-    command = " ".join(map(str, args))
-    who = (
-        rf"`rattlesweep {re.escape(command)}` \(process {child.pid} on {socket.gethostname()} since"
-    )
-    where = re.escape(str(output))
-    return bool(
-        done.code == 1
-        and one_sentence(done.err)
-        and re.match(rf"error: {where}(: shard-\S+)? is in use by {who} \S+\)\n", done.err)
-    )
+def wake(child: Child) -> Ended:
+    """Let a child that was halted go on to its end."""
+    child.go_on()
+    child.kill(signal.SIGCONT)
+    return child.wait()
 
 
-def test_a_second_run_is_told_who_works_there(sweep, tmp_path):
+@pytest.mark.parametrize("share", [(), ("--shard", "0/2")])
+def test_who_comes_second_is_told_who_works_there(share, sweep, tmp_path):
+    """Whoever works on all of it, or on the same share, and whatever the second wants to do."""
     config, _, reference = sweep
     output = tmp_path / "out"
-    first = at_work(config, output)
+    first = at_work(config, output, *share)
     first.kill(signal.SIGSTOP)  # for as long as the others take
-    args = ("run", config, "--output", output, "-q")
-    for command in (
-        args,
-        (*args, "--fresh"),
-        (*args, "--retry-failed"),
-        (*args, "--shard", "0/2"),
-        ("classify", output, "--set", OTHER_TYPES),
-    ):
+    seconds = [(), ("--fresh",), ("--retry-failed",), ("--shard", "0/2")]
+    words = " ".join(map(str, run(config, output, *share)))
+    who = rf"`rattlesweep {re.escape(words)}` \(process {first.pid} on {socket.gethostname()} since"
+    told = rf"error: {re.escape(str(output))}(: shard-\S+)? is in use by {who} \S+\)\n"
+    for command in (*(run(config, output, *more) for more in seconds), classify(output)):
         done = nursery().run(*command)
-        assert told_who(done, first, output, *args), done
-    first.go_on()
-    first.kill(signal.SIGCONT)
-    assert first.wait().code == 0
-    check_finished(output, reference)
+        assert done.code == 1, done
+        assert one_sentence(done.err)
+        assert re.match(told, done.err), done
+    assert wake(first).code == 0
+    check_goes_on(config, output, reference)
 
 
 def test_who_only_looks_does_not_disturb(sweep, tmp_path):
+    """That readers see whole blocks meanwhile is shown in test_readers.py."""
     config, _, reference = sweep
     output = tmp_path / "out"
-    first = at_work(config, output, pace=0.05)
+    first = at_work(config, output, pace=0.02)
     while not first.ended():
         words = holder(output)
         assert words is None or f"process {first.pid} " in words
         assert all("missing" not in problem for problem in verify(output).problems)
         assert nursery().run("status", output).code == 0
-        # Readers see complete blocks of two runs, each once, now as at any time.
-        for frame in (
-            pd.read_parquet(output / "runs"),
-            duckdb.sql(f"select * from '{output}/runs/*.parquet'").df(),
-        ):
-            assert 0 < len(frame) == 2 * len(frame.groupby(["case", frame["sample"] // 2]))
-            assert not frame.duplicated(["case", "sample"]).any()
     assert first.wait().code == 0
     check_finished(output, reference)
     # A run that begins while others look gets its turn.
-    for _ in range(10):
-        child = nursery().start("run", config, "--output", output, "-q")
+    for _ in range(5):
+        child = nursery().start(*run(config, output))
         while not child.ended():
             holder(output)
         assert child.wait().code == 0
 
 
-@pytest.mark.parametrize("second", ["run", "classify"])
-def test_two_that_begin_at_once_never_mix(second, sweep, tmp_path):
-    config, _, reference = sweep
-    other = tmp_path / "other"
-    run = ("run", config, "--output", "{}", "-q")
-    assert nursery().run("run", config, "--output", other, "-q").code == 0
-    assert nursery().run("classify", other, "--set", OTHER_TYPES).code == 0
-    references = reference, Reference.of(other)
-    ends = []
-    for place in range(3):
+Commands = Callable[[Path, Path], list[tuple[Any, ...]]]
+AT_ONCE: dict[str, Commands] = {
+    "run": lambda config, output: [run(config, output)] * 2,
+    "classify": lambda config, output: [run(config, output), classify(output)],
+    "shards": lambda config, output: [run(config, output, "--shard", f"{k}/5") for k in range(5)],
+}
+
+
+@pytest.mark.parametrize("name", AT_ONCE)
+def test_those_that_begin_at_once_never_mix(name, sweep, tmp_path):
+    config, whole, reference = sweep
+    references = [reference]
+    if name == "classify":
+        other = Path(shutil.copytree(whole, tmp_path / "other"))
+        assert nursery().run(*classify(other)).code == 0
+        references.append(Reference.of(other))
+    for place in range(2):
         output = tmp_path / str(place)
-        commands = [run, run if second == "run" else ("classify", "{}", "--set", OTHER_TYPES)]
-        if second == "classify":
+        if name == "classify":
             # Half done: the one has blocks to do, the other types to change.
-            assert nursery().run("run", config, "--output", output, "-q").code == 0
+            shutil.copytree(whole, output)
             for index in range(0, 12, 2):
                 (output / f"runs/block-{index:06d}.parquet").unlink()
-        children = [
-            nursery().start(*(output if part == "{}" else part for part in command))
-            for command in commands
-        ]
+        children = [nursery().start(*command) for command in AT_ONCE[name](config, output)]
         done = [child.wait() for child in children]
-        ends.append(tuple(end.code for end in done))
-        assert 0 in ends[-1], done
+        assert 0 in {end.code for end in done}, done
         for end in done:
-            assert end.code == 0 or (one_sentence(end.err) and "is in use by" in end.err), end
+            refused = end.code == 1 and one_sentence(end.err) and "is in use by" in end.err
+            assert end.code == 0 or (refused and name != "shards"), end
         check_whole(output, *references)
+        if name == "shards":
+            check_finished(output, reference)
         check_goes_on(config, output, reference)
-    assert set(ends) <= {(0, 0), (0, 1), (1, 0)}
 
 
 @pytest.mark.parametrize("then", ["nothing", "an empty directory", "another sweep"])
@@ -157,18 +149,14 @@ def test_a_directory_that_is_moved_is_left_alone(then, sweep, tmp_path):
     first = at_work(config, output)
     first.kill(signal.SIGSTOP)
     output.rename(moved)
-    other: Child | None = None
     if then == "another sweep":
         other = at_work(config, output, "--set", "seed=1")
     elif then == "an empty directory":
         (output / "runs").mkdir(parents=True)
-    first.go_on()
-    first.kill(signal.SIGCONT)
-    done = first.wait()
-    assert done.code == 1, done
-    assert one_sentence(done.err)
+    done = wake(first)
+    assert (done.code, one_sentence(done.err)) == (1, True), done
     assert "has been moved, removed or replaced while it was in use" in done.err
-    if other is not None:
+    if then == "another sweep":
         assert holder(output) is not None
         other.go_on()
         assert other.wait().code == 0
@@ -193,15 +181,14 @@ def test_the_lock_of_a_process_that_is_gone_is_no_obstacle(sweep, tmp_path):
     assert holder(output) is None
     check_goes_on(config, output, reference)
     # A file alone, even one that names a process that lives, locks nothing.
-    for text in ("", "{", "[]", json.dumps({"pid": os.getpid(), "host": socket.gethostname(),
-                                             "command": "x", "since": "today"})):  # fmt: skip
-        for command in (("run", config, "--output", output, "-q"), ("classify", output)):
-            (output / ".locks").mkdir(exist_ok=True)
+    me = {"pid": os.getpid(), "host": socket.gethostname(), "command": "x", "since": "today"}
+    for text in ("", "{", json.dumps(me)):
+        for command in (run(config, output), ("classify", output)):
             for name in ("directory", "manifest", "shard-0-of-2"):
                 (output / ".locks" / name).write_text(text)
             done = nursery().run(*command)
             assert done.code == 0, done
-            check_finished(output, reference)
+    check_finished(output, reference)
 
 
 def test_without_locks_two_do_the_same_blocks_twice(sweep, tmp_path):
@@ -209,88 +196,28 @@ def test_without_locks_two_do_the_same_blocks_twice(sweep, tmp_path):
     output = tmp_path / "out"
     no_locks = {"root": output, "kinds": ("lock",), "at": 0, "number": errno.ENOLCK,
                 "for_good": True}  # fmt: skip
-    args = ("run", config, "--output", output, "-q")
     first = at_work(config, output, hold=1, calls=no_locks)
-    second = nursery().start(*args, calls=no_locks)
+    second = nursery().start(*run(config, output), calls=no_locks)
     first.go_on()
-    assert first.wait().code == 0
-    assert second.wait().code == 0
+    assert (first.wait().code, second.wait().code) == (0, 0)
     assert blocks_of(output) == reference.runs
-    assert nursery().run(*args).code == 0
-    check_finished(output, reference)
+    check_goes_on(config, output, reference)
 
 
-@pytest.mark.parametrize(("lock", "alone"), [(fcntl.flock, True), (no_lock, False)])
-def test_only_a_lock_says_that_nobody_else_is_there(lock, alone, tmp_path, monkeypatch):
-    monkeypatch.setattr(fcntl, "flock", lock)
-    with hold(tmp_path) as found:
-        assert found is alone
-    with hold(tmp_path, "shard-0-of-2") as found:
-        assert found is False
+def test_only_a_lock_says_that_nobody_else_is_there(tmp_path, monkeypatch):
+    def no_lock(*_: object) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
 
-
-# -- shards ------------------------------------------------------------------------------------
-
-
-def test_two_shards_at_once_share_a_directory(sweep, tmp_path):
-    config, _, reference = sweep
-    output = tmp_path / "out"
-    shards = [at_work(config, output, "--shard", f"{k}/2") for k in range(2)]
-    for shard in shards:
-        shard.go_on()
-    done = [shard.wait() for shard in shards]
-    assert [end.code for end in done] == [0, 0], done
-    check_finished(output, reference)
-    said = manifest(output)
-    assert [entry["shard"] for entry in said["sessions"]] == ["0/2", "1/2"]
-    assert [entry["state"] for entry in said["sessions"]] == ["complete", "complete"]
-    assert sum(entry["blocks"] for entry in said["sessions"]) == 12
-
-
-@pytest.mark.parametrize("count", [2, 5])
-def test_shards_that_begin_at_once(count, sweep, tmp_path):
-    config, _, reference = sweep
-    for place in range(2):
-        output = tmp_path / str(place)
-        shards = [
-            nursery().start("run", config, "--output", output, "--shard", Shard(k, count), "-q")
-            for k in range(count)
-        ]
-        done = [shard.wait() for shard in shards]
-        assert {end.code for end in done} == {0}, done
-        check_finished(output, reference)
-
-
-def test_shards_one_after_the_other(sweep, tmp_path):
-    config, _, reference = sweep
-    output = tmp_path / "out"
-    for k in range(3):
-        done = nursery().run("run", config, "--output", output, "--shard", f"{k}/3")
-        assert done.code == 0
-        assert (output / "summary.parquet").exists() == (k == 2)
-        assert ("of other shards are not in" in done.err) == (k < 2)
-        assert (manifest(output)["state"] == "complete") == (k == 2)
-    check_finished(output, reference)
-
-
-def test_the_same_share_twice_or_all_of_it_is_refused(sweep, tmp_path):
-    config, _, reference = sweep
-    output = tmp_path / "out"
-    first = at_work(config, output, "--shard", "0/2")
-    first.kill(signal.SIGSTOP)
-    run = ("run", config, "--output", output, "-q")
-    who = (*run, "--shard", "0/2")
-    for command in (who, run, (*run, "--fresh"), ("classify", output, "--set", OTHER_TYPES)):
-        done = nursery().run(*command)
-        assert told_who(done, first, output, *who), done
-    first.go_on()
-    first.kill(signal.SIGCONT)
-    assert first.wait().code == 0
-    assert nursery().run(*run).code == 0
-    check_finished(output, reference)
+    for alone in (True, False):
+        with hold(tmp_path) as found:
+            assert found is alone
+        with hold(tmp_path, "shard-0-of-2") as found:
+            assert found is False
+        monkeypatch.setattr(fcntl, "flock", no_lock)
 
 
 def test_a_shard_that_is_killed_leaves_the_others_alone(sweep, tmp_path):
+    """That shares come to the same rows, in any order, is shown in test_invariance.py."""
     config, _, reference = sweep
     output = tmp_path / "out"
     shards = [at_work(config, output, "--shard", f"{k}/2") for k in range(2)]
@@ -300,6 +227,9 @@ def test_a_shard_that_is_killed_leaves_the_others_alone(sweep, tmp_path):
     assert shards[1].wait().code == 0
     check_whole(output, reference)
     assert manifest(output)["state"] != "complete"
-    options = ("--shard", "0/2", "-q")
-    assert nursery().run("run", config, "--output", output, *options).code == 0
+    assert not (output / "summary.parquet").exists()
+    assert nursery().run(*run(config, output, "--shard", "0/2")).code == 0
     check_finished(output, reference)
+    sessions = manifest(output)["sessions"]
+    assert [entry["shard"] for entry in sessions] == ["0/2", "1/2", "0/2"]
+    assert [entry["state"] for entry in sessions[1:]] == ["complete", "complete"]
