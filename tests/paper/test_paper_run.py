@@ -13,24 +13,22 @@ from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 
-import matplotlib
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import sketch
-from click.testing import CliRunner
 from matplotlib.image import imread
 from refusal import assert_refused
+from sweeping import invoke
 from telling import quiet
 
-from rattlesweep import cli
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import available_threads
 from rattlesweep.integrate.follow.lyapunov import growth_along
 from rattlesweep.paper import drawing, report, run, workspace
-from rattlesweep.paper.drawing import Artist, pictures
+from rattlesweep.paper.drawing import Artist
 from rattlesweep.paper.figures import chaos, fig6, fig7, integrators
 from rattlesweep.paper.registry import FIGURES, choose, needed
 from rattlesweep.paper.report import symbols
@@ -82,14 +80,6 @@ def made(tmp_path_factory):
         **{name: runs_of(directory, name) for name in ("steady", "unsteady", "closer")},
         table=lambda name: pq.read_table(directory / f"{name}.parquet").to_pandas(),
     )  # fmt: skip
-
-
-def invoke(*args):
-    result = CliRunner().invoke(cli.main, ["paper", *map(str, args)])
-    if result.exception is not None and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    assert "Traceback" not in result.output
-    return result
 
 
 def runs_of(directory, sweep):
@@ -353,16 +343,16 @@ def again(directory, calls, sizes=SMALL):
 
 def test_a_stop_keeps_whole_data(figures, tmp_path):
     figures.failing.add("second")
-    with pytest.raises(KeyboardInterrupt):
-        reproduce(tmp_path, ["first", "second"], sizes=SMALL, threads=1)
+    stopped = invoke("paper", "--output", tmp_path)
+    assert stopped.exit_code == 130
+    assert "completed work is kept" in stopped.stderr
     assert (tmp_path / "first_values.parquet").exists()
-    assert not list(tmp_path.glob("second*"))
-    assert not (tmp_path / "report.html").exists()
+    assert not [*tmp_path.glob("second*"), *tmp_path.glob("report.html")]
     # Its pictures were under way, or done.
     missing = PICTURES - set(drawn(tmp_path))
     (tmp_path / ".fig6.svg.0123abcd.tmp").write_text("of a process that was killed")
     figures.failing.clear()
-    assert again(tmp_path, figures.calls) == (["first"], ["second"], missing)
+    assert again(tmp_path, figures.calls, FULL) == (["first"], ["second"], missing)
     assert not list(tmp_path.rglob(".*.tmp"))
 
 
@@ -402,7 +392,9 @@ def test_pictures_of_other_data_are_never_left(figures, tmp_path, monkeypatch):
 
 def test_a_picture_that_cannot_be_written_is_one_sentence(figures, tmp_path):
     FIGURES["first"] = replace(FIGURES["first"], draw=sketch.refuse)
-    assert_refused(invoke("--quick", "--output", tmp_path), 1, "cannot write x.svg: no space left")
+    assert_refused(
+        invoke("paper", "--quick", "--output", tmp_path), 1, "cannot write x.svg: no space left"
+    )
 
 
 def test_a_stop_ends_the_process_that_draws(figures, tmp_path):
@@ -484,14 +476,6 @@ def test_cases_without_a_good_run_are_points_without_numbers(monkeypatch, tmp_pa
     assert ws.failed(["unsteady"]) == 0
 
 
-def test_pictures_do_not_depend_on_the_users_settings(figures):
-    found = []
-    for changed in ({}, {"font.size": 23, "axes.facecolor": "red"}):
-        with matplotlib.rc_context(changed):
-            found.append(pictures(sketch.draw, {"values": pa.table({"x": [1, 2]})}))
-    assert found[0] == found[1]
-
-
 def test_runs_are_integrated_again_when_others_are_asked_for(made, tmp_path):
     runs = made.steady.iloc[10:16:2]
     ws = Workspace(tmp_path, SMALL, 2)
@@ -564,7 +548,7 @@ def test_symbols_are_set_and_names_of_files_are_not():
 @pytest.mark.usefixtures("figures", "here")
 def test_the_command_makes_what_is_asked_for(tmp_path):
     out = tmp_path / "out"
-    done = invoke("--quick", "--only", "first", "--output", out)
+    done = invoke("paper", "--quick", "--only", "first", "--output", out)
     assert (done.exit_code, done.stdout) == (0, "")
     assert "report.html" in done.stderr
     assert {p.name for p in out.iterdir()} == {
@@ -577,20 +561,14 @@ def test_the_command_makes_what_is_asked_for(tmp_path):
 
 
 def test_the_command_refuses_in_one_sentence(tmp_path):
-    wrong = invoke("--only", "fgi6", "--output", tmp_path / "o")
+    wrong = invoke("paper", "--only", "fgi6", "--output", tmp_path / "o")
     assert_refused(wrong, 2, '"fgi6" is not one of', 'did you mean "fig6"')
     assert not (tmp_path / "o").exists()
     file = tmp_path / "file"
     file.write_text("")
-    assert_refused(invoke("--quick", "--only", "fig5", "--output", file), 1, "cannot write in")
-
-
-@pytest.mark.usefixtures("here")
-def test_ctrl_c_ends_the_command_with_130(figures, tmp_path):
-    figures.failing.add("second")
-    stopped = invoke("--output", tmp_path)
-    assert stopped.exit_code == 130
-    assert "completed work is kept" in stopped.stderr
+    assert_refused(
+        invoke("paper", "--quick", "--only", "fig5", "--output", file), 1, "cannot write in"
+    )
 
 
 @pytest.mark.slow

@@ -6,7 +6,6 @@ import json
 import math
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,11 +13,10 @@ import matplotlib as mpl
 import numpy as np
 import pandas as pd
 import pytest
-from click.testing import CliRunner
 from matplotlib.image import imread
 from refusal import assert_refused
+from sweeping import ROOT, invoke
 
-from rattlesweep import cli
 from rattlesweep.cli.common import to_json
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics import launch, theory
@@ -29,16 +27,7 @@ from rattlesweep.study.tradeoff import settings as tradeoff
 from rattlesweep.study.tradeoff.measure import measure, promise_kept
 from rattlesweep.study.tradeoff.reference import independent_reversal, make_reference
 from rattlesweep.study.tradeoff.runs import draw
-from rattlesweep.study.tradeoff.settings import (
-    CLOSED_FORM,
-    DEFAULT,
-    FULL,
-    PLAIN,
-    PROMISE,
-    QUICK,
-    REFERENCES,
-    Setting,
-)
+from rattlesweep.study.tradeoff.settings import DEFAULT, FULL, QUICK, REFERENCES, Setting
 from rattlesweep.study.tradeoff.table import (
     QUANTILES,
     SCHEMA,
@@ -50,7 +39,6 @@ from rattlesweep.study.tradeoff.table import (
 from rattlesweep.sweeps.config.load import load_config, parse_config, physics_hash
 from rattlesweep.sweeps.tables.arrow import open_sealed
 
-ROOT = Path(__file__).parents[2]
 SMALL = """\
 name: small
 seed: 4
@@ -64,7 +52,7 @@ record: []
 SMALL_SCOPE = replace(FULL, least=24, rounds=1, horizon=50.0, stages=1e8, scalar_stages=2e7,
                       cost_stages=1e5, confirm=100.0)  # fmt: skip
 # One kernel, the yardstick and the closed form; the slow suite has all, and two reference methods.
-FEW = (PLAIN, *tradeoff.settings(["dop853"]), PROMISE, CLOSED_FORM)
+FEW = (tradeoff.PLAIN, *tradeoff.settings(["dop853"]), tradeoff.PROMISE, tradeoff.CLOSED_FORM)
 DOP853 = REFERENCES[1]
 FEW_SCOPE = replace(SMALL_SCOPE, settings=FEW, references=(DOP853, DOP853))
 
@@ -104,8 +92,7 @@ def rows(study, method, model="full"):
 
 
 def tradeoff_command(config, *options):
-    words = ["tradeoff", config, "--quick", "--threads", 1, *options]
-    return CliRunner().invoke(cli.main, [str(word) for word in words])
+    return invoke("tradeoff", config, "--quick", "--threads", 1, *options)
 
 
 @pytest.mark.usefixtures("few")
@@ -281,7 +268,7 @@ def test_a_promise_is_kept_by_runs_that_do_not_say_otherwise():
     reference: Any = SimpleNamespace(both=both, solution=solution)
     found: Any = SimpleNamespace(t_r=t_r, t_r_error=told)
     index = np.arange(5)
-    assert promise_kept(PROMISE, found, reference, index) == {"kept": 0.5, "marked": 0.5}
+    assert promise_kept(tradeoff.PROMISE, found, reference, index) == {"kept": 0.5, "marked": 0.5}
     assert math.isnan(promise_kept(FEW[1], found, reference, index)["kept"])
 
 
