@@ -73,7 +73,7 @@ def _of_sweep(config: Config) -> Kernels:
 
 def _all() -> Kernels:
     """Those of the trade-off study, of the paper and of trajectories."""
-    from rattlesweep.integrate.follow.kernels import ATTITUDES, aside_kernel, march_kernel
+    from rattlesweep.integrate.follow.kernels import ATTITUDES, load_all
     from rattlesweep.integrate.tableau import DOP853, METHODS
     from rattlesweep.sweeps.config.load import parse_config
 
@@ -82,8 +82,6 @@ def _all() -> Kernels:
     for model in types.MODELS.choices:
         yield from _of_sweep(parse_config(SWEEP | {"model": model}))
     yield from _of_sweep(parse_config(SWEEP | {"record": ["lyapunov"]}))
-    method = DOP853.name
     for model in ("full", "reduced"):
-        yield f"trajectory {method} {model}", partial(march_kernel, method, model)
-    for model in ("full", "reduced", ATTITUDES["full"].name):
-        yield f"rows {method} {model}", partial(aside_kernel, method, model)
+        name = f"trajectory {DOP853.name} {model}"
+        yield name, partial(load_all, DOP853.name, model, model in ATTITUDES)

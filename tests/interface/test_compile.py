@@ -87,8 +87,7 @@ def place(tmp_path, monkeypatch):
     for name in (
         "sweeps.blocks.block.load_kernel",
         "sweeps.cases.sampler.draw_bodies",
-        "integrate.follow.kernels.march_kernel",
-        "integrate.follow.kernels.aside_kernel",
+        "integrate.follow.kernels.load_all",
     ):
         monkeypatch.setattr(f"rattlesweep.{name}", load)
     return path
@@ -110,7 +109,7 @@ def test_a_line_a_kernel(place):
     assert len(set(names)) == len(names)
     assert {f"sweep {method} full" for method in METHODS} <= set(names)
     assert {"sweep dop853 reduced", "sweep dop853 full lyapunov", "bodies"} <= set(names)
-    assert {"trajectory dop853 reduced", "rows dop853 attitude"} <= set(names)
+    assert {"trajectory dop853 reduced", "trajectory dop853 full"} <= set(names)
     assert {words.strip() for _, words in lines("--all")} == {"already there"}
 
 
