@@ -12,7 +12,7 @@ import pyarrow.compute as pc
 
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.study.pages import MOST_SVG, config_yaml, percent, render, source
-from rattlesweep.study.plots.layout import Layout, Reader, read_layout, read_rows
+from rattlesweep.study.plots.layout import Layout, read_layout, read_rows
 from rattlesweep.study.plots.picture import Picture
 from rattlesweep.study.plots.registry import choose_picture, default_kind
 from rattlesweep.study.style import encode, styled
@@ -89,13 +89,17 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
     status = status_of(directory)
     summary = Summary(manifest.cases, store.runs, columns_for(manifest.config))
     facts = Facts()
-    pictures = {kind: _chosen(layout, kind) for kind in _kinds(layout)}
+    pictures: list[Picture] = []
+    missing: list[Mapping[str, Any]] = []
+    for kind in _kinds(layout):
+        try:
+            pictures.append(choose_picture(layout, kind))
+        except ConfigError as error:
+            missing.append({"kind": kind, "error": error})
     digest = (
         RowsHash(store.runs, bool(manifest.stages)) if status.runs_done <= MOST_HASHED else None
     )
-    readers: list[Reader] = [facts, summary, *([] if digest is None else [digest])]
-    readers += [each for each in pictures.values() if isinstance(each, Picture)]
-    read_rows(layout, *readers)
+    read_rows(layout, facts, summary, *([] if digest is None else [digest]), *pictures)
     table = summary.table()
     absent = {"K_p", "K_r"}.difference(layout.targets) | absent_columns(table)
     if not summary.cells.has_errors:
@@ -111,7 +115,7 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
         cells=summary.cells,
         horizon=layout.config.horizon,
         size=sum(store.block_path(index).stat().st_size for index in store.block_indices()),
-        pictures=[_shown(kind, picture) for kind, picture in pictures.items()],
+        pictures=[*map(_shown, pictures), *missing],
         case_head=[CASE_COLUMNS[name] for name in columns],
         cases=[[_shorten(row[n], n) for n in columns] for row in table.to_pylist()],
         open_cases=OPEN_CASES,
@@ -132,27 +136,18 @@ def _kinds(layout: Layout) -> list[str]:
     return list(dict.fromkeys((first, *extra, "distribution")))
 
 
-def _chosen(layout: Layout, kind: str) -> Picture | ConfigError:
-    try:
-        return choose_picture(layout, kind)
-    except ConfigError as error:
-        return error
-
-
-def _shown(kind: str, picture: Picture | ConfigError) -> Mapping[str, Any]:
+def _shown(picture: Picture) -> Mapping[str, Any]:
     """A picture for the page, or why there is none."""
     try:
-        if isinstance(picture, ConfigError):
-            raise picture
         with styled():
             figure = picture.figure()
             svg = encode(figure, "svg", DPI)
             png = encode(figure, "png", DPI) if len(svg) > MOST_SVG else b""
     except (ConfigError, OutputError) as error:
         # More panels than a page can show; the others still say what there is.
-        return {"kind": kind, "error": error}
+        return {"kind": picture.name, "error": error}
     varies = ", ".join(axis.name for axis in picture.axes) or "all runs"
-    return {"kind": kind, "error": None, "source": source(svg, png), "varies": varies,
+    return {"kind": picture.name, "error": None, "source": source(svg, png), "varies": varies,
             "caption": picture.caption}  # fmt: skip
 
 
