@@ -8,7 +8,7 @@ import numpy as np
 import oracle
 import pytest
 from numba import njit
-from samples import mapping, table_one
+from samples import dumbbells, mapping
 from scipy.integrate import solve_ivp
 
 from rattlesweep.integrate.batch import RECORDS, integrate
@@ -42,7 +42,9 @@ def assert_status(outcome, status):
 def shell_dumbbells(count, seed):
     """Random bodies as a mapping of arrays; with them spins and launches."""
     rng = np.random.default_rng(seed)
-    body = mapping(table_one(count, seed))
+    inertia = dumbbells(rng.uniform(5, 15, count), rng.uniform(0.05, 0.15, count))
+    theta, phi = rng.uniform(0.6, 0.95, count), rng.uniform(0.01, 0.1, count)
+    body = mapping((*inertia, theta, phi, -np.radians(rng.uniform(0.5, 10, count))))
     n_i = rng.choice([-1, 1], count) * rng.uniform(0.1, 0.5, count)
     return body, n_i, rng.choice([0.01, 0.1], count)
 
@@ -82,7 +84,7 @@ def test_energy_drift_is_that_of_the_states(method):
     assert [full.spin(*y) for y in out.y_end] == pytest.approx(out.n_end, abs=1e-16)
 
 
-@pytest.mark.parametrize(("count", "seed"), [(9, 33), pytest.param(40, 11, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("count", "seed"), [(9, 23), pytest.param(40, 11, marks=pytest.mark.slow)])
 def test_random_bodies_reverse_when_the_oracle_says(count, seed):
     body, n_i, omega = shell_dumbbells(count, seed=seed)
     omega[: count // 2] = 0.1
