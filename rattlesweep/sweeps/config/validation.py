@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from functools import cache
 from typing import Any, get_args
 
@@ -53,7 +53,7 @@ def problems_of(
     Of keys in `known`, and of what is below them, enough is said already; of the others the first
     `MAX_TOLD` by their `places` are put in words.
     """
-    every = [(_of_data(key, data), models, one) for key, models, one in _errors(error, model)]
+    every = [(*_walk(one, model, data), one) for one in error.errors(include_url=False)]
     unknown: dict[Key, list[str]] = {}
     for key, _, one in every:
         if one["type"] == "extra_forbidden":
@@ -72,41 +72,23 @@ def problems_of(
     return list(dict.fromkeys(told)), max(0, len(found) - MAX_TOLD)
 
 
-def _errors(
-    error: ValidationError, model: type[BaseModel] | None, before: Key = ()
-) -> Iterator[tuple[Key, Models, Any]]:
-    """Errors with their keys and with the models that may stand there, or around a wrong key."""
-    for one in error.errors(include_url=False):
-        extra = one["type"] == "extra_forbidden"
-        key, models = _walk(model, one["loc"][:-1] if extra else one["loc"])
-        # The user's own word comes last; it may well look like a tag.
-        key = (*before, *key, *map(str, one["loc"][-1:] if extra else ()))
-        inner = one.get("ctx", {}).get("error")
-        if isinstance(inner, ValidationError):
-            yield from _errors(inner, None, key)
-        else:
-            yield key, models, one
+def _walk(error: Any, model: type[BaseModel], data: Any) -> tuple[Key, Models]:
+    """The key of an error, and the models that may stand there, or around a wrong key.
 
-
-def _of_data(key: Key, data: Any) -> Key:
-    """The key without places in a list that was made of a number, or of spaced values."""
-    while key and isinstance(key[-1], int) and not isinstance(value_at(data, key[:-1]), list):
-        key = key[:-1]
-    return key
-
-
-def _walk(model: type[BaseModel] | None, location: Iterable[Any]) -> tuple[Key, Models]:
-    """The key that pydantic's location stands for, which also names tags, and the models there."""
-    here: Models = [] if model is None else [model]
-    key: list[str | int] = []
-    for part in location:
+    Pydantic's location names tags too, and places in lists that are made of other data.
+    """
+    here: Models = [model]
+    key: Key = ()
+    *outer, last = error["loc"] or [""]
+    for part in outer if error["type"] == "extra_forbidden" else error["loc"]:
         fields = [m.model_fields[part].annotation for m in here if part in m.model_fields]
-        if fields or isinstance(part, int) or model is None:
-            key.append(part)
+        if fields or (isinstance(part, int) and isinstance(value_at(data, key), list)):
+            key = (*key, part)
             here = [one for inside in fields for one in models_in(inside)]
         else:
             here = [one for one in here if part in (one.__name__, *_sources([one]))]
-    return tuple(key), here
+    # The user's own word comes last; it may well look like a tag.
+    return ((*key, str(last)) if error["type"] == "extra_forbidden" else key), here
 
 
 def models_in(annotation: Any) -> Models:
