@@ -132,9 +132,13 @@ def _no_interrupt_for_children() -> Iterator[None]:
 @contextmanager
 def quiet() -> Iterator[None]:
     """Keep Dask's log off the terminal: what matters is said in one sentence."""
-    before = logging.root.manager.disable
-    logging.disable()
+    noisy = ("distributed", "tornado", "asyncio")
+    names = [name for name in logging.root.manager.loggerDict if name.split(".")[0] in noisy]
+    levels = {logger: logger.level for logger in map(logging.getLogger, names)}
+    for logger in levels:
+        logger.setLevel(logging.CRITICAL)
     try:
         yield
     finally:
-        logging.disable(before)
+        for logger, level in levels.items():
+            logger.setLevel(level)
