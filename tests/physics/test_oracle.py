@@ -114,15 +114,13 @@ def test_stability_beyond_n_c1_has_a_second_end_when_gamma_is_small():
 # --- reversal times -----------------------------------------------------------------------------
 
 
-def test_gh_unsteady_reversal():
-    psi = oracle.modes(oracle.GH)["psi_p"]
-    t_r, y = oracle.first_reversal(oracle.GH, 0.1, 0.01, psi, 130.0)
-    assert t_r == pytest.approx(112.093877963873, abs=1e-9)
-    assert oracle.spin(y) == pytest.approx(0, abs=1e-14)
-
-
 @pytest.mark.slow
-def test_gh_steady_reversal():
-    psi = oracle.modes(oracle.GH)["psi_r"]
-    t_r, _ = oracle.first_reversal(oracle.GH, -0.1, 0.01, psi, 900.0)
-    assert t_r == pytest.approx(809.857417847725, abs=5e-9)
+@pytest.mark.parametrize(
+    ("n_i", "name", "wanted", "off"),
+    [(0.1, "psi_p", 112.093877963873, 1e-9), (-0.1, "psi_r", 809.857417847725, 5e-9)],
+)
+def test_gh_reversals(n_i, name, wanted, off):
+    psi = oracle.modes(oracle.GH)[name]
+    t_r, y = oracle.first_reversal(oracle.GH, n_i, 0.01, psi, 900.0)
+    assert t_r == pytest.approx(wanted, abs=off)
+    assert oracle.spin(y) == pytest.approx(0, abs=1e-14)

@@ -203,6 +203,7 @@ def kl_state(omega_3):
     return frame @ -down, frame @ [0, 0, omega_3 / second], second
 
 
+@pytest.mark.slow  # the package's own run has the same zero: tests/sweeps/test_stones.py
 def test_kane_and_levinsons_run_in_their_own_frame():
     """The oracle in kg, m, s has the published first zeros of the vertical spin and of omega_3."""
     spin, third = stone_oracle.kane_levinson(-5.0, t_end=3.0)
