@@ -51,8 +51,9 @@ _TEMPORARY = re.compile(
 
 @dataclass(frozen=True)
 class Sizes:
-    """How many samples the figures are made of, and one length; numbers that no one changes stand
-    at the head of the modules in ``figures/``.
+    """How many samples the figures are made of, and one length.
+
+    Numbers that no one changes stand at the head of the modules in ``figures/``.
     """
 
     fig2_bodies: int = 1_000_000  # the paper's number
