@@ -8,14 +8,6 @@ import reference
 from extremes import GH, Case, ask, errors, refer
 from mpmath import mp
 
-# Wall clock that is certainly enough for one run alone in its lanes.
-SECONDS_PER_STEP, SECONDS = 2e-5, 5.0
-
-
-def in_time(answer, steps=0):
-    """Whether the answer, or its whole block with a run of so many steps, took no longer."""
-    return answer.seconds < SECONDS + SECONDS_PER_STEP * max(steps, answer.n_steps)
-
 
 def cases(every, quick):
     """Parametrise ``case``; slow but for the one named ``quick``."""
@@ -76,7 +68,6 @@ def check_reference(rows, scale=1.0):
             assert answer.status == "ok", case
             assert max(error) < scale * wanted, (case, error)
             assert (answer.type == "R") == np.isfinite(t_r), case
-            assert in_time(answer), case
 
 
 def test_short_extremes_agree_with_the_reference():
@@ -108,7 +99,6 @@ def test_tolerances_below_double_precision_agree_or_say_so():
     for case, tol in extremes.TOLERANCES:
         [answer] = ask([case], {"tol": tol}, max_steps=10_000_000)
         assert answer.status in ("ok", "step_too_small", "step_limit")
-        assert in_time(answer)
         if answer.status == "ok":
             assert max(errors(case, answer, fine, cases.index(case))) < 1e-9, (case, tol)
 
@@ -116,7 +106,6 @@ def test_tolerances_below_double_precision_agree_or_say_so():
 @pytest.mark.slow
 def test_long_horizons_have_the_exact_growth():
     rows = extremes.against_growth(extremes.LINEAR)
-    most = max(answer.n_steps for _, answers, *_ in rows for answer in answers)
     for case, answers, exponent, off in rows:
         for answer, tol, error in zip(answers, extremes.TOLS, off, strict=True):
             assert answer.status == "ok"
@@ -125,7 +114,6 @@ def test_long_horizons_have_the_exact_growth():
             assert np.abs(error).max() < 0.1 * answer.n_steps * tol + 1e-9, (case, tol, error)
             assert (answer.type == "SS") == (exponent < 1e-3), case
             assert abs(answer.energy_drift) < 1e-10
-            assert in_time(answer, most)
 
 
 # --- decay ----------------------------------------------------------------------------------------
@@ -139,7 +127,6 @@ def test_decaying_rolls_are_ss_down_to_the_noise(case, tol):
     assert (answer.status, answer.type) == ("ok", "SS")
     start = abs(answer.probe[2:] @ [np.cos(answer.psi), np.sin(answer.psi)]) * case.omega_xy0
     assert abs(answer.probe @ answer.y_end[:4]) < 1e-8 * start
-    assert in_time(answer)
 
 
 @pytest.mark.parametrize("case", extremes.OVERDAMPED_ROLL, ids=lambda c: c.name)
@@ -170,7 +157,6 @@ COARSE = [
 def test_rk4_with_a_long_step_agrees_or_says_so(case, kind, dt):
     answer, verdict = extremes.against_fine(case, kind, dt)
     assert verdict != "wrong"
-    assert in_time(answer)
 
 
 # --- close pairs of zeros -------------------------------------------------------------------------

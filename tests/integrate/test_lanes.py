@@ -7,14 +7,12 @@ import kernels
 import numpy as np
 import oracle
 import pytest
-from numba import njit
 from samples import dumbbells, mapping
 from scipy.integrate import solve_ivp
 
 from rattlesweep.integrate.batch import RECORDS, integrate
 from rattlesweep.integrate.lanes import controller
-from rattlesweep.integrate.lanes.events import HOLD, REVERSED, search
-from rattlesweep.integrate.lanes.lane import LANES, Layout, Point, any_lane
+from rattlesweep.integrate.lanes.lane import LANES
 from rattlesweep.integrate.lanes.runs import MAX_ENERGY_DRIFT
 from rattlesweep.integrate.lanes.step import SUBSTEPS
 from rattlesweep.integrate.model import FULL, REDUCED
@@ -216,28 +214,6 @@ def test_a_pair_of_zeros_much_shorter_than_a_step(dt):
     # The zeros of the last early run lie about the touch, closer than a step; one look at the
     # lanes spans eight.
     assert 2 * (T_TOUCH - out.t_r[~late][-1]) < max(dt, 0.02)
-
-
-@njit
-def search_cosine(w, h, depth):
-    """First zero of ``1 - depth + cos(t)`` that the search finds in a step, with its own moves."""
-    lane = any_lane(w, 0)
-    lane.sign, lane.swing, lane.n0, lane.rate_max = 1.0, 1.0, 2.0, 1.0
-    tried = h
-    for _ in range(100_000):
-        move = search(lane, Point(tried, 1 - depth + np.cos(tried), -np.sin(tried)))
-        if move != HOLD:
-            return tried if move == REVERSED else np.nan
-        tried = lane.h_next
-    return np.nan
-
-
-@pytest.mark.slow  # it compiles the search; in whole kernels: test_extremes, steps of dt 20
-@pytest.mark.parametrize("radians", [0.3, 5.0, 8.6, 13.0, 60.0, 1000.0])
-def test_a_pair_of_zeros_in_a_step_of_many_swings(radians):
-    w = np.zeros(Layout((0, 0, 0, 0)).stages * LANES)
-    first = np.arccos(1e-9 - 1) if radians > np.pi else np.nan
-    assert search_cosine(w, radians, 1e-9) == pytest.approx(first, rel=1e-12, nan_ok=True)
 
 
 # --- horizons and statuses ------------------------------------------------------------------------

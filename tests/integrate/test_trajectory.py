@@ -241,26 +241,6 @@ def test_mode_energies_are_those_of_the_launch_and_nearly_those_of_the_reduced_m
     assert table["n_gh"].to_numpy() == pytest.approx(table["n_reduced"].to_numpy(), abs=1e-10)
 
 
-@pytest.mark.slow  # the reduced model compiles kernels of its own
-def test_reduced_model_conserves_what_it_should_and_agrees_with_scipy():
-    run = rs.trajectory(
-        GH, n_i=0.1, omega_xy0=0.01, model="reduced", t_end=3000.0, e_r0=3e-5, points=301,
-        tol=1e-12, channels=["t", "n", "E_p", "E_r", "energy_drift", "C_I"],
-    )  # fmt: skip
-    assert run.table["energy_drift"].abs().max() < 1e-8
-    assert np.ptp(run.table["C_I"]) < 1e-6
-    m = rs.modes(GH)
-    start = run.table[["n", "E_p", "E_r"]].iloc[0].to_numpy()
-    assert start[2] == 3e-5
-    other = solve_ivp(
-        lambda t, y: oracle.reduced_rhs(t, y, m.K_p, m.K_r, GH.gamma), (0, 3000), start,
-        t_eval=run.table["t"], rtol=1e-11, atol=1e-20, method="DOP853",
-        events=lambda t, y: y[0], max_step=2.0,
-    )  # fmt: skip
-    assert run.table[["n", "E_p", "E_r"]].to_numpy() == pytest.approx(other.y.T, abs=1e-7)
-    assert run.zeros == pytest.approx(other.t_events[0], abs=1e-4)
-
-
 def test_closed_solution():
     run = rs.trajectory(GH, n_i=0.1, omega_xy0=0.01, model="gh", channels=["t", "n", "n_gh"])
     assert run.zeros == [rs.reversal_time_gh(GH, 0.1, 0.01)]

@@ -143,6 +143,8 @@ def test_theory_takes_arrays():
             assert values.shape == shape
             assert values.ravel().tolist() == alone
         assert rs.bondi_threshold(bodies).shape == shape
+    assert all(type(value) is float for value in vars(rs.modes(GH)).values())
+    assert type(rs.reversal_time_gh(GH, -0.1, 0.01)) is float
     n_i = np.array([0.1, -0.1, 0.3, -2.0])
     times = rs.reversal_time_gh(array, n_i, 0.01)
     rates, exact = rs.growth_rates(array, n_i), rs.growth_rates(array, n_i, exact=True)

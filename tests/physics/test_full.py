@@ -172,26 +172,6 @@ def test_pointwise_against_the_oracle():
         )
 
 
-def test_compiled_rhs_keeps_energy():
-    """As above for the compiled functions themselves, to rounding."""
-    weights = np.array([672, -168, 32, -3]) / 840  # central, eighth order
-    for parameters, state in CASES:
-        constants = full.constants(*parameters)
-        flow = np.array(full.rhs(*state, *constants))
-        h = 1e-3 / max(1.0, np.abs(flow).max())
-
-        def change(along, state=state, constants=constants, h=h):
-            return sum(
-                w * (full.energy(*(state + i * h * along), *constants)
-                     - full.energy(*(state - i * h * along), *constants)) / h
-                for i, w in enumerate(weights, start=1)
-            )  # fmt: skip
-
-        parts = sum(abs(change(flow * (np.arange(5) == i))) for i in range(5))
-        total = full.energy(*state, *constants)
-        assert abs(change(flow)) < 1e-9 * parts + 100 * EPS * total / h
-
-
 def condition(function, arguments):
     """Change of a function's results when each argument in turn grows by a rounding error."""
     base = function(*arguments)
