@@ -220,7 +220,7 @@ def _outcomes():
         yield kept
 
 
-def ask(cases, integrator=None, record=(), max_steps=100_000_000):
+def ask(cases, integrator=None, max_steps=100_000_000):
     """Run cases as one block; ``integrator`` as in a config."""
     frame = pd.DataFrame(
         [{**c.body, "n_i": c.n_i, "omega_xy0": c.omega_xy0, "t_end": c.t_end} for c in cases],
@@ -234,7 +234,6 @@ def ask(cases, integrator=None, record=(), max_steps=100_000_000):
             "spin": {"n_i": [1.0], "omega_xy0": [1.0]},
             "horizon": {"t": 1.0},
             "integrator": {**(integrator or {}), "max_steps": max_steps},
-            "record": list(record),
         })  # fmt: skip
         plan = make_plan(config)
     kernel(config.integrator.method, config.model)  # compiled before the clock runs

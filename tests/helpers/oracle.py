@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from functools import cache
 
 import numpy as np
-import scipy.integrate
+from scipy.integrate import DOP853, solve_ivp
 from scipy.optimize import brentq
 
 GH = {
@@ -209,12 +209,12 @@ def mean_torque_over_energy(body, mode, amplitude=1e-4, samples=4096):
 # --- Reversal times ---
 
 
-def advance(body, y0, dt, method="DOP853", rtol=1e-12, atol=1e-15):
+def advance(body, y0, dt, rtol=1e-12, atol=1e-15):
     """The state a short dt after y0, in at least four steps."""
     if dt == 0.0:
         return np.array(y0, dtype=float)
-    sol = scipy.integrate.solve_ivp(
-        rhs, (0.0, dt), y0, method=method, args=(body,), rtol=rtol, atol=atol, max_step=abs(dt) / 4
+    sol = solve_ivp(
+        rhs, (0.0, dt), y0, "DOP853", args=(body,), rtol=rtol, atol=atol, max_step=abs(dt) / 4
     )
     assert sol.success, sol.message
     return sol.y[:, -1]
@@ -239,25 +239,18 @@ def _first_bracket(ts, s, sign, rate, value):
     return None
 
 
-def first_reversal(
-    body, n_i, omega_xy0, psi, t_end, rtol=1e-12, atol=1e-15, method="DOP853", samples=64
-):
-    """First zero of the spin in continuous time.
+def first_reversal(body, n_i, omega_xy0, psi, t_end, rtol=1e-12, atol=1e-15, samples=64):
+    """`first_zero` of a launch."""
+    return first_zero(body, launch(body, n_i, omega_xy0, psi), t_end, rtol, atol, samples)
+
+
+def first_zero(body, y0, t_end, rtol=1e-12, atol=1e-15, samples=64):
+    """First zero of the spin in continuous time, from a state whose spin is not zero.
 
     Returns ``(t_r, y(t_r))``, or ``(None, y(t_end))`` when the spin keeps its sign until t_end.
-    ``method`` names one of SciPy's public solver classes.
     """
-    if n_i == 0:
-        raise ValueError("a launch without spin has no reversal")
-    return first_zero(
-        body, launch(body, n_i, omega_xy0, psi), t_end, rtol, atol, method, samples=samples
-    )
-
-
-def first_zero(body, y0, t_end, rtol=1e-12, atol=1e-15, method="DOP853", samples=64):
-    """`first_reversal` from any state whose spin is not zero."""
     sign = math.copysign(1.0, spin(y0))
-    solver = getattr(scipy.integrate, method)(
+    solver = DOP853(
         lambda t, y: rhs(t, y, body), 0.0, np.array(y0, dtype=float), t_end, rtol=rtol, atol=atol
     )
     while solver.status == "running":
@@ -274,7 +267,7 @@ def first_zero(body, y0, t_end, rtol=1e-12, atol=1e-15, method="DOP853", samples
             return spin(dense(t))
 
         def state(t, t_old=t_old, y_old=y_old):
-            return advance(body, y_old, t - t_old, method, rtol, atol)
+            return advance(body, y_old, t - t_old, rtol, atol)
 
         bracket = _first_bracket(ts, s, sign, lambda t, d=dense: spin_rate(d(t), body), value)
         if bracket is not None:

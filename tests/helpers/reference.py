@@ -100,11 +100,11 @@ def rhs(y, q):
     ])  # fmt: skip
 
 
-def step(y, h, q, columns=COLUMNS):
-    """A step of the extrapolated midpoint rule, order ``2 columns``; everything as increments."""
+def step(y, h, q):
+    """A step of the extrapolated midpoint rule, order 2 COLUMNS; everything as increments."""
     f0 = rhs(y, q)
     table = []
-    for j in range(1, columns + 1):
+    for j in range(1, COLUMNS + 1):
         sub = h / (2 * j)
         before, now = 0 * y, sub * f0
         for _ in range(2 * j - 1):
