@@ -61,8 +61,9 @@ def source(svg: bytes, png: bytes) -> str:
 def config_yaml(config: Mapping[str, Any]) -> str:
     """YAML text of a resolved config; long lists of evenly spaced numbers become axes."""
     yaml: Any = YAML(typ="safe", pure=True)
-    # What holds no other mapping or list stands in one line, keys in the order they have.
-    yaml.default_flow_style = None
+    # What holds no other mapping or list stands in one line, but the whole; keys in their order.
+    nested = any(isinstance(value, Mapping | list) for value in config.values())
+    yaml.default_flow_style = None if nested else False
     yaml.sort_base_mapping_type_on_output = False
     yaml.width = 96
     buffer = io.StringIO()

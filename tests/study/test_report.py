@@ -147,6 +147,7 @@ def test_the_config_makes_the_sweep_again(sweeps):
         assert physics_hash(again) == physics_hash(parse_config(config))
         assert resolved(again)["spin"] == config["spin"]
     assert "n_i:\n    linspace: [-0.6, 0.6, 50]" in text
+    assert config_yaml({"samples": 30, "least": 0.5}) == "samples: 30\nleast: 0.5\n"
 
 
 def test_words_of_the_config_are_words(pages):
