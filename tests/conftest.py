@@ -40,6 +40,11 @@ def pytest_collection_finish() -> None:
     gc.enable()
 
 
+def pytest_unconfigure() -> None:
+    """Leave nothing behind that libraries would call leaked."""
+    gc.unfreeze()
+
+
 @pytest.fixture(scope="session", autouse=True)
 def temporary_directories(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Make temporary directories in pytest's own, which no cleaner removes during a run."""
