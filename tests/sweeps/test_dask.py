@@ -422,26 +422,6 @@ def test_paused_worker_is_given_up_and_may_come_back(
 
 
 @pytest.mark.slow
-def test_worker_killed_and_worker_paused_and_scheduler_lost(
-    gate, own_cluster, begin, held_plain, tmp_path
-):
-    it, output = own_cluster(3, ttl="6s"), tmp_path / "out"
-    process = begin(HELD, "--scheduler", it.address, "--threads", "1")
-    it.workers[0].kill()
-    os.kill(it.workers[1].pid, signal.SIGSTOP)
-    for more in (2, 3):
-        gate.with_name("ticket").touch()
-        wait_for(lambda more=more: in_place(output) >= more, process)
-    it.scheduler.kill()
-    said = process.communicate(timeout=NEVER)[1]
-    assert process.returncode == 1
-    assert len(said.strip().splitlines()) == 1
-    assert "is lost; completed work is kept" in said
-    sweeping.sweep(output, HELD)
-    assert proved(output) == held_plain
-
-
-@pytest.mark.slow
 def test_killed_driver_leaves_workers_that_stop_and_a_directory_that_goes_on(
     gate, own_cluster, begin, held_plain, tmp_path
 ):

@@ -170,19 +170,6 @@ def test_from_python_and_for_the_mirror_image(tmp_path):
 
 
 @pytest.mark.slow
-def test_many_runs(tmp_path):
-    """A share of what benchmarks/early.py does on all of ``configs/steady.yaml``, another draw."""
-    sets = ["bodies.samples=100", "seed=11"]
-    for name, more in (("full", []), ("early", [EARLY])):
-        sweeping.sweep(tmp_path / name, "steady.yaml", *sets, *more)
-    full, early = rows(tmp_path / "full"), rows(tmp_path / "early")
-    assert len(full) == 12_000
-    assert early.type.equals(full.type)
-    assert (full.amp_growth[ended(early, full)] <= 0).all()
-    assert early.n_steps.sum() < 0.9 * full.n_steps.sum()
-
-
-@pytest.mark.slow
 def test_bodies_of_any_kind(tmp_path):
     """Any inertia and surface, near the threshold and far beyond, oscillations of all sizes."""
     rng, count = np.random.default_rng(5), 12_000

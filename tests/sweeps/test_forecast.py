@@ -9,7 +9,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 from refusal import assert_refused
 from sweeping import CONFIGS, invoke, plan_of, tree
@@ -191,18 +190,6 @@ def test_bytes_are_those_of_the_files(name, tmp_path):
     run_sweep(plan, tmp_path, threads=2)
     real = sum(p.stat().st_size for p in tmp_path.rglob("*") if p.is_file())
     assert f.bytes == pytest.approx(real, rel=0.15)
-
-
-def test_a_table_of_bodies(tmp_path):
-    launches = prepare(*some_runs(quick(*SMALL), 40))
-    names = ("alpha", "beta", "gamma", "theta", "phi", "xi")
-    rows = {name: getattr(launches.bodies, name) for name in names}
-    rows |= {"n_i": launches.n_i, "omega_xy0": launches.omega_xy0}
-    pd.DataFrame(rows).to_csv(tmp_path / "bodies.csv", index=False)
-    source = {"source": "table", "path": str(tmp_path / "bodies.csv")}
-    f = forecast(plan_of({"bodies": source, "horizon": {"t_rgh": 5, "t": 2000}}), 2, budget=0.2)
-    assert (f.runs, f.cases) == (240, 1)
-    assert 0 < f.units < f.units_most
 
 
 def test_the_longest_share_is_that_of_the_deal():

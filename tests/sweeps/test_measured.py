@@ -147,11 +147,9 @@ BAD = {
     "negative": (f"{SI}\n{SI_ROW}\n{SI_ROW.replace('1,0.01', '1,-0.01')}\n",
                  "row 2: height_m is -0.01; it must be positive"),
     "impossible": (f"{SI}\n{SI_ROW.replace('17e-4', '27e-4')}\n", "row 1: no body has this inert"),
-    "text": (f"{SI}\n{SI_ROW.replace('0.045', '45 mm')}\n", "row 1: r2_m is '45 mm'; a finite"),
     "two spins": (f"{PLAIN},n_i,omega_xy0,n_i_rpm,height_m\n{ROW},0.1,0.1,60,0.01\n",
                   "row 1: n_i is 0.1, and n_i_rpm comes to 0.200607; keep one of the two"),
     "name of a result": (f"{PLAIN},type\n{ROW},granite\n", "the column type has the name of a res"),
-    "twice": (f"{PLAIN},stone,stone\n{ROW},a,b\n", "there are 2 columns stone; keep one of them"),
 }  # fmt: skip
 
 
