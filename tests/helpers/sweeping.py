@@ -96,7 +96,8 @@ def manifest(output: Path) -> dict[str, Any]:
 
 def proved(output: Path, recompute: int = 0) -> str:
     """Content of a directory that proves whole, and some of its runs computed anew."""
-    assert verify(output, recompute=recompute, seed=1).problems == []
+    problems = verify(output, recompute=recompute, seed=1).problems
+    assert problems == [], problems
     return content_hash(output)
 
 
