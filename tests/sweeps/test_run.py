@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import pty
 import re
+import select
 import shutil
 import signal
 import subprocess
@@ -429,7 +430,10 @@ def test_a_terminal_gets_a_bar_with_the_time_left(monkeypatch):
             meter(Progress(0.25, 250, 1000, 3.0, 9.0))
             time.sleep(0.2)  # a bar that is drawn too often is not
             meter(Progress(1.0, 1000, 1000, 12.0, 0.0))
-        shown = screen.read(65536).decode()
+        drawn = b""
+        while b"1000/1000" not in drawn and select.select([screen], [], [], 60)[0]:
+            drawn += screen.read(65536)
+    shown = drawn.decode(errors="ignore")
     assert re.search(r" 25%\|.*\| 250/1000 runs, 0:03, 0:09 left", shown)
     assert re.search(r"100%\|.*\| 1000/1000 runs, 0:12", shown)
 
