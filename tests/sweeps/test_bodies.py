@@ -323,10 +323,21 @@ BAD_TABLES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", BAD_TABLES)
-def test_a_bad_table_is_told_by_its_row(name, tmp_path):
-    text, words = BAD_TABLES[name]
-    line = refusal(table(tmp_path, text))
+NO_TABLES = {
+    "b.parquet": b"PAR1 this is not one PAR1", "latin.csv": b"alpha,\xe9\n1,2\n",
+    "zero.csv": b"\0" * 100, "notes.docx": b"PK\x03\x04" + bytes(range(256)), "empty": None,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", [*BAD_TABLES, *NO_TABLES])
+def test_a_bad_table_is_told_by_its_row_and_what_is_none_by_its_name(name, tmp_path):
+    text, words = BAD_TABLES.get(name, (None, name))
+    source = table(tmp_path, text or "")
+    if text is None:
+        path, content = tmp_path / name, NO_TABLES[name]
+        path.mkdir() if content is None else path.write_bytes(content)
+        source["path"] = str(path)
+    line = refusal(source)
     assert line.startswith("bodies.path: ")
     assert words in line
 
@@ -334,21 +345,6 @@ def test_a_bad_table_is_told_by_its_row(name, tmp_path):
 def test_a_table_without_launch_needs_a_spin(tmp_path):
     line = refusal(table(tmp_path, f"{HEAD}\n{GH}\n"), spin=None)
     assert line.startswith("spin: missing; the table has no columns n_i and omega_xy0")
-
-
-NO_TABLES = {
-    "b.parquet": b"PAR1 this is not one PAR1", "latin.csv": b"alpha,\xe9\n1,2\n",
-    "zero.csv": b"\0" * 100, "notes.docx": b"PK\x03\x04" + bytes(range(256)), "empty": None,
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", NO_TABLES)
-def test_files_that_are_no_tables(name, tmp_path):
-    content, path = NO_TABLES[name], tmp_path / name
-    path.mkdir() if content is None else path.write_bytes(content)
-    line = refusal({"source": "table", "path": str(path)})
-    assert line.startswith("bodies.path: ")
-    assert name in line
 
 
 def test_types_inside_parquet(tmp_path):

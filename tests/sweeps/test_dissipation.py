@@ -337,19 +337,9 @@ REFUSED_TABLES: dict[str, tuple[str, str, dict[str, Any], str]] = {
     "both": ("mass_kg,height_m,sigma,sigma_N_m_s", "1,0.01,0.1,0.1", {},
              "row 1: sigma is 0.1, and sigma_N_m_s comes to "),
 }  # fmt: skip
-
-
-@pytest.mark.parametrize("name", REFUSED_TABLES)
-def test_tables_are_refused_in_a_sentence(name, tmp_path):
-    column, cell, rest, words = REFUSED_TABLES[name]
-    config = table(tmp_path, f"{HEAD},{column}", f"{ROW},{cell}") | rest
-    assert_refused(invoke("run", written(tmp_path, config), "--output", tmp_path / "out"), 2, words)
-    assert not (tmp_path / "out").exists()
-
-
 # name: (sigma or all losses, words); with test_stones.REFUSED, which are of single values
 REFUSED: dict[str, tuple[dict[str, Any], str]] = {
-    "negative": ({"sigma": [0, -0.1]}, "dissipation.sigma[1]: -0.1 is out of range; it must be at"),
+    "one negative": ({"sigma": [0, -0.1]}, "dissipation.sigma[1]: -0.1 is out of range; it must"),
     "long": ({"rolling": [0, 2]}, "dissipation.rolling[1]: 2 is out of range; it must be at most"),
     "none": ({"sigma": []}, "dissipation.sigma: the list has 0 values; give at least 1"),
     "word": ({"sigma": "tabel"}, 'dissipation.sigma: "tabel" is not one of table; did you mean'),
@@ -359,16 +349,19 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
                  "dissipation.sigma: no constant ratio leads from 0 to 1"),
     "too many": ({"sigma": {"linspace": [0, 1, 100_001]}}, "dissipation: 100001 cases (targets x "
                  "n_i x omega_xy0 x sigma x rolling); at most 100000 are possible"),
-    "no decay": ({}, "dissipation: horizon.t_decay is in units of gamma/sigma, and sigma is 0; "),
+    "no decay at all": ({}, "horizon.t_decay is in units of gamma/sigma, and sigma is 0; give"),
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", REFUSED)
-def test_configs_are_refused_in_a_sentence(name, tmp_path):
-    losses, words = REFUSED[name]
-    config = GH | ({"dissipation": losses} if losses else {"horizon": {"t_decay": 3}})
-    path = written(tmp_path, config)
-    assert_refused(invoke("run", path, "--output", tmp_path / "out"), 2, words)
+@pytest.mark.parametrize("name", [*REFUSED_TABLES, *REFUSED])
+def test_what_makes_no_sense_is_refused_in_a_sentence(name, tmp_path):
+    if name in REFUSED:
+        losses, words = REFUSED[name]
+        config = GH | ({"dissipation": losses} if losses else {"horizon": {"t_decay": 3}})
+    else:
+        column, cell, rest, words = REFUSED_TABLES[name]
+        config = table(tmp_path, f"{HEAD},{column}", f"{ROW},{cell}") | rest
+    assert_refused(invoke("run", written(tmp_path, config), "--output", tmp_path / "out"), 2, words)
     assert not (tmp_path / "out").exists()
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -301,23 +301,29 @@ def test_a_stop_leaves_whole_rows(goal, after, told, kept, monkeypatch):
 
 
 def test_runs_that_may_come_out_otherwise_are_done_again(monkeypatch):
-    """What fails or misses its companion's reversal at the first tolerance, and is counted once."""
-    plan, control, seen, real = plan_of(GOAL, "spin.n_i=[0.2]"), Control(), [], error.integrate
+    """What fails or misses its companion's reversal, but not where steps or time were up."""
+    plan, control, seen, real = (
+        plan_of(GOAL, "spin.n_i=[-0.1, 0.2]"),
+        Control(),
+        [],
+        error.integrate,
+    )
     _, batch = prepare_block(plan, plan.block(0))
     assert batch is not None
     honest = run_batch(plan.config, batch)
     assert isinstance(honest, error.Estimated)
-    once = np.flatnonzero(honest.tol == 3e-8)
+    once = np.flatnonzero((honest.tol == 3e-8) & np.isfinite(honest.t_r))
     energy, missed, limit, cut = once[:4].tolist()
+    harm = {energy: Status.ENERGY, limit: Status.STEP_LIMIT}
 
     def harmed(*args: Any, **kwargs: Any) -> Outcome:
         found = real(*args, **kwargs)
         seen.append((control.runs_begun, control.runs_done, control.done / control.total))
+        if len(seen) == 1:
+            found.status[cut] = Status.STOPPED
         if len(seen) == 2:
-            for row, status in ((energy, Status.ENERGY), (limit, Status.STEP_LIMIT)):
-                found.status[row] = status
-                found.t_r[row] = np.nan
-            found.t_r[missed] = np.nan
+            found.status[[*harm]] = [*harm.values()]
+            found.t_r[[*harm, missed]] = np.nan
         return found
 
     monkeypatch.setattr(error, "integrate", harmed)
@@ -325,27 +331,19 @@ def test_runs_that_may_come_out_otherwise_are_done_again(monkeypatch):
     assert isinstance(found, error.Estimated)
     # Once more again, since what was harmed is no companion that tells anything.
     assert found.tol[[energy, missed]] == pytest.approx([3e-12] * 2)
-    assert found.status[[energy, missed, limit]].tolist() == [0, 0, Status.STEP_LIMIT]
+    statuses = [Status.OK, Status.OK, Status.STEP_LIMIT, Status.STOPPED]
+    assert found.status[[energy, missed, limit, cut]].tolist() == statuses
     np.testing.assert_allclose(found.t_r[[energy, missed]], honest.t_r[[energy, missed]], rtol=1e-7)
     rest = np.setdiff1d(np.arange(len(batch)), [energy, missed, limit])
-    assert np.array_equal(found.t_r[rest], honest.t_r[rest])
-    assert found.tol[cut] == found.tol[limit] == 3e-8
+    assert np.array_equal(found.t_r[rest], honest.t_r[rest], equal_nan=True)
+    assert found.tol[[limit, cut]] == pytest.approx([3e-8] * 2)
+    assert found.stopped
     # Companions begin and end no run; those that are done again end late.
     begun, done, shares = zip(*seen, strict=True)
     assert begun == (0, *[len(batch)] * (len(seen) - 1))
     assert done[:2] == (0, 0)
     assert 0 < done[2] <= (found.tol == 3e-8).sum()
     assert 0 < shares[0] < shares[1] < shares[2] <= 1
-
-
-def test_a_run_whose_companion_was_cut_does_not_count():
-    plan = plan_of()
-    _, batch = prepare_runs(plan, np.array([2]), np.array([0]))
-    assert batch is not None
-    found = run_batch(plan.config.model_copy(update={"record": []}), batch)
-    cut = replace(found, status=np.array([Status.STOPPED]), stopped=True)
-    both = error.with_errors(plan.config, batch, found, cut, (1e-9, 2e-6))
-    assert (both.status.tolist(), both.stopped) == ([Status.STOPPED], True)
 
 
 def test_classify_tells_again_which_types_are_sure(told, tmp_path):

@@ -23,7 +23,6 @@ import pytest
 from hardship import wait_until
 from refusal import assert_refused
 from sweeping import (
-    CONFIGS,
     PROGRAM,
     begin,
     content_hash,
@@ -500,35 +499,29 @@ def test_bodies_can_be_drawn_while_a_kernel_runs():
 
     It is the pool that Numba falls back to where there is neither OpenMP nor TBB.
     """
-    code = f"""
-import sys, threading, time, numpy as np
-from rattlesweep.integrate.batch import Control
+    code = """
+import time, numpy as np
+from sweeping import plan_of
+from rattlesweep.integrate.task import Task
 from rattlesweep.sweeps.blocks.block import finish_block, prepare_block
-from rattlesweep.sweeps.config.load import load_config
-from rattlesweep.sweeps.cases.plan import make_plan
 
-config = load_config({str(CONFIGS / "quickstart.yaml")!r}, ["bodies.target.rel_tol=0.1"])
-plan = make_plan(config)
-control = Control()
+plan = plan_of("quickstart.yaml", "bodies.target.rel_tol=0.1")
+free = plan_of("quickstart.yaml", "bodies.target=")
 block = prepare_block(plan, plan.block(0))
-task = threading.Thread(
-    target=lambda: finish_block(config, *block, control=control), daemon=True
-)
-task.start()
-while not control.runs_done:
+task = Task(lambda control: finish_block(plan.config, *block, control=control))
+while not task.control.runs_done:
     time.sleep(0.001)
-free = make_plan(load_config({str(CONFIGS / "quickstart.yaml")!r}, ["bodies.target="]))
 for k in range(20):
     plan.source.bodies(1, np.arange(100) + 100 * (k % 4))
     free.source.bodies(0, np.arange(10_000))
 assert task.is_alive()
-sys.stdout.write("drawn")
-sys.stdout.flush()
-control.stop()
+print("drawn", end="", flush=True)
+task.control.stop()
 """
+    own = {"NUMBA_THREADING_LAYER": "workqueue", "PYTHONPATH": os.pathsep.join(sys.path)}
     done = subprocess.run(
-        [sys.executable, "-c", code], env={**os.environ, "NUMBA_THREADING_LAYER": "workqueue"},
-        capture_output=True, text=True, check=False,
+        [sys.executable, "-c", code], env=os.environ | own, capture_output=True, text=True,
+        check=False,
     )  # fmt: skip
     assert (done.returncode, done.stdout) == (0, "drawn"), done.stderr
 
