@@ -145,6 +145,14 @@ def open_folder() -> Iterator[Path]:
         yield Path(name)
 
 
+def remove(path: Path) -> None:
+    """A file, or a folder with all that is in it."""
+    if path.is_dir():
+        shutil.rmtree(path)
+    else:
+        path.unlink()
+
+
 def begin(config: Path, output: Path, **how: Any) -> Child:
     """Start a sweep, and wait until two blocks are in place: it waits then, too."""
     child = nursery().start("run", config, "--output", output, "-q", hold=2, **how)
@@ -199,8 +207,7 @@ def test_something_is_removed_under_the_sweep(what, tmp_path):
     config, _, reference = finished_sweep(tmp_path)
     output = tmp_path / "out"
     child = begin(config, output)
-    gone = output / what
-    gone.unlink() if gone.is_file() else shutil.rmtree(gone)
+    remove(output / what)
     child.go_on()
     done = child.wait()
     if what == "manifest.json":
@@ -229,7 +236,7 @@ def test_something_is_in_the_way(where, whole, tmp_path):
     done = nursery().run("run", config, "--output", output, "-q")
     assert refused(done, output, "in the way", "Is a directory", "Not a directory"), done
     assert before <= everything_in(tmp_path)
-    shutil.rmtree(place) if place.suffix else place.unlink()
+    remove(place)
     check_goes_on(config, output, reference)
 
 

@@ -27,7 +27,6 @@ from rattlesweep.study.plots.map import BONDI_LABEL, CODES, NO_REVERSAL
 from rattlesweep.study.plots.picture import Picture
 from rattlesweep.study.plots.registry import choose_picture, read_picture
 from rattlesweep.study.style import FAILED, MISSING, TYPE_STYLE, styled
-from rattlesweep.sweeps.config.load import parse_config
 
 # Of sweeps without dissipation.
 PLAIN = {name: mark for name, mark in TYPE_STYLE.items() if name != "D"}
@@ -120,23 +119,6 @@ def test_counts_and_moments_against_pandas(sweeps):
     assert unsteady["fraction_bondi"].null_count == len(unsteady) > 0
 
 
-def test_spins_may_be_spaced_like_an_axis():
-    def parsed(*values: Any) -> Any:
-        config = {"bodies": {"source": "preset", "name": "GH"}, "spin": spin(*values)}
-        return parse_config(config).spin
-
-    assert parsed({"linspace": [-0.5, 0.5, 4]}).n_i == pytest.approx([-0.5, -1 / 6, 1 / 6, 0.5])
-    assert parsed(0.1, {"logspace": [0.001, 0.1, 3]}).omega_xy0 == pytest.approx([0.001, 0.01, 0.1])
-    for n_i, words in (
-        ({"linspace": [-0.5, 0.5]}, "spin.n_i: the list has 2 values; give at least 3"),
-        ({"logspace": [-0.5, 0.5, 4]}, "spin.n_i: no constant ratio leads"),
-        ({"linspace": [-0.5, 0.5, 4], "n": 3}, 'n: unknown key "n"'),
-        ({"lin": [1, 2, 3]}, "a mapping is given here; write a number or a list of numbers"),
-    ):
-        with pytest.raises(ConfigError, match=words):
-            parsed(n_i)
-
-
 # -- pictures --------------------------------------------------------------------------------------
 
 
@@ -220,6 +202,7 @@ def test_a_map_shows_the_runs_and_bondis_line_between_them(sweeps):
     runs = rs.load(sweeps / "map").runs
     runs = runs.assign(code=runs["type"].map(order), ratio=runs["t_r"] / runs["t_rgh"])
     cells = runs.pivot(index="n_i", columns="theta", values=["code", "ratio"])
+    assert cells.index == pytest.approx(np.linspace(-0.6, 0.6, 10))
     code, value = cells["code"].to_numpy(), cells["ratio"].to_numpy()
     np.testing.assert_array_equal(types.collections[0].get_array(), code)
     colours = ratio.collections[1].get_array()
