@@ -202,7 +202,7 @@ def test_a_map_shows_the_runs_and_bondis_line_between_them(sweeps):
     runs = rs.load(sweeps / "map").runs
     runs = runs.assign(code=runs["type"].map(order), ratio=runs["t_r"] / runs["t_rgh"])
     cells = runs.pivot(index="n_i", columns="theta", values=["code", "ratio"])
-    assert cells.index == pytest.approx(np.linspace(-0.6, 0.6, 10))
+    assert cells.index.tolist() == pytest.approx(np.linspace(-0.6, 0.6, 10))
     code, value = cells["code"].to_numpy(), cells["ratio"].to_numpy()
     np.testing.assert_array_equal(types.collections[0].get_array(), code)
     colours = ratio.collections[1].get_array()
