@@ -119,12 +119,12 @@ plot out/sd --data plot.csv --output plot.svg
 plot out/sd --kind ratio --data plot.csv --output plot.svg
 plot out/sd --kind times --select n_i=-0.3 --data plot.csv --output plot.svg --title A,B --size 6,4
 plot out/unsteady --kind ratio --data plot.csv --output plot.svg --log
-plot out/free --kind distribution --data plot.csv --output plot.svg
+plot out/free --kind distribution
 plot out/grid --data plot.csv --output plot.svg
 plot out/grid --kind fractions --x n_i --data plot.csv --output plot.svg
 plot out/failing --data plot.csv --output plot.svg
 plot out/errors --kind times --data plot.csv --output plot.svg
-plot out/sd --kind map
+plot out/sd --kind map --data plot.csv --output plot.svg
 plot out/sd --select n_i=0.77
 report out/sd
 report out/grid --output report.html --title A&B
