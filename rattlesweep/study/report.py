@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -124,8 +125,16 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
         config=config_yaml(resolved(layout.config)),
         digest=None if digest is None else digest.hexdigest(),
         session_head=SESSION_COLUMNS,
-        sessions=[[getattr(s, name) for name in SESSION_COLUMNS] for s in sessions],
+        sessions=[
+            [_to_the_second(s.started), *(getattr(s, name) for name in SESSION_COLUMNS[1:])]
+            for s in sessions
+        ],
     )
+
+
+def _to_the_second(time: str) -> str:
+    """A time of the manifest, to the second."""
+    return datetime.fromisoformat(time).isoformat(timespec="seconds")
 
 
 def _kinds(layout: Layout) -> list[str]:

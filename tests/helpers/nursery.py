@@ -100,6 +100,8 @@ def _prepare(order: dict[str, Any]) -> None:
         os.setuid(order["uid"])
     if order.get("full"):
         os.dup2(os.open("/dev/full", os.O_WRONLY), 1)
+        # As Python has it, whatever PYTHONUNBUFFERED says here.
+        sys.stdout = open(1, "w", closefd=False)  # noqa: SIM115
     if "fsize" in order:
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (order["fsize"],) * 2)

@@ -33,6 +33,7 @@ from syscalls import CHANGES
 from rattlesweep.errors import OutputError
 from rattlesweep.integrate import task
 from rattlesweep.integrate.batch import available_threads
+from rattlesweep.sweeps.cases.shards import Shard
 from rattlesweep.sweeps.engines import local
 from rattlesweep.sweeps.engines.progress import Progress
 from rattlesweep.sweeps.inspect.merge import merge
@@ -275,3 +276,10 @@ def test_a_manifest_that_is_harmed_meanwhile_is_made_anew(harm, tmp_path):
 def test_what_the_tests_leave_lying_is_in_pytests_own_directory(tmp_path_factory):
     assert nursery().folder.is_relative_to(tmp_path_factory.getbasetemp())
     assert nursery().folder.is_dir()
+
+
+def test_sessions_of_one_process_are_told_apart_however_soon_they_follow(tmp_path):
+    config = SMALL | {"model": "gh"}
+    for shard in (Shard(0, 2), None, None):
+        sweep(tmp_path, config, shard=shard)
+    assert [entry.get("shard") for entry in manifest(tmp_path)["sessions"]] == ["0/2", None, None]

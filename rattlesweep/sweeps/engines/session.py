@@ -69,7 +69,8 @@ class Session:
         shares = deal(self.plan, 1 if shard is None else shard.count, self.costs)
         self.blocks = shares[0 if shard is None else shard.index]  # all of the share
         self._record = SessionRecord(
-            started=now(),
+            # Two of a process may begin in the same second.
+            started=now("microseconds"),
             state="running",
             shard=None if shard is None else str(shard),
             host=socket.gethostname(),

@@ -167,7 +167,9 @@ def examine(plan: Plan, directory: Path, base: Path | None) -> Output:
         ("versions", manifest.versions, versions()),
         ("machine", manifest.machine, machine()),
     ):
-        if changed := differences(_of_bits(then), _of_bits(today)):
+        # What directories of before do not tell is not known to differ.
+        known = {key: value for key, value in today.items() if key in then}
+        if changed := differences(_of_bits(then), _of_bits(known)):
             remarks.append(
                 f"{directory} was begun with other {part} ({'; '.join(changed[:3])}): last bits "
                 "may differ"

@@ -28,9 +28,9 @@ def package_version() -> str:
         return "unknown"
 
 
-def now() -> str:
+def now(timespec: str = "seconds") -> str:
     """The time, in UTC."""
-    return datetime.now(UTC).isoformat(timespec="seconds")
+    return datetime.now(UTC).isoformat(timespec=timespec)
 
 
 def command_line() -> list[str]:
@@ -41,8 +41,16 @@ def command_line() -> list[str]:
 
 
 def machine() -> dict[str, Any]:
-    """Processor, system and the processors that this process may use."""
+    """Processor, system, the processors that this process may use, and the LAPACK of NumPy.
+
+    Modes come from LAPACK, whose last bits depend on which library it is, which of its kernels it
+    takes for the processor, and environment variables: it goes by a hash of what it computes.
+    """
+    import numpy as np
     from llvmlite import binding
+
+    numbers = (37 * np.arange(1024) % 101 / 101).reshape(64, 4, 4)
+    eigen = b"".join(part.tobytes() for part in np.linalg.eig(numbers))
 
     allowed = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     return {
@@ -50,6 +58,7 @@ def machine() -> dict[str, Any]:
         "machine": platform.machine(),
         "cpu": binding.get_host_cpu_name(),
         "processors": allowed,
+        "lapack": hashlib.sha256(eigen).hexdigest()[:8],
     }
 
 
