@@ -16,7 +16,7 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
@@ -451,7 +451,12 @@ def test_embedded_cluster_is_closed_to_others_and_has_a_directory_of_its_own(tmp
     def look(dask_worker: Any) -> tuple[list[str], str]:
         return sys.path, dask_worker.local_directory
 
-    with daskcluster.embedded(1, 1) as client, daskcluster.quiet():
+    # Where clusters open a page unless told otherwise.
+    taken = socket.socket()
+    with suppress(OSError):
+        taken.bind(("127.0.0.1", 8787))
+        taken.listen()
+    with closing(taken), daskcluster.embedded(1, 1) as client, daskcluster.quiet():
         ((path, scratch),) = client.run(look).values()
         (private,) = tmp_path.glob("rattlesweep-dask-*")
         assert private.stat().st_mode & 0o777 == 0o700

@@ -58,6 +58,8 @@ def embedded(workers: int | None, threads: int) -> Iterator[Client]:
                     processes=True,
                     host="127.0.0.1",
                     dashboard_address=None,
+                    # Any port: by itself it warns where another cluster has taken 8787.
+                    scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
                     memory_limit=0,
                     # Whoever reaches a port without this may run anything as this user.
                     security=True,
