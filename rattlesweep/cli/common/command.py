@@ -81,8 +81,7 @@ def _sentences(resumes: bool) -> Iterator[None]:
         _leave(TERMINATED if term else INTERRUPTED)
     except BrokenPipeError:
         # The reader of standard output has gone; there is nobody to tell.
-        _drop_output()
-        raise SystemExit(FAILED) from None
+        _leave(FAILED)
     except (ConfigError, SettingError, OutputError) as error:
         for line in getattr(error, "messages", [str(error)]):
             say(f"error: {line}")
@@ -99,14 +98,9 @@ def _leave(code: int) -> NoReturn:
         sys.stdout.flush()
     except OSError:
         # What could not be written before cannot be now: Python would try again, and fail.
-        _drop_output()
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     sys.stderr.flush()
     # Ours by name: an embedding program, such as a test runner, may have daemons of its own.
     if any(t.name.startswith("rattlesweep-") for t in threading.enumerate()):
         os._exit(code)
     raise SystemExit(code)
-
-
-def _drop_output() -> None:
-    """Have what standard output still holds go nowhere."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

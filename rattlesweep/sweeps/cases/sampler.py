@@ -131,6 +131,7 @@ def draw_bodies(
     out = np.full((2 + len(ranges), samples.size), np.nan)
     draws = np.zeros(samples.size, dtype=np.int64)
     nearest = np.full(samples.size, np.nan)
+    # Copies are of the types that it is compiled for, whatever is given.
     settings = (
         seed, np.array(samples), group, np.array(ranges, dtype=float, order="C"), which,
         float(target), float(rel_tol), max_draws, out, draws, nearest,

@@ -7,6 +7,7 @@ import os
 import platform
 import sys
 from datetime import UTC, datetime
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -40,17 +41,23 @@ def command_line() -> list[str]:
     return [word.encode(errors="backslashreplace").decode() for word in words]
 
 
-def machine() -> dict[str, Any]:
-    """Processor, system, the processors that this process may use, and the LAPACK of NumPy.
+@cache
+def lapack() -> str:
+    """NumPy's LAPACK, as a hash of what it computes.
 
-    Modes come from LAPACK, whose last bits depend on which library it is, which of its kernels it
-    takes for the processor, and environment variables: it goes by a hash of what it computes.
+    Modes come from it, and its last bits depend on which library it is, which of its kernels it
+    takes for the processor, and environment variables.
     """
     import numpy as np
-    from llvmlite import binding
 
     numbers = (37 * np.arange(1024) % 101 / 101).reshape(64, 4, 4)
     eigen = b"".join(part.tobytes() for part in np.linalg.eig(numbers))
+    return hashlib.sha256(eigen).hexdigest()[:8]
+
+
+def machine() -> dict[str, Any]:
+    """Processor, system, the processors that this process may use, and the LAPACK of NumPy."""
+    from llvmlite import binding
 
     allowed = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     return {
@@ -58,7 +65,7 @@ def machine() -> dict[str, Any]:
         "machine": platform.machine(),
         "cpu": binding.get_host_cpu_name(),
         "processors": allowed,
-        "lapack": hashlib.sha256(eigen).hexdigest()[:8],
+        "lapack": lapack(),
     }
 
 
