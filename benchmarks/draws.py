@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from rattlesweep.study import style
-from rattlesweep.sweeps.blocks.block import finish_block, prepare_runs
-from rattlesweep.sweeps.cases.plan import make_plan
+from rattlesweep.analysis import style
+from rattlesweep.sweeps.block import finish_block, prepare_runs
+from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.config.load import parse_config
 
 CONFIG = {

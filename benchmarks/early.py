@@ -24,10 +24,10 @@ from rattlesweep.integrate.defaults import TOL
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
-from rattlesweep.sweeps.blocks.block import prepare_runs
-from rattlesweep.sweeps.cases.plan import make_plan
+from rattlesweep.sweeps.block import prepare_runs
+from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.config.load import load_config
-from rattlesweep.sweeps.tables.types import TYPES, classify
+from rattlesweep.sweeps.types import TYPES, classify
 
 AT_ONCE = 4_000
 MOST_CASES = 1_000

@@ -5,7 +5,7 @@
     python benchmarks/errors.py --promise      # accuracy: {t_r: 1e-6}: what it keeps and costs
     python benchmarks/errors.py --worst 40     # the worst runs of quickstart in 32 digits
 
-The estimate and its constants are those of the package (rattlesweep/sweeps/blocks/error.py);
+The estimate and its constants are those of the package (rattlesweep/sweeps/error.py);
 docs/sensitive.md says what the runs are that it has to tell.
 
 The truth is verner98 at 1e-14; where dop853 at 1e-13 is off it by more than 1e-9, this is added
@@ -30,8 +30,8 @@ from rattlesweep.integrate.batch import integrate
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
-from rattlesweep.sweeps.blocks.block import prepare_block, prepare_runs, run_batch
-from rattlesweep.sweeps.blocks.error import (
+from rattlesweep.sweeps.block import prepare_block, prepare_runs, run_batch
+from rattlesweep.sweeps.error import (
     Estimated,
     Fit,
     companion_setting,
@@ -39,10 +39,10 @@ from rattlesweep.sweeps.blocks.error import (
     relative_error,
     with_errors,
 )
-from rattlesweep.sweeps.cases.plan import make_plan
+from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.config.integrator import Integrator
 from rattlesweep.sweeps.config.load import load_config
-from rattlesweep.sweeps.tables.types import classify, sure_types
+from rattlesweep.sweeps.types import classify, sure_types
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

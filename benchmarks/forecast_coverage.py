@@ -15,10 +15,10 @@ import tempfile
 import time
 from pathlib import Path
 
-from rattlesweep.sweeps.cases.plan import make_plan
+from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.config.load import load_config
-from rattlesweep.sweeps.engines.run import run_sweep
-from rattlesweep.sweeps.forecast.forecast import forecast
+from rattlesweep.sweeps.old.run import run_sweep
+from rattlesweep.sweeps.old.forecast import forecast
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 # A second or more of kernel on two threads each.

@@ -37,7 +37,7 @@ from rattlesweep.integrate.processor import compiled_for
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics import full, launch, steady, theory
 from rattlesweep.physics.body import PARAMETERS, Rattleback
-from rattlesweep.study.tradeoff.scalar_rk4 import rk4_step
+from rattlesweep.analysis.tradeoff.scalar_rk4 import rk4_step
 
 DT, TOL = 0.002, 1e-9
 OMEGA = 0.01

@@ -31,14 +31,14 @@ from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import DOP853
 from rattlesweep.physics import full, theory
 from rattlesweep.physics.steady import steady_modes
-from rattlesweep.sweeps.blocks.block import finish_block, run_batch
-from rattlesweep.sweeps.cases.launches import full_batch, prepare, reduced_batch
-from rattlesweep.sweeps.cases.plan import make_plan
+from rattlesweep.sweeps.block import finish_block, run_batch
+from rattlesweep.sweeps.launches import full_batch, prepare, reduced_batch
+from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.config.integrator import Integrator
 from rattlesweep.sweeps.config.load import load_config
-from rattlesweep.sweeps.store.store import Store
-from rattlesweep.sweeps.tables.arrow import build_table
-from rattlesweep.sweeps.tables.columns import runs_schema
+from rattlesweep.sweeps.old.store import Store
+from rattlesweep.sweeps.arrow import build_table
+from rattlesweep.sweeps.columns import runs_schema
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -19,8 +19,8 @@ from rattlesweep.integrate.cache import source_hash
 from rattlesweep.integrate.lanes import kernel as lanes
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import METHODS
-from rattlesweep.sweeps.cases.launches import full_batch, prepare
-from rattlesweep.sweeps.cases.plan import make_plan
+from rattlesweep.sweeps.launches import full_batch, prepare
+from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.config.load import load_config, parse_config
 
 if TYPE_CHECKING:

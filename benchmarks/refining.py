@@ -14,12 +14,12 @@ import pyarrow as pa
 from matplotlib.colors import ListedColormap
 from scipy.ndimage import label as islands
 
-from rattlesweep.study import style
-from rattlesweep.study.boundaries import boundaries
-from rattlesweep.study.plots.map import CELLS, CODES, inferred
-from rattlesweep.sweeps.cases.stages import Refining
+from rattlesweep.analysis import style
+from rattlesweep.analysis.boundaries import boundaries
+from rattlesweep.analysis.plots.map import CELLS, CODES, inferred
+from rattlesweep.sweeps.decide import Refining
 from rattlesweep.sweeps.config.load import override_config, resolved
-from rattlesweep.sweeps.store.stored import open_stored
+from rattlesweep.sweeps.old.stored import open_stored
 
 LEVELS = (2, 3, 4, 5)
 

@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from rattlesweep.sweeps.blocks.block import finish_block, prepare_runs
-from rattlesweep.sweeps.cases.plan import make_plan
-from rattlesweep.sweeps.cases.stages import make_stages
+from rattlesweep.sweeps.block import finish_block, prepare_runs
+from rattlesweep.sweeps.plan import make_plan
+from rattlesweep.sweeps.decide import make_stages
 from rattlesweep.sweeps.config.load import parse_config
-from rattlesweep.sweeps.tables.arrow import build_table
-from rattlesweep.sweeps.tables.cells import Z95, Cells, wilson
-from rattlesweep.sweeps.tables.columns import runs_schema
+from rattlesweep.sweeps.arrow import build_table
+from rattlesweep.sweeps.counts import Z95, Cells, wilson
+from rattlesweep.sweeps.columns import runs_schema
 
 CONFIG: dict[str, Any] = {
     "bodies": {"source": "sd", "samples": 50_000},

@@ -19,7 +19,7 @@ import pandas as pd
 
 from rattlesweep.api import load
 from rattlesweep.sweeps.config.schema import Classify
-from rattlesweep.sweeps.tables.types import TYPES, classify
+from rattlesweep.sweeps.types import TYPES, classify
 
 
 def settings(default: Classify) -> Iterator[tuple[str, Classify]]:

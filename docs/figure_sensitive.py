@@ -18,8 +18,8 @@ from rattlesweep.integrate.follow.trajectory import Follower
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics.steady import growth, steady_modes
-from rattlesweep.sweeps.blocks.block import prepare_runs
-from rattlesweep.sweeps.cases.plan import make_plan
+from rattlesweep.sweeps.block import prepare_runs
+from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.config.load import load_config
 
 CONFIG = Path(__file__).resolve().parent.parent / "configs" / "quickstart.yaml"

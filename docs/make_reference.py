@@ -23,7 +23,7 @@ import pyarrow as pa
 from rattlesweep.integrate.status import Status
 from rattlesweep.sweeps.config.load import config_json_schema
 from rattlesweep.sweeps.config.schema import Config
-from rattlesweep.sweeps.tables import columns
+from rattlesweep.sweeps import columns
 
 DOCS = Path(__file__).parent
 TOP = "the top level"

@@ -13,7 +13,7 @@ from rattlesweep.durations import clock
 if TYPE_CHECKING:
     from typing import Self
 
-    from rattlesweep.sweeps.engines.progress import Progress
+    from rattlesweep.sweeps.old.progress import Progress
 
 COMPILING = "compiling the kernel for this machine, once (about 15 s)"
 # Seconds after which a call from Python shows a bar: most are over by then.

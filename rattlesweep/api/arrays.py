@@ -40,7 +40,7 @@ def body_columns(bodies: Bodies) -> dict[str, Floats]:
     if isinstance(bodies, Mapping) or is_frame(bodies):
         import pandas as pd
 
-        from rattlesweep.sweeps.cases.table import columns_of
+        from rattlesweep.sweeps.bodies.table import columns_of
 
         try:
             frame = pd.DataFrame(bodies)
@@ -71,7 +71,7 @@ def body_columns(bodies: Bodies) -> dict[str, Floats]:
 
 def numbers(name: str, value: Any) -> Floats:
     """An argument as an array; refuses anything but numbers that are what its name wants."""
-    from rattlesweep.sweeps.cases.table import check_value
+    from rattlesweep.sweeps.bodies.table import check_value
 
     wanted = WANTED.get(name, "it must be finite")
     array: Floats | None = None

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from numpy.typing import ArrayLike
 
-    from rattlesweep.study.onerun.course import Trajectory
+    from rattlesweep.analysis.onerun.course import Trajectory
 
 LAUNCH, OF_LAUNCH = ("n_i", "omega_xy0"), ("psi", "t_end")
 STATE = ("omega_x", "omega_y", "omega_z", "u_x", "u_y", "u_z")
@@ -187,10 +187,10 @@ def simulate(
         )
         dt_step = dt
     from rattlesweep.integrate.compiling import listening
-    from rattlesweep.sweeps.blocks.memory import integrate_plan
-    from rattlesweep.sweeps.blocks.single import Launch, is_full_state, plan_of
-    from rattlesweep.sweeps.cases.sources import TableBodies
-    from rattlesweep.sweeps.cases.table import launched_from
+    from rattlesweep.sweeps.memory import integrate_plan
+    from rattlesweep.sweeps.single import Launch, is_full_state, plan_of
+    from rattlesweep.sweeps.bodies.sources import TableBodies
+    from rattlesweep.sweeps.bodies.table import launched_from
 
     check_threads(threads)
     columns = body_columns(body)
@@ -283,9 +283,9 @@ def trajectory(
     >>> path.table.shape, path.reversals.round(2)
     ((4, 2), array([112.09]))
     """
-    from rattlesweep.study.onerun.course import Course, collect
-    from rattlesweep.study.onerun.rows import Rows
-    from rattlesweep.sweeps.blocks.single import Launch
+    from rattlesweep.analysis.onerun.course import Course, collect
+    from rattlesweep.analysis.onerun.rows import Rows
+    from rattlesweep.sweeps.single import Launch
 
     integrator = _integrator(method, tol, dt_step)
     launch = Launch(
@@ -337,9 +337,9 @@ def replay(
     >>> import rattlesweep as rs
     >>> path = rs.replay("out/steady", case=3, sample=17)  # doctest: +SKIP
     """
-    from rattlesweep.study.onerun.course import Course, collect
-    from rattlesweep.study.onerun.replay import Replay
-    from rattlesweep.study.onerun.rows import Rows
+    from rattlesweep.analysis.onerun.course import Course, collect
+    from rattlesweep.analysis.onerun.replay import Replay
+    from rattlesweep.analysis.onerun.rows import Rows
 
     source = Replay(Path(directory))
     run = source.find(case, sample)

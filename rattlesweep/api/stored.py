@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.figure import Figure
 
-    from rattlesweep.study.onerun.course import Trajectory
+    from rattlesweep.analysis.onerun.course import Trajectory
 
 LOOKS = ("title", "log", "size", "xlim", "ylim")
 # Dots per inch of what a notebook shows.
@@ -41,7 +41,7 @@ class Sweep:
     """
 
     def __init__(self, directory: str | Path) -> None:
-        from rattlesweep.sweeps.store.stored import open_stored
+        from rattlesweep.sweeps.old.stored import open_stored
 
         self.directory = Path(directory)
         self._stored = open_stored(self.directory)
@@ -57,8 +57,8 @@ class Sweep:
     @property
     def summary(self) -> pd.DataFrame:
         """One row a case, with units in ``attrs``; of a sweep under way, of its blocks so far."""
-        from rattlesweep.sweeps.inspect.summary import summarise
-        from rattlesweep.sweeps.tables.cells import columns_for
+        from rattlesweep.sweeps.summary import summarise
+        from rattlesweep.sweeps.counts import columns_for
 
         store, manifest = self._stored.store, self._stored.manifest
         if store.summary_path.exists():
@@ -96,7 +96,7 @@ class Sweep:
         """
         import pyarrow as pa
 
-        from rattlesweep.study.where import parse_condition
+        from rattlesweep.analysis.where import parse_condition
         from rattlesweep.sweeps.config.messages import not_one_of
 
         schema = self._stored.manifest.schema
@@ -160,8 +160,8 @@ class Sweep:
         >>> runs.t_r.sel(n_i=-0.1).round(2).item(), runs.t_r.attrs["units"]
         (809.86, 'sqrt(a/g)')
         """
-        from rattlesweep.study.dataset import make_dataset
-        from rattlesweep.study.plots.layout import read_layout
+        from rattlesweep.analysis.dataset import make_dataset
+        from rattlesweep.analysis.plots.layout import read_layout
 
         return make_dataset(read_layout(self.directory).chosen(where), columns)
 
@@ -203,9 +203,9 @@ class Sweep:
         >>> import rattlesweep as rs
         >>> figure = rs.load("out/gh").plot("distribution", path="distribution.svg")
         """
-        from rattlesweep.study.plots.layout import read_layout
-        from rattlesweep.study.plots.registry import read_picture
-        from rattlesweep.study.style import FORMATS, encode, save, styled
+        from rattlesweep.analysis.plots.layout import read_layout
+        from rattlesweep.analysis.plots.registry import read_picture
+        from rattlesweep.analysis.style import FORMATS, encode, save, styled
 
         for name in looks:
             if name not in LOOKS:
@@ -246,8 +246,8 @@ class Sweep:
         >>> rs.load("out/gh").report().path.name
         'report.html'
         """
-        from rattlesweep.study.report import make_report
-        from rattlesweep.sweeps.store.atomic import replace_file
+        from rattlesweep.analysis.report import make_report
+        from rattlesweep.sweeps.files import replace_file
 
         target = Path(path) if path is not None else self.directory / "report.html"
         replace_file(target, make_report(self.directory, title))
@@ -311,8 +311,8 @@ class Sweep:
         >>> rs.load("out/gh").show(0, 0, t_end=20).path.name
         'show-0-0.html'
         """
-        from rattlesweep.study.onerun.replay import Replay
-        from rattlesweep.study.viewer import show
+        from rattlesweep.analysis.onerun.replay import Replay
+        from rattlesweep.analysis.viewer import show
 
         source = Replay(self.directory)
         run = source.select(case, sample, where)[0]

@@ -15,7 +15,7 @@ from rattlesweep.progress import Bar
 if TYPE_CHECKING:
     import pandas as pd
 
-    from rattlesweep.sweeps.cases.plan import Plan
+    from rattlesweep.sweeps.plan import Plan
 
 
 def load(directory: str | Path) -> Sweep:
@@ -87,7 +87,7 @@ def sweep(
     [33.15, 33.15]
     """
     from rattlesweep.integrate.compiling import listening
-    from rattlesweep.sweeps.engines.run import run_sweep
+    from rattlesweep.sweeps.old.run import run_sweep
 
     check_threads(threads)
     target = None if output is None else Path(output)
@@ -104,11 +104,11 @@ def _planned(
 ) -> tuple[Plan, Path, Path | None, list[str]]:
     """The plan of a sweep, where it goes, where its table is looked for, and what is doubtful."""
     from rattlesweep.sweeps.config.load import load_config, parse_config
-    from rattlesweep.sweeps.sense import checked_plan
+    from rattlesweep.sweeps.plausible import checked_plan
 
     base: Path | None = None
     if is_frame(config):
-        from rattlesweep.sweeps.engines.frame import keep_bodies
+        from rattlesweep.sweeps.old.frame import keep_bodies
 
         return keep_bodies(config, output, keys)
     if keys:

@@ -66,7 +66,7 @@ def _print_version(context: click.Context, option: click.Parameter, asked: bool)
     if context.params["verbose"]:
         from rattlesweep.integrate.batch import available_threads
         from rattlesweep.integrate.processor import vector_bits
-        from rattlesweep.sweeps.store.provenance import machine, versions
+        from rattlesweep.sweeps.provenance import machine, versions
 
         told = {name: str(text) for name, text in {**versions(), **machine()}.items()}
         del told["rattlesweep"]

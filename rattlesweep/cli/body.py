@@ -29,7 +29,7 @@ def body(body: dict[str, Any], spin: dict[str, Any], dissipation: dict[str, Any]
     The spin and the oscillation, in sqrt(g/a), matter for the reversal times only. Of a body given
     in SI units all is printed in both, with g = 9.81 m/s^2.
     """
-    from rattlesweep.study.derived import derived, in_units_of, make_body
+    from rattlesweep.analysis.derived import derived, in_units_of, make_body
 
     made = make_body(body)
     values = derived(made, **in_units_of(made.units, spin | dissipation))

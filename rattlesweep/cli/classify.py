@@ -16,7 +16,7 @@ def classify(directory: Path, overrides: tuple[str, ...]) -> None:
     Rewrites the types in the blocks and the summary, and notes both the thresholds of the config
     and the new ones in the manifest. Prints one row per case on standard output.
     """
-    from rattlesweep.sweeps.inspect.retype import retype
+    from rattlesweep.sweeps.old.retype import retype
 
     done = retype(directory, overrides)
     print_summary(done.summary, directory)

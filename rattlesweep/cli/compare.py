@@ -40,9 +40,9 @@ def compare(
     Both need record: [error]. Exits with 1 if a larger share than --allow is beyond, or if types
     that are sure differ, and with 0 else; without stored errors always with 0.
     """
-    from rattlesweep.study.compare import as_text, save
-    from rattlesweep.sweeps.inspect.compare import compare as compared
-    from rattlesweep.sweeps.inspect.compare import rows_file
+    from rattlesweep.analysis.compare import as_text, save
+    from rattlesweep.sweeps.old.compare import compare as compared
+    from rattlesweep.sweeps.old.compare import rows_file
 
     probe(figure, data)
     with Meter() as meter, ExitStack() as files:

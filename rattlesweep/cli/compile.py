@@ -60,8 +60,8 @@ def _of_sweep(config: Config) -> Kernels:
     """What a sweep needs, by name, and what loads it; the closed form needs no kernel."""
     import numpy as np
 
-    from rattlesweep.sweeps.blocks.block import load_kernel
-    from rattlesweep.sweeps.cases.sampler import draw_bodies
+    from rattlesweep.sweeps.block import load_kernel
+    from rattlesweep.sweeps.bodies.sampler import draw_bodies
 
     if config.bodies.source == "sd":
         yield "bodies", partial(draw_bodies, 0, 0, np.zeros(1, dtype=np.int64), np.ones((5, 2)))

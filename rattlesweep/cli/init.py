@@ -22,7 +22,7 @@ def init(config: Path) -> None:
 
     from rattlesweep.sweeps.config import yamlfile
     from rattlesweep.sweeps.config.load import parse_config
-    from rattlesweep.sweeps.store.atomic import replace_file
+    from rattlesweep.sweeps.files import replace_file
 
     shown = one_line(str(config), 200)
     if config.suffix not in (".yaml", ".yml"):

@@ -22,7 +22,7 @@ def merge(directories: tuple[Path, ...], output: Path, quiet: bool) -> int:
     already are kept. If some are missing after that, says which, and exits with 75: merge other
     shards into the same output, or let `rattlesweep run CONFIG --output DIR` compute the rest.
     """
-    from rattlesweep.sweeps.inspect.merge import merge as join
+    from rattlesweep.sweeps.old.merge import merge as join
 
     with Meter(quiet) as meter:
         merged = join(list(directories), output, report=meter.counting("files"))

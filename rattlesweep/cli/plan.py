@@ -37,8 +37,8 @@ def plan(
     Integrates a sample of its runs for about two seconds and writes nothing. The interval is a 95 %
     confidence interval, for a machine as busy as it is now.
     """
-    from rattlesweep.sweeps.forecast.footprint import shortages
-    from rattlesweep.sweeps.forecast.forecast import describe, forecast
+    from rattlesweep.sweeps.old.footprint import shortages
+    from rattlesweep.sweeps.old.forecast import describe, forecast
 
     loaded = options.load_sweep(config, overrides, output)
     made = options.planned(loaded, config)

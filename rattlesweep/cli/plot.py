@@ -56,9 +56,9 @@ def plot(
 
     Works at any time, even while the sweep is running. Prints the paths of what it writes.
     """
-    from rattlesweep.study.plots.layout import read_layout
-    from rattlesweep.study.plots.registry import read_picture
-    from rattlesweep.study.style import save, styled
+    from rattlesweep.analysis.plots.layout import read_layout
+    from rattlesweep.analysis.plots.registry import read_picture
+    from rattlesweep.analysis.style import save, styled
 
     with styled(style):
         picture = read_picture(read_layout(directory), kind, x=x, select=select, where=where)

@@ -40,9 +40,9 @@ def replay(
     Each run is first integrated as in the sweep, and its row is checked against the stored one, bit
     for bit; so is the first reversal of the series. Exits with 1 if any differs.
     """
-    from rattlesweep.study.derived import in_units_of
-    from rattlesweep.study.onerun.replay import Replay, targets
-    from rattlesweep.study.onerun.rows import Rows
+    from rattlesweep.analysis.derived import in_units_of
+    from rattlesweep.analysis.onerun.replay import Replay, targets
+    from rattlesweep.analysis.onerun.rows import Rows
 
     in_units_of(None, {"t_end": t_end})
     source = Replay(directory)

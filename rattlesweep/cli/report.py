@@ -23,8 +23,8 @@ def report(directory: Path, output: Path | None, title: str | None) -> None:
     It holds the config, cases, figures, failures, cost and provenance. Works at any time, even
     while the sweep is running.
     """
-    from rattlesweep.study.report import make_report
-    from rattlesweep.sweeps.store.atomic import replace_file
+    from rattlesweep.analysis.report import make_report
+    from rattlesweep.sweeps.files import replace_file
 
     path = output or directory / "report.html"
     page = make_report(directory, title)

@@ -15,8 +15,8 @@ from rattlesweep.errors import ConfigError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rattlesweep.sweeps.engines.progress import Result
-    from rattlesweep.sweeps.engines.session import Session
+    from rattlesweep.sweeps.old.progress import Result
+    from rattlesweep.sweeps.old.session import Session
 
 session = options.Group(
     "session",
@@ -64,9 +64,9 @@ def run(
 
     Prints one row per case on standard output.
     """
-    from rattlesweep.sweeps.engines.run import run_sweep
-    from rattlesweep.sweeps.forecast.forecast import describe, forecast
-    from rattlesweep.sweeps.store.output import examine
+    from rattlesweep.sweeps.old.run import run_sweep
+    from rattlesweep.sweeps.old.forecast import describe, forecast
+    from rattlesweep.sweeps.old.output import examine
 
     loaded = options.load_sweep(config, overrides, output)
     shard = session.get("shard")
@@ -96,14 +96,14 @@ def _engine(
     name: str, scheduler: str | None, workers: int | None, threads: int | None
 ) -> Callable[[Session], None]:
     """The engine that the options ask for."""
-    from rattlesweep.sweeps.engines import local
+    from rattlesweep.sweeps.old import local
 
     if name == "local":
         for flag, value in (("--scheduler", scheduler), ("--workers", workers)):
             if value is not None:
                 raise ConfigError(f"{flag}: is for --engine dask; add that, or leave this out")
         return local.work_off
-    from rattlesweep.sweeps.engines.dask_driver import make_engine
+    from rattlesweep.sweeps.old.dask_driver import make_engine
 
     return make_engine(scheduler, workers, threads)
 

@@ -27,8 +27,8 @@ def sensitivity(directory: Path, figure: Path | None, as_json: bool) -> None:
     only first-order ones are estimated, from means in bins. Those of t_r and log10 t_r are of the
     runs that reverse, those of P(R), P(SS), ... of all.
     """
-    from rattlesweep.study.sensitivity import as_text, save
-    from rattlesweep.sweeps.inspect.sensitivity import sensitivity as told
+    from rattlesweep.analysis.sensitivity import as_text, save
+    from rattlesweep.sweeps.old.sensitivity import sensitivity as told
 
     probe(figure)
     found = told(directory)

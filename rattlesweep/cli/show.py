@@ -13,7 +13,7 @@ from rattlesweep.cli.common.series import say_outcome
 from rattlesweep.errors import ConfigError
 
 if TYPE_CHECKING:
-    from rattlesweep.study.onerun.replay import StoredRun
+    from rattlesweep.analysis.onerun.replay import StoredRun
 
 
 @command(
@@ -50,9 +50,9 @@ def show(
     It needs a browser but no network. Play, pause, change the speed, drag to look around; the page
     lists its keys.
     """
-    from rattlesweep.study.derived import in_units_of
-    from rattlesweep.study.onerun.replay import Replay
-    from rattlesweep.study.viewer import show as pages
+    from rattlesweep.analysis.derived import in_units_of
+    from rattlesweep.analysis.onerun.replay import Replay
+    from rattlesweep.analysis.viewer import show as pages
 
     probe(output)
     stored: StoredRun | None = None

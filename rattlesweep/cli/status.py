@@ -20,7 +20,7 @@ def status(directory: Path, as_json: bool) -> int:
     Works at any time, even while the sweep is running. Exits with 3 if some runs have a status
     other than ok.
     """
-    from rattlesweep.sweeps.inspect.status import describe, status_of
+    from rattlesweep.sweeps.old.status import describe, status_of
 
     found = status_of(directory)
     click.echo(to_json(asdict(found)) if as_json else describe(found))

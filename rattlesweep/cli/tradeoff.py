@@ -41,12 +41,12 @@ def tradeoff(
     thread, whatever --threads says.
     """
     from rattlesweep.integrate.batch import available_threads
-    from rattlesweep.study.tradeoff.figure import save
-    from rattlesweep.study.tradeoff.measure import measure
-    from rattlesweep.study.tradeoff.settings import DEFAULT, FULL, QUICK
-    from rattlesweep.study.tradeoff.table import as_data, as_text
+    from rattlesweep.analysis.tradeoff.figure import save
+    from rattlesweep.analysis.tradeoff.measure import measure
+    from rattlesweep.analysis.tradeoff.settings import DEFAULT, FULL, QUICK
+    from rattlesweep.analysis.tradeoff.table import as_data, as_text
     from rattlesweep.sweeps.config.load import load_config, override_config
-    from rattlesweep.sweeps.store.atomic import probe_directory
+    from rattlesweep.sweeps.files import probe_directory
 
     loaded = (
         override_config(DEFAULT, overrides) if config is None else load_config(config, overrides)

@@ -47,7 +47,7 @@ def trajectory(
     quarter of its initial value to beyond a quarter of it on the other side; of a launch without
     spin (--n-i 0), a quarter of the spin that would hold all its energy.
     """
-    from rattlesweep.study.onerun.rows import Rows
+    from rattlesweep.analysis.onerun.rows import Rows
 
     launch = options.launched(**run)
     probe(output, figure)

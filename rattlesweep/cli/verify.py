@@ -30,7 +30,7 @@ def verify(
     Prints one line per problem and exits with 1 if there is any. `rattlesweep run` repairs what
     it finds by computing those blocks again.
     """
-    from rattlesweep.sweeps.inspect.verify import verify as check
+    from rattlesweep.sweeps.old.verify import verify as check
 
     with Meter() as meter:
         report = meter.counting("blocks")

@@ -8,7 +8,7 @@ from typing import Any
 import pandas as pd
 import pyarrow as pa
 
-from rattlesweep.sweeps.tables.columns import F64, I64, RATE, TEXT, TIME, field
+from rattlesweep.sweeps.columns import F64, I64, RATE, TEXT, TIME, field
 
 COMMON = {
     column.name: column

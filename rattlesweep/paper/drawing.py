@@ -19,8 +19,8 @@ from rattlesweep import child
 from rattlesweep.errors import OutputError
 from rattlesweep.integrate.task import POLL
 from rattlesweep.paper.workspace import KINDS, Figure, Tables, read_table, tidy
-from rattlesweep.study.style import encode, styled
-from rattlesweep.sweeps.store.atomic import replace_file
+from rattlesweep.analysis.style import encode, styled
+from rattlesweep.sweeps.files import replace_file
 
 DPI = 150
 

@@ -17,9 +17,9 @@ from markupsafe import Markup
 from rattlesweep.paper.claims.claim import CLAIMS
 from rattlesweep.paper.columns import table
 from rattlesweep.paper.registry import FIGURES
-from rattlesweep.study.pages import config_yaml, render, source
-from rattlesweep.sweeps.store.atomic import replace_file
-from rattlesweep.sweeps.tables.arrow import encode
+from rattlesweep.analysis.pages import config_yaml, render, source
+from rattlesweep.sweeps.files import replace_file
+from rattlesweep.sweeps.arrow import encode
 
 TITLE = "Rattleback dynamics and its reversal time of rotation: recomputed"
 VERDICTS = ("agree", "partly", "disagree")

@@ -1,1 +1,1 @@
-"""Many runs: config, cases, blocks, store, engines."""
+"""Sweeps: from a config to rows on disk."""

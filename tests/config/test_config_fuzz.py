@@ -20,10 +20,10 @@ from sweeping import invoke
 from test_config import GOOD
 
 from rattlesweep.errors import ConfigError
-from rattlesweep.sweeps.cases.plan import make_plan
+from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.config.bodies import SdSource
 from rattlesweep.sweeps.config.load import load_config, parse_config, physics_hash, resolved
-from rattlesweep.sweeps.sense import check_physics
+from rattlesweep.sweeps.plausible import check_physics
 
 JARGON = ("Traceback", "pydantic", "Input should", "ruamel", "http", "<class", "object at")
 QUICK = settings(

@@ -10,11 +10,11 @@ from test_config import SPIN, variants
 import rattlesweep as rs
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.tableau import METHODS
-from rattlesweep.sweeps.cases.plan import make_plan
-from rattlesweep.sweeps.cases.sampler import draw_bodies
+from rattlesweep.sweeps.plan import make_plan
+from rattlesweep.sweeps.bodies.sampler import draw_bodies
 from rattlesweep.sweeps.config.bodies import SdSource, Target
 from rattlesweep.sweeps.config.load import load_config, parse_config
-from rattlesweep.sweeps.sense import (
+from rattlesweep.sweeps.plausible import (
     check_physics,
     checked_plan,
     stability_limit,

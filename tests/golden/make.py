@@ -13,7 +13,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 
 import rattlesweep as rs
-from rattlesweep.sweeps.inspect.content_hash import content_hash
+from rattlesweep.sweeps.old.content_hash import content_hash
 
 HERE = Path(__file__).parent
 

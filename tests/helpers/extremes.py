@@ -20,10 +20,10 @@ from theory_mp import growth_exact
 
 from rattlesweep.integrate.lanes.build import kernel
 from rattlesweep.physics import full, theory
-from rattlesweep.sweeps.blocks import block as blocks
-from rattlesweep.sweeps.cases.plan import make_plan
+from rattlesweep.sweeps import block as blocks
+from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.config.load import parse_config
-from rattlesweep.sweeps.tables.types import TYPES
+from rattlesweep.sweeps.types import TYPES
 
 
 def shell_dumbbell(gamma=10.0, f_sd=0.1, theta=0.8, phi=0.05, xi=-3.0):

@@ -7,8 +7,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-from rattlesweep.sweeps.blocks.block import Interrupted, finish_block
-from rattlesweep.sweeps.engines import remainder
+from rattlesweep.sweeps.block import Interrupted, finish_block
+from rattlesweep.sweeps.old import remainder
 
 _place = Path(os.environ["RATTLESWEEP_TESTS_GATE"])
 

@@ -19,7 +19,7 @@ from typing import Any
 from syscalls import Calls
 
 from rattlesweep import cli
-from rattlesweep.sweeps.engines import remainder, session
+from rattlesweep.sweeps.old import remainder, session
 
 
 def _serve(folder: Path, config: str) -> None:

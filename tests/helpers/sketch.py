@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 
 from rattlesweep.errors import OutputError
-from rattlesweep.study.style import new_figure
+from rattlesweep.analysis.style import new_figure
 
 
 def draw(tables):

@@ -6,8 +6,8 @@ import random
 from collections.abc import Callable
 from typing import Any
 
-from rattlesweep.sweeps.engines import local
-from rattlesweep.sweeps.engines.session import Session
+from rattlesweep.sweeps.old import local
+from rattlesweep.sweeps.old.session import Session
 
 
 class Stop(Exception):

@@ -12,11 +12,11 @@ import pandas as pd
 from click.testing import CliRunner
 
 from rattlesweep import cli
-from rattlesweep.sweeps.cases.plan import Plan, make_plan
+from rattlesweep.sweeps.plan import Plan, make_plan
 from rattlesweep.sweeps.config.load import load_config, parse_config
-from rattlesweep.sweeps.engines.run import run_sweep
-from rattlesweep.sweeps.inspect.content_hash import content_hash
-from rattlesweep.sweeps.inspect.verify import verify
+from rattlesweep.sweeps.old.run import run_sweep
+from rattlesweep.sweeps.old.content_hash import content_hash
+from rattlesweep.sweeps.old.verify import verify
 
 ROOT = Path(__file__).parents[2]
 CONFIGS = ROOT / "configs"

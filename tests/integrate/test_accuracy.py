@@ -8,8 +8,8 @@ import pytest
 from rattlesweep.integrate.batch import integrate
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import METHODS
-from rattlesweep.sweeps.blocks.block import prepare_block, run_batch
-from rattlesweep.sweeps.cases.plan import Block, make_plan
+from rattlesweep.sweeps.block import prepare_block, run_batch
+from rattlesweep.sweeps.plan import Block, make_plan
 from rattlesweep.sweeps.config.load import load_config
 
 CONFIGS = Path(__file__).parents[2] / "configs"

@@ -17,11 +17,11 @@ from rattlesweep.integrate.model import FULL, REDUCED
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import DOP853, METHODS, RK4
 from rattlesweep.physics import full, reduced, steady, tangent, theory
-from rattlesweep.sweeps.blocks import block
-from rattlesweep.sweeps.inspect.content_hash import content_hash
-from rattlesweep.sweeps.inspect.verify import verify
-from rattlesweep.sweeps.store.store import Store
-from rattlesweep.sweeps.tables.chaos import LEAST_GROWTH, is_chaotic
+from rattlesweep.sweeps import block
+from rattlesweep.sweeps.old.content_hash import content_hash
+from rattlesweep.sweeps.old.verify import verify
+from rattlesweep.sweeps.old.store import Store
+from rattlesweep.sweeps.chaos import LEAST_GROWTH, is_chaotic
 
 GH = oracle.GH
 LYAPUNOV = frozenset(["lyapunov"])

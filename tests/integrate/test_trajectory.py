@@ -17,10 +17,10 @@ from rattlesweep.integrate.follow.trajectory import Follower
 from rattlesweep.integrate.model import FULL, REDUCED
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
-from rattlesweep.study.onerun.channels import CHANNELS
-from rattlesweep.study.onerun.course import CHUNK, Course
-from rattlesweep.study.onerun.rows import Rows
-from rattlesweep.sweeps.blocks.single import Launch
+from rattlesweep.analysis.onerun.channels import CHANNELS
+from rattlesweep.analysis.onerun.course import CHUNK, Course
+from rattlesweep.analysis.onerun.rows import Rows
+from rattlesweep.sweeps.single import Launch
 
 GH = rs.Rattleback.gh()
 DOP853, RK4 = METHODS["dop853"], METHODS["rk4"]

@@ -12,9 +12,9 @@ import pytest
 import rattlesweep as rs
 from rattlesweep.api import closed, single, stored, sweeps
 from rattlesweep.errors import ConfigError, ConfigWarning
-from rattlesweep.study.report import make_report
-from rattlesweep.sweeps.inspect.verify import verify
-from rattlesweep.sweeps.store.store import Store
+from rattlesweep.analysis.report import make_report
+from rattlesweep.sweeps.old.verify import verify
+from rattlesweep.sweeps.old.store import Store
 
 GH = rs.Rattleback.gh()
 CONFIG = {

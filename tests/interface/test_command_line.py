@@ -18,13 +18,13 @@ import rattlesweep as rs
 from rattlesweep import cli
 from rattlesweep.cli.common import types
 from rattlesweep.integrate.model import MODELS, WITH_TANGENT
-from rattlesweep.study.onerun.channels import choose
-from rattlesweep.study.onerun.figure import CURVES, SHOWN
-from rattlesweep.study.plots.registry import KINDS
-from rattlesweep.sweeps.cases.plan import make_plan
+from rattlesweep.analysis.onerun.channels import choose
+from rattlesweep.analysis.onerun.figure import CURVES, SHOWN
+from rattlesweep.analysis.plots.registry import KINDS
+from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.config.integrator import ACCURACIES
 from rattlesweep.sweeps.config.load import config_json_schema, parse_config
-from rattlesweep.sweeps.tables.columns import RECORD_PARTS
+from rattlesweep.sweeps.columns import RECORD_PARTS
 
 HEAVY = {"numpy", "numba", "scipy", "pandas", "pyarrow", "pydantic", "tqdm", "matplotlib"}
 

@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 
 import rattlesweep as rs
-from rattlesweep.sweeps.inspect.verify import verify
-from rattlesweep.sweeps.store.store import Store
+from rattlesweep.sweeps.old.verify import verify
+from rattlesweep.sweeps.old.store import Store
 
 GH = rs.Rattleback.gh()
 PARAMETERS = ["alpha", "beta", "gamma", "theta", "phi", "xi"]

@@ -17,12 +17,12 @@ from sweeping import invoke
 
 import rattlesweep as rs
 from rattlesweep import cli
-from rattlesweep.study.onerun import figure as trajectory_figure
-from rattlesweep.study.onerun import files as trajectory_file
-from rattlesweep.study.onerun.course import Course
-from rattlesweep.study.onerun.observer import Observer
-from rattlesweep.study.onerun.rows import Rows
-from rattlesweep.sweeps.blocks.single import Launch
+from rattlesweep.analysis.onerun import figure as trajectory_figure
+from rattlesweep.analysis.onerun import files as trajectory_file
+from rattlesweep.analysis.onerun.course import Course
+from rattlesweep.analysis.onerun.observer import Observer
+from rattlesweep.analysis.onerun.rows import Rows
+from rattlesweep.sweeps.single import Launch
 
 GH = rs.Rattleback.gh()
 

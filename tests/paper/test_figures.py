@@ -17,7 +17,7 @@ from rattlesweep.paper.claims.runs import force_words
 from rattlesweep.paper.figures import fig4, fig6, fig8, lyapunov
 from rattlesweep.paper.figures.follow import FORCES, forces
 from rattlesweep.paper.registry import FIGURES
-from rattlesweep.study.onerun.figure import thin
+from rattlesweep.analysis.onerun.figure import thin
 
 GH = ("G1", "G2", "G3")
 

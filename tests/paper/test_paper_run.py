@@ -34,12 +34,12 @@ from rattlesweep.paper.registry import FIGURES, choose, needed
 from rattlesweep.paper.report import symbols
 from rattlesweep.paper.run import reproduce
 from rattlesweep.paper.workspace import FULL, QUICK, Figure, Sizes, Workspace, sweep_config
-from rattlesweep.sweeps.blocks.single import single_run
+from rattlesweep.sweeps.single import single_run
 from rattlesweep.sweeps.config.load import load_config, resolved
 from rattlesweep.sweeps.config.schema import Classify
-from rattlesweep.sweeps.store.atomic import replace_file
-from rattlesweep.sweeps.tables.arrow import encode, open_sealed
-from rattlesweep.sweeps.tables.chaos import is_chaotic
+from rattlesweep.sweeps.files import replace_file
+from rattlesweep.sweeps.arrow import encode, open_sealed
+from rattlesweep.sweeps.chaos import is_chaotic
 
 ROOT = Path(__file__).parents[2]
 SWEEPS = ["fig5", "fig6", "fig7"]

@@ -21,9 +21,9 @@ from hardship import (
     trace,
 )
 
-from rattlesweep.sweeps.store.manifest import Manifest
-from rattlesweep.sweeps.store.store import Store
-from rattlesweep.sweeps.tables.columns import runs_schema
+from rattlesweep.sweeps.old.manifest import Manifest
+from rattlesweep.sweeps.old.store import Store
+from rattlesweep.sweeps.columns import runs_schema
 
 SCENES = ("run", "classify", "retry", "fresh", "merge", "grow")
 

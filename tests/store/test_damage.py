@@ -31,11 +31,11 @@ from scenes import finished_sweep
 
 import rattlesweep as rs
 from rattlesweep.errors import ConfigError, OutputError, printable
-from rattlesweep.sweeps.inspect.status import describe, status_of
-from rattlesweep.sweeps.inspect.verify import _choose, verify
-from rattlesweep.sweeps.store import sealed as sealedjson
-from rattlesweep.sweeps.store.manifest import Receipt
-from rattlesweep.sweeps.store.store import Store
+from rattlesweep.sweeps.old.status import describe, status_of
+from rattlesweep.sweeps.old.verify import _choose, verify
+from rattlesweep.sweeps.old import sealed as sealedjson
+from rattlesweep.sweeps.old.manifest import Receipt
+from rattlesweep.sweeps.old.store import Store
 
 FIRST, LAST = "runs/block-000000.parquet", "runs/block-000003.parquet"
 FILES = [LAST, "manifest.json", "summary.parquet"]

@@ -14,18 +14,18 @@ import pyarrow.parquet as pq
 import pytest
 
 from rattlesweep.errors import ConfigError, DamagedError, OutputError
-from rattlesweep.sweeps.cases.plan import make_plan
+from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.config.load import parse_config
 from rattlesweep.sweeps.config.schema import Classify
-from rattlesweep.sweeps.inspect.content_hash import content_hash
-from rattlesweep.sweeps.store import atomic as files
-from rattlesweep.sweeps.store import sealed
-from rattlesweep.sweeps.store.blockfile import Note
-from rattlesweep.sweeps.store.manifest import Manifest, Receipt
-from rattlesweep.sweeps.store.store import Store
-from rattlesweep.sweeps.store.stored import open_stored
-from rattlesweep.sweeps.tables import columns as units
-from rattlesweep.sweeps.tables.arrow import (
+from rattlesweep.sweeps.old.content_hash import content_hash
+from rattlesweep.sweeps import files
+from rattlesweep.sweeps.old import sealed
+from rattlesweep.sweeps.old.blockfile import Note
+from rattlesweep.sweeps.old.manifest import Manifest, Receipt
+from rattlesweep.sweeps.old.store import Store
+from rattlesweep.sweeps.old.stored import open_stored
+from rattlesweep.sweeps import columns as units
+from rattlesweep.sweeps.arrow import (
     build_table,
     encode,
     encode_hashed,
@@ -33,7 +33,7 @@ from rattlesweep.sweeps.tables.arrow import (
     ragged,
     same_schema,
 )
-from rattlesweep.sweeps.tables.columns import RECORD_PARTS, runs_schema, summary_schema
+from rattlesweep.sweeps.columns import RECORD_PARTS, runs_schema, summary_schema
 
 SCHEMA = runs_schema(("energy", "contact", "windows"))
 TYPES = ["R", "SS", "SW", "unclassified"]

@@ -32,8 +32,8 @@ from hardship import (
 )
 from scenes import finished_sweep
 
-from rattlesweep.sweeps.inspect.verify import verify
-from rattlesweep.sweeps.store.locks import hold, holder
+from rattlesweep.sweeps.old.verify import verify
+from rattlesweep.sweeps.old.locks import hold, holder
 
 
 @pytest.fixture(scope="module")

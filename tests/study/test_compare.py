@@ -15,7 +15,7 @@ from refusal import assert_refused
 from sweeping import invoke
 
 import rattlesweep as rs
-from rattlesweep.sweeps.store.stored import open_stored
+from rattlesweep.sweeps.old.stored import open_stored
 
 CONFIG: dict[str, Any] = {
     "seed": 3,

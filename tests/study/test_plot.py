@@ -20,13 +20,13 @@ from theory_mp import n_c1_squared
 
 import rattlesweep as rs
 from rattlesweep.errors import ConfigError
-from rattlesweep.study.plots import scatter as plot_scatter
-from rattlesweep.study.plots.distribution import EDGES
-from rattlesweep.study.plots.layout import read_layout
-from rattlesweep.study.plots.map import BONDI_LABEL, CODES, NO_REVERSAL
-from rattlesweep.study.plots.picture import Picture
-from rattlesweep.study.plots.registry import choose_picture, read_picture
-from rattlesweep.study.style import FAILED, MISSING, TYPE_STYLE, styled
+from rattlesweep.analysis.plots import scatter as plot_scatter
+from rattlesweep.analysis.plots.distribution import EDGES
+from rattlesweep.analysis.plots.layout import read_layout
+from rattlesweep.analysis.plots.map import BONDI_LABEL, CODES, NO_REVERSAL
+from rattlesweep.analysis.plots.picture import Picture
+from rattlesweep.analysis.plots.registry import choose_picture, read_picture
+from rattlesweep.analysis.style import FAILED, MISSING, TYPE_STYLE, styled
 
 # Of sweeps without dissipation.
 PLAIN = {name: mark for name, mark in TYPE_STYLE.items() if name != "D"}

@@ -17,11 +17,11 @@ from sweeping import invoke, rows, run
 import rattlesweep as rs
 from rattlesweep.integrate.model import FULL
 from rattlesweep.physics import full
-from rattlesweep.study.onerun.channels import formulas
-from rattlesweep.study.onerun.course import Course
-from rattlesweep.study.onerun.replay import Replay
-from rattlesweep.study.onerun.rows import Rows
-from rattlesweep.sweeps.store.store import Store
+from rattlesweep.analysis.onerun.channels import formulas
+from rattlesweep.analysis.onerun.course import Course
+from rattlesweep.analysis.onerun.replay import Replay
+from rattlesweep.analysis.onerun.rows import Rows
+from rattlesweep.sweeps.old.store import Store
 
 
 @pytest.fixture(scope="module")

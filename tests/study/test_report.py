@@ -19,15 +19,15 @@ from matplotlib.colors import to_rgb
 from sweeping import invoke
 
 import rattlesweep as rs
-from rattlesweep.study.pages import config_yaml
-from rattlesweep.study.report import MOST_CASES, make_report
-from rattlesweep.study.style import TYPE_STYLE
+from rattlesweep.analysis.pages import config_yaml
+from rattlesweep.analysis.report import MOST_CASES, make_report
+from rattlesweep.analysis.style import TYPE_STYLE
 from rattlesweep.sweeps.config import yamlfile
 from rattlesweep.sweeps.config.load import parse_config, physics_hash, resolved
-from rattlesweep.sweeps.inspect.content_hash import content_hash
-from rattlesweep.sweeps.store import store as store_module
-from rattlesweep.sweeps.store.manifest import Expected, Manifest
-from rattlesweep.sweeps.store.store import Store
+from rattlesweep.sweeps.old.content_hash import content_hash
+from rattlesweep.sweeps.old import store as store_module
+from rattlesweep.sweeps.old.manifest import Expected, Manifest
+from rattlesweep.sweeps.old.store import Store
 
 EVIL = "<script>alert(1)&lt;"
 STEADY: dict[str, Any] = {

@@ -22,8 +22,8 @@ from scipy.spatial.transform import Rotation
 from sweeping import invoke, rows, run
 
 import rattlesweep as rs
-from rattlesweep.study.viewer import show
-from rattlesweep.sweeps.blocks.single import Launch
+from rattlesweep.analysis.viewer import show
+from rattlesweep.sweeps.single import Launch
 
 GH = rs.Rattleback.gh()
 T_END = 130.0

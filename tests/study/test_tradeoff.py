@@ -21,14 +21,14 @@ from rattlesweep.cli.common import to_json
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics import launch, theory
 from rattlesweep.physics.body import PARAMETERS, Rattleback
-from rattlesweep.study.style import styled
-from rattlesweep.study.tradeoff import figure
-from rattlesweep.study.tradeoff import settings as tradeoff
-from rattlesweep.study.tradeoff.measure import measure, promise_kept
-from rattlesweep.study.tradeoff.reference import independent_reversal, make_reference
-from rattlesweep.study.tradeoff.runs import draw
-from rattlesweep.study.tradeoff.settings import DEFAULT, FULL, QUICK, REFERENCES, Setting
-from rattlesweep.study.tradeoff.table import (
+from rattlesweep.analysis.style import styled
+from rattlesweep.analysis.tradeoff import figure
+from rattlesweep.analysis.tradeoff import settings as tradeoff
+from rattlesweep.analysis.tradeoff.measure import measure, promise_kept
+from rattlesweep.analysis.tradeoff.reference import independent_reversal, make_reference
+from rattlesweep.analysis.tradeoff.runs import draw
+from rattlesweep.analysis.tradeoff.settings import DEFAULT, FULL, QUICK, REFERENCES, Setting
+from rattlesweep.analysis.tradeoff.table import (
     QUANTILES,
     SCHEMA,
     WANTED,
@@ -37,7 +37,7 @@ from rattlesweep.study.tradeoff.table import (
     row_name,
 )
 from rattlesweep.sweeps.config.load import load_config, parse_config, physics_hash
-from rattlesweep.sweeps.tables.arrow import open_sealed
+from rattlesweep.sweeps.arrow import open_sealed
 
 SMALL = """\
 name: small

@@ -10,8 +10,8 @@ import pytest
 from test_store import SCHEMA, random_columns
 
 from rattlesweep.errors import ConfigError
-from rattlesweep.study.where import parse_condition
-from rattlesweep.sweeps.tables.arrow import build_table
+from rattlesweep.analysis.where import parse_condition
+from rattlesweep.sweeps.arrow import build_table
 
 
 @pytest.fixture(scope="module")

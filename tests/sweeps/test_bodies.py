@@ -22,12 +22,12 @@ import rattlesweep as rs
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import PARAMETERS
-from rattlesweep.sweeps.blocks.block import prepare_block
-from rattlesweep.sweeps.cases.launches import prepare
-from rattlesweep.sweeps.cases.philox import uniforms
-from rattlesweep.sweeps.cases.quasi import APART, Sequence
-from rattlesweep.sweeps.cases.sampler import draw_bodies
-from rattlesweep.sweeps.cases.sources import CHUNK
+from rattlesweep.sweeps.block import prepare_block
+from rattlesweep.sweeps.launches import prepare
+from rattlesweep.sweeps.bodies.philox import uniforms
+from rattlesweep.sweeps.bodies.quasi import APART, Sequence
+from rattlesweep.sweeps.bodies.sampler import draw_bodies
+from rattlesweep.sweeps.bodies.sources import CHUNK
 from rattlesweep.sweeps.config.load import parse_config, physics_hash
 
 SPIN = {"n_i": -0.1, "omega_xy0": 0.01}

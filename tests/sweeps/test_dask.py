@@ -27,15 +27,15 @@ from refusal import assert_refused
 from sweeping import PROGRAM, content_hash, invoke, manifest, plan_of, proved
 
 from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.sweeps.cases.shards import Shard
-from rattlesweep.sweeps.engines import dask_cluster as daskcluster
-from rattlesweep.sweeps.engines import dask_driver as daskengine
-from rattlesweep.sweeps.engines import dask_worker as daskworker
-from rattlesweep.sweeps.engines import session
-from rattlesweep.sweeps.engines.dask_driver import make_engine
-from rattlesweep.sweeps.engines.progress import Progress
-from rattlesweep.sweeps.engines.run import run_sweep
-from rattlesweep.sweeps.store.store import Store
+from rattlesweep.sweeps.shards import Shard
+from rattlesweep.sweeps.old import dask_cluster as daskcluster
+from rattlesweep.sweeps.old import dask_driver as daskengine
+from rattlesweep.sweeps.old import dask_worker as daskworker
+from rattlesweep.sweeps.old import session
+from rattlesweep.sweeps.old.dask_driver import make_engine
+from rattlesweep.sweeps.old.progress import Progress
+from rattlesweep.sweeps.old.run import run_sweep
+from rattlesweep.sweeps.old.store import Store
 
 CONFIG: dict[str, Any] = {
     "name": "spread",

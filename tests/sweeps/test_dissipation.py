@@ -18,10 +18,10 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.physics import full, steady
 from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.physics.theory import bondi_threshold
-from rattlesweep.sweeps.blocks.block import prepare_block
-from rattlesweep.sweeps.cases.launches import model_of
+from rattlesweep.sweeps.block import prepare_block
+from rattlesweep.sweeps.launches import model_of
 from rattlesweep.sweeps.config.load import parse_config, physics_hash
-from rattlesweep.sweeps.store import sealed
+from rattlesweep.sweeps.old import sealed
 
 SIGMA, ROLLING = [0.0, 0.05, 0.2], [0.0, 1e-3]
 # The kernel that knows all of it, as in test_stones.

@@ -19,10 +19,10 @@ from rattlesweep.errors import OutputError
 from rattlesweep.integrate.batch import most_threads
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import PARAMETERS
-from rattlesweep.study.onerun.course import Course
-from rattlesweep.study.onerun.replay import Replay
-from rattlesweep.sweeps.cases.shards import Shard
-from rattlesweep.sweeps.inspect.merge import merge
+from rattlesweep.analysis.onerun.course import Course
+from rattlesweep.analysis.onerun.replay import Replay
+from rattlesweep.sweeps.shards import Shard
+from rattlesweep.sweeps.old.merge import merge
 
 SETS = (
     "bodies.samples=12", "bodies.target={K_r: [0.0041, 0.02], rel_tol: 0.1}",

@@ -16,15 +16,15 @@ from stopping import again_and_again
 from sweeping import changed, content_hash, plan_of, proved
 
 from rattlesweep.errors import ConfigError
-from rattlesweep.sweeps.blocks.block import finish_block, prepare_runs
-from rattlesweep.sweeps.cases.shards import Shard
-from rattlesweep.sweeps.cases.stages import FIRST, make_stages
-from rattlesweep.sweeps.inspect.retype import retype
-from rattlesweep.sweeps.inspect.verify import verify
-from rattlesweep.sweeps.store import sealed
-from rattlesweep.sweeps.tables.arrow import build_table
-from rattlesweep.sweeps.tables.cells import Cells, wilson
-from rattlesweep.sweeps.tables.columns import runs_schema
+from rattlesweep.sweeps.block import finish_block, prepare_runs
+from rattlesweep.sweeps.shards import Shard
+from rattlesweep.sweeps.decide import FIRST, make_stages
+from rattlesweep.sweeps.old.retype import retype
+from rattlesweep.sweeps.old.verify import verify
+from rattlesweep.sweeps.old import sealed
+from rattlesweep.sweeps.arrow import build_table
+from rattlesweep.sweeps.counts import Cells, wilson
+from rattlesweep.sweeps.columns import runs_schema
 
 CONFIG: dict[str, Any] = {
     "seed": 5,

@@ -18,14 +18,14 @@ from rattlesweep.integrate.model import FULL, MODELS
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import DOP853, METHODS
 from rattlesweep.physics import full
-from rattlesweep.study.onerun.course import Course
-from rattlesweep.study.onerun.replay import Replay, cause_of
-from rattlesweep.study.plots.fractions import UNSURE
-from rattlesweep.study.plots.layout import read_layout
-from rattlesweep.study.plots.registry import read_picture
-from rattlesweep.study.style import styled
-from rattlesweep.sweeps.blocks import error
-from rattlesweep.sweeps.blocks.block import (
+from rattlesweep.analysis.onerun.course import Course
+from rattlesweep.analysis.onerun.replay import Replay, cause_of
+from rattlesweep.analysis.plots.fractions import UNSURE
+from rattlesweep.analysis.plots.layout import read_layout
+from rattlesweep.analysis.plots.registry import read_picture
+from rattlesweep.analysis.style import styled
+from rattlesweep.sweeps import error
+from rattlesweep.sweeps.block import (
     Interrupted,
     columns_of,
     finish_block,
@@ -33,17 +33,17 @@ from rattlesweep.sweeps.blocks.block import (
     prepare_runs,
     run_batch,
 )
-from rattlesweep.sweeps.cases.plan import Plan
-from rattlesweep.sweeps.cases.shards import Shard
-from rattlesweep.sweeps.forecast import pilot
-from rattlesweep.sweeps.forecast.forecast import forecast
-from rattlesweep.sweeps.inspect.retype import retype
-from rattlesweep.sweeps.inspect.status import describe, status_of
-from rattlesweep.sweeps.inspect.summary import closing_table
-from rattlesweep.sweeps.store.store import Store
-from rattlesweep.sweeps.tables.arrow import build_table
-from rattlesweep.sweeps.tables.columns import RUNS, runs_schema
-from rattlesweep.sweeps.tables.types import SS, SW, UNCLASSIFIED, R, sure_types
+from rattlesweep.sweeps.plan import Plan
+from rattlesweep.sweeps.shards import Shard
+from rattlesweep.sweeps.old import pilot
+from rattlesweep.sweeps.old.forecast import forecast
+from rattlesweep.sweeps.old.retype import retype
+from rattlesweep.sweeps.old.status import describe, status_of
+from rattlesweep.sweeps.summary import closing_table
+from rattlesweep.sweeps.old.store import Store
+from rattlesweep.sweeps.arrow import build_table
+from rattlesweep.sweeps.columns import RUNS, runs_schema
+from rattlesweep.sweeps.types import SS, SW, UNCLASSIFIED, R, sure_types
 
 SETS = (
     "record=[error]",

@@ -15,17 +15,17 @@ from sweeping import CONFIGS, invoke, plan_of, tree
 
 from rattlesweep.integrate.batch import Control, most_threads
 from rattlesweep.integrate.task import Task
-from rattlesweep.sweeps.blocks.block import prepare_block, run_batch
-from rattlesweep.sweeps.cases.costs import Costs, some_runs
-from rattlesweep.sweeps.cases.launches import prepare
-from rattlesweep.sweeps.cases.plan import Plan
-from rattlesweep.sweeps.cases.shards import deal
-from rattlesweep.sweeps.engines.run import run_sweep
-from rattlesweep.sweeps.forecast import footprint
-from rattlesweep.sweeps.forecast import forecast as forecasting
-from rattlesweep.sweeps.forecast import pilot as pilots
-from rattlesweep.sweeps.forecast.forecast import Forecast, describe, expectation, forecast
-from rattlesweep.sweeps.forecast.pilot import Pilot, turns
+from rattlesweep.sweeps.block import prepare_block, run_batch
+from rattlesweep.sweeps.cost import Costs, some_runs
+from rattlesweep.sweeps.launches import prepare
+from rattlesweep.sweeps.plan import Plan
+from rattlesweep.sweeps.shards import deal
+from rattlesweep.sweeps.old.run import run_sweep
+from rattlesweep.sweeps.old import footprint
+from rattlesweep.sweeps.old import forecast as forecasting
+from rattlesweep.sweeps.old import pilot as pilots
+from rattlesweep.sweeps.old.forecast import Forecast, describe, expectation, forecast
+from rattlesweep.sweeps.old.pilot import Pilot, turns
 
 SMALL = ("bodies.samples=40", "spin.n_i=[-0.1, -0.3]", "horizon={t_rgh: 5, t: 2000}")
 quick = partial(plan_of, "quickstart.yaml")

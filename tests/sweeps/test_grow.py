@@ -11,9 +11,9 @@ from hardship import Reference, check_finished
 from sweeping import changed, content_hash, proved, sweep
 
 from rattlesweep.errors import ConfigError
-from rattlesweep.sweeps.cases.shards import Shard
-from rattlesweep.sweeps.inspect.merge import merge
-from rattlesweep.sweeps.inspect.retype import retype
+from rattlesweep.sweeps.shards import Shard
+from rattlesweep.sweeps.old.merge import merge
+from rattlesweep.sweeps.old.retype import retype
 
 SMALL: dict[str, Any] = {
     "bodies": {"source": "sd", "samples": 12},

@@ -13,10 +13,10 @@ from stopping import Stop, after
 from sweeping import proved
 
 from rattlesweep.integrate.batch import most_threads
-from rattlesweep.sweeps.cases.shards import Shard
-from rattlesweep.sweeps.engines import local
-from rattlesweep.sweeps.engines.session import Session
-from rattlesweep.sweeps.inspect.merge import merge
+from rattlesweep.sweeps.shards import Shard
+from rattlesweep.sweeps.old import local
+from rattlesweep.sweeps.old.session import Session
+from rattlesweep.sweeps.old.merge import merge
 
 SETS = (
     "bodies.samples=8",

@@ -13,7 +13,7 @@ from refusal import assert_refused
 from sweeping import invoke
 
 import rattlesweep as rs
-from rattlesweep.sweeps.cases import table
+from rattlesweep.sweeps.bodies import table
 
 STONES = pd.DataFrame(
     {

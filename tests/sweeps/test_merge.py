@@ -14,9 +14,9 @@ import sweeping
 from refusal import assert_refused
 from sweeping import content_hash, invoke, manifest, plan_of, proved, rows
 
-from rattlesweep.sweeps.cases.costs import Costs
-from rattlesweep.sweeps.cases.shards import Shard, deal
-from rattlesweep.sweeps.inspect import merge as merging
+from rattlesweep.sweeps.cost import Costs
+from rattlesweep.sweeps.shards import Shard, deal
+from rattlesweep.sweeps.old import merge as merging
 
 CONFIG: dict[str, Any] = {
     "name": "shares",

@@ -16,12 +16,12 @@ from stopping import again_and_again
 from sweeping import content_hash, plan_of, proved
 
 from rattlesweep.errors import ConfigError
-from rattlesweep.study.plots.layout import read_layout
-from rattlesweep.study.plots.map import CODES
-from rattlesweep.study.plots.registry import read_picture
-from rattlesweep.sweeps.cases.stages import make_stages, strides
+from rattlesweep.analysis.plots.layout import read_layout
+from rattlesweep.analysis.plots.map import CODES
+from rattlesweep.analysis.plots.registry import read_picture
+from rattlesweep.sweeps.decide import make_stages, strides
 from rattlesweep.sweeps.config.load import parse_config, physics_hash
-from rattlesweep.sweeps.inspect.verify import verify
+from rattlesweep.sweeps.old.verify import verify
 
 GRID: dict[str, Any] = {
     "source": "grid",

@@ -14,9 +14,9 @@ from refusal import assert_refused
 from sweeping import invoke
 
 import rattlesweep as rs
-from rattlesweep.study.plots.layout import read_layout
-from rattlesweep.study.plots.registry import read_picture
-from rattlesweep.sweeps.tables.cells import Moments
+from rattlesweep.analysis.plots.layout import read_layout
+from rattlesweep.analysis.plots.registry import read_picture
+from rattlesweep.sweeps.counts import Moments
 
 CONFIG: dict[str, Any] = {
     "bodies": {"source": "grid", "base": {"preset": "GH"}, "axes": {"theta": [0.64, 0.8, 0.9]}},

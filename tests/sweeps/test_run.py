@@ -38,11 +38,11 @@ from sweeping import (
 
 import rattlesweep as rs
 from rattlesweep.cli.common import progress
-from rattlesweep.sweeps.blocks.block import prepare_block
+from rattlesweep.sweeps.block import prepare_block
 from rattlesweep.sweeps.config.load import parse_config
-from rattlesweep.sweeps.engines.progress import Progress, Tracker
-from rattlesweep.sweeps.tables.arrow import same_schema
-from rattlesweep.sweeps.tables.columns import runs_schema, summary_schema
+from rattlesweep.sweeps.old.progress import Progress, Tracker
+from rattlesweep.sweeps.arrow import same_schema
+from rattlesweep.sweeps.columns import runs_schema, summary_schema
 
 SMALL = {
     "gh.yaml": (),
@@ -503,7 +503,7 @@ def test_bodies_can_be_drawn_while_a_kernel_runs():
 import time, numpy as np
 from sweeping import plan_of
 from rattlesweep.integrate.task import Task
-from rattlesweep.sweeps.blocks.block import finish_block, prepare_block
+from rattlesweep.sweeps.block import finish_block, prepare_block
 
 plan = plan_of("quickstart.yaml", "bodies.target.rel_tol=0.1")
 free = plan_of("quickstart.yaml", "bodies.target=")

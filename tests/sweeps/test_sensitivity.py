@@ -15,11 +15,11 @@ from sweeping import changed, content_hash, invoke, plan_of
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import launch, theory
-from rattlesweep.sweeps.cases.quasi import Sequence
-from rattlesweep.sweeps.cases.sampler import bodies_of
-from rattlesweep.sweeps.cases.sources import Bodies
-from rattlesweep.sweeps.inspect import sensitivity as indices
-from rattlesweep.sweeps.inspect.sensitivity import bins_of, from_bins, from_design, sensitivity
+from rattlesweep.sweeps.bodies.quasi import Sequence
+from rattlesweep.sweeps.bodies.sampler import bodies_of
+from rattlesweep.sweeps.bodies.sources import Bodies
+from rattlesweep.sweeps.old import sensitivity as indices
+from rattlesweep.sweeps.old.sensitivity import bins_of, from_bins, from_design, sensitivity
 
 GROUP, GROUPS = 7, 2048
 PARAMETERS = ("gamma", "f_sd", "theta", "phi", "minus_xi_deg")

@@ -17,8 +17,8 @@ from sweeping import PROGRAM, content_hash, invoke, proved, sweep
 
 from rattlesweep.integrate.cache import directory, source_hash
 from rattlesweep.integrate.lanes import kernel as lanes
-from rattlesweep.sweeps.cases import sampler
-from rattlesweep.sweeps.engines.slurm import limit_of, margin_of, memory_of
+from rattlesweep.sweeps.bodies import sampler
+from rattlesweep.sweeps.slurm import limit_of, margin_of, memory_of
 
 SHELLCHECK = Path(sys.executable).with_name("shellcheck")
 # Eight blocks of which each takes a moment: a fixed step and nothing that ends early.

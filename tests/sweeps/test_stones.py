@@ -21,10 +21,10 @@ from rattlesweep.integrate.model import FRICTION
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics import full, stone
 from rattlesweep.physics.body import PARAMETERS
-from rattlesweep.sweeps.blocks.block import prepare_block
-from rattlesweep.sweeps.cases.launches import model_of
+from rattlesweep.sweeps.block import prepare_block
+from rattlesweep.sweeps.launches import model_of
 from rattlesweep.sweeps.config.load import parse_config, physics_hash
-from rattlesweep.sweeps.tables.columns import runs_schema
+from rattlesweep.sweeps.columns import runs_schema
 
 SPIN = {"n_i": [0.2], "omega_xy0": [0.05]}
 GH = {"source": "preset", "name": "GH"}

@@ -33,13 +33,13 @@ from syscalls import CHANGES
 from rattlesweep.errors import OutputError
 from rattlesweep.integrate import task
 from rattlesweep.integrate.batch import available_threads
-from rattlesweep.sweeps.cases.shards import Shard
-from rattlesweep.sweeps.engines import local
-from rattlesweep.sweeps.engines.progress import Progress
-from rattlesweep.sweeps.inspect.merge import merge
-from rattlesweep.sweeps.inspect.retype import retype
-from rattlesweep.sweeps.inspect.status import status_of
-from rattlesweep.sweeps.inspect.verify import verify
+from rattlesweep.sweeps.shards import Shard
+from rattlesweep.sweeps.old import local
+from rattlesweep.sweeps.old.progress import Progress
+from rattlesweep.sweeps.old.merge import merge
+from rattlesweep.sweeps.old.retype import retype
+from rattlesweep.sweeps.old.status import status_of
+from rattlesweep.sweeps.old.verify import verify
 
 GOES_ON = "the same command resumes from there"
 

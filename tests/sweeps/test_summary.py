@@ -13,11 +13,11 @@ import scipy.stats
 from test_store import SCHEMA, fill, random_columns
 
 from rattlesweep.errors import OutputError
-from rattlesweep.sweeps.inspect.summary import closing_table, same_summary, summarise
-from rattlesweep.sweeps.store.store import Store
-from rattlesweep.sweeps.tables.arrow import build_table, same_schema
-from rattlesweep.sweeps.tables.cells import Moments, wilson
-from rattlesweep.sweeps.tables.columns import summary_schema
+from rattlesweep.sweeps.summary import closing_table, same_summary, summarise
+from rattlesweep.sweeps.old.store import Store
+from rattlesweep.sweeps.arrow import build_table, same_schema
+from rattlesweep.sweeps.counts import Moments, wilson
+from rattlesweep.sweeps.columns import summary_schema
 
 
 @dataclass

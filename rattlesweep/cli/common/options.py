@@ -15,8 +15,8 @@ from rattlesweep.cli.common.output import say
 from rattlesweep.text import align
 
 if TYPE_CHECKING:
-    from rattlesweep.sweeps.blocks.single import Launch
-    from rattlesweep.sweeps.cases.plan import Plan
+    from rattlesweep.sweeps.single import Launch
+    from rattlesweep.sweeps.plan import Plan
     from rattlesweep.sweeps.config.schema import Config
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
@@ -186,7 +186,7 @@ def _list_channels(
     """Print every channel with its unit and its words, if that is what is asked for."""
     if names != ("list",):
         return names
-    from rattlesweep.study.onerun.channels import CHANNELS
+    from rattlesweep.analysis.onerun.channels import CHANNELS
 
     lines = []
     for c in CHANNELS.values():
@@ -211,8 +211,8 @@ def launched(
 
     The spin and the oscillation have their defaults unless a state is given.
     """
-    from rattlesweep.study.derived import in_units_of, make_body
-    from rattlesweep.sweeps.blocks.single import Launch
+    from rattlesweep.analysis.derived import in_units_of, make_body
+    from rattlesweep.sweeps.single import Launch
 
     made = make_body(body)
     default = {} if {"omega", "u"} & launch.keys() else {"n_i": 0.1, "omega_xy0": 0.01}
@@ -229,7 +229,7 @@ def load_sweep(path: Path, overrides: tuple[str, ...], output: Path | None = Non
 
 def planned(loaded: Config, path: Path) -> Plan:
     """The plan of a config that was read from a file; what is doubtful in it is said."""
-    from rattlesweep.sweeps.sense import checked_plan
+    from rattlesweep.sweeps.plausible import checked_plan
 
     plan, doubts = checked_plan(loaded, path.resolve().parent)
     for doubt in doubts:

@@ -30,7 +30,7 @@ def to_json(data: Any) -> str:
 
 def probe(*files: Path | None) -> None:
     """See that files can be written where they are asked for, before anything is computed."""
-    from rattlesweep.sweeps.store.atomic import probe_directory
+    from rattlesweep.sweeps.files import probe_directory
 
     for path in filter(None, files):
         probe_directory(path.parent)
@@ -38,7 +38,7 @@ def probe(*files: Path | None) -> None:
 
 def print_summary(summary: pa.Table, directory: Path) -> None:
     """Print the table of a summary: all of its cases, or the first of many."""
-    from rattlesweep.sweeps.inspect.summary import closing_table
+    from rattlesweep.sweeps.summary import closing_table
 
     click.echo(closing_table(summary.slice(0, MOST_ROWS)))
     if (more := len(summary) - MOST_ROWS) > 0:

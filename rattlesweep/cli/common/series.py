@@ -14,9 +14,9 @@ from rattlesweep.cli.common.progress import Meter
 
 if TYPE_CHECKING:
     from rattlesweep.physics.si import Units
-    from rattlesweep.study.onerun.course import Course, PreparedRun
-    from rattlesweep.study.onerun.rows import Rows
-    from rattlesweep.sweeps.blocks.single import Launch
+    from rattlesweep.analysis.onerun.course import Course, PreparedRun
+    from rattlesweep.analysis.onerun.rows import Rows
+    from rattlesweep.sweeps.single import Launch
 
 
 def write_course(
@@ -32,8 +32,8 @@ def write_course(
     Of a long table only the head and the tail are printed, unless standard output is a file.  A
     figure has rows of its own, and channels if none are asked for.
     """
-    from rattlesweep.study.onerun import files
-    from rattlesweep.study.onerun.course import Course
+    from rattlesweep.analysis.onerun import files
+    from rattlesweep.analysis.onerun.course import Course
 
     # A bar and a table would stand on one terminal.
     on_one = output is None and figure is None and sys.stdout.isatty()
@@ -55,7 +55,7 @@ def write_course(
                     "give --output FILE, a .csv or .parquet")  # fmt: skip
         if figure is not None:
             # Matplotlib is loaded for figures alone.
-            from rattlesweep.study.onerun import figure as figures
+            from rattlesweep.analysis.onerun import figure as figures
 
             course = figures.course_of(run, channels, watch, rows.from_time)
             figures.save(course, figure)

@@ -142,7 +142,7 @@ def _title(text: str) -> str:
 
 
 def _formula(text: str) -> str:
-    from rattlesweep.study.style import formula_error
+    from rattlesweep.analysis.style import formula_error
 
     if (error := formula_error(_title(text))) is not None:
         raise ValueError(
@@ -153,9 +153,9 @@ def _formula(text: str) -> str:
 
 
 TIME = Grammar("time", seconds_of)
-SHARD = Grammar("i/n", "rattlesweep.sweeps.cases.shards:Shard.parse")
-SLURM_TIME = Grammar("time", "rattlesweep.sweeps.engines.slurm:limit_of")
-SLURM_MEMORY = Grammar("size", "rattlesweep.sweeps.engines.slurm:memory_of")
+SHARD = Grammar("i/n", "rattlesweep.sweeps.shards:Shard.parse")
+SLURM_TIME = Grammar("time", "rattlesweep.sweeps.slurm:limit_of")
+SLURM_MEMORY = Grammar("size", "rattlesweep.sweeps.slurm:memory_of")
 SIZE = Grammar("w,h", _numbers(2, lambda w, h: 1 <= w <= 60 and 1 <= h <= 60,
                "give width and height in inches, each from 1 to 60, as in 7,4.5"))  # fmt: skip
 LIMITS = Grammar("low,high", _numbers(2, lambda low, high: -math.inf < low < high < math.inf,

@@ -16,7 +16,7 @@ import pyarrow.compute as pc
 from ruamel.yaml import YAML
 
 from rattlesweep.paper.columns import count, number, schema, word
-from rattlesweep.sweeps.tables.cells import wilson
+from rattlesweep.sweeps.counts import wilson
 
 Tables = Mapping[str, Mapping[str, pa.Table]]
 # Checks, whose truth says whether they hold, and numbers by name.

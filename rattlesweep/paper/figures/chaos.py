@@ -2,7 +2,7 @@
 
 The runs of type SW are integrated once more with their Lyapunov exponents; the same launches give
 the same runs.  A run is chaotic if a small difference grows more than e^10-fold in its second half
-(:mod:`rattlesweep.sweeps.tables.chaos`).
+(:mod:`rattlesweep.sweeps.chaos`).
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from rattlesweep.integrate.task import Control, side_by_side
 from rattlesweep.paper.columns import number, schema
 from rattlesweep.paper.workspace import Progress, Workspace, between
 from rattlesweep.physics.body import PARAMETERS, Rattleback
-from rattlesweep.sweeps.blocks.single import Launch, single_run
-from rattlesweep.sweeps.tables.chaos import is_chaotic
-from rattlesweep.sweeps.tables.columns import RATE, TIME, field
+from rattlesweep.sweeps.single import Launch, single_run
+from rattlesweep.sweeps.chaos import is_chaotic
+from rattlesweep.sweeps.columns import RATE, TIME, field
 
 # Runs called chaotic although they are slow are followed to this many horizons.
 LONGER = 6

@@ -13,10 +13,10 @@ from rattlesweep.paper.figures.style import DASHES, frame
 from rattlesweep.paper.workspace import Progress, Tables, between
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import shell_dumbbell
-from rattlesweep.study.style import GREEN, ORANGE, SKY, new_figure
-from rattlesweep.sweeps.cases.sampler import draw_bodies
+from rattlesweep.analysis.style import GREEN, ORANGE, SKY, new_figure
+from rattlesweep.sweeps.bodies.sampler import draw_bodies
 from rattlesweep.sweeps.config.bodies import SdRanges
-from rattlesweep.sweeps.tables.columns import RATE
+from rattlesweep.sweeps.columns import RATE
 
 SEED = 2017
 # Points of a cumulative distribution.

@@ -25,7 +25,7 @@ from rattlesweep.paper.figures.fig2 import (
 from rattlesweep.paper.figures.style import frame
 from rattlesweep.paper.workspace import Progress, Tables, between
 from rattlesweep.physics import theory
-from rattlesweep.study.style import BLUE, VERMILION, new_figure
+from rattlesweep.analysis.style import BLUE, VERMILION, new_figure
 from rattlesweep.sweeps.config.bodies import SdRanges
 
 # The paper's colour code: nine decades.

@@ -15,9 +15,9 @@ from rattlesweep.paper.figures.follow import FORCE_CHANNELS, FORCES, follow, for
 from rattlesweep.paper.figures.style import ABOVE, DASHES, N_AXIS, T_AXIS, ZERO, frame, launch
 from rattlesweep.paper.workspace import Progress, Tables, between
 from rattlesweep.physics.body import Rattleback
-from rattlesweep.study.style import BLUE, INK, VERMILION, new_figure
-from rattlesweep.sweeps.blocks.single import Launch
-from rattlesweep.sweeps.tables.columns import RATE, TIME
+from rattlesweep.analysis.style import BLUE, INK, VERMILION, new_figure
+from rattlesweep.sweeps.single import Launch
+from rattlesweep.sweeps.columns import RATE, TIME
 
 OMEGA_XY0 = 0.01
 # Spin, and length, which the paper does not name, of (a) and of (b).

@@ -15,9 +15,9 @@ from rattlesweep.paper.figures.follow import FORCE_CHANNELS, FORCES, follow, for
 from rattlesweep.paper.figures.style import ABOVE, N_AXIS, T_AXIS, ZERO, decade_ticks, frame, launch
 from rattlesweep.paper.workspace import Progress, StoredRuns, Tables, Workspace
 from rattlesweep.physics.body import Rattleback
-from rattlesweep.study.style import BLUE, SERIES, new_figure
-from rattlesweep.sweeps.blocks.single import Launch
-from rattlesweep.sweeps.tables.columns import RATE, TIME
+from rattlesweep.analysis.style import BLUE, SERIES, new_figure
+from rattlesweep.sweeps.single import Launch
+from rattlesweep.sweeps.columns import RATE, TIME
 
 # Of (b); its length is not named in the paper.
 N_I, OMEGA_XY0, T_END = 0.5, 0.01, 150.0

@@ -17,9 +17,9 @@ from rattlesweep.paper.figures.follow import FORCE_CHANNELS, FORCES, SPIN, follo
 from rattlesweep.paper.figures.integrators import rk4
 from rattlesweep.paper.figures.style import ABOVE, N_AXIS, T_AXIS, decade_ticks, frame, launch
 from rattlesweep.paper.workspace import Progress, StoredRuns, Tables, Workspace, between
-from rattlesweep.study.style import BLUE, TYPE_STYLE, new_figure
-from rattlesweep.sweeps.tables.cells import wilson
-from rattlesweep.sweeps.tables.columns import RATE, TIME
+from rattlesweep.analysis.style import BLUE, TYPE_STYLE, new_figure
+from rattlesweep.sweeps.counts import wilson
+from rattlesweep.sweeps.columns import RATE, TIME
 
 # In the order of the tables, and of the legend.
 KINDS = ("R", "SS", "SW", "unclassified")

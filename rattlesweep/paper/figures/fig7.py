@@ -26,7 +26,7 @@ from rattlesweep.paper.workspace import Progress, Tables, Workspace, between
 from rattlesweep.physics import full
 from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.physics.steady import growth
-from rattlesweep.sweeps.tables.columns import TIME
+from rattlesweep.sweeps.columns import TIME
 
 # "Several times" t_rGH: a reversal later than this many is late.
 LATE_FROM = 2.0

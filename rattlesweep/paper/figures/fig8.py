@@ -18,10 +18,10 @@ from rattlesweep.paper.figures.style import ABOVE, DASHES, N_AXIS, T_AXIS, ZERO,
 from rattlesweep.paper.workspace import Progress, Tables, between
 from rattlesweep.physics import reduced
 from rattlesweep.physics.body import Rattleback
-from rattlesweep.study.onerun.course import Course, Trajectory
-from rattlesweep.study.style import BLUE, VERMILION, new_figure
-from rattlesweep.sweeps.blocks.single import Launch
-from rattlesweep.sweeps.tables.columns import RATE, TIME
+from rattlesweep.analysis.onerun.course import Course, Trajectory
+from rattlesweep.analysis.style import BLUE, VERMILION, new_figure
+from rattlesweep.sweeps.single import Launch
+from rattlesweep.sweeps.columns import RATE, TIME
 
 BODIES = [replace(Rattleback.gh(), theta=theta) for theta in (0.6429, 0.82, 0.9)]
 LETTERS = "abc"

@@ -12,11 +12,11 @@ import pyarrow as pa
 from rattlesweep.errors import OutputError
 from rattlesweep.paper.columns import number, schema, table, word
 from rattlesweep.paper.workspace import Progress
-from rattlesweep.study.onerun.course import Course, Trajectory, collect
-from rattlesweep.study.onerun.figure import thin
-from rattlesweep.study.onerun.rows import Rows
-from rattlesweep.sweeps.blocks.single import Launch
-from rattlesweep.sweeps.tables.columns import FORCE, TIME
+from rattlesweep.analysis.onerun.course import Course, Trajectory, collect
+from rattlesweep.analysis.onerun.figure import thin
+from rattlesweep.analysis.onerun.rows import Rows
+from rattlesweep.sweeps.single import Launch
+from rattlesweep.sweeps.columns import FORCE, TIME
 
 # Of forces and spins, in sqrt(a/g): a hundredth of the period of a pitch.
 DT = 0.05

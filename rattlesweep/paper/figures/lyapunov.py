@@ -18,9 +18,9 @@ from rattlesweep.paper.figures.chaos import growths
 from rattlesweep.paper.figures.fig8 import BODIES, LETTERS, N_I, OMEGA_XY0
 from rattlesweep.paper.figures.style import ABOVE, DASHES, T_AXIS, decade_ticks, frame, launch
 from rattlesweep.paper.workspace import Progress, Tables
-from rattlesweep.study.style import GREY, SERIES, new_figure
-from rattlesweep.sweeps.blocks.single import Launch
-from rattlesweep.sweeps.tables.columns import RATE
+from rattlesweep.analysis.style import GREY, SERIES, new_figure
+from rattlesweep.sweeps.single import Launch
+from rattlesweep.sweeps.columns import RATE
 
 # The one to trust last.
 TOLERANCES = (1e-11, 1e-13)

@@ -7,7 +7,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from rattlesweep.study.style import FAINT
+from rattlesweep.analysis.style import FAINT
 
 T_AXIS, N_AXIS = r"$t$ / $\tilde t$", r"$n$ / $\tilde\omega$"
 DASHES: Any = (0, (4, 2))

@@ -1,1 +1,1 @@
-"""The config: read, checked, explained."""
+"""What a sweep is: configs, read and checked."""

@@ -1,0 +1,247 @@
+"""One run as a table of chosen channels, whole or in chunks."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from rattlesweep.arrays import Floats
+from rattlesweep.errors import ConfigError
+from rattlesweep.integrate.follow.trajectory import Follower, Samples
+from rattlesweep.integrate.model import REDUCED
+from rattlesweep.integrate.status import Status
+from rattlesweep.integrate.tableau import DOP853, METHODS
+from rattlesweep.physics.body import PARAMETERS
+from rattlesweep.analysis.onerun.channels import View, choose, formulas
+from rattlesweep.analysis.onerun.observer import Observer
+from rattlesweep.analysis.onerun.rows import Rows
+from rattlesweep.sweeps.single import Launch, single_run
+from rattlesweep.sweeps.launches import model_of, reduced_batch, with_energies
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from rattlesweep.integrate.batch import Batch
+    from rattlesweep.sweeps.launches import Launches
+    from rattlesweep.sweeps.config.schema import Config
+
+# A run that is ready to be integrated, as :func:`single_run` makes it of a launch and
+# :meth:`rattlesweep.analysis.onerun.replay.Replay.prepare` of a stored run.
+PreparedRun: TypeAlias = "tuple[Config, Launches, Batch | None]"
+# Rows that are in memory at once.
+CHUNK = 8192
+# Of the reduced model beside: its errors are then far below its own distance from the full one.
+BESIDE_TOL = 1e-10
+
+
+class _ClosedForm:
+    """Garcia and Hubbard's solution in a follower's place: there is nothing to integrate."""
+
+    status, n_steps, ended, energy_0 = Status.OK, 0, True, math.nan
+
+    def __init__(self, launches: Launches) -> None:
+        self.t = float(launches.t_end[0])
+        t_rgh = float(launches.gh.t_rgh[0])
+        self.zeros = [t_rgh] if t_rgh <= self.t else []
+
+    def at(self, times: Floats) -> Samples:
+        """Times alone."""
+        nothing = np.zeros((len(times), 0))
+        return Samples(times, nothing, nothing)
+
+
+class Course:
+    """A trajectory under way: iterate to get it chunk by chunk, stop whenever you like.
+
+    ``channels`` are names of :data:`rattlesweep.analysis.onerun.channels.CHANNELS`, which become the
+    columns, ``rows`` the times at which they are wanted.  ``watch`` is called with the share that
+    is done, every few thousand steps.  Times are in ``sqrt(a/g)``.
+    """
+
+    def __init__(
+        self,
+        run: Launch | PreparedRun,
+        *,
+        channels: Sequence[str] = ("t", "n"),
+        rows: Rows = Rows(),  # noqa: B008 - frozen
+        watch: Callable[[float], None] | None = None,
+    ) -> None:
+        energies = (run.e_p0, run.e_r0) if isinstance(run, Launch) else (None, None)
+        config, self.launches, batch = single_run(run) if isinstance(run, Launch) else run
+        # The launch and what theory says of it, as arrays over this one run.
+        launches, self.model = self.launches, str(config.model)
+        # What is integrated; None for the closed form.
+        self.equations = None if batch is None else model_of(config)
+        self.channels = choose(channels, self.model)
+        self.body = {name: float(getattr(launches.bodies, name)[0]) for name in PARAMETERS}
+        if launches.bodies.c is not None and np.isfinite(launches.bodies.c[0]):
+            self.body["c"] = float(launches.bodies.c[0])
+        self.launch = {
+            name: float(getattr(launches, name)[0]) for name in ("n_i", "omega_xy0", "psi")
+        }
+        self.t_end = t_end = float(launches.t_end[0])
+        if not (math.isfinite(t_end) and t_end > 0):
+            raise ConfigError("t_end: Garcia and Hubbard's time of reversal is no finite time; "
+                              "give t_end")  # fmt: skip
+        if rows.steps and batch is None:
+            raise ConfigError("steps: the model gh takes none; give points or dt")
+        # Of the pitch up to the horizon; 0 for a model without them.
+        pitch = float(launches.modes.omega_p[0]) / (2 * math.pi)
+        self.periods = t_end * pitch if self.model == "full" else 0.0
+        # Of the rows; None for the accepted steps.
+        self.times = rows.up_to(t_end, self.periods)
+        self._start = rows.from_time or 0.0
+        needs = {channel.needs for channel in self.channels}
+        if "reduced" in needs and launches.bodies.omega is not None:
+            raise ConfigError("channels: the reduced model begins with a spin and an oscillation, "
+                              "and has no run beside one launched from a full state")  # fmt: skip
+        if self.model == "full" and energies != (None, None) and "reduced" not in needs:
+            raise ConfigError("e_p0 and e_r0 are of the reduced model; no channel asks for it")
+        chosen = config.integrator
+        tableau = METHODS[chosen.method]
+        setting: dict[str, Any] = {"tol": chosen.tol} if tableau.adaptive else {"dt": chosen.dt}
+        self.integrator: dict[str, Any] = {"method": chosen.method} | setting
+        self.observer = Observer(float(launches.spin_scale[0]))
+        self.constants = np.zeros(0) if batch is None else batch.constants[0]
+        self._follower: Follower | _ClosedForm
+        if batch is None or self.equations is None:
+            self._follower = _ClosedForm(launches)
+            # Their spin has one zero and goes through it for good.
+            self.observer.reversals += self._follower.zeros
+        else:
+            self._follower = Follower(
+                batch,
+                tableau,
+                self.equations,
+                **setting,
+                max_steps=chosen.max_steps,
+                attitude="attitude" in needs,
+                look=self._look,
+                watch=None if watch is None else lambda t: watch(min(1.0, t / t_end)),
+            )
+        # Of the spin so far: times of all zeros, and of the first ones of its reversals.
+        self.zeros = self.observer.zeros = self._follower.zeros
+        self.reversals = self.observer.reversals
+        self._view = partial(View, self.model, self.equations, launches, self.constants,
+                             self._follower.energy_0)  # fmt: skip
+        self._beside = None
+        if "reduced" in needs:
+            beside = with_energies(reduced_batch(launches), *energies)
+            self._beside = Follower(beside, DOP853, REDUCED, tol=BESIDE_TOL)
+
+    @property
+    def t(self) -> float:
+        """Time reached."""
+        return self._follower.t
+
+    @property
+    def status(self) -> Status:
+        """What has become of the run so far."""
+        return self._follower.status
+
+    @property
+    def n_steps(self) -> int:
+        """Accepted steps so far."""
+        return self._follower.n_steps
+
+    def __iter__(self) -> Iterator[dict[str, Floats]]:
+        """Columns by name, at most :data:`CHUNK` rows at a time."""
+        for samples in self._samples():
+            beside = None if self._beside is None else self._beside.at(samples.t)
+            view = self._view(samples, beside)
+            yield {channel.name: channel.of(view) for channel in self.channels}
+
+    def columns(self) -> dict[str, Floats]:
+        """Integrate the whole run: its columns in memory."""
+        chunks = list(self)
+        return {
+            c.name: np.concatenate([np.zeros(0), *(chunk[c.name] for chunk in chunks)])
+            for c in self.channels
+        }
+
+    def _samples(self) -> Iterator[Samples]:
+        follower = self._follower
+        if self.times is None:
+            assert isinstance(follower, Follower)
+            found = follower.launch()
+            while found.t.size or not follower.ended:
+                early = int(np.searchsorted(found.t, self._start))
+                if early < len(found.t):
+                    # What was not asked for has no rows.
+                    yield Samples(found.t[early:], found.y[early:], found.extra[early:])
+                found = follower.steps()
+            return
+        for begin in range(0, len(self.times), CHUNK):
+            part = self.times[begin : begin + CHUNK]
+            found = follower.at(part)
+            if found.t.size:
+                yield found
+            if found.t.size < part.size:
+                return
+        # What lies behind the last row belongs to the run: its reversals and its status.
+        while isinstance(follower, Follower) and not follower.ended:
+            follower.steps()
+
+    def _look(self, t: Floats, y: Floats) -> None:
+        """Observe the accepted steps as they come, and at first the launch."""
+        if not len(t) or self.equations is None:
+            return
+        formula = formulas(self.equations)
+        columns = np.ascontiguousarray(y.T)
+        # A run that goes wrong overflows.
+        with np.errstate(all="ignore"):
+            self.observer.spin(t, formula.spin(*columns))
+            if self.model != "reduced":
+                self.observer.forces(t, *formula.force(*columns, *self.constants))
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A run as a table.
+
+    Attributes
+    ----------
+    table : pandas.DataFrame
+        One column per channel; NaN where a channel has no finite value.
+    reversals : ndarray
+        Times of the reversals up to ``t_end``, in ``sqrt(a/g)``: the spin has gone from beyond a
+        quarter of the launch's spin to beyond a quarter on the other side, and the time is that of
+        its first zero on the way.
+    zeros : ndarray
+        Times of all zeros of the spin; the first is the ``t_r`` of a sweep.
+    t_end : float
+        Time reached.
+    status : str
+        ``ok``, or a word for what went wrong, as in the tables of runs.
+    n_steps : int
+        Accepted steps.
+    units : dict
+        Unit of each column.
+    warning : str
+        Where contact would be lost, or rolling needs a coefficient of friction above 1; else empty.
+    """
+
+    table: pd.DataFrame
+    reversals: Floats
+    zeros: Floats
+    t_end: float
+    status: str
+    n_steps: int
+    units: dict[str, str]
+    warning: str = ""
+
+
+def collect(course: Course) -> Trajectory:
+    """The whole trajectory in memory."""
+    import pandas as pd  # half a second, which commands need not wait for
+
+    table = pd.DataFrame(course.columns())
+    units = {c.name: c.unit for c in course.channels}
+    zeros, reversals = np.array(course.zeros), np.array(course.reversals)
+    return Trajectory(table, reversals, zeros, course.t, course.status.label, course.n_steps,
+                      units, course.observer.warning)  # fmt: skip

@@ -1,0 +1,105 @@
+"""A trajectory written as it comes: Parquet or CSV, in bounded memory."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv as pcsv
+import pyarrow.parquet as pq
+
+from rattlesweep.analysis.onerun.course import Course
+from rattlesweep.sweeps.files import streamed_file
+from rattlesweep.sweeps.provenance import package_version
+from rattlesweep.sweeps.arrow import build_table
+from rattlesweep.sweeps.columns import F64, field
+
+# A table of more rows is not printed whole, but only so many rows from either end.
+MOST_PRINTED, ENDS = 10_000, 20
+# Rows of a row group: chunks are collected up to here.
+GROUP = 1 << 16
+
+
+def schema(course: Course) -> pa.Schema:
+    """Columns with unit and description; the file's own metadata say which run it is."""
+    about = course.body | course.launch | {
+        "model": course.model, "t_end": course.t_end, "rattlesweep": package_version(),
+        "integrator": course.integrator,
+    }  # fmt: skip
+    return pa.schema(
+        [field(c.name, F64, c.unit, c.description) for c in course.channels],
+        metadata={"rattlesweep.run": json.dumps(about)},
+    )
+
+
+def write_parquet(course: Course, file: BinaryIO) -> None:
+    """Integrate and write row groups; at the end, where pyarrow can, the reversals and zeros."""
+    columns = schema(course)
+    with pq.ParquetWriter(file, columns, compression="zstd", version="2.6") as writer:
+        parts = [columns.empty_table()]
+        for chunk in course:
+            parts.append(build_table(chunk, columns))
+            if sum(map(len, parts)) >= GROUP:
+                writer.write_table(pa.concat_tables(parts))
+                parts = [columns.empty_table()]
+        if len(rest := pa.concat_tables(parts)):
+            writer.write_table(rest)
+        if hasattr(writer, "add_key_value_metadata"):  # younger than pyarrow 16
+            writer.add_key_value_metadata(
+                {"rattlesweep.reversals": json.dumps(course.reversals),
+                 "rattlesweep.zeros": json.dumps(course.zeros),
+                 "rattlesweep.status": course.status.label}
+            )  # fmt: skip
+
+
+def write_csv(course: Course, write: Callable[[bytes], Any]) -> None:
+    """Integrate and write lines: names first, digits that give the same number back."""
+    columns = schema(course)
+    write((",".join(columns.names) + "\n").encode())
+    for chunk in course:
+        write(_lines(build_table(chunk, columns)))
+
+
+def write_ends(course: Course, write: Callable[[bytes], Any]) -> bool:
+    """As :func:`write_csv`, but of a long table the first and the last rows alone.
+
+    Says whether rows are left out; a line of dots, which no reader takes for a row, stands there.
+    """
+    columns = schema(course)
+    times = course.times
+    cut = times is not None and len(times) > MOST_PRINTED
+    if times is not None and cut:
+        # Rows that are not shown need not be worked out.
+        course.times = np.concatenate([times[:ENDS], times[len(times) - ENDS : len(times)]])
+    head, rows = columns.empty_table(), columns.empty_table()
+    for chunk in course:
+        rows = pa.concat_tables([rows, build_table(chunk, columns)])
+        cut |= len(rows) > MOST_PRINTED
+        if cut and not len(head):
+            head, rows = rows[:ENDS], rows[ENDS:]
+        if cut:
+            rows = rows[max(0, len(rows) - ENDS) :]
+    write((",".join(columns.names) + "\n").encode() + _lines(head))
+    write(b"...\n" * cut + _lines(rows))
+    return cut
+
+
+def _lines(table: pa.Table) -> bytes:
+    sink = pa.BufferOutputStream()
+    # In one piece: pyarrow (26) writes what was in memory for an empty chunk before others.
+    pcsv.write_csv(table.combine_chunks(), sink, pcsv.WriteOptions(include_header=False))
+    lines: bytes = sink.getvalue().to_pybytes()
+    return lines
+
+
+def save(course: Course, path: Path) -> None:
+    """Integrate and write a file, which appears whole or not at all."""
+    with streamed_file(path) as file:
+        if path.suffix.lower() == ".csv":
+            write_csv(course, file.write)
+        else:
+            write_parquet(course, file)

@@ -1,0 +1,254 @@
+"""A stored run again, as a trajectory: found, proved equal to what is stored, followed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.integrate.model import MODELS
+from rattlesweep.analysis.onerun.course import Course, PreparedRun
+from rattlesweep.analysis.where import parse_condition
+from rattlesweep.sweeps.block import run_batch
+from rattlesweep.sweeps.error import PARTED, Estimated
+from rattlesweep.sweeps.memory import differing_rows
+from rattlesweep.sweeps.launches import Launches, make_batch, prepare
+from rattlesweep.sweeps.config.schema import Config
+from rattlesweep.sweeps.old.stored import open_stored
+from rattlesweep.sweeps.counts import is_sensitive
+
+
+@dataclass(frozen=True)
+class StoredRun:
+    """One row of a sweep's runs; null is None."""
+
+    case: int
+    sample: int
+    t_r: float | None
+    t_end: float
+    type: str | None
+    status: str
+    n_end: float | None
+    n_steps: int
+    t_r_error: float | None = None
+    type_sure: bool | None = None
+    tol: float | None = None
+    early: bool = False
+    """Whether it may have ended before its horizon."""
+
+    @property
+    def name(self) -> str:
+        """What to call it."""
+        return f"case {self.case}, sample {self.sample}"
+
+    @property
+    def proof(self) -> str:
+        """What :meth:`Replay.prove` and :meth:`check` have shown, in one line."""
+        if self.status != "ok":
+            return f"{self.name}: status {self.status} as stored, bit for bit"
+        t_r = "no reversal" if self.t_r is None else f"t_r {self.t_r!r}{self._error}"
+        doubt = " (not sure)" if self.type_sure is False else ""
+        return f"{self.name}: {t_r} and type {self.type}{doubt} as stored, bit for bit"
+
+    @property
+    def _error(self) -> str:
+        """What is known of the error of ``t_r``."""
+        if self.t_r is None or self.t_r_error is None:
+            return ""
+        sensitive = " (sensitive)" if is_sensitive(self.t_r_error, self.t_r) else ""
+        return f" +- {self.t_r_error:.2g}{sensitive}"
+
+    def check(self, course: Course) -> None:
+        """Compare a followed trajectory with the stored row, bit for bit.
+
+        The first zero of its spin is ``t_r``; where the run ends at the stored ``t_end`` without
+        one, its number of steps is ``n_steps``, or one more behind an early end, which a step was
+        to go beyond by less than a rounding error.
+        """
+        if course.model not in MODELS or self.status != "ok":
+            return
+        first = course.zeros[0] if course.zeros else None
+        if self.t_r is None:
+            wrong = first is not None and first <= self.t_end
+            more = course.n_steps - self.n_steps
+            wrong |= course.t == self.t_end and not 0 <= more <= self.early
+        else:
+            wrong = first != self.t_r if self.t_end <= course.t else first is not None
+        if wrong:
+            now, then = f"reverses at {first!r}", f"t_r = {self.t_r!r}"
+            if first == self.t_r:
+                now, then = f"takes {course.n_steps} steps", f"{self.n_steps}"
+            raise OutputError(f"{self.name} {now} when it is followed, and is stored with {then}")
+
+
+class Replay:
+    """An output directory, whole or still running, whose runs can be had again.
+
+    What is wrong with a request is a ConfigError; what is not stored yet, damaged, or comes out
+    otherwise than stored an OutputError.
+    """
+
+    def __init__(self, directory: Path) -> None:
+        self._stored = open_stored(directory)
+        self._store, self._plan = self._stored.store, self._stored.plan
+        self.config: Config = self._stored.config
+        there = self._stored.manifest.schema.names
+        self._fields = [part.name for part in fields(StoredRun) if part.name in there]
+
+    def find(self, case: int, sample: int) -> StoredRun:
+        """The run of a case and a sample."""
+        plan, store = self._plan, self._store
+        for name, value, count in (
+            ("case", case, len(plan.cases)), ("sample", sample, plan.samples)
+        ):  # fmt: skip
+            if not 0 <= value < count:
+                raise ConfigError(f"{name} {value}: {store.directory} has the {name}s 0 to "
+                                  f"{count - 1}")  # fmt: skip
+        place = plan.place(case, sample)
+        if place is None:
+            raise OutputError(
+                f"case {case}, sample {sample} is not stored: {plan.stages_by} has left it out of "
+                f"{store.directory}"
+            )
+        index = plan.block_of(place)
+        path = store.block_path(index)
+        if not path.exists():
+            raise OutputError(f"case {case}, sample {sample} is not stored yet: {path} is missing")
+        table = store.read_block(index).table(self._fields)
+        mine = (pc.field("case") == case) & (pc.field("sample") == sample)
+        found = self._runs(table.filter(mine))
+        if not found:
+            raise OutputError(f"case {case}, sample {sample} is not stored yet: {path} lacks it")
+        return found[0]
+
+    def where(self, text: str, first: int) -> list[StoredRun]:
+        """The first runs, in their order, for which a condition is true; at least one."""
+        condition = parse_condition(text, self._stored.manifest.schema)
+        columns = list(dict.fromkeys((*self._fields, *condition.columns)))
+        found: list[StoredRun] = []
+        for batch in self._store.iter_batches(columns):
+            table = pa.Table.from_batches([batch]).filter(condition.expression)
+            found += self._runs(table.slice(0, first - len(found)).select(self._fields))
+            if len(found) == first:
+                break
+        if not found:
+            raise ConfigError(f"--where {text}: no stored run of {self._store.directory} is so")
+        return found
+
+    def _runs(self, table: pa.Table) -> list[StoredRun]:
+        early = self.config.classify.early
+        return [StoredRun(**values, early=early) for values in table.to_pylist()]
+
+    def select(
+        self,
+        case: int | None = None,
+        sample: int | None = None,
+        where: str | None = None,
+        first: int | None = None,
+    ) -> list[StoredRun]:
+        """Runs by case and sample, or the first by a condition: as the command line has them."""
+        if where is not None:
+            if case is not None or sample is not None:
+                raise ConfigError("--where and --case, --sample are both given; keep one way")
+            return self.where(where, first or 1)
+        if case is None or sample is None:
+            raise ConfigError("which run? give --case and --sample, or --where")
+        if first is not None:
+            raise ConfigError("--first goes with --where")
+        return [self.find(case, sample)]
+
+    def prove(self, run: StoredRun, threads: int | None = 1) -> None:
+        """Integrate a run as the sweep did, and compare its whole row bit for bit."""
+        place = np.array([self._plan.place(run.case, run.sample)])
+        for _, _, names in differing_rows(self._stored, place, threads):
+            raise OutputError(
+                f"{run.name} comes out otherwise than stored, in {', '.join(names[:6])}"
+                f"{' and others' if len(names) > 6 else ''}; see rattlesweep verify"
+            )
+
+    def cause(self, run: StoredRun) -> str:
+        """Why a run is sensitive, in a line with its numbers; empty if it is not, or not told."""
+        if run.t_r is None or run.t_r_error is None or not is_sensitive(run.t_r_error, run.t_r):
+            return ""
+        launches = self._launches(run)
+        batch = make_batch(launches, self.config.model)
+        assert batch is not None
+        found = run_batch(self.config, batch, threads=1)
+        assert isinstance(found, Estimated)
+        swing = 2 * np.pi / float(batch.swing[0])
+        return f"{run.name}: {cause_of(found, swing, float(launches.n_i[0]))}"
+
+    def _launches(self, run: StoredRun) -> Launches:
+        return prepare(self._plan, np.array([run.case]), np.array([run.sample]))
+
+    def prepare(self, run: StoredRun, t_end: float | None = None) -> PreparedRun:
+        """The run for a :class:`Course`, to ``t_end`` in ``sqrt(a/g)`` or the sweep's horizon."""
+        launches = self._launches(run)
+        if t_end is not None:
+            if not (np.isfinite(t_end) and t_end > 0):
+                raise ConfigError(f"t_end {t_end:g}: a finite, positive time is needed")
+            launches = replace(launches, t_end=np.array([t_end]))
+        config = self.config
+        if run.tol is not None:
+            # The one of several tolerances that the run was integrated with.
+            own = config.integrator.model_copy(update={"accuracy": None, "tol": run.tol})
+            config = config.model_copy(update={"integrator": own})
+        return config, launches, make_batch(launches, config.model)
+
+
+def cause_of(found: Estimated, swing: float, n_i: float) -> str:
+    """Why the error of the only run of an outcome is large: what its companion did.
+
+    `swing` is how long the spin takes to swing once; docs/sensitive.md tells of each kind.
+    """
+    looser, apart, grazes = (
+        getattr(found, name)[0] for name in ("companion_tol", "apart", "grazes")
+    )
+    other, t_r = found.companion_t_r[0], found.t_r[0]
+    at = "in steps twice as long" if np.isnan(looser) else f"at tol {looser:.2g}"
+    instead = f"{at} it reverses at {other:.8g} instead of {t_r:.8g}"
+    # A zero that was missed or found too much is a swing off; what is more has other reasons.
+    if grazes and found.t_r_error[0] <= 2 * swing:
+        extrema = "an extremum" if grazes == 1 else f"{grazes} extrema"
+        return (
+            f"it grazes zero: {extrema} of its spin so near zero that the tolerance cannot tell "
+            f"whether it reversed there; {instead}"
+        )
+    if np.isnan(other):
+        return f"it may not reverse: {at} it does not"
+    if apart >= PARTED:
+        kind = "a delayed loss of stability" if n_i < 0 else "chaos"
+        grown = "" if np.isnan(looser) else f", {apart / looser:.0e} times that tol"
+        return (
+            f"{kind}: {instead}, with states that are {apart:.2g} of the oscillation apart{grown}"
+        )
+    return (
+        f"errors that a tighter tolerance makes smaller: {instead}, "
+        f"with states that are {apart:.1e} of the oscillation apart"
+    )
+
+
+def targets(
+    path: Path | None, runs: Sequence[StoredRun], option: str, *, printed: bool = False
+) -> list[Path | None]:
+    """A file for each run: the path with ``{case}`` and ``{sample}`` filled in.
+
+    ``printed`` says whether runs without a file are printed, which is for one run only.
+    """
+    advice = "name files by run, such as run-{case}-{sample}"
+    if path is None:
+        if printed and len(runs) > 1:
+            raise ConfigError(f"{len(runs)} runs do not go into one table; {advice} ({option})")
+        return [None] * len(runs)
+    names = [
+        str(path).replace("{case}", str(run.case)).replace("{sample}", str(run.sample))
+        for run in runs
+    ]
+    if len(set(names)) < len(names):
+        raise ConfigError(f"{option} {path}: {len(names)} runs would be written there; {advice}")
+    return [Path(name) for name in names]

@@ -1,0 +1,96 @@
+"""Pages that need nothing but themselves, made of `templates/`; all text in them is escaped."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Mapping, Sequence
+from functools import cache
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from ruamel.yaml import YAML
+
+from rattlesweep.durations import clock
+from rattlesweep.sweeps.config.fields import Linspace, Logspace
+
+# Larger vector pictures are shown as PNG, or a page of seven would pass 5 MB.
+MOST_SVG = 400_000
+# A list at least this long is written as an axis if it is one to the last bit.
+LONG = 8
+
+
+def render(template: str, **values: Any) -> bytes:
+    """A page; `values` are the names that its template uses, `title` among them."""
+    return _environment().get_template(template).render(values).encode()
+
+
+@cache
+def _environment() -> Environment:
+    environment = Environment(
+        loader=PackageLoader("rattlesweep.analysis", "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {"thousands": "{:,}".format, "percent": percent, "seconds": _seconds}
+    return environment
+
+
+def percent(part: int, whole: int) -> str:
+    """A share in per cent; a few of many do not read as none, nor all but a few as all."""
+    value = 100 * part / whole
+    if part and value < 0.1:
+        return "< 0.1 %"
+    if part < whole and value > 99.9:
+        return "> 99.9 %"
+    return f"{value:.1f} %"
+
+
+def _seconds(value: float) -> str:
+    return f"{value:.1f} s" if value < 600 else clock(value)
+
+
+def source(svg: bytes, png: bytes) -> str:
+    """A picture as the address of an image; the smaller kind if the vectors are many."""
+    kind, data = ("svg+xml", svg) if len(svg) <= MOST_SVG else ("png", png)
+    return f"data:image/{kind};base64,{base64.b64encode(data).decode('ascii')}"
+
+
+def config_yaml(config: Mapping[str, Any]) -> str:
+    """YAML text of a resolved config; long lists of evenly spaced numbers become axes."""
+    yaml: Any = YAML(typ="safe", pure=True)
+    # What holds no other mapping or list stands in one line, but the whole; keys in their order.
+    nested = any(isinstance(value, Mapping | list) for value in config.values())
+    yaml.default_flow_style = None if nested else False
+    yaml.sort_base_mapping_type_on_output = False
+    yaml.width = 96
+    buffer = io.StringIO()
+    yaml.dump(_shaped(config), buffer)
+    return buffer.getvalue()
+
+
+def _shaped(value: Any) -> Any:
+    """As a person would write it: axes as such, whole counts."""
+    if isinstance(value, list):
+        return _axis(value) or value
+    if isinstance(value, Mapping):
+        for name in {"linspace", "logspace"} & value.keys():
+            low, high, count = value[name]
+            return {name: [low, high, int(count)]}
+        return {key: _shaped(each) for key, each in value.items()}
+    return value
+
+
+def _axis(values: Sequence[Any]) -> dict[str, list[float]] | None:
+    if len(values) < LONG or not all(isinstance(value, float) for value in values):
+        return None
+    ends = [values[0], values[-1], float(len(values))]
+    for kind, name in ((Linspace, "linspace"), (Logspace, "logspace")):
+        try:
+            if kind.model_validate({name: ends}).values() == list(values):
+                return {name: [ends[0], ends[1], len(values)]}
+        except ValueError:
+            continue  # no ratio leads from one end to the other
+    return None

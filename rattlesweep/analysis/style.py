@@ -1,0 +1,178 @@
+"""How every picture looks: colours and shapes that all can tell apart, symbols, files."""
+
+from __future__ import annotations
+
+import io
+import logging
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import matplotlib as mpl
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cbook import is_math_text
+from matplotlib.figure import Figure
+from matplotlib.mathtext import MathTextParser
+
+from rattlesweep.errors import ConfigError
+from rattlesweep.sweeps.files import replace_file
+
+# Okabe and Ito's colours, which the colour-blind tell apart.
+BLUE, VERMILION, GREEN = "#0072B2", "#D55E00", "#009E73"
+PURPLE, ORANGE, SKY, BLACK = "#CC79A7", "#E69F00", "#56B4E9", "#000000"
+INK, GREY, FAINT = "#222222", "#555555", "#e4e4e4"
+"""Theory, remarks, and the lines of a grid."""
+FAILED, MISSING = BLACK, "#FFFFFF"
+
+
+class Mark(NamedTuple):
+    """How a kind of run is drawn: it has a shape and a hatch besides its colour."""
+
+    colour: str
+    marker: str
+    hatch: str
+    label: str
+
+
+TYPE_STYLE = {
+    "R": Mark(BLUE, "o", "", "R: reverses"),
+    "SW": Mark(ORANGE, "s", "////", "SW: wobbles"),
+    "unclassified": Mark("#666666", "x", "....", "unclassified"),
+    "SS": Mark(GREEN, "^", "\\\\\\\\", "SS: spins on"),
+    "D": Mark(PURPLE, "v", "xxxx", "D: dies"),
+}
+SERIES = ((BLUE, "o"), (VERMILION, "s"), (GREEN, "^"), (PURPLE, "D"), (ORANGE, "v"), (SKY, "P"),
+          (BLACK, "X"), ("#8A8A8A", "*"))  # fmt: skip
+"""Colours and shapes of curves, in the order in which they are taken."""
+THEORY: dict[str, Any] = {"color": INK, "linestyle": (0, (4, 2)), "linewidth": 1.1}
+
+RATE, TIME = r"$\sqrt{g/a}$", r"$\sqrt{a/g}$"
+UNITS = {"1": "", "sqrt(a/g)": TIME, "sqrt(g/a)": RATE, "rad": "rad"}
+"""Units of columns as formulas."""
+SYMBOLS = {
+    "K_p": ("$K_p$", ""),
+    "K_r": ("$K_r$", ""),
+    "n_i": ("$n_i$", RATE),
+    "omega_xy0": (r"$\omega_{xy0}$", RATE),
+    "alpha": (r"$\alpha$", ""),
+    "beta": (r"$\beta$", ""),
+    "gamma": (r"$\gamma$", ""),
+    "theta": (r"$\theta$", ""),
+    "phi": (r"$\varphi$", ""),
+    "xi": (r"$\xi$", "rad"),
+    "xi_deg": (r"$\xi$", "degrees"),
+    "minus_xi_deg": (r"$-\xi$", "degrees"),
+    "f_sd": ("$f_{sd}$", ""),
+    "c": ("$c$", "$a$"),
+    "sigma": (r"$\sigma$", r"$M a^2 \sqrt{g/a}$"),
+    "rolling": ("$l$", "$a$"),
+    "t_rgh": ("$t_{rGH}$", TIME),
+    "n_0": ("$n_0$", RATE),
+    "n_c1": ("$n_{c1}$", RATE),
+    "omega_p": (r"$\omega_p$", RATE),
+    "omega_r": (r"$\omega_r$", RATE),
+}
+
+RC: dict[str, Any] = {
+    "font.size": 9,
+    "axes.linewidth": 0.6,
+    "axes.axisbelow": True,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.minor.width": 0.4,
+    "ytick.minor.width": 0.4,
+    "legend.frameon": False,
+    "hatch.linewidth": 0.5,
+    "hatch.color": "#00000066",
+    "svg.fonttype": "path",
+    "svg.hashsalt": "rattlesweep",
+    "pdf.fonttype": 42,
+}
+FORMATS: dict[str, dict[str, Any]] = {
+    "svg": {"Date": None}, "png": {"Software": None}, "pdf": {"CreationDate": None},
+}  # fmt: skip
+"""What a figure is written as, without what differs from time to time."""
+
+
+@contextmanager
+def styled(style: Path | None = None) -> Iterator[None]:
+    """Matplotlib's settings for our pictures, with those of a style file on top."""
+    settings: Any = RC | ({} if style is None else dict(_read_style(style)))
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        mpl.rcParams.update(settings)
+        yield
+
+
+class _Refusal(logging.Handler):
+    """Makes what Matplotlib only logs, such as an unknown key, an error."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        raise ValueError(record.getMessage())
+
+
+def _read_style(path: Path) -> Any:
+    logger, refusal = logging.getLogger("matplotlib"), _Refusal(logging.WARNING)
+    logger.addHandler(refusal)
+    try:
+        return mpl.rc_params_from_file(str(path), fail_on_error=True, use_default_template=False)
+    except FileNotFoundError:
+        raise ConfigError(f"--style {path}: there is no such file") from None
+    except (OSError, ValueError) as error:
+        words = " ".join(str(error).split())
+        raise ConfigError(f"--style {path}: it is no style file of Matplotlib: {words}") from None
+    finally:
+        logger.removeHandler(refusal)
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """A figure of a size in inches; without pyplot: no window, nothing that outlives it."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def light_grid(axes: Any) -> None:
+    """Faint lines behind the data, and no frame above and on the right."""
+    axes.grid(visible=True, color=FAINT, linewidth=0.6)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def encode(figure: Figure, kind: str, dpi: float) -> bytes:
+    """Bytes of a figure as one of `FORMATS`; equal figures give equal bytes."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format=kind, dpi=dpi, metadata=FORMATS[kind])
+    return buffer.getvalue()
+
+
+def save(figure: Figure, paths: Sequence[Path], dpi: float) -> None:
+    """Write a figure to some files, each in one step, in the formats of their endings."""
+    for path in paths:
+        replace_file(path, encode(figure, path.suffix.lower().removeprefix("."), dpi))
+
+
+def formula_error(text: str) -> str | None:
+    """Why Matplotlib cannot read the formulas in a text, in a few words; None if it can."""
+    if is_math_text(text):
+        try:
+            MathTextParser("path").parse(text)
+        except (ValueError, RuntimeError) as error:
+            return str(error).strip().splitlines()[-1].strip()
+    return None
+
+
+def label(name: str) -> str:
+    """Symbol of a quantity, with its unit."""
+    symbol, unit = SYMBOLS[name]
+    return f"{symbol} ({unit})" if unit else symbol
+
+
+def symbol(name: str) -> str:
+    """Symbol of a quantity."""
+    return SYMBOLS[name][0]
+
+
+def value_text(name: str, value: float) -> str:
+    """Such as ``n_i = -0.1``."""
+    return f"{symbol(name)} = {value:.4g}".replace("-", "−")

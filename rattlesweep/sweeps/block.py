@@ -1,0 +1,270 @@
+"""One block: from its number to its columns."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from rattlesweep.arrays import Flags, Integers, take
+from rattlesweep.integrate.batch import Batch, Control, Outcome, has_settled, integrate
+from rattlesweep.integrate.defaults import DT, TOL
+from rattlesweep.integrate.follow.lyapunov import exponents
+from rattlesweep.integrate.lanes.build import kernel
+from rattlesweep.integrate.lanes.columns import MOST_REVERSALS
+from rattlesweep.integrate.model import WITH_TANGENT
+from rattlesweep.integrate.status import Status
+from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.physics import steady
+from rattlesweep.physics.body import PARAMETERS
+from rattlesweep.physics.theory import damping_rates, unsteady
+from rattlesweep.sweeps.error import Estimated, integrate_estimated
+from rattlesweep.sweeps.launches import (
+    Launches,
+    ending_early,
+    make_batch,
+    model_of,
+    prepare,
+)
+from rattlesweep.sweeps.plan import Block, Plan
+from rattlesweep.sweeps.config.schema import Config
+from rattlesweep.sweeps.arrow import ragged
+from rattlesweep.sweeps.chaos import chaotic_column
+from rattlesweep.sweeps.columns import RUNS
+from rattlesweep.sweeps.types import TYPES, classify, sure_types
+
+STATUS_WORDS = [status.label for status in Status]
+
+
+class Interrupted(Exception):
+    """A stop was asked for while runs were under way.
+
+    `columns` are those of the runs that had ended, as :func:`finish_block` has them, None if none
+    had; `lost` counts the runs that had begun but not ended.
+    """
+
+    def __init__(self, columns: Mapping[str, Any] | None = None, lost: int = 0) -> None:
+        super().__init__()
+        self.columns, self.lost = columns, lost
+
+
+def load_kernel(config: Config) -> float:
+    """Load the kernels that the runs take; how many seconds it took."""
+    begin = time.perf_counter()
+    if config.model != "gh":
+        plain, tangent = model_of(config).name, "lyapunov" in config.record
+        if tangent:
+            kernel(config.integrator.method, WITH_TANGENT[plain].name)
+        # Companions take the plain one, whatever is recorded.
+        if not tangent or "error" in config.record:
+            kernel(config.integrator.method, plain)
+    return time.perf_counter() - begin
+
+
+def prepare_block(plan: Plan, block: Block) -> tuple[Launches, Batch | None]:
+    """What can be done before the kernel is free: bodies, theory, initial states."""
+    return prepare_runs(plan, *plan.runs_of(block))
+
+
+def prepare_runs(plan: Plan, case: Integers, sample: Integers) -> tuple[Launches, Batch | None]:
+    """The same for any runs, given by (case, sample) in the order of their cases."""
+    launches = prepare(plan, case, sample)
+    batch = make_batch(launches, plan.config.model)
+    if batch is not None and plan.config.classify.early:
+        batch = ending_early(batch, launches)
+    return launches, batch
+
+
+def finish_block(
+    config: Config,
+    launches: Launches,
+    batch: Batch | None,
+    *,
+    threads: int | None = None,
+    control: Control | None = None,
+) -> Mapping[str, Any]:
+    """Integrate and type a block: columns of ``runs``, ready for :func:`build_table`.
+
+    Raises
+    ------
+    Interrupted
+        If ``control`` asked the kernel to stop; holds the columns of the runs that had ended.
+    """
+    if batch is None:
+        return columns_of(config, launches, None, None)
+    control = control or Control()
+    outcome = run_batch(config, batch, threads=threads, control=control)
+    if not outcome.stopped:
+        return columns_of(config, launches, batch, outcome)
+    ended = outcome.status != Status.STOPPED
+    lost = control.runs_begun - int((ended & (outcome.status != Status.NO_HORIZON)).sum())
+    if not ended.any():
+        raise Interrupted(lost=lost)
+    some = take(launches, ended), take(batch, ended), take(outcome, ended)
+    raise Interrupted(columns_of(config, *some), lost)
+
+
+def columns_of(
+    config: Config, launches: Launches, batch: Batch | None, outcome: Outcome | None
+) -> Mapping[str, Any]:
+    """Columns of runs, typed; without an outcome they are those of the closed form."""
+    columns = _inputs(launches)
+    columns |= _closed_form(launches) if outcome is None else _measured(outcome, config.parts)
+    if launches.second is not None:
+        columns["t_r_s"] = columns["t_r"] * launches.second
+    status = columns.pop("status_codes")
+    ok = status == Status.OK
+    if config.classify.early and batch is not None and outcome is not None:
+        # In the end all of its energy is spin.
+        spin = np.sqrt(2 * outcome.energy_0 / launches.bodies.gamma)
+        spin = np.copysign(spin, launches.n_i)
+        columns["n_end"] = np.where(has_settled(batch, outcome), spin, columns["n_end"])
+    if batch is not None and outcome is not None:
+        columns |= _dissipation(launches, batch, outcome)
+    codes = classify(ok, columns["t_r"], columns["amp_growth"], columns["n_departure"],
+                     config.classify, columns.get("energy_left"))  # fmt: skip
+    columns["type"] = (codes, list(TYPES))
+    columns["status"] = (status, STATUS_WORDS)
+    if isinstance(outcome, Estimated):
+        errors = columns["amp_growth_error"], columns["n_departure_error"]
+        observed = columns["amp_growth"], columns["n_departure"]
+        sure = sure_types(codes, outcome.reversal_sure, observed, errors, config.classify)
+        columns["type_sure"] = pa.array(sure, mask=codes < 0)
+    if "reversals" in config.record and outcome is not None:
+        counted = np.where(ok, outcome.n_reversals, -1)
+        columns["n_reversals"] = pa.array(counted.astype(np.int32), mask=~ok)
+        for k, name in enumerate(("reversal_times", "spin_after")):
+            columns[name] = ragged(outcome.reversals[:, :, k], np.minimum(counted, MOST_REVERSALS))
+    if "windows" in config.record and outcome is not None and batch is not None:
+        filled = np.isfinite(outcome.windows[:, :, 0]).sum(axis=1)
+        columns["window_t"] = batch.window
+        for k, name in enumerate(("window_amplitude", "window_n_min", "window_n_max")):
+            columns[name] = ragged(outcome.windows[:, :, k], filled)
+    return columns
+
+
+def run_batch(
+    config: Config,
+    batch: Batch,
+    *,
+    threads: int | None = None,
+    control: Control | None = None,
+) -> Outcome:
+    """Integrate the runs that have a horizon; the others get the status ``no_horizon``."""
+    good = np.isfinite(batch.t_end) & (batch.t_end > 0)
+    part = batch if good.all() else take(batch, good)
+    control = control or Control()
+    if "error" in config.record:
+        outcome: Outcome = integrate_estimated(config, part, threads, control)
+    else:
+        settings = config.integrator
+        outcome = integrate(
+            part,
+            METHODS[settings.method],
+            model_of(config),
+            tol=settings.tol or TOL,
+            dt=settings.dt or DT,
+            max_steps=settings.max_steps,
+            record=frozenset(config.record),
+            threads=threads,
+            control=control,
+        )
+    return outcome if good.all() else _spread(outcome, good)
+
+
+def _spread(outcome: Outcome, good: Flags) -> Outcome:
+    """Put the outcomes of the runs ``good`` back into their places."""
+    wide = dict(vars(outcome))
+    for name, values in wide.items():
+        if name == "stopped" or len(values) != good.sum():  # not recorded
+            continue
+        fill = np.nan if values.dtype.kind == "f" else 0
+        wide[name] = np.full((len(good), *values.shape[1:]), fill, dtype=values.dtype)
+        wide[name][good] = values
+    wide["status"][~good] = Status.NO_HORIZON
+    wide["t_end"][~good] = 0.0
+    return type(outcome)(**wide)
+
+
+def _inputs(launches: Launches) -> dict[str, Any]:
+    columns = (
+        dict(launches.carried)
+        | _named(launches, "case", "sample", "n_i", "omega_xy0", "psi", "n_c1")
+        | _named(launches.bodies, *PARAMETERS, "f_sd")
+        | _named(launches.modes, "omega_p", "omega_r", "K_p", "K_r")
+        | _named(launches.gh, "n_0", "t_rgh")
+    )
+    for name in ("omega", "u"):
+        if (vectors := getattr(launches.bodies, name)) is not None:
+            columns |= {f"{name}_{x}": vectors[:, k] for k, x in enumerate("xyz")}
+    if launches.second is not None:
+        columns["n_i_rpm"] = launches.n_i / launches.second * 30 / np.pi
+    if launches.bodies.c is not None:
+        columns["c"] = launches.bodies.c
+    return columns
+
+
+def _named(values: Any, *names: str) -> dict[str, Any]:
+    return {name: getattr(values, name) for name in names}
+
+
+def _dissipation(launches: Launches, batch: Batch, outcome: Outcome) -> dict[str, Any]:
+    """Columns of runs of a sweep with dissipation."""
+    sigma, rolling = launches.sigma, launches.rolling
+    if sigma is None or rolling is None:
+        return {}
+    b, m, n_i = launches.bodies, launches.modes, launches.n_i
+    pitch = unsteady(m.K_p, n_i)
+    growth = np.where(pitch, *steady.growth(batch.constants[:, :6].T, n_i, sigma))
+    loss = np.where(pitch, *damping_rates(b.alpha, b.beta, m, sigma))
+    n_growth = np.sign(n_i) * 2 * loss / np.abs(launches.gh.K)
+    # The work is the state's last component.
+    return {
+        "sigma": sigma,
+        "rolling": rolling,
+        "growth": np.where(rolling > 0, np.nan, growth),
+        "n_growth": np.where(rolling > 0, np.nan, n_growth),
+        "energy_left": 1 + outcome.y_end[:, -1] / outcome.energy_0,
+    }
+
+
+def _closed_form(launches: Launches) -> dict[str, Any]:
+    """The model gh: n(t) is known, and so is its zero; nothing is integrated."""
+    rows = len(launches.n_i)
+    finite, t_rgh = np.isfinite(launches.t_end), launches.gh.t_rgh
+    reverses = finite & (t_rgh <= launches.t_end)
+    t_end = np.where(reverses, t_rgh, np.where(finite, launches.t_end, 0.0))
+    n_end = np.where(reverses, 0.0, launches.gh.spin(t_end))
+    nothing = np.full(rows, np.nan)
+    return {
+        "t_end": t_end,
+        "t_r": np.where(reverses, t_rgh, np.nan),
+        "n_end": np.where(finite, n_end, np.nan),
+        "n_steps": np.zeros(rows, dtype=np.int64),
+        "energy_drift": np.where(finite, 0.0, np.nan),
+        # Unknown here, which rules out SS: in this model the relevant oscillation only grows.
+        "amp_growth": nothing,
+        "n_departure": np.where(finite, 1 - n_end / launches.n_i, np.nan),
+        "near_tangencies": np.zeros(rows, dtype=np.int32),
+        "status_codes": np.where(finite, Status.OK, Status.NO_HORIZON),
+    }
+
+
+def _measured(outcome: Outcome, parts: list[str]) -> dict[str, Any]:
+    columns = {"status_codes": outcome.status} | _named(
+        outcome, "t_end", "t_r", "n_end", "n_steps", "energy_drift", "amp_growth", "n_departure",
+        "near_tangencies",
+    )  # fmt: skip
+    for part in ("energy", "contact", "error", "tol"):
+        if part in parts:
+            # Whether a type is sure is not the kernel's to say.
+            names = [column.name for column in RUNS[part] if column.name != "type_sure"]
+            columns |= _named(outcome, *names)
+    if "lyapunov" in parts:
+        columns["lyapunov"], late = exponents(outcome.growth)
+        columns["lyapunov_late"] = late
+        columns["chaotic"] = chaotic_column(late, outcome.t_end)
+    return columns

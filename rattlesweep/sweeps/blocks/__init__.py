@@ -1,1 +1,0 @@
-"""One block, from its number to its columns."""

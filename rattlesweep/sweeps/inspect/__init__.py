@@ -1,1 +1,0 @@
-"""What a directory holds, and what can be done with it without integrating."""

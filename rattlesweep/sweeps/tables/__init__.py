@@ -1,1 +1,0 @@
-"""Columns, Arrow tables and types of runs."""
