@@ -21,9 +21,9 @@ from rattlesweep.physics.launch import spin_and_oscillation
 from rattlesweep.sweeps.bodies.sources import Source, TableBodies, make_source
 from rattlesweep.sweeps.cases import Case
 from rattlesweep.sweeps.columns import STATE, runs_schema
-from rattlesweep.sweeps.config.bodies import SdSource
-from rattlesweep.sweeps.config.fields import TABLE
-from rattlesweep.sweeps.config.load import parse_config
+from rattlesweep.sweeps.config.schema import SdSource
+from rattlesweep.sweeps.config.schema import TABLE
+from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.config.schema import Config, Dissipation
 
 MAX_RUNS = 10**9
@@ -159,7 +159,7 @@ def _with_losses(config: Config, own: Mapping[str, float | str]) -> Config:
         return config
     try:
         data = config.model_dump() | {"dissipation": found.model_dump()}
-        return parse_config(data).placed(config.places)
+        return parse_config(data, like=config)
     except ConfigError as error:
         words = [f"bodies.path: with the table's columns: {line}" for line in error.messages]
         raise ConfigError(words) from None

@@ -22,7 +22,7 @@ from rattlesweep.integrate.tableau import METHODS, Tableau
 from rattlesweep.physics import theory
 from rattlesweep.sweeps.bodies.sampler import bodies_of
 from rattlesweep.sweeps.bodies.sources import Bodies, SdBodies, ranges_of
-from rattlesweep.sweeps.config.bodies import SdSource
+from rattlesweep.sweeps.config.schema import SdSource
 from rattlesweep.sweeps.config.places import Key, Problem
 from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.launches import Launches, make_batch, prepare

@@ -13,7 +13,7 @@ from rattlesweep.integrate.batch import Batch
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.sweeps.block import prepare_runs
 from rattlesweep.sweeps.bodies.sources import GridBodies, Source
-from rattlesweep.sweeps.config.load import parse_config
+from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.launches import Launches, with_energies
 from rattlesweep.sweeps.plan import Plan, make_plan

@@ -10,9 +10,9 @@ from pydantic import Field, create_model
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.defaults import MAX_STEPS
-from rattlesweep.sweeps.config.fields import Base
-from rattlesweep.sweeps.config.integrator import ACCURACIES, Integrator
-from rattlesweep.sweeps.config.load import (
+from rattlesweep.sweeps.config.schema import Base
+from rattlesweep.sweeps.config.schema import ACCURACIES, Integrator
+from rattlesweep.sweeps.config.read import (
     config_json_schema,
     differences,
     load_config,

@@ -21,8 +21,8 @@ from test_config import GOOD
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.plan import make_plan
-from rattlesweep.sweeps.config.bodies import SdSource
-from rattlesweep.sweeps.config.load import load_config, parse_config, physics_hash, resolved
+from rattlesweep.sweeps.config.schema import SdSource
+from rattlesweep.sweeps.config.read import load_config, parse_config, physics_hash, resolved
 from rattlesweep.sweeps.plausible import check_physics
 
 JARGON = ("Traceback", "pydantic", "Input should", "ruamel", "http", "<class", "object at")

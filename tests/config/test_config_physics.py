@@ -12,8 +12,8 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.bodies.sampler import draw_bodies
-from rattlesweep.sweeps.config.bodies import SdSource, Target
-from rattlesweep.sweeps.config.load import load_config, parse_config
+from rattlesweep.sweeps.config.schema import SdSource, Target
+from rattlesweep.sweeps.config.read import load_config, parse_config
 from rattlesweep.sweeps.plausible import (
     check_physics,
     checked_plan,

@@ -28,7 +28,7 @@ from rattlesweep.sweeps.bodies.philox import uniforms
 from rattlesweep.sweeps.bodies.quasi import APART, Sequence
 from rattlesweep.sweeps.bodies.sampler import draw_bodies
 from rattlesweep.sweeps.bodies.sources import CHUNK
-from rattlesweep.sweeps.config.load import parse_config, physics_hash
+from rattlesweep.sweeps.config.read import parse_config, physics_hash
 
 SPIN = {"n_i": -0.1, "omega_xy0": 0.01}
 TABLE_I = {

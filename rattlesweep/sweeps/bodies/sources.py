@@ -18,14 +18,13 @@ from rattlesweep.arrays import Floats, Integers
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics.body import PARAMETERS, PRESETS, shell_dumbbell, violations
 from rattlesweep.sweeps.bodies.sampler import bodies_of, draw_bodies
-from rattlesweep.sweeps.config.bodies import (
+from rattlesweep.sweeps.config.schema import (
     GridSource,
-    PresetBase,
     PresetSource,
     SdSource,
     TableSource,
 )
-from rattlesweep.sweeps.config.fields import TABLE
+from rattlesweep.sweeps.config.schema import TABLE
 from rattlesweep.sweeps.config.schema import Config
 
 if TYPE_CHECKING:
@@ -221,10 +220,8 @@ def _fixed(source: PresetSource | GridSource) -> dict[str, float]:
     given: dict[str, float] = {}
     if isinstance(source, PresetSource):
         preset, given = source.name, source.overrides.given()
-    elif isinstance(source.base, PresetBase):
-        preset = source.base.preset
     else:
-        preset, given = None, source.base.given()
+        preset, given = source.base.preset, source.base.given()
     if preset is not None:
         body = PRESETS[preset]()
         given = {name: getattr(body, name) for name in (*PARAMETERS, "c")} | given

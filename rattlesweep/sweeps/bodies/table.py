@@ -26,7 +26,7 @@ from rattlesweep.sweeps.bodies.measured import (
     without_units,
 )
 from rattlesweep.sweeps.columns import MEASURED
-from rattlesweep.sweeps.config.fields import MAX_SPEED, MAX_TIME
+from rattlesweep.sweeps.config.schema import MAX_SPEED, MAX_TIME
 from rattlesweep.sweeps.config.schema import unit
 
 LAUNCH = ("n_i", "omega_xy0")

@@ -14,7 +14,7 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.arrow import ContentHash, build_table, encode
 from rattlesweep.sweeps.bodies.table import COLUMNS, columns_of
 from rattlesweep.sweeps.columns import RUNS, STATE
-from rattlesweep.sweeps.config.load import parse_config
+from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.files import replace_file
 from rattlesweep.sweeps.old.output import examine
 from rattlesweep.sweeps.old.store import Store
