@@ -285,7 +285,7 @@ class SdRanges(Base):
     theta: interval("theta", 0.6, 0.95)
     phi: interval("phi", 0.01, 0.1)
     # Drawn from (low, high]: zero may bound the skew angle, but is never drawn.
-    minus_xi_deg: interval("minus_xi_deg", 0, 6, zero=True)
+    minus_xi_deg: interval("minus_xi_deg", 0, 6, ge=0, lt=90)
 
     def _clashes(self) -> Clash:
         (_, _, theta, phi, skew) = self.ends()
