@@ -10,10 +10,10 @@ from test_config import SPIN, variants
 import rattlesweep as rs
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.tableau import METHODS
-from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.bodies.sampler import draw_bodies
-from rattlesweep.sweeps.config.schema import SdSource, Target
 from rattlesweep.sweeps.config.read import load_config, parse_config
+from rattlesweep.sweeps.config.schema import SdSource, Target
+from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.plausible import (
     check_physics,
     checked_plan,

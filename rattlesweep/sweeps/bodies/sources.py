@@ -217,7 +217,7 @@ class GridBodies:
 
 def _fixed(source: PresetSource | GridSource) -> dict[str, float]:
     """Parameters of all bodies of a source, where no axis replaces them."""
-    given: dict[str, float] = {}
+    preset: str | None
     if isinstance(source, PresetSource):
         preset, given = source.name, source.overrides.given()
     else:

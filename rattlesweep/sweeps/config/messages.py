@@ -84,7 +84,7 @@ class Places:
     """
 
     file: str | None = field(default=None, compare=False)
-    origins: Mapping[Key, int | str] = field(default_factory=dict, compare=False)
+    origins: Mapping[Key, int | str | None] = field(default_factory=dict, compare=False)
 
     def origin(self, key: Key) -> int | str | None:
         """Return the place of a key, or of the nearest key around it."""

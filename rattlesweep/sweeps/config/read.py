@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from numbers import Integral, Real
@@ -48,10 +47,10 @@ def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> 
     data, lines, problems = read_yaml(_read_text(path, file))
     if data is None and not problems:
         raise ConfigError(f"{file}:1: the file is empty; it needs at least bodies and spin")
-    if problems and problems[0][1] == () or not isinstance(data, dict):
-        line, message = 1, f"{describe(data)} is found; write a mapping, with key: value lines"
-        line, message = (problems[0][0], problems[0][2]) if problems else (line, message)
-        raise ConfigError(f"{file}:{line}: {message}")
+    if data is None:
+        raise ConfigError(f"{file}:{problems[0][0]}: {problems[0][2]}")
+    if not isinstance(data, dict):
+        raise ConfigError(f"{file}:1: {describe(data)} is found; write key: value lines")
     return _check(data, overrides, Places(file, {(): 1, **lines}), problems, Path(path).stem)
 
 
@@ -206,14 +205,14 @@ def read_yaml(text: str) -> tuple[Any, dict[Key, int], list[Problem]]:
         line = node.start_mark.line + 1
         if count > MAX_VALUES or len(key) > MAX_DEPTH:
             raise ConfigError([str(line)])
-        if not node.tag.startswith("tag:yaml.org,2002:"):
+        if not str(node.tag).startswith("tag:yaml.org,2002:"):
             problems.append((line, key, "tags (!name) are not supported; remove it"))
         if isinstance(node, SequenceNode):
             for index, item in enumerate(node.value):
                 lines[(*key, index)] = item.start_mark.line + 1
             return [convert(item, (*key, index)) for index, item in enumerate(node.value)]
         if not isinstance(node, MappingNode):
-            return _scalar(node)
+            return _scalar(str(node.tag), node.value)
         data: dict[str, Any] = {}
         for name, value in node.value:
             line = name.start_mark.line + 1
@@ -236,9 +235,9 @@ def read_yaml(text: str) -> tuple[Any, dict[Key, int], list[Problem]]:
         return None, {}, [(int(str(error)), (), message)]
 
 
-def _scalar(node: ScalarNode) -> Any:
+def _scalar(tag: str, text: str) -> Any:
     """Return the value of a scalar; what YAML knows beside words and numbers stays text."""
-    kind, text = node.tag.rpartition(":")[2], node.value
+    kind = tag.rpartition(":")[2]
     if kind == "null":
         return None
     if kind == "bool":
@@ -288,26 +287,20 @@ def _check(
         config = Config.model_validate(data)
         config._places = places
     except ValidationError as error:
-        known = {key for _, key, _ in problems}
-        found += [one for one in _problems(error, data, places) if one[1] not in known]
+        found += _problems(error, data, places)
     if not found and not refused:
         return config
-    # In the order of the file; behind it, those of settings.
-    found.sort(key=lambda one: (isinstance(one[0], str), one[0] if isinstance(one[0], int) else 0))
-    lines = [
-        Places(places.file, {key: origin}).line(key, message)
-        if origin
-        else f"{dotted(key)}: {message}"
-        for origin, key, message in found
-    ]
-    lines = list(dict.fromkeys([*lines, *refused]))
+    # In the order of the file; those of settings come last.
+    found.sort(key=lambda one: one[0] if isinstance(one[0], int) else bool(one[0]) * MAX_BYTES)
+    told = [Places(places.file, {key: origin}).line(key, text) for origin, key, text in found]
+    lines = list(dict.fromkeys([*told, *refused]))
     if (more := len(lines) - MAX_TOLD) > 0:
         head = f"{places.file}: " if places.file else ""
         lines = [*lines[:MAX_TOLD], f"{head}and {more} more; fix these first"]
     raise ConfigError(lines)
 
 
-def _override(data: dict[str, Any], origins: dict[Key, int | str], text: str) -> list[str]:
+def _override(data: dict[str, Any], origins: dict[Key, int | str | None], text: str) -> list[str]:
     """Put one ``KEY=VALUE`` into `data`; return what is wrong with it."""
     origin = f"--set {one_line(text, 100)}"
     name, equals, value = text.partition("=")
@@ -334,31 +327,44 @@ def _override(data: dict[str, Any], origins: dict[Key, int | str], text: str) ->
 
 def _problems(error: ValidationError, data: Any, places: Places) -> Iterator[Problem]:
     """Yield what pydantic found wrong with `data`, one plain sentence each."""
-    every = [(*_walk(one, data), one) for one in error.errors(include_url=False)]
-    unknown = [key for key, _, one in every if one["type"] == "extra_forbidden"]
-    for key, models, one in every:
+    errors = [(*_walk(one, data), one) for one in error.errors(include_url=False)]
+    wrong = [key for key, _, _ in errors]
+    unknown = [key for key, _, one in errors if one["type"] == "extra_forbidden"]
+    found = [
+        (*sentence, one["type"] == "missing")
+        for key, models, one in errors
+        for sentence in _sentences(key, models, one, data)
+    ]
+    # Defaults of these would clash themselves.
+    if not {key[:1] for key in wrong} & {(), ("launch",), ("dissipation",)}:
+        found += [((key,), sentence, True) for key, sentence in _root_clashes(data, wrong)]
+    for key, sentence, missing in found:
         siblings = [str(other[-1]) for other in unknown if other[:-1] == key[:-1]]
-        if one["type"] == "missing" and nearest(str(key[-1]), siblings):
-            continue  # it is there under a misspelt name
-        for inner, sentence in _sentences(key, models, one, data):
-            yield places.origin(inner), inner, sentence
-    # Whole sections are checked against each other only once all of them are right. Look again
-    # without the wrong keys, but where their defaults would clash themselves.
-    if any(key[:1] in ((), ("launch",), ("dissipation",), ("spin",)) for key, _, _ in every):
-        return
+        # A missing key may be there under a misspelt name.
+        if not (missing and nearest(str(key[-1]), siblings)):
+            yield places.origin(key), key, sentence
+
+
+def _root_clashes(data: Any, wrong: list[Key]) -> list[tuple[str, str]]:
+    """Return the sections that exclude each other, without the keys that are wrong themselves.
+
+    Pydantic checks them against each other only once each of them is right.
+    """
     rest = json.loads(json.dumps(data, default=str))
-    for key, _, _ in every:
-        *outer, last = key[: next((i for i, part in enumerate(key) if isinstance(part, int)), None)]
-        here = value_at(rest, outer)
-        if isinstance(here, dict):
-            here.pop(last, None)
-    try:
-        Config.model_validate(rest)
-    except ValidationError as second:
-        for one in second.errors(include_url=False):
-            if not one["loc"]:
-                for inner, sentence in _sentences((), [Config], one, data):
-                    yield places.origin(inner), inner, sentence
+    for _ in range(3):
+        for key in wrong:
+            *outer, last = [part for part in key if isinstance(part, str)] or [""]
+            here = value_at(rest, outer)
+            if isinstance(here, dict):
+                here.pop(last, None)
+        try:
+            Config.model_validate(rest)
+        except ValidationError as error:
+            errors = error.errors(include_url=False)
+            wrong = [_walk(one, rest)[0] for one in errors]
+            if wrong == [()] and isinstance(clash := errors[0]["ctx"]["error"], Clashes):
+                return clash.found
+    return []
 
 
 def value_at(data: Any, key: Sequence[str | int]) -> Any:

@@ -151,8 +151,8 @@ def number(name: str) -> Any:
 
 
 def parameter(name: str) -> Any:
-    """Return the type of a body parameter that may be left out, with the default as its field."""
-    return Annotated[number(name) | None, Field(default=None, description=PARAMETERS[name].meaning)]
+    """Return the type of a body parameter that may be left out."""
+    return Annotated[number(name) | None, Field(description=PARAMETERS[name].meaning)]
 
 
 def _spaced(ends: list[float], log: bool) -> list[float]:
@@ -220,15 +220,14 @@ def _as_list(value: Any) -> Any:
 
 
 def several(item: Any) -> Any:
-    """Return the type of a list of distinct numbers, given as one, some, or spaced ones."""
+    """Return the metadata of a list of distinct numbers, given as one, some, or spaced ones."""
     many = Annotated[list[item], Field(min_length=1, json_schema_extra={"uniqueItems": True})]
     given = item | many | Linspace | Logspace
-    return Annotated[
-        list[item],
+    return (
         Field(min_length=1),
         BeforeValidator(_as_list, json_schema_input_type=given),
         AfterValidator(no_repeats),
-    ]
+    )
 
 
 def _check_order(ends: list[float]) -> list[float]:
@@ -238,14 +237,11 @@ def _check_order(ends: list[float]) -> list[float]:
     return ends
 
 
-def interval(name: str, low: float, high: float, **limits: float) -> Any:
-    """Return the type of a range of a body parameter with its default; `limits` may differ."""
-    item = Annotated[float, Field(**limits)] if limits else number(name)
-    default = Field(
-        default=[float(low), float(high)],
-        description=f"Range [low, high]. {PARAMETERS[name].meaning}",
-    )
-    return Annotated[list[item], PAIR, AfterValidator(_check_order), default]
+def interval(name: str, item: Any = None) -> Any:
+    """Return the type of a range of a body parameter, with ends of a type."""
+    words = Field(description=f"Range [low, high]. {PARAMETERS[name].meaning}")
+    item = item or number(name)
+    return Annotated[list[item], PAIR, AfterValidator(_check_order), words]
 
 
 def _word_or_number(value: Any) -> str:
@@ -254,9 +250,10 @@ def _word_or_number(value: Any) -> str:
 
 def losses(most: float) -> Any:
     """Return the type of one or several numbers up to a limit, or of the word table."""
-    numbers = several(Annotated[float, Field(ge=0, le=most)])
+    item = Annotated[float, Field(ge=0, le=most)]
     return Annotated[
-        Annotated[numbers, Tag("<number>")] | Annotated[Literal["table"], Tag("<word>")],
+        Annotated[list[item], *several(item), Tag("<number>")]
+        | Annotated[Literal["table"], Tag("<word>")],
         Discriminator(_word_or_number),
         AfterValidator(lambda x: x[0] if isinstance(x, list) and len(x) == 1 else x),
         PlainSerializer(lambda value: value),
@@ -266,11 +263,14 @@ def losses(most: float) -> Any:
 PAIR: Any = Field(min_length=2, max_length=2)
 TRIPLE: Any = Field(min_length=3, max_length=3)
 Speed = Annotated[float, Field(ge=-MAX_SPEED, le=MAX_SPEED)]
-Spins = several(Annotated[Speed, AfterValidator(lambda spin: spin + 0.0)])  # a zero has no sign
-Oscillations = several(Annotated[float, Field(gt=0, le=MAX_SPEED)])
-Targets = several(Annotated[float, Field(gt=0)])
+Unsigned = Annotated[Speed, AfterValidator(lambda spin: spin + 0.0)]  # a zero has no sign
+Spins = Annotated[list[Unsigned], *several(Unsigned)]
+Oscillation = Annotated[float, Field(gt=0, le=MAX_SPEED)]
+Oscillations = Annotated[list[Oscillation], *several(Oscillation)]
+Positive = Annotated[float, Field(gt=0)]
+Targets = Annotated[list[Positive], *several(Positive)]
 Time = Annotated[float, Field(gt=0, le=MAX_TIME)]
-C = number("c")
+C = Annotated[float, Field(gt=PARAMETERS["c"].low, lt=PARAMETERS["c"].high)]
 Preset = Literal["GH", "KL"]
 
 
@@ -280,12 +280,12 @@ Preset = Literal["GH", "KL"]
 class SdRanges(Base):
     """Ranges that shell-dumbbell bodies are drawn from; the paper's Table I unless given."""
 
-    gamma: interval("gamma", 5, 15)
-    f_sd: interval("f_sd", 0.05, 0.15)
-    theta: interval("theta", 0.6, 0.95)
-    phi: interval("phi", 0.01, 0.1)
+    gamma: interval("gamma") = [5.0, 15.0]
+    f_sd: interval("f_sd") = [0.05, 0.15]
+    theta: interval("theta") = [0.6, 0.95]
+    phi: interval("phi") = [0.01, 0.1]
     # Drawn from (low, high]: zero may bound the skew angle, but is never drawn.
-    minus_xi_deg: interval("minus_xi_deg", 0, 6, ge=0, lt=90)
+    minus_xi_deg: interval("minus_xi_deg", Annotated[float, Field(ge=0, lt=90)]) = [0.0, 6.0]
 
     def _clashes(self) -> Clash:
         (_, _, theta, phi, skew) = self.ends()
@@ -293,10 +293,7 @@ class SdRanges(Base):
             span = f"phi goes up to {phi[1]:g} and theta down to {theta[0]:g}"
             yield "phi", f"phi >= theta is possible, as {span}; the ranges must not meet"
         if skew[1] == 0:
-            yield (
-                "minus_xi_deg",
-                "the range leaves only xi = 0, which never reverses; raise its end",
-            )
+            yield "minus_xi_deg", "only xi = 0 is left, which never reverses; raise the end"
 
     def ends(self) -> list[list[float]]:
         """Return the ranges in the order of the fields, in which bodies are drawn."""
@@ -410,13 +407,13 @@ class SdSource(Surfaced):
 class Overrides(Base):
     """Parameters of a body; those that replace a preset's."""
 
-    alpha: parameter("alpha")
-    beta: parameter("beta")
-    gamma: parameter("gamma")
-    theta: parameter("theta")
-    phi: parameter("phi")
-    xi: parameter("xi")
-    xi_deg: parameter("xi_deg")
+    alpha: parameter("alpha") = None
+    beta: parameter("beta") = None
+    gamma: parameter("gamma") = None
+    theta: parameter("theta") = None
+    phi: parameter("phi") = None
+    xi: parameter("xi") = None
+    xi_deg: parameter("xi_deg") = None
 
     def _clashes(self) -> Clash:
         yield from self._one_of("xi", "xi_deg", needed=False)
@@ -438,7 +435,7 @@ class PresetSource(Surfaced):
     """GH: the body of Garcia and Hubbard (1988); KL: that of Kane and Levinson (1982)."""
     overrides: Overrides = Overrides()
     """Parameters that replace the preset's."""
-    c: parameter("c")
+    c: parameter("c") = None
 
 
 class TableSource(Surfaced):
@@ -459,7 +456,7 @@ class GridBase(Overrides):
 
     preset: Preset | None = None
     """GH: the body of Garcia and Hubbard (1988); KL: that of Kane and Levinson (1982)."""
-    f_sd: parameter("f_sd")
+    f_sd: parameter("f_sd") = None
 
     def _clashes(self) -> Clash:
         yield from super()._clashes()
@@ -472,24 +469,24 @@ class GridBase(Overrides):
 
 
 def axis(name: str) -> Any:
-    """Return the type of an axis of a body parameter, with the default as its field."""
-    default = Field(default=None, description=PARAMETERS[name].meaning)
-    return Annotated[several(number(name)) | None, default]
+    """Return the type of an axis of a body parameter."""
+    item, words = number(name), Field(description=PARAMETERS[name].meaning)
+    return Annotated[Annotated[list[item], *several(item)] | None, words]
 
 
 class Axes(Base):
     """Parameters that vary: every combination is a body, and the first one varies slowest."""
 
-    alpha: axis("alpha")
-    beta: axis("beta")
-    gamma: axis("gamma")
-    f_sd: axis("f_sd")
-    theta: axis("theta")
-    phi: axis("phi")
-    xi: axis("xi")
-    xi_deg: axis("xi_deg")
-    minus_xi_deg: axis("minus_xi_deg")
-    c: axis("c")
+    alpha: axis("alpha") = None
+    beta: axis("beta") = None
+    gamma: axis("gamma") = None
+    f_sd: axis("f_sd") = None
+    theta: axis("theta") = None
+    phi: axis("phi") = None
+    xi: axis("xi") = None
+    xi_deg: axis("xi_deg") = None
+    minus_xi_deg: axis("minus_xi_deg") = None
+    c: axis("c") = None
 
     def _clashes(self) -> Clash:
         if not self.given():
@@ -528,7 +525,7 @@ class GridSource(Surfaced):
     """Which parameters vary, over which values."""
     refine: Refine | None = None
     """Leave out runs between others of one type; null: every combination is run."""
-    c: several(C) | None = Field(
+    c: Annotated[list[C], *several(C)] | None = Field(
         None, description=f"A number, or an axis, which varies fastest. {PARAMETERS['c'].meaning}"
     )
 
@@ -767,7 +764,8 @@ class Integrator(Base):
     def _clashes(self) -> Clash:
         adaptive = METHODS[self.method].adaptive
         if isinstance(self.accuracy, str):
-            yield "accuracy", "stands for a method and its tol; leave out method, tol and dt"
+            word = self.accuracy
+            yield "accuracy", f"{word} is a method and its tol; leave out method, tol and dt"
         elif self.accuracy and not adaptive:
             yield "accuracy", f"{self.method} has steps of one size; choose another method"
         elif self.accuracy:
@@ -840,7 +838,7 @@ class Config(Base):
         target = bodies.target if isinstance(bodies, SdSource) else None
         if self.stop and not isinstance(bodies, SdSource):
             yield "stop", f"bodies of source {bodies.source} are all there are; take source: sd"
-        elif self.stop and bodies.draw == "saltelli":
+        if self.stop and isinstance(bodies, SdSource) and bodies.draw == "saltelli":
             yield "stop", "samples of draw: saltelli are not independent; take draw: sobol"
         if self.spin and self.launch:
             yield "spin", "spin and launch are both given; keep one of them"
