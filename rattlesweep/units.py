@@ -58,9 +58,13 @@ def quantities(text: str, kind: str, *counts: int) -> list[float]:
         raise ValueError(f"is not a number with a unit; {needed}")
     values = [float(value) for value in found[1].split(",")]
     if len(values) not in counts:
-        plural = "" if len(values) == 1 else "s"
-        wanted = " or ".join(map(str, counts))
-        raise ValueError(f"has {len(values)} number{plural}; give {wanted}, with one unit behind")
+        plural, (*more, last) = "" if len(values) == 1 else "s", map(str, counts)
+        wanted = (
+            f"{', '.join(more)} or {last} are"
+            if more
+            else f"{last} {'is' if last == '1' else 'are'}"
+        )
+        raise ValueError(f"has {len(values)} number{plural}; {wanted} needed, with one unit behind")
     if not found[2]:
         raise ValueError(f"has no unit; {needed}")
     if not re.fullmatch(f"({_FACTOR})+", found[2]):

@@ -51,7 +51,8 @@ def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> 
         raise ConfigError(f"{file}:{problems[0][0]}: {problems[0][2]}")
     if not isinstance(data, dict):
         raise ConfigError(f"{file}:1: {describe(data)} is found; write key: value lines")
-    return _check(data, overrides, Places(file, {(): 1, **lines}), problems, Path(path).stem)
+    stem = "".join(c if c.isprintable() and c != "\\" else "_" for c in Path(path).stem)
+    return _check(data, overrides, Places(file, {(): 1, **lines}), problems, stem)
 
 
 def parse_config(data: Mapping[str, Any], like: Config | None = None) -> Config:

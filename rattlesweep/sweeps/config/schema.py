@@ -361,7 +361,7 @@ class SdSource(Surfaced):
     """Draw shell-dumbbell bodies at random."""
     samples: int = Field(default=1000, ge=1, le=MAX_BODIES)
     """Bodies per case."""
-    ranges: SdRanges = SdRanges()
+    ranges: SdRanges = Field(default_factory=lambda: SdRanges())
     """Where the parameters are drawn from, uniformly."""
     draw: Literal["random", "sobol", "saltelli"] = "random"
     """random: each body by itself; sobol: by a scrambled Sobol' sequence, whose points fill the
@@ -375,7 +375,8 @@ class SdSource(Surfaced):
             list[C],
             PAIR,
             BeforeValidator(
-                lambda c: [c, c] if is_number(c) else c, json_schema_input_type=C | list[C]
+                lambda c: [c, c] if is_number(c) else c,
+                json_schema_input_type=C | Annotated[list[C], PAIR],
             ),
             AfterValidator(_check_order),
         ]
@@ -433,7 +434,7 @@ class PresetSource(Surfaced):
     """Use one named body."""
     name: Preset
     """GH: the body of Garcia and Hubbard (1988); KL: that of Kane and Levinson (1982)."""
-    overrides: Overrides = Overrides()
+    overrides: Overrides = Field(default_factory=lambda: Overrides())
     """Parameters that replace the preset's."""
     c: parameter("c") = None
 
@@ -813,16 +814,16 @@ class Config(Base):
     model: Literal["full", "reduced", "gh"] = "full"
     """full: the five variables that are integrated; reduced: the three of the simplified dynamics;
     gh: the closed form of Garcia and Hubbard, without integration."""
-    horizon: Horizon = Horizon(t_rgh=5.0)
+    horizon: Horizon = Field(default_factory=lambda: Horizon(t_rgh=5.0))
     """When runs end that do not reverse."""
-    dissipation: Dissipation = Dissipation()
+    dissipation: Dissipation = Field(default_factory=lambda: Dissipation())
     """What takes energy from the bodies of the full model."""
-    integrator: Integrator = Integrator()
+    integrator: Integrator = Field(default_factory=lambda: Integrator())
     """How states move."""
-    classify: Classify = Classify()
+    classify: Classify = Field(default_factory=lambda: Classify())
     """Thresholds between types of runs."""
     record: Annotated[list[Record], AfterValidator(no_repeats)] = Field(
-        default=[], json_schema_extra={"uniqueItems": True}
+        default_factory=list, json_schema_extra={"uniqueItems": True}
     )
     """Extra columns; each costs time. With reversals runs go on behind their first one, to the
     horizon."""
@@ -867,7 +868,7 @@ class Config(Base):
         if "reversals" in record and (goal or "error" in record):
             what = "integrator.accuracy of t_r" if goal else "error"
             yield "record", f"{what} is for the first reversal alone; leave it or reversals out"
-        for word in {"lyapunov", "reversals"} & set(record) if early else ():
+        for word in [word for word in record if early and word in ("lyapunov", "reversals")]:
             yield "record", f"classify.early ends runs before their horizon; leave it or {word} out"
 
     @model_validator(mode="after")
