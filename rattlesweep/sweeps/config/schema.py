@@ -53,33 +53,21 @@ class Parameter(NamedTuple):
 
 
 PARAMETERS = {
-    "alpha": Parameter(
-        1, 1e6, "I_xx / (M a^2) + 1, moment of inertia about the x axis; no unit, above beta."),
-    "beta": Parameter(
-        1, 1e6, "I_yy / (M a^2) + 1, moment of inertia about the y axis; no unit, above 1."),
-    "gamma": Parameter(
-        0, 1e6, "I_zz / (M a^2), moment of inertia about the spin axis; no unit, above 0."),
-    "theta": Parameter(
-        0, 1, "The larger principal curvature at the bottom, times a; no unit, phi < theta < 1."),
-    "phi": Parameter(
-        0, 1, "The smaller principal curvature at the bottom, times a; no unit, 0 < phi < theta."),
-    "xi": Parameter(-math.pi / 2, 0,
-        "Skew angle from inertia to curvature axes in radians; negative, above -pi/2."),
-    "xi_deg": Parameter(
-        -90, 0, "Skew angle from inertia to curvature axes in degrees; negative, above -90."),
+    "alpha": Parameter(1, 1e6, "I_xx / (M a^2) + 1, inertia about the x axis; no unit, above beta."),
+    "beta": Parameter(1, 1e6, "I_yy / (M a^2) + 1, inertia about the y axis; no unit, above 1."),
+    "gamma": Parameter(0, 1e6, "I_zz / (M a^2), inertia about the spin axis; no unit, above 0."),
+    "theta": Parameter(0, 1, "Larger curvature at the bottom times a; no unit, phi < theta < 1."),
+    "phi": Parameter(0, 1, "Smaller curvature at the bottom times a; no unit, 0 < phi < theta."),
+    "xi": Parameter(-math.pi / 2, 0, "Skew from inertia to curvature axes in radians; negative."),
+    "xi_deg": Parameter(-90, 0, "Skew from inertia to curvature axes in degrees; negative."),
     "minus_xi_deg": Parameter(0, 90, "Skew angle times -1, in degrees; between 0 and 90."),
-    "c": Parameter(0, 1e9,
-        "Vertical semi-axis of the ellipsoid below, over the height a of the centre of mass; no "
-        "unit, above theta."),
-    "f_sd": Parameter(0, 0.5, "I_yy / I_zz of a shell-dumbbell body; no unit, between 0 and 0.5."),
+    "c": Parameter(0, 1e9, "Vertical semi-axis of the ellipsoid over a; no unit, above theta."),
+    "f_sd": Parameter(0, 0.5, "I_yy / I_zz of a shell-dumbbell body; no unit, below 0.5."),
 }  # fmt: skip
 """Parameters of bodies, in the symbols of Kondo and Nakanishi (2017).
 
 `rattlesweep.physics.body` checks how they go together.
 """
-
-
-# -- numbers, lists, ranges ------------------------------------------------------------------------
 
 
 class Clashes(ValueError):
@@ -155,50 +143,44 @@ def parameter(name: str) -> Any:
     return Annotated[number(name) | None, Field(description=PARAMETERS[name].meaning)]
 
 
-def _spaced(ends: list[float], log: bool) -> list[float]:
-    """Return n values from low to high, in even steps or with a constant ratio."""
-    low, high, n = ends
-    if n != int(n) or not 1 <= n <= MAX_AXIS:
-        raise ValueError(f"n is {n:g}; it must be a whole number from 1 to {MAX_AXIS}")
-    if log and (low == 0 or not 0 < high / low < math.inf):
-        raise ValueError(f"no constant ratio leads from {low:g} to {high:g}; give ends of one sign")
-    shares = [i / (n - 1) for i in range(1, int(n) - 1)]
-    if log:
-        inner = [low * math.pow(high / low, share) for share in shares]
-    else:
-        inner = [low + (high - low) * share for share in shares]
-    values = [low, *inner, high][: int(n)]
-    # Neighbours closer than this may round to one number.
-    close = abs(high - low) <= 4 * (n - 1) * math.ulp(max(abs(low), abs(high)))
-    if low != high if n == 1 else close:
-        raise ValueError(
-            f"{n:.0f} values from {low!r} to {high!r} cannot be spaced so that all differ; "
-            "give fewer, or equal ends with n = 1"
-        )
-    return values
+PAIR: Any = Field(min_length=2, max_length=2)
+TRIPLE: Any = Field(min_length=3, max_length=3)
 
 
-ENDS: Any = Field(min_length=3, max_length=3, description="[low, high, n], ends included.")
+class Spaced(Base):
+    """Values between two ends, which are values themselves."""
+
+    def values(self) -> list[float]:
+        """Return n values from low to high, in even steps or with a constant ratio."""
+        low, high, n = next(iter(self.__dict__.values()))
+        log = isinstance(self, Logspace)
+        if n != int(n) or not 1 <= n <= MAX_AXIS:
+            raise ValueError(f"n is {n:g}; it must be a whole number from 1 to {MAX_AXIS}")
+        if log and (low == 0 or not 0 < high / low < math.inf):
+            raise ValueError(f"no constant ratio leads from {low:g} to {high:g}; give other ends")
+        # Neighbours closer than this may round to one number.
+        close = abs(high - low) <= 4 * (n - 1) * math.ulp(max(abs(low), abs(high)))
+        if low != high if n == 1 else close:
+            words = f"{n:.0f} values from {low!r} to {high!r} cannot be spaced so that all differ"
+            raise ValueError(f"{words}; give fewer, or equal ends with n = 1")
+        shares = [i / (n - 1) for i in range(1, int(n) - 1)]
+        if log:
+            inner = [low * math.pow(high / low, share) for share in shares]
+        else:
+            inner = [low + (high - low) * share for share in shares]
+        return [low, *inner, high][: int(n)]
 
 
-class Linspace(Base):
+class Linspace(Spaced):
     """Evenly spaced values."""
 
-    linspace: Annotated[list[float], ENDS]
-
-    def values(self) -> list[float]:
-        """Return all values in their order."""
-        return _spaced(self.linspace, log=False)
+    linspace: Annotated[list[float], TRIPLE] = Field(description="[low, high, n], ends included.")
 
 
-class Logspace(Base):
-    """Values with a constant ratio; the ends are values, not exponents."""
+class Logspace(Spaced):
+    """Values with a constant ratio."""
 
-    logspace: Annotated[list[float], ENDS]
-
-    def values(self) -> list[float]:
-        """Return all values in their order."""
-        return _spaced(self.logspace, log=True)
+    logspace: Annotated[list[float], TRIPLE] = Field(description="[low, high, n], ends included.")
 
 
 def no_repeats(values: list[Any]) -> list[Any]:
@@ -260,8 +242,6 @@ def losses(most: float) -> Any:
     ]
 
 
-PAIR: Any = Field(min_length=2, max_length=2)
-TRIPLE: Any = Field(min_length=3, max_length=3)
 Speed = Annotated[float, Field(ge=-MAX_SPEED, le=MAX_SPEED)]
 Unsigned = Annotated[Speed, AfterValidator(lambda spin: spin + 0.0)]  # a zero has no sign
 Spins = Annotated[list[Unsigned], *several(Unsigned)]
@@ -272,9 +252,6 @@ Targets = Annotated[list[Positive], *several(Positive)]
 Time = Annotated[float, Field(gt=0, le=MAX_TIME)]
 C = Annotated[float, Field(gt=PARAMETERS["c"].low, lt=PARAMETERS["c"].high)]
 Preset = Literal["GH", "KL"]
-
-
-# -- bodies ----------------------------------------------------------------------------------------
 
 
 class SdRanges(Base):
@@ -547,9 +524,6 @@ class GridSource(Surfaced):
         return self.axes.given() | own
 
 
-# -- launch, horizon, dissipation, types -----------------------------------------------------------
-
-
 class Spin(Base):
     """How bodies are launched. Every n_i is combined with every omega_xy0."""
 
@@ -682,8 +656,6 @@ class Stop(Base):
         yield from self._one_of("fraction", "t_r", both=True)
 
 
-# -- integrator ------------------------------------------------------------------------------------
-
 ACCURACIES = {
     "draft": ("dop853", 1e-6),
     "standard": ("dop853", TOL),
@@ -778,8 +750,6 @@ class Integrator(Base):
         elif not adaptive and self.tol is not None:
             yield "tol", f"{self.method} has steps of one size and takes no tol; leave it out"
 
-
-# -- the config ------------------------------------------------------------------------------------
 
 Bodies = Annotated[
     SdSource | PresetSource | TableSource | GridSource, Field(discriminator="source")
