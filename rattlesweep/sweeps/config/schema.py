@@ -53,8 +53,8 @@ class Parameter(NamedTuple):
 
 
 PARAMETERS = {
-    "alpha": Parameter(1, 1e6, "I_xx / (M a^2) + 1, inertia about the x axis; no unit, above beta."),
-    "beta": Parameter(1, 1e6, "I_yy / (M a^2) + 1, inertia about the y axis; no unit, above 1."),
+    "alpha": Parameter(1, 1e6, "I_xx / (M a^2) + 1, inertia about the x axis; no unit, > beta."),
+    "beta": Parameter(1, 1e6, "I_yy / (M a^2) + 1, inertia about the y axis; no unit, > 1."),
     "gamma": Parameter(0, 1e6, "I_zz / (M a^2), inertia about the spin axis; no unit, above 0."),
     "theta": Parameter(0, 1, "Larger curvature at the bottom times a; no unit, phi < theta < 1."),
     "phi": Parameter(0, 1, "Smaller curvature at the bottom times a; no unit, 0 < phi < theta."),
