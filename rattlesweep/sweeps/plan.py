@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
 from pathlib import Path
 
@@ -20,13 +21,15 @@ import pyarrow as pa
 from rattlesweep.arrays import Floats, Integers
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics.launch import spin_and_oscillation
-from rattlesweep.sweeps.bodies.sources import Source, TableBodies, make_source
-from rattlesweep.sweeps.decide import borders, make_stages, n_blocks
+from rattlesweep.sweeps.bodies.protocol import Source
+from rattlesweep.sweeps.bodies.sources import make_source
+from rattlesweep.sweeps.bodies.table import TableBodies
+from rattlesweep.sweeps.columns import STATE, runs_schema
 from rattlesweep.sweeps.config.bodies import SdSource
 from rattlesweep.sweeps.config.fields import TABLE
 from rattlesweep.sweeps.config.load import parse_config
 from rattlesweep.sweeps.config.schema import Config, Dissipation
-from rattlesweep.sweeps.columns import STATE, runs_schema
+from rattlesweep.sweeps.decide import borders, make_stages, n_blocks
 
 # Files in one directory, all of which are looked at as a sweep begins: some seconds.
 MAX_BLOCKS = 100_000
@@ -34,10 +37,9 @@ MAX_BLOCKS = 100_000
 
 @dataclass(frozen=True)
 class Case:
-    """One case; ``group`` is the place of its target in the target list."""
+    """One combination of target, launch and dissipation; None is for the rows of a table to say."""
 
     index: int
-    group: int
     target_name: str | None
     target: float | None
     n_i: float | None
@@ -92,6 +94,11 @@ class Plan:
     def samples(self) -> int:
         """Samples of each case."""
         return self.source.samples
+
+    @cached_property
+    def targets(self) -> Floats:
+        """Target of each case; NaN without one."""
+        return np.array([c.target for c in self.cases], float)
 
     @property
     def runs(self) -> int:
@@ -167,9 +174,8 @@ def make_plan(config: Config, base: Path | None = None, source: Source | None = 
     extra: tuple[pa.Field, ...] = ()
     if isinstance(source, TableBodies) and source.has_launch:
         extra = STATE if source.has_state else ()
-        rows = source.bodies(0, np.arange(source.samples))
-        assert rows.n_i is not None
-        _check_launches(config, bool(extra), rows.n_i, rows.t_end, " (row {} of the table)")
+        n_i, t_end = source.columns["n_i"], source.columns.get("t_end")
+        _check_launches(config, source.has_state, n_i, t_end, " (row {} of the table)")
     elif config.launch is not None:
         n_i, omega_xy0, _ = spin_and_oscillation(config.launch.omega, config.launch.u)
         launches = [(float(n_i), float(omega_xy0))]
@@ -183,13 +189,12 @@ def make_plan(config: Config, base: Path | None = None, source: Source | None = 
             "spin: missing; the table has no columns n_i and omega_xy0, so the config must "
             "give spin.n_i and spin.omega_xy0"
         )
-    if isinstance(source, TableBodies) and source.measured is not None:
-        extra += source.measured.fields
+    if isinstance(source, TableBodies):
+        extra += source.fields
     losses = config.dissipation.cases if config.dissipation else [(None, None)]
-    groups = product(enumerate(targets), launches, losses)
     cases = tuple(
-        Case(index, group, *target, *launch, *loss)
-        for index, ((group, target), launch, loss) in enumerate(groups)
+        Case(index, *target, *launch, *loss)
+        for index, (target, launch, loss) in enumerate(product(targets, launches, losses))
     )
     stages = make_stages(config, len(cases), source.samples)
     first = () if stages is None else (stages.first(),)

@@ -12,6 +12,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rattlesweep.sweeps.bodies.sources import content_hash
 from rattlesweep.sweeps.config.bodies import TableSource
 from rattlesweep.sweeps.config.load import physics_hash
 
@@ -81,11 +82,8 @@ def peak_memory() -> int | None:
 
 def identity(plan: Plan, base: Path | None = None) -> str:
     """Hash of what determines the stored numbers: config, and the contents of a table."""
-    digest = hashlib.sha256(physics_hash(plan.config).encode())
-    for file in table_files(plan, base):
-        with open(file, "rb") as handle:
-            digest.update(hashlib.file_digest(handle, "sha256").digest())
-    return digest.hexdigest()
+    text = physics_hash(plan.config) + content_hash(plan.source)
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def table_files(plan: Plan, base: Path | None = None) -> list[Path]:

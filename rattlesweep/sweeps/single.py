@@ -10,11 +10,12 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import Batch
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.sweeps.block import prepare_block
-from rattlesweep.sweeps.launches import Launches, with_energies
-from rattlesweep.sweeps.plan import Plan, make_plan
-from rattlesweep.sweeps.bodies.sources import GridBodies, Source
+from rattlesweep.sweeps.bodies.sources import GridBodies
+from rattlesweep.sweeps.bodies.table import TableBodies
 from rattlesweep.sweeps.config.load import parse_config
 from rattlesweep.sweeps.config.schema import Config
+from rattlesweep.sweeps.launches import Launches, with_energies
+from rattlesweep.sweeps.plan import Plan, make_plan
 
 
 @dataclass(frozen=True)
@@ -79,11 +80,12 @@ def is_full_state(omega: Any, u: Any, spin: Mapping[str, Any]) -> bool:
     return True
 
 
-def plan_of(launch: Launch, source: Source | None = None) -> Plan:
-    """A sweep of one body, or of the bodies of `source`, which may bring their own launches."""
+def plan_of(launch: Launch, source: TableBodies | None = None) -> Plan:
+    """Return the sweep of one body, or of the bodies, launches and dissipation of `source`."""
+    preset = {"source": "preset", "name": "GH"} | launch.surface
     config = parse_config(
         {
-            "bodies": {"source": "preset", "name": "GH"} | launch.surface,
+            "bodies": preset if source is None else source.config,
             **launch.config,
             "model": launch.model,
             "horizon": {"t_rgh": 5.0} if launch.t_end is None else {"t": launch.t_end},
@@ -91,11 +93,13 @@ def plan_of(launch: Launch, source: Source | None = None) -> Plan:
             "dissipation": {"sigma": launch.sigma, "rolling": launch.rolling},
         }
     )
-    if source is None:
-        # The body itself, checked when it was made, in the preset's place.
-        names = [*PARAMETERS, *(["c"] if launch.surface else [])]
-        source = GridBodies({name: getattr(launch.body, name) for name in names}, {})
-    return make_plan(config, source=source)
+    if source is not None:
+        assert config.bodies.source == "table"
+        return make_plan(config, source=source.with_surface(config.bodies))
+    # The body itself, which was checked when it was made, takes the place of the preset.
+    names = [*PARAMETERS, *(["c"] if launch.surface else [])]
+    one = GridBodies({name: getattr(launch.body, name) for name in names}, {})
+    return make_plan(config, source=one)
 
 
 def single_run(launch: Launch) -> tuple[Config, Launches, Batch | None]:
