@@ -87,7 +87,7 @@ def numbers(name: str, value: Any) -> Floats:
         bad |= np.abs(array) > 360
     if bad.any():
         found = int(np.argmax(bad)), wanted
-    elif (broken := check_value(name, array.ravel())) is not None:
+    elif name != "psi" and (broken := check_value(name, array.ravel())) is not None:
         # Of a rule that is not the limit of what can be computed, the words for Python.
         found = broken[0], broken[1] if "allowed" in broken[1] else wanted
     if found is not None:

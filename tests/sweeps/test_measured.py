@@ -106,20 +106,27 @@ def test_commands_know_the_columns_of_a_table(tmp_path, monkeypatch):
     pd.testing.assert_frame_equal(rs.load("out").runs, runs)
 
 
-def test_a_directory_begun_without_the_columns_keeps_its_runs(tmp_path, monkeypatch):
-    """As one of an earlier version, which left out what it did not know."""
-    path, output = tmp_path / "t.csv", tmp_path / "out"
-    path.write_text(f"stone,{PLAIN}\ngrey,{ROW}\nred,{ROW}\n")
-    rest = {"spin": {"n_i": 0.3, "omega_xy0": [0.1, 0.2]}, "horizon": {"t": 20}, "block_size": 3}
-    with monkeypatch.context() as before:
-        before.setattr(table, "own_columns", lambda *_: table.Measured())
-        old = sweep(path, output, **rest)
-    assert "stone" not in old
-    first, last = sorted((output / "runs").iterdir())
-    stamp = first.stat().st_mtime_ns
-    last.unlink()
-    pd.testing.assert_frame_equal(sweep(path, output, **rest), old)
-    assert first.stat().st_mtime_ns == stamp
+def test_a_frame_is_swept_with_all_of_its_columns(tmp_path):
+    """Surface, dissipation, units and own columns, as from a file; the table is kept whole."""
+    frame = STONES.assign(
+        c_m=[0.02, np.nan, 0.05], sigma=[0.0, 0.01, 0.02], rolling_m=[0.0, 1e-6, 0.0]
+    )
+    made = rs.sweep(frame, output=tmp_path / "out")
+    runs = made.runs
+    assert runs.c.tolist() == pytest.approx([2.0, np.nan, 2.5], nan_ok=True)
+    assert runs.sigma.tolist() == [0.0, 0.01, 0.02]
+    assert runs["rolling"].tolist() == pytest.approx([0, 1e-6 / 0.012, 0], rel=1e-14)
+    kept = ["stone", "number", "hardness", "mass_kg", "height_m"]
+    pd.testing.assert_frame_equal(runs[kept], STONES[kept], check_dtype=False)
+    (file,) = (tmp_path / "out").glob("bodies-*.parquet")
+    source, again = table.frame_bodies(frame), table.read_bodies(str(file))
+    assert again.content_hash == source.content_hash
+    assert source.carried_names == ("stone", "number", "code", "hardness")
+    assert rs.sweep(frame, output=tmp_path / "out").runs.equals(runs)
+    # And in memory.
+    alone = rs.simulate(frame)
+    assert alone.t_r.equals(runs.t_r)
+    assert alone.sigma.equals(runs.sigma)
 
 
 def test_xi_in_degrees_and_the_unit_of_time_alone(tmp_path):

@@ -239,7 +239,9 @@ def keep_bodies(source: TableBodies, directory: Path) -> None:
         return
     fields = {column.name: column for part in (*RUNS.values(), STATE) for column in part}
     own = [fields[name].with_nullable(True) for name in COLUMNS if name in source.columns]
-    schema = pa.schema([*own, *source._fields])
+    # So that a directory with nothing else in it is known to be that of a sweep.
+    mark = {"rattlesweep.bodies": source.content_hash}
+    schema = pa.schema([*own, *source._fields], metadata=mark)
     sink = pa.BufferOutputStream()
     table = build_table(source.columns | source.carried, schema)
     pq.write_table(table.cast(schema), sink, compression="zstd", write_page_checksum=True)

@@ -55,7 +55,7 @@ def read_table(path: str, base: Path | None, where: str) -> pa.Table:
 def _read_csv(file: Path, where: str) -> pa.Table:
     from pyarrow import csv as arrow_csv
 
-    skipped, rows = 0, -1
+    skipped, rows = 0, 0
     with open(file, "rb") as data:
         head = data.readline(LONGEST_HEAD)
         while head and not head.strip():
@@ -101,7 +101,8 @@ def _read_csv(file: Path, where: str) -> pa.Table:
 
 def _read_parquet(file: Path, where: str) -> pa.Table:
     data = pq.ParquetDataset(file)
-    _check_size(data.schema.names, sum(part.count_rows() for part in data.fragments), where)
+    _check_size(data.schema.names, 0, where)
+    _check_size([], sum(part.count_rows() for part in data.fragments), where)
     table = data.read()
     if file.is_dir() and {"case", "sample"} <= set(table.column_names):
         table = table.sort_by([("case", "ascending"), ("sample", "ascending")])

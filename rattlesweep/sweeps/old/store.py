@@ -49,7 +49,7 @@ from rattlesweep.sweeps.chaos import with_chaotic_field
 # Seconds for which another process may have a half-written file in its hands.
 YOUNG = 3600.0
 # In every manifest, and in the footer of every table.
-_MARKS = (b'"config_hash"', b"rattlesweep.sha256")
+_MARKS = (b'"config_hash"', b"rattlesweep.sha256", b"rattlesweep.bodies")
 
 
 class Store:
