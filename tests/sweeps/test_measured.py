@@ -153,6 +153,8 @@ BAD = {
                   "the column height_m is missing; n_i_rpm needs it"),
     "negative": (f"{SI}\n{SI_ROW}\n{SI_ROW.replace('1,0.01', '1,-0.01')}\n",
                  "row 2: height_m is -0.01; it must be positive"),
+    "another world": (f"{SI},gravity_m_s2\n{SI_ROW},1e30\n",
+                      "row 1: gravity_m_s2 is 1e+30; from 1e-06 to 1e+06 m/s^2 is allowed"),
     "impossible": (f"{SI}\n{SI_ROW.replace('17e-4', '27e-4')}\n", "row 1: no body has this inert"),
     "two spins": (f"{PLAIN},n_i,omega_xy0,n_i_rpm,height_m\n{ROW},0.1,0.1,60,0.01\n",
                   "row 1: n_i is 0.1, and n_i_rpm comes to 0.200607; keep one of the two"),

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -71,24 +71,30 @@ MIN_OSCILLATION = 1e-140
 MOST_TOLD = 5
 NUMBER = r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*$"
 
-# Of columns that are no body's: which values are wrong, and what is wanted.
-RULES: tuple[tuple[Iterable[str], Callable[[Floats], Flags], str], ...] = (
-    ((*LAUNCH, *OMEGA, "sigma"), lambda x: np.abs(x) > MAX_SPEED,
-     f"at most {MAX_SPEED:g} is allowed"),
-    (("t_end", *BODY, "gravity_m_s2"), lambda x: x <= 0, "it must be positive"),
-    (("t_end",), lambda x: x > MAX_TIME, f"at most {MAX_TIME:g} is allowed"),
-    (LOSSES, lambda x: x < 0, "it must be at least 0"),
-    (("rolling",), lambda x: x > 1, "at most 1 is allowed"),
-    (("psi",), lambda x: np.abs(x) > 2 * np.pi,
+POSITIVE = np.nextafter(0.0, 1.0)
+SIZES = {
+    "mass_kg": "mass", "height_m": "length", "r1_m": "length", "r2_m": "length",
+    "gravity_m_s2": "acceleration",
+}  # fmt: skip
+RULES: tuple[tuple[tuple[str, ...], float, float, str], ...] = (
+    ((*LAUNCH, *OMEGA, "sigma"), -MAX_SPEED, MAX_SPEED, f"at most {MAX_SPEED:g} is allowed"),
+    (("t_end", *BODY, "gravity_m_s2"), POSITIVE, np.inf, "it must be positive"),
+    (("t_end",), -np.inf, MAX_TIME, f"at most {MAX_TIME:g} is allowed"),
+    (LOSSES, 0, np.inf, "it must be at least 0"),
+    (("rolling",), -np.inf, 1, "at most 1 is allowed"),
+    (("psi",), -2 * np.pi, 2 * np.pi,
      "an angle from -2 pi to 2 pi in radians is allowed; a column in degrees is called psi_deg"),
-    (("psi_deg",), lambda x: np.abs(x) > 360, "an angle from -360 to 360 degrees is allowed"),
+    (("psi_deg",), -360, 360, "an angle from -360 to 360 degrees is allowed"),
+    *(((name,), low, high, f"from {low:g} to {high:g} {unit} is allowed")
+      for name, kind in SIZES.items() for low, high, unit in [si.LIMITS[kind]]),
 )  # fmt: skip
-# And of launches that are no full states, which may have no oscillation.
-SPIN_RULES: tuple[tuple[Iterable[str], Callable[[Floats], Flags], str], ...] = (
-    (("omega_xy0",), lambda x: x <= 0, "it must be positive"),
-    (("omega_xy0",), lambda x: x < MIN_OSCILLATION,
+"""Columns that are no parameters of bodies: the smallest and the largest value, and a sentence."""
+SPIN_RULES: tuple[tuple[tuple[str, ...], float, float, str], ...] = (
+    (("omega_xy0",), POSITIVE, np.inf, "it must be positive"),
+    (("omega_xy0",), MIN_OSCILLATION, np.inf,
      f"at least {MIN_OSCILLATION:g} is allowed, as the square of a smaller one underflows"),
 )  # fmt: skip
+"""Rules of launches that are no full states, which may have no oscillation."""
 
 Problem = tuple[int, str]
 
@@ -297,7 +303,7 @@ def _numbers(column: pa.ChunkedArray, name: str, where: str) -> tuple[Floats, li
     except pa.ArrowInvalid:  # spaces, or text that is no number
         right = pc.match_substring_regex(column, NUMBER)
         found = pc.if_else(right, pc.utf8_trim_whitespace(column), None).cast(F64)
-    values: Floats = found.to_numpy().astype(float)
+    values: Floats = found.to_numpy().astype(float, copy=False)
     bad = ~np.isfinite(values)
     if not bad.any():
         return values, []
@@ -445,8 +451,8 @@ def _values(column: pa.ChunkedArray) -> NDArray[Any]:
 
 def check_value(name: str, values: Floats) -> tuple[int, str] | None:
     """Return the place of the first value that breaks a rule, and what is wanted."""
-    for names, is_wrong, wanted in (*RULES, *SPIN_RULES):
-        if name in names and (bad := is_wrong(values)).any():
+    for names, low, high, wanted in (*RULES, *SPIN_RULES):
+        if name in names and (bad := (values < low) | (values > high)).any():
             return int(np.argmax(bad)), wanted
     return None
 
@@ -488,10 +494,10 @@ def _out_of_range(columns: dict[str, Floats]) -> list[Problem]:
     rules = RULES if "u_x" in columns else (*RULES, *SPIN_RULES)
     return [
         (row, f"{name} is {columns[name][row]:g}; {wanted}")
-        for names, is_wrong, wanted in rules
+        for names, low, high, wanted in rules
         for name in names
         if name in columns
-        for row in _first(is_wrong(columns[name]))
+        for row in _first((columns[name] < low) | (columns[name] > high))
     ]
 
 
