@@ -12,9 +12,9 @@ from rattlesweep.arrays import Floats, Integers
 
 @dataclass(frozen=True)
 class Bodies:
-    """Parameters of the bodies of some runs, and what their rows in a table say beside them.
+    """Parameters of the bodies of some runs, and what a table says of these runs beside them.
 
-    All arrays have one length.  What is None is for the config to say.
+    All arrays have one length.  What is None, and NaN in `t_end`, is for the config to say.
 
     Attributes
     ----------
@@ -24,14 +24,8 @@ class Bodies:
         ``I_yy / I_zz`` of shell-dumbbell bodies; NaN for others.
     c : ndarray or None
         Vertical semi-axes of ellipsoids, NaN for paraboloids among them; None: all paraboloids.
-    n_i, omega_xy0, psi : ndarray or None
-        Launches with a spin and an oscillation.
-    omega, u : ndarray of shape (runs, 3), or None
-        Launches from a full state.
-    t_end : ndarray or None
-        Horizons; NaN stands for the config's.
-    sigma, rolling : ndarray or None
-        Dissipation.
+    n_i, omega_xy0, psi, t_end, omega, u, sigma, rolling : ndarray or None
+        Launches, horizons and dissipation; a full state has `omega` and `u` of shape (runs, 3).
     second : ndarray or None
         ``sqrt(a/g)`` in seconds, of bodies whose size is known.
     carried : dict of ndarray

@@ -70,6 +70,7 @@ MIN_OSCILLATION = 1e-140
 """Smallest omega_xy0: the square of the amplitude must not underflow."""
 MOST_TOLD = 5
 NUMBER = r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*$"
+WHOLE, PADDED = r"^\s*[+-]?\d{1,18}\s*$", r"^\s*[+-]?0\d"
 
 POSITIVE = np.nextafter(0.0, 1.0)
 SIZES = {
@@ -107,12 +108,10 @@ class TableBodies:
     columns : dict of ndarray
         Columns by the names of :data:`COLUMNS`, all of one length: those of the parameters, and
         perhaps others.
-    second : ndarray, optional
-        ``sqrt(a/g)`` in seconds, where the size of the bodies is known.
-    carried : dict of ndarray, optional
-        Columns that the runs get too.
+    second, carried : ndarray and dict of ndarray, optional
+        As for :class:`rattlesweep.sweeps.bodies.protocol.Bodies`.
     fields : tuple of pyarrow.Field
-        Fields of `carried`.
+        Fields of the columns that the runs have because of these two.
     """
 
     def __init__(
@@ -122,16 +121,11 @@ class TableBodies:
         carried: dict[str, NDArray[Any]] | None = None,
         fields: tuple[pa.Field, ...] = (),
     ) -> None:
-        self.columns, self.second, self.carried = columns, second, carried or {}
-        self._fields = fields
+        self.columns, self.second = columns, second
+        self.carried, self.fields = carried or {}, fields
         self.samples = len(columns["alpha"])
         self.has_launch = "n_i" in columns
         self.has_state = "u_x" in columns
-
-    @property
-    def fields(self) -> tuple[pa.Field, ...]:
-        """Fields of the columns that the runs get beside those of any sweep."""
-        return self._fields + (() if self.second is None else MEASURED)
 
     @property
     def carried_names(self) -> tuple[str, ...]:
@@ -207,7 +201,7 @@ class TableBodies:
                 )
             columns["c"] = c
             refuse("bodies.path", _impossible(columns, (*PARAMETERS, "c")))
-        return TableBodies(columns, self.second, self.carried, self._fields)
+        return TableBodies(columns, self.second, self.carried, self.fields)
 
 
 def read_bodies(path: str, base: Path | None = None) -> TableBodies:
@@ -243,14 +237,16 @@ def keep_bodies(source: TableBodies, directory: Path) -> None:
     """
     if (path := directory / source.config["path"]).exists():
         return
-    fields = {column.name: column for part in (*RUNS.values(), STATE) for column in part}
-    own = [fields[name].with_nullable(True) for name in COLUMNS if name in source.columns]
-    # So that a directory with nothing else in it is known to be that of a sweep.
+    data = source.columns | source.carried
+    fields = [
+        f.with_nullable(True) for part in (*RUNS.values(), STATE, source.fields) for f in part
+    ]
+    # A directory with nothing else in it is known by the mark to be that of a sweep.
     mark = {"rattlesweep.bodies": source.content_hash}
-    schema = pa.schema([*own, *source._fields], metadata=mark)
+    schema = pa.schema([f for f in fields if f.name in data], metadata=mark)
     sink = pa.BufferOutputStream()
-    table = build_table(source.columns | source.carried, schema)
-    pq.write_table(table.cast(schema), sink, compression="zstd", write_page_checksum=True)
+    table = build_table(data, schema).cast(schema)
+    pq.write_table(table, sink, compression="zstd", write_page_checksum=True)
     replace_file(path, sink.getvalue().to_pybytes())
 
 
@@ -287,17 +283,15 @@ def _bodies(table: pa.Table, where: str) -> TableBodies:
     if "n_i" not in columns or not np.isfinite(columns.get("psi", np.nan)).all():
         columns.pop("psi", None)
     carried, fields = _carried(table)
-    return TableBodies(columns, second, carried, fields)
+    return TableBodies(columns, second, carried, fields if second is None else fields + MEASURED)
 
 
 def _numbers(column: pa.ChunkedArray, name: str, where: str) -> tuple[Floats, list[Problem]]:
     """Return a column as numbers, NaN where it has none, and the cells that are wrong."""
-    kind = column.type
-    if pa.types.is_dictionary(kind):
-        column, kind = column.cast(kind.value_type), kind.value_type
-    text = _is_text(kind)
-    if not (text or _is_number(kind)):
-        raise ConfigError(f"{where}: the column {name} is of type {kind}; numbers are wanted")
+    if not (_is_text(column) or _is_number(column)):
+        raise ConfigError(
+            f"{where}: the column {name} is of type {column.type}; numbers are wanted"
+        )
     try:
         found = column.cast(F64, safe=False)
     except pa.ArrowInvalid:  # spaces, or text that is no number
@@ -310,18 +304,17 @@ def _numbers(column: pa.ChunkedArray, name: str, where: str) -> tuple[Floats, li
     empty = column.is_null(nan_is_null=True).to_numpy()
     if name in NULLABLE:
         bad &= ~empty
-    cell = ["empty" if empty[k] else repr(str(column[k].as_py())[:40]) for k in _first(bad)]
-    told = [f"{name} is {word}; a finite number is needed" for word in cell]
-    return values, list(zip(_first(bad), told, strict=True))
+    cells = [(k, "empty" if empty[k] else repr(str(column[k].as_py())[:40])) for k in _first(bad)]
+    return values, [(k, f"{name} is {cell}; a finite number is needed") for k, cell in cells]
 
 
-def _is_text(kind: pa.DataType) -> bool:
-    return bool(pa.types.is_string(kind) or pa.types.is_large_string(kind))
+def _is_text(column: pa.ChunkedArray) -> bool:
+    return bool(pa.types.is_string(column.type) or pa.types.is_large_string(column.type))
 
 
-def _is_number(kind: pa.DataType) -> bool:
+def _is_number(column: pa.ChunkedArray) -> bool:
     ours = (pa.types.is_integer, pa.types.is_floating, pa.types.is_decimal, pa.types.is_null)
-    return any(is_kind(kind) for is_kind in ours)
+    return any(is_kind(column.type) for is_kind in ours)
 
 
 def _lose_units(columns: dict[str, Floats], where: str) -> Floats | None:
@@ -407,43 +400,35 @@ def _carried(table: pa.Table) -> tuple[dict[str, NDArray[Any]], tuple[pa.Field, 
         if name in KEPT:
             carried[name] = column.cast(F64).to_numpy()
             fields.append(known.required(name, F64, KEPT[name], "of the table of bodies"))
-        elif name not in INPUT and name not in RESULTS:
-            kind = column.type
-            if pa.types.is_dictionary(kind):
-                column, kind = column.cast(kind.value_type), kind.value_type
-            if _is_text(kind):
-                column = _parsed(column)
-            elif pa.types.is_integer(kind):
-                column = column.cast(I64)
-            elif _is_number(kind) and not pa.types.is_null(kind):
-                column = column.cast(F64)
-            else:
-                continue
-            carried[name] = _values(column)
-            kind = TEXT if _is_text(column.type) else column.type
+        elif name not in INPUT and name not in RESULTS and (_is_text(column) or _is_number(column)):
+            kind = _kind(column)
+            if _is_text(column):
+                column = pc.utf8_trim_whitespace(column)
+            column = column.cast(kind)
+            if kind == F64 or (kind == I64 and not column.null_count):
+                carried[name] = np.asarray(column)
+            else:  # None stands for null
+                carried[name] = np.array(column.to_pylist(), dtype=object)
             fields.append(known.field(name, kind, "1", "column of the table of bodies"))
     return carried, tuple(fields)
 
 
-def _parsed(column: pa.ChunkedArray) -> pa.ChunkedArray:
-    """Return a column of text as numbers if it has nothing else; leading zeros belong to a name."""
+def _kind(column: pa.ChunkedArray) -> pa.DataType:
+    """Return what the runs keep a column as; numbers with leading zeros are names, and so text."""
+    if not _is_text(column):
+        return I64 if pa.types.is_integer(column.type) else F64
     given = column.drop_null()
 
     def every(pattern: str) -> bool:
         return bool(pc.all(pc.match_substring_regex(given, pattern)).as_py())
 
-    named = every(r"^[+-]?\d{1,18}$") and pc.any(pc.match_substring_regex(given, r"^[+-]?0\d"))
-    if not len(given) or (named and named.as_py()) or not every(NUMBER):
-        return column
-    whole = every(r"^[+-]?\d{1,18}$")
-    return pc.utf8_trim_whitespace(column).cast(I64 if whole else F64)
-
-
-def _values(column: pa.ChunkedArray) -> NDArray[Any]:
-    """Return a column as an array that can be pickled and indexed; None for null, but in floats."""
-    if pa.types.is_floating(column.type) or not (column.null_count or _is_text(column.type)):
-        return np.asarray(column)
-    return np.array(column.to_pylist(), dtype=object)
+    if (
+        not len(given)
+        or not every(NUMBER)
+        or pc.any(pc.match_substring_regex(given, PADDED)).as_py()
+    ):
+        return TEXT
+    return I64 if every(WHOLE) else F64
 
 
 # -- bad rows ----------------------------------------------------------------------------------

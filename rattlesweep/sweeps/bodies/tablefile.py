@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,11 +14,8 @@ from rattlesweep.errors import ConfigError, one_line
 if TYPE_CHECKING:
     import pandas as pd
 
-MAX_ROWS = 10**7
-MAX_COLUMNS = 1000
-LONGEST_HEAD = 1 << 20
-PIECE = 1 << 24
-ANYTHING = pa.large_string()
+MAX_ROWS, MAX_COLUMNS = 10**7, 1000
+LONGEST_LINE, PIECE = 1 << 20, 1 << 24
 
 
 def read_table(path: str, base: Path | None, where: str) -> pa.Table:
@@ -33,70 +29,42 @@ def read_table(path: str, base: Path | None, where: str) -> pa.Table:
     ConfigError
         If there is no such table, or if it is too large; begins with `where`.
     """
-    try:
-        file = Path(path)
-        # os.path.exists takes a name that is too long for one of no file.
-        if not os.path.exists(file) and base is not None:
-            file = base / path
-        if not os.path.exists(file):
-            raise ConfigError(f"{where}: no such file; give the path of a CSV or Parquet table")
-        if file.is_dir() or (file.is_file() and file.suffix.lower() in (".parquet", ".pq")):
-            return _read_parquet(file, where)
-        if file.is_file():
-            return _read_csv(file, where)
+    file = Path(path)
+    # os.path.exists returns False for a name that is too long.
+    if not os.path.exists(file) and base is not None:
+        file = base / path
+    if not os.path.exists(file):
+        raise ConfigError(f"{where}: no such file; give the path of a CSV or Parquet table")
+    if not (file.is_dir() or file.is_file()):
         raise ConfigError(f"{where}: is no regular file; give a CSV or Parquet table")
+    try:
+        if file.is_dir() or file.suffix.lower() in (".parquet", ".pq"):
+            return _read_parquet(file, where)
+        return _read_csv(file, where)
     except ConfigError:
         raise
-    except Exception as error:  # pyarrow raises many kinds
+    except Exception as error:  # pandas and pyarrow raise many kinds
         reason = one_line(str(error).split("\n")[0] or type(error).__name__, 200)
         raise ConfigError(f"{where}: cannot be read as a table ({reason})") from None
 
 
 def _read_csv(file: Path, where: str) -> pa.Table:
-    from pyarrow import csv as arrow_csv
+    import pandas as pd
 
-    skipped, rows = 0, 0
+    # First what can be told at once of a large file.
     with open(file, "rb") as data:
-        head = data.readline(LONGEST_HEAD)
-        while head and not head.strip():
-            skipped, head = skipped + 1, data.readline(LONGEST_HEAD)
-        if len(head) == LONGEST_HEAD:
-            raise ValueError("its first line has no end")
-        begin = data.tell()
-        # At once, as it takes long to read all of it.
-        while (piece := data.read(PIECE)) and rows <= MAX_ROWS:
-            if b"\0" in piece:
-                raise ValueError("it is no text: there is a byte 0 in it")
+        head, rows = data.readline(LONGEST_LINE), 0
+        if len(head) == LONGEST_LINE:
+            raise ValueError("its first line does not end")
+        while rows <= MAX_ROWS and (piece := data.read(PIECE)):
             rows += piece.count(b"\n")
-        if b"\0" in head:
-            raise ValueError("it is no text: there is a byte 0 in it")
-        empty = data.tell() == begin
-    names = [name.strip() for name in next(csv.reader([head.decode("utf-8-sig")]), [])]
-    named = [name for name in names if name]
-    _check_size(named, rows, where)
-    if empty:
-        return pa.table({name: pa.array([], ANYTHING) for name in named})
-    bad: list[str] = []
-
-    def odd(row: arrow_csv.InvalidRow) -> str:
-        number, cells = row.number - skipped - 1, row.actual_columns
-        bad.append(f"row {number}: {cells} cells, where the first line has {row.expected_columns}")
-        return "skip"
-
-    table = arrow_csv.read_csv(
-        file,
-        # One thread knows the numbers of rows.
-        arrow_csv.ReadOptions(use_threads=False, column_names=names, skip_rows=skipped + 1),
-        arrow_csv.ParseOptions(newlines_in_values=True, invalid_row_handler=odd),
-        arrow_csv.ConvertOptions(
-            column_types=dict.fromkeys(named, ANYTHING),
-            strings_can_be_null=True,
-            include_columns=named,
-        ),
-    )
-    if bad:
-        raise ValueError(bad[0])
-    return table
+    _check_size([str(k) for k in range(head.count(b",") + 1)], rows, where)
+    # As text, so that a wrong cell can be quoted; and the names as a row like any other, since
+    # pandas renames columns that repeat, and shifts all columns if rows have a cell more.
+    frame = pd.read_csv(file, header=None, dtype=str, skipinitialspace=True)
+    names = frame.iloc[0].fillna("").str.strip()
+    frame = frame.iloc[1:, (names != "").to_numpy()]
+    return table_of(frame.set_axis(names[names != ""].tolist(), axis=1), where)
 
 
 def _read_parquet(file: Path, where: str) -> pa.Table:
@@ -106,22 +74,25 @@ def _read_parquet(file: Path, where: str) -> pa.Table:
     table = data.read()
     if file.is_dir() and {"case", "sample"} <= set(table.column_names):
         table = table.sort_by([("case", "ascending"), ("sample", "ascending")])
-    return table.replace_schema_metadata(None)
+    return _plain(table)
 
 
 def table_of(frame: pd.DataFrame, where: str) -> pa.Table:
-    """Return a DataFrame as Arrow columns; what is of no one type becomes text."""
-    names = [str(name) for name in frame.columns]
-    _check_size(names, len(frame), where)
-    columns = {}
-    for place, name in enumerate(names):
-        series = frame.iloc[:, place]
-        try:
-            columns[name] = pa.array(series, from_pandas=True)
-        except (pa.ArrowException, TypeError, ValueError):
-            text = [None if value is None or value != value else str(value) for value in series]
-            columns[name] = pa.array(text, ANYTHING)
-    return pa.table(columns)
+    """Return a DataFrame as Arrow columns; a column of mixed types becomes text."""
+    _check_size([str(name) for name in frame.columns], len(frame), where)
+    try:
+        table = pa.Table.from_pandas(frame, preserve_index=False)
+    except (pa.ArrowException, TypeError, ValueError):
+        mixed = {name: "str" for name in frame.columns if frame[name].dtype == object}
+        table = pa.Table.from_pandas(frame.astype(mixed), preserve_index=False)
+    return _plain(table)
+
+
+def _plain(table: pa.Table) -> pa.Table:
+    """Return a table whose columns of categories are columns of their values."""
+    kinds = {f.name: f.type.value_type for f in table.schema if pa.types.is_dictionary(f.type)}
+    columns = zip(table.column_names, table.columns, strict=True)
+    return pa.table({name: c.cast(kinds[name]) if name in kinds else c for name, c in columns})
 
 
 def _check_size(names: list[str], rows: int, where: str) -> None:
