@@ -140,6 +140,25 @@ def test_xi_in_degrees_and_the_unit_of_time_alone(tmp_path):
     assert runs.n_i_rpm[0] == pytest.approx(0.3 / second * 30 / math.pi)
 
 
+def test_columns_are_carried_as_what_they_hold(tmp_path):
+    path = tmp_path / "t.csv"
+    path.write_text(
+        f"{PLAIN},whole,gaps,real,padded,words,height_m \n"
+        f"{ROW},+5 ,1,1.5,01,a b,0.02 \n{ROW},-7,,2,2,,0.02\n"
+    )
+    source = table.read_bodies(str(path))
+    assert source.carried_names == ("whole", "gaps", "real", "padded", "words")
+    held = {name: values.tolist() for name, values in source.carried.items()}
+    assert held.pop("height_m") == [0.02, 0.02]
+    assert held == {
+        "whole": [5, -7], "gaps": [1, None], "real": [1.5, 2.0], "padded": ["01", "2"],
+        "words": ["a b", None],
+    }  # fmt: skip
+    frame = pd.DataFrame([map(float, ROW.split(","))], columns=PLAIN.split(","))
+    frame["huge"] = np.uint64(2**63)
+    assert table.frame_bodies(frame).carried["huge"].tolist() == [2.0**63]
+
+
 SI = ",".join(name for name in STONES if name.endswith(("kg", "_m", "m2")))
 SI_ROW = "1,0.01,2e-4,16e-4,17e-4,-2e-5,2,0.045"
 BAD = {

@@ -201,7 +201,7 @@ def test_runs_that_fail_are_rows_with_a_status_and_the_exit_code_says_so(tmp_pat
     result = run("quickstart.yaml", output, *sets)
     assert result.exit_code == 3
     frame, summary = rows(output), pd.read_parquet(output / "summary.parquet")
-    assert set(frame.status) <= {"nonfinite", "energy"}
+    assert set(frame.status) <= {"nonfinite", "energy", "coarse_step"}
     assert frame.type.isna().all()
     assert (summary.failed == 3).all()
     assert summary.fraction_R.isna().all()

@@ -277,12 +277,12 @@ def _bodies(table: pa.Table, where: str) -> TableBodies:
     if "t_r" in columns and "t_end" in columns:
         # In an output table the t_end of a run that reversed is its result, and not its horizon.
         columns["t_end"] = np.where(np.isfinite(columns["t_r"]), np.nan, columns["t_end"])
+    carried, fields = _carried(table, columns)
     columns = {name: columns[name] for name in COLUMNS if name in columns}
     if state:
         columns |= launched_from(columns, where)
     if "n_i" not in columns or not np.isfinite(columns.get("psi", np.nan)).all():
         columns.pop("psi", None)
-    carried, fields = _carried(table)
     return TableBodies(columns, second, carried, fields if second is None else fields + MEASURED)
 
 
@@ -340,17 +340,16 @@ def _lose_units(columns: dict[str, Floats], where: str) -> Floats | None:
         _require(needed, columns, where, f"{name} needs it")
         value = columns[name]
         if name.endswith("_deg"):
-            made[plain] = name, np.radians(value)
+            value = np.radians(value)
         elif name.endswith("_rpm"):
-            made[plain] = name, value * (np.pi / 30) * second
+            value = value * (np.pi / 30) * second
         elif name == "t_end_s":
-            made[plain] = name, value / second
+            value = value / second
         elif name == "sigma_N_m_s":
-            made[plain] = (
-                name, value / (columns["mass_kg"] * columns["height_m"] ** 2 / second)
-            )  # fmt: skip
+            value = value / (columns["mass_kg"] * columns["height_m"] ** 2 / second)
         else:
-            made[plain] = name, value / columns["height_m"]
+            value = value / columns["height_m"]
+        made[plain] = name, value
     problems: list[Problem] = []
     for plain, (name, values) in made.items():
         # The one without units counts, so that an output table gives the same runs again.
@@ -392,23 +391,29 @@ def launched_from(columns: dict[str, Floats], where: str) -> dict[str, Floats]:
     return {"n_i": n_i, "omega_xy0": omega_xy0, "psi": psi} | lengths
 
 
-def _carried(table: pa.Table) -> tuple[dict[str, NDArray[Any]], tuple[pa.Field, ...]]:
-    """Return the columns that the runs keep of a table: words, whole numbers and other numbers."""
+def _carried(
+    table: pa.Table, numbers: dict[str, Floats]
+) -> tuple[dict[str, NDArray[Any]], tuple[pa.Field, ...]]:
+    """Return the columns that the runs keep of a table: words, whole numbers and other numbers.
+
+    `numbers` are the columns of input.
+    """
     carried: dict[str, NDArray[Any]] = {}
     fields: list[pa.Field] = []
     for name, column in zip(table.column_names, table.columns, strict=True):
         if name in KEPT:
-            carried[name] = column.cast(F64).to_numpy()
+            carried[name] = numbers[name]
             fields.append(known.required(name, F64, KEPT[name], "of the table of bodies"))
         elif name not in INPUT and name not in RESULTS and (_is_text(column) or _is_number(column)):
             kind = _kind(column)
-            if _is_text(column):
-                column = pc.utf8_trim_whitespace(column)
-            column = column.cast(kind)
-            if kind == F64 or (kind == I64 and not column.null_count):
-                carried[name] = np.asarray(column)
-            else:  # None stands for null
-                carried[name] = np.array(column.to_pylist(), dtype=object)
+            if kind == F64:
+                carried[name] = _numbers(column, name, "")[0]
+            elif kind == TEXT or column.null_count:
+                values = column.to_pylist()
+                whole = [None if x is None else int(x) for x in values] if kind == I64 else values
+                carried[name] = np.array(whole, dtype=object)
+            else:
+                carried[name] = np.asarray(column).astype(np.int64)
             fields.append(known.field(name, kind, "1", "column of the table of bodies"))
     return carried, tuple(fields)
 
@@ -416,19 +421,16 @@ def _carried(table: pa.Table) -> tuple[dict[str, NDArray[Any]], tuple[pa.Field, 
 def _kind(column: pa.ChunkedArray) -> pa.DataType:
     """Return what the runs keep a column as; numbers with leading zeros are names, and so text."""
     if not _is_text(column):
-        return I64 if pa.types.is_integer(column.type) else F64
+        whole = pa.types.is_integer(column.type) and not pa.types.is_uint64(column.type)
+        return I64 if whole else F64
     given = column.drop_null()
 
-    def every(pattern: str) -> bool:
-        return bool(pc.all(pc.match_substring_regex(given, pattern)).as_py())
+    def fits(pattern: str) -> pa.Array:
+        return pc.match_substring_regex(given, pattern)
 
-    if (
-        not len(given)
-        or not every(NUMBER)
-        or pc.any(pc.match_substring_regex(given, PADDED)).as_py()
-    ):
+    if not len(given) or not pc.all(fits(NUMBER)).as_py() or pc.any(fits(PADDED)).as_py():
         return TEXT
-    return I64 if every(WHOLE) else F64
+    return I64 if pc.all(fits(WHOLE)).as_py() else F64
 
 
 # -- bad rows ----------------------------------------------------------------------------------
