@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,8 +19,9 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import MAX_DAMPING, Batch
 from rattlesweep.integrate.tableau import METHODS, Tableau
 from rattlesweep.physics import theory
+from rattlesweep.sweeps.bodies.protocol import Bodies, Source
 from rattlesweep.sweeps.bodies.sampler import bodies_of
-from rattlesweep.sweeps.bodies.sources import Bodies, SdBodies, ranges_of
+from rattlesweep.sweeps.bodies.sources import SdBodies, drawn, ranges_of
 from rattlesweep.sweeps.config.messages import Key
 from rattlesweep.sweeps.config.schema import Config, SdSource
 from rattlesweep.sweeps.launches import Launches, make_batch, prepare
@@ -47,7 +48,9 @@ class Finding(NamedTuple):
     fatal: bool = False
 
 
-def checked_plan(config: Config, base: Path | None = None) -> tuple[Plan, list[str]]:
+def checked_plan(
+    config: Config, base: Path | None = None, source: Source | None = None
+) -> tuple[Plan, list[str]]:
     """Return the plan of a config (:func:`rattlesweep.sweeps.plan.make_plan`) and its warnings.
 
     Raises
@@ -56,7 +59,7 @@ def checked_plan(config: Config, base: Path | None = None) -> tuple[Plan, list[s
         If no run can be right; like a warning, each line is place, key, sentence.
     """
     with config.locating():
-        plan = make_plan(config, base)
+        plan = make_plan(config, base, source)
         warnings = check_physics(plan)
         if isinstance(plan.source, SdBodies):
             plan.source.check_targets()
@@ -293,19 +296,23 @@ class DrawnBodies:
     samples = RUNS
 
     def __init__(self, source: SdSource) -> None:
-        self._values = source.target.values if source.target else [np.nan]
-        self._bodies = drawn = draw(source, DRAWN if source.target else RUNS)
-        if source.target is not None:
-            found = coefficient(drawn, source.target.name)
+        target = source.target
+        self._bodies = draw(source, RUNS if target is None else DRAWN)
+        self._targets = target.values if target else [0.0]
+        if target is not None:
+            found = coefficient(self._bodies, target.name)
             order = np.argsort(found)
-            middle = np.searchsorted(found, self._values, sorter=order)
+            middle = np.searchsorted(found, target.values, sorter=order)
             first = np.clip(middle - RUNS // 2, 0, DRAWN - RUNS)
-            self._bodies = take(drawn, order[np.add.outer(first, np.arange(RUNS)).ravel()])
+            nearest = order[np.add.outer(first, np.arange(RUNS)).ravel()]
+            self._bodies = take(self._bodies, nearest)
 
-    def bodies(self, target: Any, samples: Integers) -> Bodies:
-        """Return bodies of some samples, each of the cases of a `target`, NaN for none."""
-        equal = np.equal.outer(np.broadcast_to(target, samples.shape), self._values)
-        return take(self._bodies, equal.argmax(axis=1) * RUNS + samples)
+    def bodies(self, target: float | Floats, sample: Integers) -> Bodies:
+        """Return the bodies of some runs."""
+        place = {value: k for k, value in enumerate(self._targets)}
+        wanted = np.nan_to_num(np.broadcast_to(target, sample.shape)).tolist()
+        group = np.array([place[value] for value in wanted], dtype=np.int64)
+        return take(self._bodies, group * RUNS + sample)
 
 
 def draw(source: SdSource, size: int = DRAWN) -> Bodies:
@@ -314,7 +321,7 @@ def draw(source: SdSource, size: int = DRAWN) -> Bodies:
     points = np.random.default_rng(SEED).random((len(ranges), size))
     # Intervals that hold their upper ends.
     points[:4] = 1 - points[:4]
-    return Bodies.drawn(bodies_of(points, ranges))
+    return drawn(bodies_of(points, ranges))
 
 
 def coefficient(bodies: Bodies, name: str) -> Floats:
