@@ -32,6 +32,7 @@ from rattlesweep.sweeps.columns import F64, I64, MEASURED, RUNS, STATE, TEXT
 from rattlesweep.sweeps.config.bodies import TableSource
 from rattlesweep.sweeps.config.fields import MAX_SPEED, MAX_TIME, TABLE
 from rattlesweep.sweeps.config.schema import unit
+from rattlesweep.sweeps.files import explained
 
 if TYPE_CHECKING:
     import pandas as pd
