@@ -30,6 +30,7 @@ from rattlesweep.sweeps.bodies.protocol import Bodies
 from rattlesweep.sweeps.bodies.tablefile import read_table, table_of
 from rattlesweep.sweeps.columns import F64, I64, MEASURED, RUNS, STATE, TEXT
 from rattlesweep.sweeps.config.schema import MAX_SPEED, MAX_TIME, TABLE, TableSource, unit
+from rattlesweep.sweeps.files import explained
 
 if TYPE_CHECKING:
     import pandas as pd
