@@ -261,7 +261,7 @@ sd | classify: {} | stop: 0.1 | 15: stop: 0.1 is given here; write a mapping
 sd | psi: relevant | psi: {} | 11: spin.psi: a mapping is given here; write a number
 sd | classify: {} | classify: {early: yes} | 15: classify.early: "yes" (text) is given here; write true or false
 sd | output: out/steady-kr-quick | output: 12 | 17: output: 12 is a number; put it in quotes to make it text
-sd | method: dop853, tol: 1e-9 | accuracy: 1e-6 | 14: integrator.accuracy: 1e-06 is given here; write a mapping
+sd | method: dop853, tol: 1e-9 | accuracy: 1e-6 | 14: integrator.accuracy: 1e-06 is given here; write draft, standard, reference or {t_r: 1.0e-6}
 sd | tol: 1e-9 | tol: .nan | 14: integrator.tol: nan is not a finite number; write one below 1.8e308
 sd | 0.001, 0.01, 0.1] | 0.001, 1e999] | 10: spin.omega_xy0[1]: inf is not a finite number; write one below 1.8e308
 sd | seed: 2017 | seed: 36893488147419103232 | 2: seed: 36893488147419103232 is out of range; it must be at most 9.22337203685478e+18

@@ -467,6 +467,8 @@ def _sentences(
         yield key, f"{describe(value)} is a number; put it in quotes to make it text"
     else:
         wanted = _WANTED.get(kind.split("_")[0], "what the schema allows")
+        if key[-1:] == ("accuracy",):
+            wanted = "draft, standard, reference or {t_r: 1.0e-6}"
         yield key, f"{describe(value)} is given here; write {wanted}"
 
 
