@@ -24,10 +24,8 @@ from rattlesweep.sweeps.bodies.sources import make_source
 from rattlesweep.sweeps.bodies.table import TableBodies
 from rattlesweep.sweeps.cases import Case
 from rattlesweep.sweeps.columns import STATE, runs_schema
-from rattlesweep.sweeps.config.schema import SdSource
-from rattlesweep.sweeps.config.schema import TABLE
 from rattlesweep.sweeps.config.read import parse_config
-from rattlesweep.sweeps.config.schema import Config, Dissipation
+from rattlesweep.sweeps.config.schema import TABLE, Config, Dissipation, SdSource
 
 MAX_RUNS = 10**9
 """Runs of a sweep; what is done of them is held as one byte each."""

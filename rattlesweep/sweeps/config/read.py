@@ -101,7 +101,8 @@ def fixed_part(data: Mapping[str, Any]) -> dict[str, Any]:
     and the thresholds between types. Of the dissipation its kind stays, which chooses the kernel.
     """
     part = {key: value for key, value in data.items() if key not in ("name", "output", "stop")}
-    part["bodies"] = _without(data["bodies"], "samples", "refine")
+    # A table is known by what it holds, wherever it lies.
+    part["bodies"] = _without(data["bodies"], "samples", "refine", "path")
     if target := part["bodies"].get("target"):
         name = "K_p" if "K_p" in target else "K_r"
         part["bodies"]["target"] = {"coefficient": name, **_without(target, name)}

@@ -245,7 +245,9 @@ def losses(most: float) -> Any:
 Speed = Annotated[float, Field(ge=-MAX_SPEED, le=MAX_SPEED)]
 Unsigned = Annotated[Speed, AfterValidator(lambda spin: spin + 0.0)]  # a zero has no sign
 Spins = Annotated[list[Unsigned], *several(Unsigned)]
-Oscillation = Annotated[float, Field(gt=0, le=MAX_SPEED)]
+# The square of a smaller one underflows.
+MIN_OSCILLATION = 1e-140
+Oscillation = Annotated[float, Field(ge=MIN_OSCILLATION, le=MAX_SPEED)]
 Oscillations = Annotated[list[Oscillation], *several(Oscillation)]
 Positive = Annotated[float, Field(gt=0)]
 Targets = Annotated[list[Positive], *several(Positive)]
