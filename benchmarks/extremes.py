@@ -2,7 +2,7 @@
 
     python benchmarks/extremes.py [--write]
 
-Prints the tables of benchmarks/extremes.md; ``--write`` puts them there, between the marks.  The cases
+Prints the tables of benchmarks/extremes.md; ``--write`` puts them there, between the marks. Cases
 and the references are those of tests/helpers/extremes.py and tests/helpers/reference.py.
 """
 
