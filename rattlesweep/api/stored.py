@@ -78,7 +78,7 @@ class Sweep:
         columns : str or sequence of str, optional
             Columns of ``runs``, in this order; by default all.
         where : str, optional
-            A condition as in ``rattlesweep plot --where``: ``"type = 'SW' and K_r < 0.005"``.
+            A pandas query, as of ``rattlesweep plot --where``: ``'type == "SW" and K_r < 0.005'``.
 
         Returns
         -------
@@ -96,7 +96,7 @@ class Sweep:
         """
         import pyarrow as pa
 
-        from rattlesweep.analysis.where import parse_condition
+        from rattlesweep.analysis.where import parse_where
         from rattlesweep.sweeps.config.messages import not_one_of
 
         schema = self._stored.manifest.schema
@@ -105,13 +105,14 @@ class Sweep:
         for name in names:
             if name not in schema.names:
                 raise ConfigError(f"columns: {not_one_of(str(name), schema.names)}")
-        condition = None if where is None else parse_condition(where, schema, "where")
+        condition = None if where is None else parse_where(where, schema, "where")
         needed = dict.fromkeys((*names, *(condition.columns if condition else ())))
         found = self._cached(list(needed), schema)
         fields = pa.schema([schema.field(name) for name in needed])
         table = pa.Table.from_arrays([found[name] for name in needed], schema=fields)
         if condition is not None:
-            table = table.filter(condition.expression)
+            kept = [condition.filter(rows) for rows in table.to_batches()]
+            table = pa.Table.from_batches(kept, table.schema)
         return to_frame(table.select(names))
 
     def _cached(self, names: list[str], schema: pa.Schema) -> dict[str, pa.ChunkedArray]:
@@ -132,7 +133,11 @@ class Sweep:
         return self._columns
 
     def to_xarray(
-        self, columns: Sequence[str] | None = None, *, where: str | None = None
+        self,
+        columns: Sequence[str] | None = None,
+        *,
+        where: str | None = None,
+        fill: bool = False,
     ) -> xarray.Dataset:
         """Runs along what varies: one dimension for each axis of the sweep.
 
@@ -144,6 +149,9 @@ class Sweep:
             Columns of ``runs``; by default all that hold one value a run.
         where : str, optional
             A condition as for :meth:`read`; other runs are missing.
+        fill : bool
+            Whether the points that ``bodies.refine`` has left out are filled from the nearest runs,
+            numbers by linear interpolation between them.
 
         Returns
         -------
@@ -163,13 +171,16 @@ class Sweep:
         from rattlesweep.analysis.dataset import make_dataset
         from rattlesweep.analysis.plots.layout import read_layout
 
-        return make_dataset(read_layout(self.directory).chosen(where), columns)
+        return make_dataset(
+            read_layout(self.directory).chosen(where), columns, fill_refined=fill
+        )
 
     def plot(
         self,
         kind: str | None = None,
         *,
         x: str | None = None,
+        quantity: str | None = None,
         select: Mapping[str, Any] | Sequence[str] = (),
         where: str | None = None,
         path: str | Path | None = None,
@@ -180,10 +191,12 @@ class Sweep:
         Parameters
         ----------
         kind : str, optional
-            ``fractions``, ``times``, ``ratio``, ``map``, ``distribution`` or ``scatter``; by
-            default what suits the sweep.
+            ``fractions``, ``times``, ``ratio``, ``map``, ``reversals``, ``distribution`` or
+            ``scatter``; by default what suits the sweep.
         x : str, optional
             What goes along the abscissa: something that varies, or a column for a scatter.
+        quantity : str, optional
+            The column that a map or a distribution shows.
         select : mapping or sequence of str
             Only these values, such as ``{"n_i": [-0.3, -0.5], "theta": "0.6:0.7"}``.
         where : str, optional
@@ -203,8 +216,8 @@ class Sweep:
         >>> import rattlesweep as rs
         >>> figure = rs.load("out/gh").plot("distribution", path="distribution.svg")
         """
+        from rattlesweep.analysis.plots.kinds import choose_picture
         from rattlesweep.analysis.plots.layout import read_layout
-        from rattlesweep.analysis.plots.registry import read_picture
         from rattlesweep.analysis.style import FORMATS, encode, save, styled
 
         for name in looks:
@@ -219,7 +232,10 @@ class Sweep:
             select = [select]
         with styled():
             layout = read_layout(self.directory)
-            figure = read_picture(layout, kind, x=x, select=select, where=where).figure(**looks)
+            picture = choose_picture(
+                layout, kind, x=x, quantity=quantity, select=select, where=where
+            )
+            figure = picture.figure(**looks)
             if path is not None:
                 save(figure, [Path(path)], 150.0)
         # A figure that is none of pyplot's is shown by no notebook unless it says how.
