@@ -26,7 +26,7 @@ from rattlesweep.errors import DamagedError
 from rattlesweep.sweeps.plan import Case, make_plan
 from rattlesweep.sweeps.config.load import load_config, parse_config, resolved
 from rattlesweep.sweeps.config.schema import Config
-from rattlesweep.sweeps.old.run import run_sweep
+from rattlesweep.sweeps.run import run_sweep
 from rattlesweep.sweeps.files import explained, probe_directory, replace_file
 from rattlesweep.sweeps.old.store import Store
 from rattlesweep.sweeps.arrow import encode, open_sealed, read_rows

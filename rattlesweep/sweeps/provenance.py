@@ -10,13 +10,7 @@ from datetime import UTC, datetime
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-from rattlesweep.sweeps.config.bodies import TableSource
-from rattlesweep.sweeps.config.load import physics_hash
-
-if TYPE_CHECKING:
-    from rattlesweep.sweeps.plan import Plan
+from typing import Any
 
 PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "pandas", "pyarrow")
 
@@ -77,25 +71,6 @@ def peak_memory() -> int | None:
         return None
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak if sys.platform == "darwin" else 1024 * peak
-
-
-def identity(plan: Plan, base: Path | None = None) -> str:
-    """Hash of what determines the stored numbers: config, and the contents of a table."""
-    digest = hashlib.sha256(physics_hash(plan.config).encode())
-    for file in table_files(plan, base):
-        with open(file, "rb") as handle:
-            digest.update(hashlib.file_digest(handle, "sha256").digest())
-    return digest.hexdigest()
-
-
-def table_files(plan: Plan, base: Path | None = None) -> list[Path]:
-    """Files that bodies are read from; none where they come from no table."""
-    if not isinstance(plan.config.bodies, TableSource):
-        return []
-    path = Path(plan.config.bodies.path)
-    if not path.exists() and base is not None:
-        path = base / path
-    return sorted(path.rglob("*.parquet")) if path.is_dir() else [path]
 
 
 def versions() -> dict[str, str]:

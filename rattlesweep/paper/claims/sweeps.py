@@ -17,7 +17,7 @@ from rattlesweep.paper.claims.claim import Count, Measured, Tables, every, share
 from rattlesweep.paper.figures.chaos import LONGER, SLOW
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import Rattleback
-from rattlesweep.sweeps.chaos import LEAST_GROWTH
+from rattlesweep.sweeps.types import LEAST_GROWTH
 
 # A tenth of a decade: the size of a symbol on the paper's logarithmic axes.
 SYMBOL = 10**0.1

@@ -2,7 +2,7 @@
 
 The runs of type SW are integrated once more with their Lyapunov exponents; the same launches give
 the same runs.  A run is chaotic if a small difference grows more than e^10-fold in its second half
-(:mod:`rattlesweep.sweeps.chaos`).
+(:mod:`rattlesweep.sweeps.types`).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from rattlesweep.paper.columns import number, schema
 from rattlesweep.paper.workspace import Progress, Workspace, between
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.sweeps.single import Launch, single_run
-from rattlesweep.sweeps.chaos import is_chaotic
+from rattlesweep.sweeps.types import is_chaotic
 from rattlesweep.sweeps.columns import RATE, TIME, field
 
 # Runs called chaotic although they are slow are followed to this many horizons.
