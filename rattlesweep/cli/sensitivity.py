@@ -28,7 +28,7 @@ def sensitivity(directory: Path, figure: Path | None, as_json: bool) -> None:
     runs that reverse, those of P(R), P(SS), ... of all.
     """
     from rattlesweep.analysis.sensitivity import as_text, save
-    from rattlesweep.sweeps.old.sensitivity import sensitivity as told
+    from rattlesweep.analysis.sensitivity import sensitivity as told
 
     probe(figure)
     found = told(directory)
