@@ -58,7 +58,8 @@ class Case:
 def grown(held: Sequence[Case], asked: Sequence[Case]) -> tuple[Case, ...]:
     """Return the cases of a directory and behind them those that a larger sweep adds.
 
-    Cases keep their numbers: `held` are those of the directory, `asked` those of the config, of which none may be missing.
+    Cases keep their numbers: `held` are those of the directory, `asked` those of the config, of
+    which none may be missing.
 
     Raises
     ------

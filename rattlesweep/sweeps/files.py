@@ -51,7 +51,8 @@ def replace_file(path: Path, data: bytes) -> None:
 def streamed_file(path: Path) -> Iterator[BinaryIO]:
     """Open a file to write to that takes its place at `path` in one step when the body has ended.
 
-    What is there stays there, whole, until the new file is on the disk.  If the body raises, nothing is left of it.
+    What is there stays there, whole, until the new file is on the disk.  If the body raises,
+    nothing is left of it.
 
     Raises
     ------

@@ -29,8 +29,8 @@ MOST_ROWS = 50_000
 ROUNDS = 4
 """Runs of a block for each lane at least, so that all lanes are in use most of the time."""
 GRACE = 5.0
-"""Seconds for which a session in which no run has ended goes on after its time is up, so that the same command again and
-again comes to an end, however short the time."""
+"""Seconds for which a session in which no run has ended goes on after its time is up, so that the
+same command again and again comes to an end, however short the time."""
 
 
 @dataclass(frozen=True)

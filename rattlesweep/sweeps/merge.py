@@ -24,8 +24,8 @@ from rattlesweep.sweeps.summary import summarise, write_summary
 
 @dataclass(frozen=True)
 class Merged:
-    """What a merge came to: runs and files in the new directory, runs that are missing or failed, and the summary if none is
-    missing.
+    """What a merge came to: runs and files in the new directory, runs that are missing or failed,
+    and the summary if none is missing.
     """
 
     runs: int
@@ -36,7 +36,8 @@ class Merged:
 
 
 def merge(directories: Sequence[Path], output: Path) -> Merged:
-    """Make one directory of several of the same sweep, such as its shares; the sources stay as they are.
+    """Make one directory of several of the same sweep, such as its shares; the sources stay as they
+    are.
 
     Parameters
     ----------

@@ -33,8 +33,9 @@ from rattlesweep.sweeps.summary import summarise, write_summary
 from rattlesweep.sweeps.types import with_types
 
 Engine = Callable[[Job, Iterator[Keys]], Iterator[pa.Table]]
-"""Given blocks of keys, yields tables of rows, in any order and cut in any way.  What is thrown into it, such as a
-KeyboardInterrupt, it raises again after it has yielded the rows that are done."""
+"""Given blocks of keys, yields tables of rows, in any order and cut in any way.  What is thrown
+into it, such as a KeyboardInterrupt, it raises again after it has yielded the rows that are
+done."""
 
 
 @dataclass(frozen=True)
@@ -114,8 +115,8 @@ def run_sweep(
     ----------
     plan : Plan
     directory : Path
-        Output directory.  Rows of the same sweep, or of a smaller one, are kept unless `fresh`; rows whose status is not
-        ``ok`` are done again if `retry_failed`.
+        Output directory.  Rows of the same sweep, or of a smaller one, are kept unless `fresh`;
+        rows whose status is not ``ok`` are done again if `retry_failed`.
     base : Path, optional
         Directory in which a table's relative path is looked up besides the working directory.
     threads : int, optional
@@ -162,7 +163,7 @@ def run_sweep(
         stored = begin(plan, directory, base, share)
         plan = plan.with_cases(stored.cases)
         session = Session(directory, share, threads)
-        work = _Sweep(plan, stored, shard, decision(plan), result, session)
+        work = _Sweep(plan, stored, shard, decision(plan.config, plan.cases, plan.samples), result, session)
         deadline = None if max_time is None else start + max_time
         job = Job(plan, threads, case_costs(plan), work.progress(report), deadline)
         try:

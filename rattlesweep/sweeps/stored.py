@@ -1,7 +1,7 @@
 """A sweep on disk: its manifest and its rows; the way in for everything that reads one.
 
-``manifest.json`` says what the sweep is: config, hash, cases, columns, versions, machine.  It is written when a sweep begins or
-grows, and says nothing of what has been done.
+``manifest.json`` says what the sweep is: config, hash, cases, columns, versions, machine.  It is
+written when a sweep begins or grows, and says nothing of what has been done.
 """
 
 from __future__ import annotations
