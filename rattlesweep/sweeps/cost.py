@@ -65,4 +65,5 @@ def case_costs(plan: Plan) -> Floats:
     cost = expected_cost(prepare(small, case, sample), plan.config.model)
     mean = cost.reshape(len(judged), -1).mean(axis=1)
     # Cases between judged ones are neighbours in the order of the config.
-    return np.interp(np.arange(count), judged, mean)
+    costs: Floats = np.interp(np.arange(count), judged, mean)
+    return costs

@@ -182,7 +182,8 @@ class Refining(_Known):
 
     def _grid(self, values: NDArray[Any]) -> NDArray[Any]:
         """Return values by (case, sample) as an array along the axes."""
-        return values[self._order].reshape(self.shape)
+        grid: NDArray[Any] = values[self._order].reshape(self.shape)
+        return grid
 
     def _runs(self, grid: NDArray[Any]) -> NDArray[Any]:
         """Return values along the axes by (case, sample)."""
@@ -285,7 +286,7 @@ class Refining(_Known):
 
 
 def strides(shape: Sequence[int], levels: int) -> tuple[int, ...]:
-    """Return the steps of the coarse grid along axes of so many values: two of them at least, or 1."""
+    """Return the steps of the coarse grid along axes of so many values: two at least, or 1."""
     return tuple(1 if n < FEWEST else min(1 << levels, 1 << ((n - 1) // 2).bit_length() - 1)
                  for n in shape)  # fmt: skip
 

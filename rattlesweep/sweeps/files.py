@@ -17,7 +17,7 @@ from rattlesweep.errors import OutputError
 # whole directory skip hidden files.
 TEMPORARY = ".*.tmp"
 ABANDONED = 3600.0
-"""Age in seconds from which on a temporary file that may be another process's is taken for one of a process that died."""
+"""Seconds after which a temporary file in a shared folder counts as left by a dead process."""
 
 
 def reason(error: BaseException) -> str:

@@ -16,7 +16,7 @@ from rattlesweep.sweeps.block import Prepared, compute, load_kernel, prepare_run
 from rattlesweep.sweeps.job import Job, Keys, OutOfTime
 
 GATHER = 2.0
-"""Seconds for which a stop waits for the kernel, which answers within a millisecond, and for the table of its rows."""
+"""Seconds for which a stop waits for the kernel and for the table of its rows."""
 
 
 def local(job: Job, blocks: Iterator[Keys]) -> Iterator[pa.Table]:

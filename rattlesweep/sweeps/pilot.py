@@ -92,14 +92,14 @@ class Forecast:
             lines.append(f"a share takes about {_time(self.share)}")
         if self.few >= FEW_LIMIT:
             lines.append(
-                f"one run in a hundred takes {100 * self.few:.0f} % of the time: the horizon in units "
-                "of t_rGH goes to infinity for bodies with little skew, so the longest run is longer "
-                "the more runs there are; horizon: {t_rgh: 5, t: ...} sets a limit"
+                f"one run in a hundred takes {100 * self.few:.0f} % of the time: t_rGH goes to "
+                "infinity for bodies with little skew, so the longest run is longer the more runs "
+                "there are; horizon: {t_rgh: 5, t: ...} sets a limit"
             )
         if self.unseen > 0.05:
             lines.append(
-                f"{100 * self.unseen:.0f} % of the pilot's runs were too long for it, so the time may "
-                "be anywhere in the interval"
+                f"{100 * self.unseen:.0f} % of the pilot's runs were too long for it, so the time "
+                "may be anywhere in the interval"
             )
         if self.decides:
             lines.append(f"{self.decides} leaves runs out; how many cannot be told before")
@@ -138,19 +138,23 @@ def forecast(
     reach = np.where(first.cut, first.cost * np.max(first.steps / first.cost), first.steps)
     each = float(np.mean(np.minimum(reach, steps * CAP_SHARE)))
     count = int(np.clip(steps / max(each, 1.0), LEAST, MOST))
-    begin, parts = time.perf_counter(), []
+    begin = time.perf_counter()
+    parts: list[_Pilot] = []
     while not parts or time.perf_counter() - begin < 0.6 * seconds:
         parts.append(_measure(plan, draw(count), here, max(1_000, int(steps * CAP_SHARE))))
     pilot = _together(parts)
 
     ratio = pilot.steps / np.maximum(pilot.cost, 1e-300)
-    # A run that was cut off takes as many steps for its cost as one that reaches its horizon at most.
+    # A run that was cut off takes as many steps for its cost as one that reaches its horizon at
+    # most.
     whole = float(ratio[~pilot.cut].max()) if (~pilot.cut).any() else float(ratio.max())
     upper = np.where(pilot.cut, max(whole, float(ratio.max())), ratio)
     error = CONFIDENT * float(ratio.std()) / np.sqrt(len(ratio))
     total = float(cost.mean()) * plan.runs
     rate = pilot.rate * min(threads, here) / here * max(1.0, threads / here)
-    low, high = ((f * total) / rate for f in (float(ratio.mean()) - error, float(upper.mean()) + error))
+    low, high = (
+        (f * total) / rate for f in (float(ratio.mean()) - error, float(upper.mean()) + error)
+    )
     middle = total * float(np.where(pilot.cut, (ratio + upper) / 2, ratio).mean()) / rate
     order = np.sort(cost)[::-1]
     few = float(order[: max(1, int(FEW_SHARE * len(order)))].sum() / max(order.sum(), 1e-300))
@@ -199,7 +203,9 @@ def _measure(plan: Plan, launches: Launches, threads: int, most: int) -> _Pilot:
 
 
 def _together(parts: list[_Pilot]) -> _Pilot:
-    arrays = (np.concatenate([getattr(p, name) for p in parts]) for name in ("steps", "cost", "cut"))
+    arrays = (
+        np.concatenate([getattr(p, name) for p in parts]) for name in ("steps", "cost", "cut")
+    )
     return _Pilot(
         *arrays,
         rate=len(parts) / sum(1 / part.rate for part in parts),
@@ -225,7 +231,13 @@ def _encoded(table: pa.Table) -> int:
 
 
 def _time(seconds: float) -> str:
-    return f"{seconds:.2g} s" if seconds < 10 else f"{seconds:.0f} s" if seconds < 100 else clock(seconds)
+    return (
+        f"{seconds:.2g} s"
+        if seconds < 10
+        else f"{seconds:.0f} s"
+        if seconds < 100
+        else clock(seconds)
+    )
 
 
 def _size(size: float) -> str:

@@ -103,7 +103,7 @@ class Runs:
         return path
 
     def free(self, stem: str) -> Path:
-        """Return a path that no file has: a file whose first row has been taken out keeps its name."""
+        """Return a path that no file has: a file whose first row is gone keeps its name."""
         path, again = self.folder / f"{stem}.parquet", 1
         while path.exists():
             again += 1
@@ -258,7 +258,7 @@ class Runs:
                 if found.setdefault(case.index, case).key != case.key:
                     raise OutputError(
                         f"{path} numbers its cases unlike other files: case {case.index} is {case} "
-                        f"there and {found[case.index]} elsewhere; use another output for one of them"
+                        f"there and {found[case.index]} elsewhere; move one of them away"
                     )
         return found
 

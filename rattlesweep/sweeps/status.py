@@ -21,8 +21,8 @@ class Status:
     Attributes
     ----------
     data : dict
-        ``runs``, ``wanted``, ``files``, ``bytes``, ``status`` and ``types`` (runs by each), ``at_work`` (sessions under way)
-        and ``last`` (the session that ended last).
+        ``runs``, ``wanted``, ``files``, ``bytes``, ``status`` and ``types`` (runs by each),
+        ``at_work`` (sessions under way) and ``last`` (the session that ended last).
     directory : Path
     name : str
     decides : str or None

@@ -120,7 +120,7 @@ _SHOWN = {
 
 
 def absent_columns(summary: pa.Table) -> set[str]:
-    """Return the columns that say nothing of these cases: they have no such thing, or all share it."""
+    """Return the columns that say nothing of these cases, as none or all have it."""
     cases = len(summary)
     optional = ("sensitive", "unsure", "fraction_D")
     return {n for n in optional if summary.column(n).null_count == cases} | {

@@ -1,4 +1,4 @@
-"""Check an output directory: whole files, the right runs, types and theory that fit, runs that come out the same again."""
+"""Check an output directory: files, keys, types, theory, and runs that are computed again."""
 
 from __future__ import annotations
 
@@ -76,7 +76,8 @@ def verify(
     threads: int | None = None,
     report: Callable[[float], None] = lambda share: None,
 ) -> Verified:
-    """Read all of an output directory and compare it with what its manifest says; nothing is changed.
+    """Read all of an output directory and compare it with what its manifest says; nothing is
+    changed.
 
     Parameters
     ----------
@@ -102,7 +103,9 @@ def verify(
         stored.cases, stored.samples, stored.hash, stored.schema, put_aside=False
     )
     result.runs = found.rows
-    result.problems += [f"{path} is damaged; `rattlesweep run` does its runs again" for path in found.aside]
+    result.problems += [
+        f"{path} is damaged; `rattlesweep run` does its runs again" for path in found.aside
+    ]
     _check_keys(stored, found, result)
     good = [path for paths in found.typed.values() for path in paths]
     for number, path in enumerate(good):
@@ -126,8 +129,8 @@ def _check_keys(stored: Stored, found: Found, result: Verified) -> None:
     for text, paths in found.typed.items():
         if text != typed:
             result.problems.append(
-                f"{paths[0]}{f' and {len(paths) - 1} more files' if len(paths) > 1 else ''} were typed "
-                "by other thresholds than the rest; `rattlesweep classify` ends what was begun"
+                f"{paths[0]}{f' and {len(paths) - 1} more files' if len(paths) > 1 else ''} were "
+                "typed by other thresholds; `rattlesweep classify` ends what was begun"
             )
 
 
@@ -160,7 +163,8 @@ def _row_problems(stored: Stored, path: Path) -> Iterator[str]:
     modes = theory.modes(**bodies)
     for name in ("omega_p", "omega_r", "K_p", "K_r"):
         theirs, ours = floats(rows.column(name)), getattr(modes, name)
-        wrong = ~np.isclose(theirs, np.where(np.isfinite(ours), ours, np.nan), CLOSE, 0, equal_nan=True)
+        ours = np.where(np.isfinite(ours), ours, np.nan)
+        wrong = ~np.isclose(theirs, ours, CLOSE, 0, equal_nan=True)
         yield from told(wrong, f"{name} does not follow from its body")
     t_r, t_end = floats(rows.column("t_r")), floats(rows.column("t_end"))
     yield from told(t_r > t_end * (1 + 1e-12), "t_r is later than t_end")
@@ -178,7 +182,9 @@ def _check_summary(stored: Stored, result: Verified) -> None:
         result.problems.append(f"{error}; `rattlesweep run` writes it anew")
         return
     if not result.problems and not same_summary(theirs, summarise(stored)):
-        result.problems.append(f"{path} does not follow from the runs; `rattlesweep run` writes it anew")
+        result.problems.append(
+            f"{path} does not follow from the runs; `rattlesweep run` writes it anew"
+        )
 
 
 def _recompute(
@@ -194,7 +200,8 @@ def _recompute(
     from rattlesweep.sweeps.memory import differing_rows
 
     theirs = stored.manifest["versions"]
-    other = [f"{n} {theirs.get(n)} then, {v} now" for n, v in versions().items() if theirs.get(n) != v]
+    ours = versions()
+    other = [f"{n} {theirs.get(n)} then, {v} now" for n, v in ours.items() if theirs.get(n) != v]
     if other:
         result.notes.append(f"last bits may differ: {'; '.join(other)}")
     sizes = [len(stored.runs.table(path, ["case"])) for path in files]
@@ -214,7 +221,8 @@ def _recompute(
         if len(here):
             rows = stored.runs.table(path).take(pa.array(here))
             for start in range(0, len(rows), AT_ONCE):
-                for case, sample, names in differing_rows(plan, rows.slice(start, AT_ONCE), threads):
+                part = rows.slice(start, AT_ONCE)
+                for case, sample, names in differing_rows(plan, part, threads):
                     result.problems.append(
                         f"case {case} sample {sample} comes out differently: {', '.join(names[:4])}"
                     )
