@@ -105,7 +105,9 @@ def _columns(tree: ast.Expression, schema: pa.Schema) -> tuple[str, ...]:
             case ast.Name(name) if id(node) not in called:
                 if name not in schema.names:
                     near = nearest(name, schema.names)
-                    hint = f"did you mean {near}?" if near else f"there are {', '.join(schema.names)}"
+                    hint = (
+                        f"did you mean {near}?" if near else f"there are {', '.join(schema.names)}"
+                    )
                     raise ValueError(f"{one_line(name, 40)} is no column; {hint}")
                 if pa.types.is_list(schema.field(name).type):
                     raise ValueError(f"{name} holds several numbers a run and cannot be compared")

@@ -57,8 +57,8 @@ class Sweep:
     @property
     def summary(self) -> pd.DataFrame:
         """One row a case, with units in ``attrs``; of a sweep under way, of its blocks so far."""
-        from rattlesweep.sweeps.summary import summarise
         from rattlesweep.sweeps.counts import columns_for
+        from rattlesweep.sweeps.summary import summarise
 
         store, manifest = self._stored.store, self._stored.manifest
         if store.summary_path.exists():

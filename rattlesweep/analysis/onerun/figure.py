@@ -110,7 +110,9 @@ def draw(columns: dict[str, Floats], course: Course, caption: str = "") -> Figur
     axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     period = 2 * math.pi / float(course.launches.modes.omega_r[0])
 
-    def line(axis: Any, name: str, colour: str = BLUE, label: str | None = None, **more: Any) -> None:
+    def line(
+        axis: Any, name: str, colour: str = BLUE, label: str | None = None, **more: Any
+    ) -> None:
         places = thin(columns[name], BINS)
         look = {"color": colour, "linewidth": 1.0, "label": label} | more
         axis.plot(t[places], columns[name][places], **look)

@@ -83,7 +83,9 @@ class Rows:
             if times.ndim != 1 or not times.size or not np.all(np.isfinite(times)):
                 raise ConfigError("times: a list of finite numbers is needed")
             if times[0] < 0 or times[-1] > t_end or np.any(np.diff(times) <= 0):
-                raise ConfigError(f"times: they must increase, from 0 at least to t_end = {t_end:g}")
+                raise ConfigError(
+                    f"times: they must increase, from 0 at least to t_end = {t_end:g}"
+                )
             return times
         if self.dt is not None:
             if not (math.isfinite(self.dt) and self.dt > 0):

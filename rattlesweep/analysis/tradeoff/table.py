@@ -14,7 +14,6 @@ import pyarrow as pa
 from matplotlib.figure import Figure
 
 from rattlesweep.analysis import style
-from rattlesweep.analysis.style import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
 from rattlesweep.analysis.tradeoff.measure import Study
 from rattlesweep.sweeps.arrow import build_table, write_parquet
 from rattlesweep.sweeps.columns import F64, I64, TEXT, TIME, field, required
@@ -176,31 +175,10 @@ def as_data(study: Study) -> dict[str, Any]:
 
 # -- the figure ----------------------------------------------------------------------------------
 
-WIDTH, HEIGHT, DPI = 8.4, 8.0, 150
-# Colour, shape, and where beside its points a method's settings are written.
-STYLE: dict[str, tuple[str, str, tuple[int, int, str]]] = {
-    "rk4": (VERMILION, "s", (6, 3, "left")),
-    "dopri5": (PURPLE, "^", (8, -1, "left")),
-    "dop853": (BLUE, "o", (-4, -11, "right")),
-    "verner98": (GREEN, "D", (4, 6, "left")),
-    # What stands alone: plain RK4, models without the full dynamics, an error that is asked for.
-    "plain": (GREY, "x", (8, -3, "left")),
-    "reduced": (GREY, "*", (-8, -3, "right")),
-    "gh": (GREY, "h", (-8, -3, "right")),
-    "accuracy": (GREY, "p", (8, 6, "left")),
-}
-# Of a method without an entry.
-SPARE = tuple((*look, (6, 3, "left")) for look in ((ORANGE, "v"), (SKY, "P"), (GREY, "X")))
-# What is written beside those that stand alone; they have no place in the panel of the drift.
+WIDTH, HEIGHT, DPI = 8.4, 5.6, 150
+# Settings that stand alone: plain RK4, models without the full dynamics, an error asked for.
 SINGLES = {"plain": "plain scalar rk4, dt 0.002", "reduced": "reduced", "gh": "gh",
            "accuracy": "accuracy {t_r: 1e-6}"}  # fmt: skip
-# Abscissas of the panels, the large one first; all but the last are logarithmic.
-LABELS = {
-    "error_median": "relative error of the time of reversal, median of the runs",
-    "error_p99": "the same, 99th percentile",
-    "energy_drift_median": "energy drift, relative, median",
-    "type_flips": "runs whose type changes",
-}
 
 
 def save(study: Study, directory: Path) -> list[Path]:
@@ -219,60 +197,32 @@ def save(study: Study, directory: Path) -> list[Path]:
 
 
 def draw(rows: pd.DataFrame, caption: str = "") -> Figure:
-    """Draw rows with the columns of `SCHEMA`; the caption says which runs, which machine."""
+    """Draw cost against error: the median as markers, and a line to the 99th percentile."""
     figure = style.new_figure(WIDTH, HEIGHT)
-    grid = figure.add_gridspec(2, 3, height_ratios=(2.4, 1))
-    main = figure.add_subplot(grid[0, :])
-    small = [figure.add_subplot(grid[1, k], sharey=main) for k in range(3)]
-    panels: dict[str, Any] = dict(zip(LABELS, (main, *small), strict=True))
-    rows = rows.assign(type_flips=100 * rows.type_flips)
-    flips = np.nan_to_num(rows.type_flips, nan=0.5).max()
-    for name in [*LABELS][:-1]:
-        # What a logarithmic axis can show.
-        rows[name] = rows[name].where(np.isfinite(rows[name]) & (rows[name] > 0))
+    axes = figure.subplots()
     alone = np.where(rows.setting == "accuracy", "accuracy", rows.model)
-    named = rows.method.where(alone == "full", alone)
-    spare = iter(SPARE * len(rows))
-    for series, own in rows.groupby(named, sort=False):
-        colour, marker, (x, y, side) = STYLE.get(str(series)) or next(spare)
+    looks = iter(style.SERIES * len(rows))
+    for series, own in rows.groupby(rows.method.where(alone == "full", alone), sort=False):
         word = SINGLES.get(str(series))
-        for name, axes in panels.items():
-            if word and name == "energy_drift_median":
-                continue
-            large = axes is main
-            look: dict[str, Any] = (
-                {"markersize": 8 if large else 6, "linestyle": "none"} if word else
-                {"markersize": 5.5 if large else 4, "linewidth": 1.8 if large else 1,
-                 "label": series}
-            )  # fmt: skip
-            shown = own[np.isfinite(own[name])]
-            axes.plot(shown[name], shown.us_per_unit, color=colour, marker=marker, zorder=3, **look)
-        for row in own[np.isfinite(own.error_median)].itertuples():
+        own = own[np.isfinite(own.error_median) & (own.error_median > 0)]
+        if own.empty:
+            continue
+        colour, marker = (style.GREY, "o") if word else next(looks)
+        axes.plot(own.error_median, own.us_per_unit, color=colour, marker=marker, zorder=3,
+                  linestyle="none" if word else "-", label=None if word else series)  # fmt: skip
+        far = own[np.isfinite(own.error_p99)]
+        axes.hlines(far.us_per_unit, far.error_median, far.error_p99, color=colour, alpha=0.35)
+        for k, row in enumerate(own.itertuples()):
             value = f"{'' if row.setting == 'tol' else 'dt '}{number(row.value)}"
-            main.annotate(word or value, (row.error_median, row.us_per_unit), xytext=(x, y),
-                          textcoords="offset points", ha=side, zorder=4, color=colour,
-                          fontsize=8 if word else 7.5)  # fmt: skip
-    for axes in (main, *small[:2]):
-        if not any(np.isfinite(line.get_xdata()).any() for line in axes.lines):
-            # Nothing to show, which a logarithmic axis does not take.
-            axes.plot([1e-9], [0.1], linestyle="none")
-        axes.set_xscale("log")
-    main.set_yscale("log")
-    for name, axes in panels.items():
-        style.light_grid(axes)
-        axes.set_xlabel(LABELS[name], fontsize=None if axes is main else 9)
-    for axes in small:
-        axes.tick_params(labelsize=8, labelleft=axes is small[0])
-        axes.minorticks_off()
-        axes.set_yticks([1e-2, 1e-1, 1, 10])
-    main.set_ylabel("cost: µs for a run and a unit of time, one thread")
-    small[0].set_ylabel("cost")
-    # Rare flips are what matters: linear up to 0.1 %, logarithmic above.
-    small[2].set_xscale("symlog", linthresh=0.1)
-    small[2].set_xticks([0, 0.1, 1, 10, 100], ["0", "0.1 %", "1 %", "10 %", "100 %"])
-    small[2].set_xlim(-0.02, max(2.0, 2 * flips))
-    if main.get_legend_handles_labels()[1]:
-        main.legend(loc="upper right", frameon=False)
+            axes.annotate(word or value, (row.error_median, row.us_per_unit), color=colour,
+                          xytext=(5, 5) if word or k % 2 else (-5, -12), fontsize=7.5, zorder=4,
+                          textcoords="offset points", ha="left" if word or k % 2 else "right",
+                          )  # fmt: skip
+    axes.set(xscale="log", yscale="log", ylabel="cost (µs for a run and a unit of time, one thread)",
+             xlabel="relative error of $t_r$: median of the runs, and a line to 99 %")  # fmt: skip
+    style.light_grid(axes)
+    if axes.get_legend_handles_labels()[1]:
+        axes.legend(loc="upper right")
     if caption:
-        figure.supxlabel(caption, fontsize=7.5, color=GREY)
+        figure.supxlabel(caption, fontsize=7.5, color=style.GREY)
     return figure
