@@ -70,13 +70,13 @@ class Comparison:
         }
 
     def disagree(self, allowed: float) -> bool:
-        """Tell whether more than this share is beyond both errors, or types that are sure differ."""
+        """Tell whether a larger share is beyond both errors, or types that are sure differ."""
         total = self.row(self.runs)
         beyond, sure = total["beyond"] or 0, total["sure"] or 0
         return bool(beyond > allowed * total["both R"] or sure > 0)
 
     def data(self) -> dict[str, Any]:
-        """Return all of it as JSON can hold it; each list of runs is sorted by what its name says."""
+        """Return all of it as JSON can hold it."""
         runs = self.runs
         beyond = runs[runs.over_errors > 1] if all(self.errors) else runs[:0]
         types = runs[runs.differs].sort_values("sure", ascending=False, kind="stable")
@@ -92,7 +92,7 @@ class Comparison:
             "errors_stored": self.errors,
             "total": self.row(runs),
             "cases": [self.sides[0].cases[k].dump() | self.row(own)
-                      for k, own in runs.groupby("case")],
+                      for k, (_, own) in zip(runs["case"].unique(), runs.groupby("case"), strict=True)],
         } | {
             name: rows[_LISTED].astype(object)
             .replace([np.nan, np.inf], None).to_dict("records") for name, rows in listed.items()
@@ -227,7 +227,7 @@ def save(found: Comparison, path: Path) -> None:
 
 
 def draw(found: Comparison) -> Figure:
-    """Draw runs by relative difference, and against their errors where both directories have them."""
+    """Draw runs by relative difference, and against their errors where both have them."""
     total, relative = found.row(found.runs), found.runs.relative
     relative = relative[relative > 0]
     y = relative.to_numpy()
@@ -248,7 +248,9 @@ def draw(found: Comparison) -> Figure:
     axes.set_title(f"{total['both R']:,} runs reverse in both{equal}", fontsize="medium")
     if against:
         axes, x, y = panels[1], x[kept], y[kept]
-        edges = [10 ** np.linspace(*np.log10([0.7 * v.min(), 1.5 * v.max()]), 60) for v in (x, y)]
+        edges = [
+            10 ** np.linspace(np.log10(0.7 * v.min()), np.log10(1.5 * v.max()), 60) for v in (x, y)
+        ]
         counts, *_ = np.histogram2d(x, y, edges)
         shown = axes.pcolormesh(*edges, np.where(counts, counts, np.nan).T, norm=LogNorm(),
                                 rasterized=True)  # fmt: skip

@@ -138,7 +138,7 @@ def _state(directory: Path) -> str:
 
 
 def _thresholds(stored: Stored) -> dict[str, Any]:
-    """Return the thresholds of the config, those behind the types on disk, and how to repeat them."""
+    """Return the thresholds of the config and those behind the types on disk."""
     config, now = stored.config.classify.thresholds, stored.thresholds.thresholds
     changed = {key: value for key, value in now.items() if value != config[key]}
     sets = "".join(f" --set classify.{key}={value!r}" for key, value in changed.items())

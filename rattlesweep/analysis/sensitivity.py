@@ -2,8 +2,8 @@
 
 First-order indices are the share of a variance that goes with one parameter alone, total ones the
 share that would be left if all others were known. Both come from runs that differ in one parameter
-(``draw: saltelli``), by `scipy.stats.sobol_indices` (Saltelli et al., Comput. Phys. Commun. 181, 259,
-2010).
+(``draw: saltelli``), by `scipy.stats.sobol_indices` (Saltelli et al., Comput. Phys. Commun. 181,
+259, 2010).
 """
 
 from __future__ import annotations
@@ -83,8 +83,8 @@ def sensitivity(directory: Path) -> Sensitivity:
         )
     if bodies.draw != "saltelli":
         raise ConfigError(
-            f"{directory}: its bodies were drawn one by one (draw: {bodies.draw}), and indices need "
-            "bodies that differ in one parameter; run the sweep with bodies.draw: saltelli"
+            f"{directory}: its bodies were drawn one by one (draw: {bodies.draw}), and indices "
+            "need some that differ in one parameter; run the sweep with bodies.draw: saltelli"
         )
     cases = [case.dump() for case in stored.cases]
     found = Sensitivity(directory, bodies.drawn, cases)
@@ -118,8 +118,8 @@ def sensitivity(directory: Path) -> Sensitivity:
                 continue  # it does not vary
             head = {"case": int(case), "of": of, "used": f.size,
                     "left_out": done.all(axis=0).sum().item() * group - f.size}  # fmt: skip
-            found.rows += [head | {"parameter": name} | index
-                           for name, index in zip(bodies.drawn, _indices(f), strict=True)]  # fmt: skip
+            for name, index in zip(bodies.drawn, _indices(f), strict=True):
+                found.rows.append(head | {"parameter": name} | index)
     if not found.rows:
         why = found.notes[0] if found.notes else "nothing varies"
         raise OutputError(f"{directory}: no quantity has indices; {why}; it takes more runs")
@@ -134,7 +134,7 @@ def _indices(f: Floats) -> list[dict[str, Any]]:
     from scipy.stats import sobol_indices
 
     def estimate(f: Floats) -> Floats:
-        design = {"f_A": f[:1], "f_B": f[1:2], "f_AB": f[2:, None]}
+        design: Any = {"f_A": f[:1], "f_B": f[1:2], "f_AB": f[2:, None]}
         found = sobol_indices(func=design, n=f.shape[1])
         return np.array([np.ravel(found.first_order), np.ravel(found.total_order)])
 
@@ -212,8 +212,8 @@ def draw(found: Sensitivity) -> Figure:
             axes.set_xticks(range(len(symbols)), symbols)
             style.light_grid(axes)
         said = found.cases[case]
-        words = [style.value_text(k, said[k]) for k in _SPIN if k in said]
-        line[0].set_ylabel("\n".join(words) or f"case {case}")
+        lines = [style.value_text(k, said[k]) for k in _SPIN if k in said]
+        line[0].set_ylabel("\n".join(lines) or f"case {case}")
     for axes, of in zip(panels[0], names, strict=True):
         axes.set_title({"t_r": "$t_r$", "log10 t_r": r"$\log\,t_r$"}.get(of, of), fontsize="medium")
     low, high = panels[0, 0].get_ylim()

@@ -246,7 +246,7 @@ CHANNELS: dict[str, Channel] = {
 
 
 def choose(names: Iterable[str], model: str) -> tuple[Channel, ...]:
-    """Return channels by name; raise a ConfigError at unknown, repeated or foreign ones, or none."""
+    """Return channels by name; unknown, repeated or foreign ones, or none, are a ConfigError."""
     names = list(names)
     own = [channel.name for channel in CHANNELS.values() if model in channel.models]
     for name in names:

@@ -110,11 +110,9 @@ def draw(columns: dict[str, Floats], course: Course, caption: str = "") -> Figur
     axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     period = 2 * math.pi / float(course.launches.modes.omega_r[0])
 
-    def line(
-        axis: Any, name: str, colour: str = BLUE, label: str | None = None, **more: Any
-    ) -> None:
+    def line(axis: Any, name: str, colour: str = BLUE, **look: Any) -> None:
         places = thin(columns[name], BINS)
-        look = {"color": colour, "linewidth": 1.0, "label": label} | more
+        look = {"color": colour, "linewidth": 1.0} | look
         axis.plot(t[places], columns[name][places], **look)
 
     for axis, name in zip(axes, panels, strict=True):
@@ -124,13 +122,13 @@ def draw(columns: dict[str, Floats], course: Course, caption: str = "") -> Figur
             beside = {"n_gh": ("gh", INK, "--"), "n_reduced": ("reduced", VERMILION, "-.")}
             for other, (model, colour, dash) in beside.items():
                 if other in columns:
-                    line(axis, other, colour, CURVES[model], linestyle=dash, linewidth=1.1)
+                    line(axis, other, colour, label=CURVES[model], linestyle=dash)
             spins = [columns[k] for k in ("n", *beside) if k in columns]
             most = float(max(np.max(np.abs(spin)) for spin in spins))
             axis.set_ylim(-1.15 * most, 1.75 * most)  # room for the legend above the curves
         elif name == "E_p" and both:
-            line(axis, "E_p", BLUE, "$E_p$", linewidth=1.3)
-            line(axis, "E_r", VERMILION, "$E_r$", linewidth=1.3, linestyle="--")
+            line(axis, "E_p", label="$E_p$")
+            line(axis, "E_r", VERMILION, label="$E_r$", linestyle="--")
             axis.set_ylim(top=1.3 * float(max(columns["E_p"].max(), columns["E_r"].max())))
             axis.set_ylabel(style.label("energy", "M g a"))
         elif name in ("omega_x", "omega_y"):

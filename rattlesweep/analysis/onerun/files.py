@@ -67,7 +67,7 @@ def write_csv(course: Course, write: Callable[[bytes], Any]) -> None:
 def write_ends(course: Course, write: Callable[[bytes], Any]) -> bool:
     """Write as :func:`write_csv` does, but only the first and the last rows of a long table.
 
-    Returns whether rows are left out; a line of dots, which no reader takes for a row, stands there.
+    Returns whether rows are left out; a line of dots, which no reader takes for a row, says so.
     """
     columns = schema(course)
     times = course.times

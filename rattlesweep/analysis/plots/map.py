@@ -96,7 +96,7 @@ class Map(Picture):
         """Return the column that is shown, and what the line of balanced damping needs."""
         return tuple(
             dict.fromkeys(
-                [self.quantity] * (self.quantity is not None)
+                [self.quantity or ""] * (self.quantity is not None)
                 + [GROWTH] * bool(self.layout.config.dissipation)
             )
         )
@@ -115,11 +115,9 @@ class Map(Picture):
         counts = np.stack([self.grid(cells.types.get(name, none)) for name in TYPE_STYLE])
         code = np.argmax(counts, axis=0)
         code = np.where(counts.sum(axis=0) == 0, CODES["failed"], code)
-        runs = self.grid(cells.runs)
+        runs, name = self.grid(cells.runs), self.quantity
         code = np.where(runs == 0, CODES["missing"], code)
-        value = (
-            self.grid(cells.ratio.means()) if self.quantity is None else self.mean(self.quantity)
-        )
+        value = self.grid(cells.ratio.means()) if name is None else self.mean(name)
         if self.layout.refined:
             along = [len(axis.values) >= FEWEST for axis in self.axes]
             done = self.done
@@ -131,7 +129,7 @@ class Map(Picture):
         """Cells that hold runs, whether a condition chooses them or not."""
         runs = self.cells.runs
         if self.layout.where is not None:
-            runs = np.zeros(len(runs))
+            runs = np.zeros(len(runs), np.int64)
             for rows in self.layout.stored.batches(["case", "sample"]):
                 cell = self.layout.cells(rows, self.axes)
                 runs[cell[cell >= 0]] = 1
@@ -166,7 +164,7 @@ class Map(Picture):
         bondi = balance = False
         mesh: Any = None
         for axes, row, where, part in panels:
-            here = (slice(None), slice(None), *where)
+            here: Any = (slice(None), slice(None), *where)
             on_types = types_too and part == 0
             colours = [colour for colour, _ in CELLS.values()]
             if not on_types:  # where there is a type and no value

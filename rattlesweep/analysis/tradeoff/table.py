@@ -76,13 +76,13 @@ def number(value: float) -> str:
 
 
 def cheapest(rows: pd.DataFrame, error: float, quantile: str) -> Any:
-    """Return the row of the cheapest setting whose ``error_median`` or ``error_p99`` is small enough."""
+    """Return the row of the cheapest setting whose `quantile` of errors is small enough."""
     good = rows[rows[quantile] <= error].nsmallest(1, "us_per_unit")
     return next(good.itertuples(), None)
 
 
 def advice(rows: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return the cheapest settings at the errors one may want, by median and for 99 % of the runs."""
+    """Return the cheapest settings at some errors, by median and for 99 % of the runs."""
     found = []
     for error in WANTED:
         entry: dict[str, Any] = {"error": error}
@@ -212,13 +212,14 @@ def draw(rows: pd.DataFrame, caption: str = "") -> Figure:
                   linestyle="none" if word else "-", label=None if word else series)  # fmt: skip
         far = own[np.isfinite(own.error_p99)]
         axes.hlines(far.us_per_unit, far.error_median, far.error_p99, color=colour, alpha=0.35)
-        for k, row in enumerate(own.itertuples()):
+        above = bool(word) or marker != "o"
+        for row in own.itertuples():
             value = f"{'' if row.setting == 'tol' else 'dt '}{number(row.value)}"
             axes.annotate(word or value, (row.error_median, row.us_per_unit), color=colour,
-                          xytext=(5, 5) if word or k % 2 else (-5, -12), fontsize=7.5, zorder=4,
-                          textcoords="offset points", ha="left" if word or k % 2 else "right",
+                          xytext=(5, 5) if above else (-5, -12), fontsize=7.5, zorder=4,
+                          textcoords="offset points", ha="left" if above else "right",
                           )  # fmt: skip
-    axes.set(xscale="log", yscale="log", ylabel="cost (µs for a run and a unit of time, one thread)",
+    axes.set(xscale="log", yscale="log", ylabel="cost (µs for a run and a unit of time)",
              xlabel="relative error of $t_r$: median of the runs, and a line to 99 %")  # fmt: skip
     style.light_grid(axes)
     if axes.get_legend_handles_labels()[1]:
