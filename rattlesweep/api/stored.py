@@ -41,11 +41,11 @@ class Sweep:
     """
 
     def __init__(self, directory: str | Path) -> None:
-        from rattlesweep.sweeps.old.stored import open_stored
+        from rattlesweep.sweeps.stored import open_stored
 
         self.directory = Path(directory)
         self._stored = open_stored(self.directory)
-        self.manifest: dict[str, Any] = self._stored.manifest.dump()
+        self.manifest: dict[str, Any] = self._stored.manifest
         self._files: tuple[Any, ...] = ()
         self._columns: dict[str, pa.ChunkedArray] = {}
 
@@ -58,12 +58,7 @@ class Sweep:
     def summary(self) -> pd.DataFrame:
         """One row a case, with units in ``attrs``; of a sweep under way, of its blocks so far."""
         from rattlesweep.sweeps.counts import columns_for
-        from rattlesweep.sweeps.summary import summarise
-
-        store, manifest = self._stored.store, self._stored.manifest
-        if store.summary_path.exists():
-            return to_frame(store.read_summary())
-        return to_frame(summarise(store, manifest.cases, columns_for(manifest.config)))
+        return to_frame(self._stored.summary())
 
     def read(
         self, columns: Sequence[str] | str | None = None, where: str | None = None
@@ -99,7 +94,7 @@ class Sweep:
         from rattlesweep.analysis.where import parse_where
         from rattlesweep.sweeps.config.messages import not_one_of
 
-        schema = self._stored.manifest.schema
+        schema = self._stored.schema
         names = schema.names if columns is None else columns
         names = [names] if isinstance(names, str) else list(names)
         for name in names:
@@ -119,16 +114,12 @@ class Sweep:
         """Columns of all blocks in place, read anew where files have changed."""
         import pyarrow as pa
 
-        store = self._stored.store
-        indices = store.block_indices()
-        stats = [(index, store.block_path(index).stat()) for index in indices]
+        stats = [(path.name, path.stat()) for path in self._stored.files()]
         files = tuple((i, s.st_ino, s.st_mtime_ns, s.st_size) for i, s in stats)
         if files != self._files:
             self._files, self._columns = files, {}
         if absent := [name for name in names if name not in self._columns]:
-            wanted = pa.schema(map(schema.field, absent))
-            tables = [store.read_block(index).table(absent) for index in indices]
-            table = pa.concat_tables([wanted.empty_table(), *tables])
+            table = self._stored.read(absent)
             self._columns |= dict(zip(absent, table.columns, strict=True))
         return self._columns
 
@@ -338,14 +329,13 @@ class Sweep:
         return Page(target)
 
     def __repr__(self) -> str:
-        """Name the directory and how far it is."""
-        return f"<Sweep {self.directory}: {self.manifest['runs']} runs, {self.manifest['state']}>"
+        """Name the directory and how many runs it holds."""
+        return f"<Sweep {self.directory}: {self._stored.count()} runs>"
 
     def _repr_html_(self) -> str:
         """What a notebook shows: the same, and the first cases of the summary."""
         head = html.escape(
-            f"{self.manifest['name']}: {self.manifest['runs']:,} runs in {self.directory}, "
-            f"{self.manifest['state']}"
+            f"{self.manifest['name']}: {self._stored.count():,} runs in {self.directory}"
         )
         summary = self.summary.dropna(axis="columns", how="all")
         table = summary.to_html(max_rows=10, index=False, float_format=lambda x: f"{x:.5g}")

@@ -214,5 +214,5 @@ def read_layout(directory: Path) -> Layout:
             given[name] = [getattr(case, name) for case in cases]
     bodies = config.bodies
     grid = bodies.varying if isinstance(bodies, GridSource) else {}
-    axes = [tuple(Axis.of(*item) for item in own.items()) for own in (given, grid)]
-    return Layout(stored, *axes)
+    case_axes, grid_axes = (tuple(Axis.of(*i) for i in own.items()) for own in (given, grid))
+    return Layout(stored, case_axes, grid_axes)

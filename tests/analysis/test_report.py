@@ -16,6 +16,9 @@ import numpy as np
 import pytest
 from browser import NO_WEBGL, Browser, browser, find_browser
 from matplotlib.colors import to_rgb
+from rattlesweep.sweeps.old.content_hash import content_hash
+from rattlesweep.sweeps.old.manifest import Expected, Manifest
+from rattlesweep.sweeps.old.store import Store
 from sweeping import invoke
 
 import rattlesweep as rs
@@ -24,10 +27,7 @@ from rattlesweep.analysis.report import MOST_CASES, make_report
 from rattlesweep.analysis.style import TYPE_STYLE
 from rattlesweep.sweeps.config import yamlfile
 from rattlesweep.sweeps.config.load import parse_config, physics_hash, resolved
-from rattlesweep.sweeps.old.content_hash import content_hash
 from rattlesweep.sweeps.old import store as store_module
-from rattlesweep.sweeps.old.manifest import Expected, Manifest
-from rattlesweep.sweeps.old.store import Store
 
 EVIL = "<script>alert(1)&lt;"
 STEADY: dict[str, Any] = {

@@ -14,20 +14,16 @@ import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.image import imread
+from rattlesweep.analysis.tradeoff.reference import independent_reversal, make_reference
+from rattlesweep.analysis.tradeoff.settings import DEFAULT, FULL, QUICK, REFERENCES, Setting
 from refusal import assert_refused
 from sweeping import ROOT, invoke
 
-from rattlesweep.cli.common import to_json
-from rattlesweep.integrate.tableau import METHODS
-from rattlesweep.physics import launch, theory
-from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.analysis.style import styled
 from rattlesweep.analysis.tradeoff import figure
 from rattlesweep.analysis.tradeoff import settings as tradeoff
 from rattlesweep.analysis.tradeoff.measure import measure, promise_kept
-from rattlesweep.analysis.tradeoff.reference import independent_reversal, make_reference
 from rattlesweep.analysis.tradeoff.runs import draw
-from rattlesweep.analysis.tradeoff.settings import DEFAULT, FULL, QUICK, REFERENCES, Setting
 from rattlesweep.analysis.tradeoff.table import (
     QUANTILES,
     SCHEMA,
@@ -36,8 +32,12 @@ from rattlesweep.analysis.tradeoff.table import (
     cheapest,
     row_name,
 )
-from rattlesweep.sweeps.config.load import load_config, parse_config, physics_hash
+from rattlesweep.cli.common import to_json
+from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.physics import launch, theory
+from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.sweeps.arrow import open_sealed
+from rattlesweep.sweeps.config.load import load_config, parse_config, physics_hash
 
 SMALL = """\
 name: small

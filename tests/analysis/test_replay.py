@@ -11,17 +11,17 @@ import pandas as pd
 import pyarrow.csv as pcsv
 import pyarrow.parquet as pq
 import pytest
+from rattlesweep.sweeps.old.store import Store
 from refusal import assert_refused
 from sweeping import invoke, rows, run
 
 import rattlesweep as rs
-from rattlesweep.integrate.model import FULL
-from rattlesweep.physics import full
 from rattlesweep.analysis.onerun.channels import formulas
 from rattlesweep.analysis.onerun.course import Course
 from rattlesweep.analysis.onerun.replay import Replay
 from rattlesweep.analysis.onerun.rows import Rows
-from rattlesweep.sweeps.old.store import Store
+from rattlesweep.integrate.model import FULL
+from rattlesweep.physics import full
 
 
 @pytest.fixture(scope="module")
