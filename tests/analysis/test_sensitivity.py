@@ -39,7 +39,7 @@ def ishigami(u: np.ndarray) -> np.ndarray:
 
 
 def test_a_design_gives_ishigamis_indices_within_their_intervals():
-    a, b = Sequence(6, 1).points(np.arange(2**12)).reshape(2, 3, -1)
+    a, b = Sequence(6, 1).points(0, 2**12).reshape(2, 3, -1)
     swapped = [np.where(np.arange(3)[:, None] == k, b, a) for k in range(3)]
     found = indices(np.array([ishigami(a), ishigami(b), *map(ishigami, swapped)]))
     for k, row in enumerate(found):
