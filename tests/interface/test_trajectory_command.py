@@ -20,7 +20,7 @@ from rattlesweep import cli
 from rattlesweep.analysis.onerun import figure as trajectory_figure
 from rattlesweep.analysis.onerun import files as trajectory_file
 from rattlesweep.analysis.onerun.course import Course
-from rattlesweep.analysis.onerun.observer import Observer
+from rattlesweep.analysis.onerun.course import Observer
 from rattlesweep.analysis.onerun.rows import Rows
 from rattlesweep.sweeps.single import Launch
 

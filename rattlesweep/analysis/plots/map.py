@@ -190,11 +190,6 @@ class Map(Picture):
                                   aspect=30 if len(panels) < 4 else 45)  # fmt: skip
             bar.set_label(self._title(several) + (" of runs that reverse" if types_too else ""))
             set_ticks(bar)
-        if types_too:
-            left = (panel for panel in panels if not panel.part)
-            for panel, found in zip(left, self.boundaries(), strict=True):
-                if np.isfinite(found.exponent):
-                    panel.axes.set_title(found.symbols, loc="right", fontsize="x-small")
 
         present = set(np.unique(code))
         if not types_too:  # types are not told apart
