@@ -12,15 +12,15 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 from matplotlib.colors import ListedColormap
+from rattlesweep.sweeps.old.stored import open_stored
 from scipy.ndimage import label as islands
 
 from rattlesweep.analysis import style
 from rattlesweep.analysis.boundaries import boundaries
 from rattlesweep.analysis.fill import fill
 from rattlesweep.analysis.plots.map import CELLS, CODES
-from rattlesweep.sweeps.decide import Refining
 from rattlesweep.sweeps.config.load import override_config, resolved
-from rattlesweep.sweeps.old.stored import open_stored
+from rattlesweep.sweeps.decide import Refining
 
 LEVELS = (2, 3, 4, 5)
 
