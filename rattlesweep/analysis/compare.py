@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from rattlesweep.analysis import style
 from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.sweeps.config.load import differences, fixed_part, resolved
+from rattlesweep.sweeps.config.read import differences, fixed_part, resolved
 from rattlesweep.sweeps.files import replace_file
 from rattlesweep.sweeps.stored import Stored, open_stored
 from rattlesweep.text import align

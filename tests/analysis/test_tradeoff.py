@@ -34,7 +34,7 @@ from rattlesweep.analysis.tradeoff.table import (
 )
 from rattlesweep.cli.common import to_json
 from rattlesweep.integrate.tableau import METHODS
-from rattlesweep.sweeps.config.load import load_config, parse_config, physics_hash
+from rattlesweep.sweeps.config.read import load_config, parse_config, physics_hash
 
 SMALL = """\
 name: small

@@ -14,9 +14,8 @@ import pyarrow as pa
 from rattlesweep.analysis.where import Where, parse_where
 from rattlesweep.arrays import Floats, Integers
 from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.sweeps.config.bodies import GridSource
 from rattlesweep.sweeps.config.messages import not_one_of
-from rattlesweep.sweeps.config.schema import Config
+from rattlesweep.sweeps.config.schema import Config, GridSource
 from rattlesweep.sweeps.stored import Stored, open_stored
 
 # A value that is asked for in decimal means the nearest one there is.

@@ -28,7 +28,7 @@ from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics.theory import bondi_threshold
 from rattlesweep.sweeps.bodies.sources import make_source
-from rattlesweep.sweeps.config.load import parse_config, resolved
+from rattlesweep.sweeps.config.read import parse_config, resolved
 
 # From this many values on along both sides, a grid is a map.
 SIDE = 8
