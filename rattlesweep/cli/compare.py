@@ -36,8 +36,8 @@ def compare(
 
     In the table, "beyond" counts runs whose t_r differ by more than sqrt(e_A^2 + e_B^2), where e
     is t_r_error, and "types_sure" counts differing types of which both directories are sure
-    (type_sure). Both need record: [error]. Exits with 1 if a larger share than --allow is beyond, or if types
-    that are sure differ, and with 0 else; without stored errors always with 0.
+    (type_sure). Both need record: [error]. Exits with 1 if a larger share than --allow is beyond,
+    or if types that are sure differ, and with 0 else; without stored errors always with 0.
     """
     from rattlesweep.analysis.compare import as_text, save
     from rattlesweep.analysis.compare import compare as compared
