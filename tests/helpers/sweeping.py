@@ -12,11 +12,11 @@ import pandas as pd
 from click.testing import CliRunner
 
 from rattlesweep import cli
-from rattlesweep.sweeps.plan import Plan, make_plan
 from rattlesweep.sweeps.config.read import load_config, parse_config
+from rattlesweep.sweeps.plan import Plan, make_plan
 from rattlesweep.sweeps.run import run_sweep
-from rattlesweep.sweeps.old.content_hash import content_hash
-from rattlesweep.sweeps.old.verify import verify
+from rattlesweep.sweeps.stored import open_stored
+from rattlesweep.sweeps.verify import verify
 
 ROOT = Path(__file__).parents[2]
 CONFIGS = ROOT / "configs"
@@ -98,7 +98,7 @@ def proved(output: Path, recompute: int = 0) -> str:
     """Content of a directory that proves whole, and some of its runs computed anew."""
     problems = verify(output, recompute=recompute, seed=1).problems
     assert problems == [], problems
-    return content_hash(output)
+    return str(open_stored(output).read().to_pydict())
 
 
 def tree(directory: Path) -> dict[str, bytes]:
