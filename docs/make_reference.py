@@ -56,7 +56,7 @@ EXAMPLES = {
     "bodies.ranges": ["bodies: {source: sd, ranges: {theta: [0.7, 0.9], phi: [0.03, 0.03]}}"],
     "bodies.target": ["bodies: {source: sd, target: {K_p: [0.1, 0.5], rel_tol: 1.0e-2}}"],
     "bodies.overrides, bodies.base, bodies.axes": [
-        "bodies: {source: grid, base: {gamma: 10, f_sd: 0.1, theta: 0.8, phi: 0.05}, axes: {minus_xi_deg: {logspace: [0.1, 10, 50]}}}",
+        "bodies: {source: grid, base: {gamma: 10, f_sd: 0.1, theta: 0.8, phi: 0.05, xi_deg: -3}, axes: {phi: [0.02, 0.05], f_sd: {linspace: [0.05, 0.15, 11]}}}",
     ],
     "bodies.refine": [
         "bodies: {source: grid, base: {preset: GH}, axes: {theta: {linspace: [0.6, 0.99, 401]}}, refine: {levels: 4, by: type}}"
@@ -241,7 +241,7 @@ def default_of(name: str, key: dict[str, Any]) -> str:
         value = Config.model_fields[name].get_default(call_default_factory=True)
         if hasattr(value, "model_dump"):
             value = value.model_dump(exclude_defaults=True) or None
-    return "–" if value is None or "const" in key else f"`{yaml(value)}`"
+    return "" if value is None or "const" in key else f"`{yaml(value)}`"
 
 
 def kind_of(key: dict[str, Any]) -> str:

@@ -21,7 +21,7 @@ the run by chance, so T is then a tenth of (s' / PARTED)^2 at least, with s' the
 two.
 
 How far that holds is measured by ``benchmarks/errors.py``, which also finds the constants again
-after a change of the integrator; docs/sensitive.md says what the runs are that part.
+after a change of the integrator; docs/accuracy.md says what the runs are that part.
 """
 
 from __future__ import annotations

@@ -96,7 +96,7 @@ def with_types(rows: pa.Table, thresholds: Classify) -> pa.Table:
     return rows
 
 
-# Between the growth that no chaos is needed for and that of chaos; evidence in docs/lyapunov.md.
+# Between the growth that no chaos is needed for and that of chaos; evidence in docs/dynamics.md.
 LEAST_GROWTH = 10.0
 
 

@@ -207,7 +207,7 @@ def test_a_sensitive_run_says_so_and_an_ordinary_one_does_not(setting):
     plan = sweeping.plan_of("quickstart.yaml", setting)
     columns = finish_block(plan.config, *prepare_runs(plan, np.array([0, 4]), np.array([1, 99])))
     t_r, told = columns["t_r"], columns["t_r_error"]
-    # In 32 digits (benchmarks/double_double.py); docs/sensitive.md has its story.
+    # In 32 digits (benchmarks/double_double.py); docs/accuracy.md has its story.
     assert abs(t_r[1] - 2467.883536) <= told[1] < 0.5 * t_r[1]
     assert told[1] > 1e-6 * t_r[1]
     assert 0 < told[0] < 1e-6 * t_r[0]

@@ -41,7 +41,7 @@ def ordinary(rows: pd.DataFrame) -> pd.Series:
 
 
 def assert_close(now: pd.DataFrame, then: pd.DataFrame) -> None:
-    """Compare all numbers, and those of sensitive runs (docs/sensitive.md) within their errors."""
+    """Compare all numbers, and those of sensitive runs (docs/accuracy.md) within their errors."""
     assert list(now.columns) == list(then.columns)
     for name in ("case", "sample", "type", "status", "near_tangencies"):
         assert now[name].equals(then[name]), name
