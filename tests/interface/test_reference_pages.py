@@ -62,7 +62,7 @@ def test_every_key_and_every_column_is_there():
 
 
 SPIN = {"spin": {"n_i": 0.1, "omega_xy0": 0.01}}
-REST: dict[str, Any] = {"bodies": {"source": "preset", "name": "GH"}, **SPIN}
+REST: dict[str, Any] = {"bodies": {"source": "sd"}, **SPIN}
 
 
 def test_every_example_is_valid(make):
