@@ -186,7 +186,7 @@ def simulate(
             stacklevel=2,
         )
         dt_step = dt
-    from rattlesweep.integrate.compiling import listening
+    from rattlesweep.integrate.compile import listening
     from rattlesweep.sweeps.memory import integrate_plan
     from rattlesweep.sweeps.single import Launch, is_full_state, plan_of
     from rattlesweep.sweeps.bodies.sources import TableBodies

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 import click
 from click import argument, option
 
-from rattlesweep.cli.common import command, say, types
-from rattlesweep.errors import OutputError
+from rattlesweep.cli.common import command, types
 
 if TYPE_CHECKING:
     from rattlesweep.sweeps.config.schema import Config
@@ -28,29 +27,18 @@ def compile(configs: tuple[Path, ...], everything: bool) -> None:
     """Compile kernels ahead, as for an image or on a login node.
 
     Those of the sweeps of CONFIG, by default of one with the default method and model. Prints one
-    line per kernel: the seconds it took, or that it was there. Removes kernels that other versions
-    have left.
+    line per kernel: the seconds until it was loaded.
     """
-    from rattlesweep.integrate.cache import KernelCache, directory, remove_old
-    from rattlesweep.integrate.lanes import kernel
     from rattlesweep.sweeps.config.load import load_config, parse_config
 
     sweeps = [load_config(path) for path in configs] or [parse_config(SWEEP)]
-    place = directory(kernel.__file__)
-    if place is None:
-        raise OutputError("there is no directory in which kernels can be kept: set XDG_CACHE_HOME "
-                          "or NUMBA_CACHE_DIR to one that only you can write")  # fmt: skip
     kernels = {name: load for config in sweeps for name, load in _of_sweep(config)}
     if everything:
         kernels |= dict(_all())
     for name, load in kernels.items():
-        before, start = KernelCache.compilations, time.monotonic()
+        start = time.monotonic()
         load()
-        seconds = f"{time.monotonic() - start:.1f} s"
-        there = KernelCache.compilations == before
-        click.echo(f"{name:<28}  {'already there' if there else seconds}")
-    if removed := remove_old(place):
-        say(f"removed: {removed} directories of other versions in {place.parent}")
+        click.echo(f"{name:<28}  {time.monotonic() - start:.1f} s")
 
 
 Kernels = Iterator[tuple[str, Callable[[], object]]]

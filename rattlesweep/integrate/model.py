@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from rattlesweep.integrate.cache import specialise
+from rattlesweep.integrate.specialise import specialise
 from rattlesweep.physics import full, reduced, stone, tangent
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.follow.kernels import aside_kernel, march_kernel
 from rattlesweep.integrate.follow.lyapunov import example
 from rattlesweep.integrate.lanes.build import kernel
-from rattlesweep.integrate.loading import AT_ONCE, loaded
+from rattlesweep.integrate.compile import AT_ONCE, load_kernel
 from rattlesweep.integrate.model import FULL, REDUCED, WITH_TANGENT
 from rattlesweep.integrate.task import Control, Task, side_by_side
 from rattlesweep.paper.figures import fig2, fig3, fig4, fig5, fig6, fig7, fig8, integrators
@@ -132,7 +132,7 @@ def needed(figures: Collection[str]) -> list[Callable[[Control], Any]]:
         ("fig6", kernel, integrators.PAPERS["method"], FULL.name),
         ("fig8", march_kernel, "dop853", REDUCED.name),
         ("fig8", aside_kernel, "dop853", REDUCED.name),
-        ("fig8_lyapunov", partial(loaded, example), "dop853", tangent),
+        ("fig8_lyapunov", partial(load_kernel, example), "dop853", tangent),
     ]
 
     def load(make: Callable[..., Any], method: str, model: str, _: Control) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
-from rattlesweep.integrate.cache import specialise
+from rattlesweep.integrate.specialise import specialise
 from rattlesweep.physics import full, reduced
 from rattlesweep.physics.attitude import quaternion
 from rattlesweep.sweeps.config.messages import not_one_of

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rattlesweep.integrate.cache import cached, keep, specialise
+from rattlesweep.integrate.compile import Kernel, load_kernels
 from rattlesweep.integrate.follow import march as follow
 from rattlesweep.integrate.lanes import columns as C
 from rattlesweep.integrate.lanes.build import (
@@ -19,9 +19,9 @@ from rattlesweep.integrate.lanes.build import (
     settle,
     workspace,
 )
-from rattlesweep.integrate.lanes.step import compile_attempt
-from rattlesweep.integrate.loading import together
+from rattlesweep.integrate.lanes.step import OPTIONS, write_attempt
 from rattlesweep.integrate.model import ELLIPSOID, FRICTION, FULL, MODELS, Model
+from rattlesweep.integrate.specialise import specialise
 from rattlesweep.integrate.tableau import DOP853, METHODS
 from rattlesweep.physics import attitude, full, stone
 
@@ -112,12 +112,12 @@ def aside_workspace(tableau: Tableau, name: str) -> NDArray[np.float64]:
     return w
 
 
-def march_example(model_name: str, adaptive: bool) -> tuple[Any, tuple[Any, ...]]:
+def march_example(model_name: str, adaptive: bool) -> Kernel:
     """:func:`follow.march` of a model, not yet compiled, and arguments to call it with."""
     model = MODELS[model_name]
     name = f"march_{model_name}{mark(adaptive)}"
     march = specialise(follow.march, name, **names(adaptive, model))
-    return cached(march, nogil=True, error_model="numpy"), (
+    arguments = (
         parts(),
         workspace(DOP853, model, 1)[0],
         np.zeros((1, model.n_state)),
@@ -131,15 +131,16 @@ def march_example(model_name: str, adaptive: bool) -> tuple[Any, tuple[Any, ...]
         np.zeros(follow.N_COUNTS, dtype=np.int64),
         np.zeros(2),
     )
+    return Kernel(march, arguments, {"nogil": True, "error_model": "numpy"})
 
 
-def aside_example(model_name: str) -> tuple[Any, tuple[Any, ...]]:
+def aside_example(model_name: str) -> Kernel:
     """:func:`follow.aside` of a model, not yet compiled, and arguments to call it with."""
     model, given = _model(model_name)
     given = min(given, model.n_state)
     bindings = {"N_GIVEN": given, "OTHERS": (0.0,) * (model.n_state - given)}
     aside = specialise(follow.aside, f"aside_{model_name}", **names(True, model), **bindings)
-    return cached(aside, nogil=True, error_model="numpy"), (
+    arguments = (
         parts(),
         aside_workspace(DOP853, model_name),
         np.zeros((1, follow.STATE + 2 * given)),
@@ -148,12 +149,13 @@ def aside_example(model_name: str) -> tuple[Any, tuple[Any, ...]]:
         np.zeros(model.n_constants),
         np.zeros((0, model.n_state)),
     )
+    return Kernel(aside, arguments, {"nogil": True, "error_model": "numpy"})
 
 
-def attitude_attempt(tableau_name: str, name: str) -> tuple[Any, tuple[Any, ...]]:
+def attitude_attempt(tableau_name: str, name: str) -> Kernel:
     """The step of a method with heading and track, not yet compiled, and arguments for it."""
     tableau, (model, _) = METHODS[tableau_name], _model(name)
-    return keep(compile_attempt(tableau, model)), (workspace(tableau, model, 1)[0], 1.0)
+    return Kernel(write_attempt(tableau, model), (workspace(tableau, model, 1)[0], 1.0), OPTIONS)
 
 
 def _of_march(tableau_name: str, model_name: str) -> list[tuple[Any, ...]]:
@@ -171,13 +173,13 @@ def _of_aside(tableau_name: str, model_name: str) -> list[tuple[Any, ...]]:
 
 def march_kernel(tableau_name: str, model_name: str) -> Callable[..., None]:
     """March by names; the first call on a machine takes the time of its compilation."""
-    march, *others = together(*_of_march(tableau_name, model_name))
+    march, *others = load_kernels(*_of_march(tableau_name, model_name))
     return partial(march, parts(*others))
 
 
 def aside_kernel(tableau_name: str, model_name: str) -> Callable[..., None]:
     """Aside by names, those of :data:`ATTITUDES` among them; likewise."""
-    aside, *others = together(*_of_aside(tableau_name, model_name))
+    aside, *others = load_kernels(*_of_aside(tableau_name, model_name))
     return partial(aside, parts(*others))
 
 
@@ -186,4 +188,4 @@ def load_all(tableau_name: str, model_name: str, attitude: bool) -> None:
     wanted = _of_march(tableau_name, model_name) + _of_aside(tableau_name, model_name)
     if attitude:
         wanted += _of_aside(tableau_name, ATTITUDES[model_name].name)
-    together(*dict.fromkeys(wanted))
+    load_kernels(*dict.fromkeys(wanted))

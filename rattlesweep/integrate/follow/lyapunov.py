@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
-from rattlesweep.integrate.cache import cached, specialise
+from rattlesweep.integrate.compile import Kernel, load_kernel
 from rattlesweep.integrate.defaults import TOL
 from rattlesweep.integrate.lanes.bound import N_CONSTANTS, N_STATE, lane_of
 from rattlesweep.integrate.lanes.build import names
@@ -17,8 +17,8 @@ from rattlesweep.integrate.lanes.controller import error_root, retry_ratio, step
 from rattlesweep.integrate.lanes.lane import Layout
 from rattlesweep.integrate.lanes.runs import derive
 from rattlesweep.integrate.lanes.step import compile_attempt
-from rattlesweep.integrate.loading import loaded
 from rattlesweep.integrate.model import FULL, MODELS, WITH_TANGENT
+from rattlesweep.integrate.specialise import specialise
 from rattlesweep.integrate.tableau import DOP853, METHODS
 
 if TYPE_CHECKING:
@@ -120,14 +120,15 @@ def drive(w, constants, y0, seed, times, scale, growth):  # type: ignore[no-unty
     return times.size
 
 
-def example(tableau_name: str, model_name: str) -> tuple[Any, tuple[Any, ...]]:
+def example(tableau_name: str, model_name: str) -> Kernel:
     """:func:`drive` of a method and a model, not yet compiled, and arguments to call it with."""
     tableau, model = METHODS[tableau_name], MODELS[model_name]
     bindings = names(True, model, 1) | {"attempt": compile_attempt(tableau, model, 1)}
     driver = specialise(drive, f"along_{tableau_name}_{model_name}", **bindings)
     nothing = [np.zeros(n) for n in (model.n_constants, model.n_state, model.n_state, 0)]
     w = np.zeros(Layout.of(model).rows(tableau, model))
-    return cached(driver, nogil=True, error_model="numpy"), (w, *nothing, 1.0, np.zeros(0))
+    arguments = (w, *nothing, 1.0, np.zeros(0))
+    return Kernel(driver, arguments, {"nogil": True, "error_model": "numpy"})
 
 
 def growth_along(
@@ -172,7 +173,7 @@ def growth_along(
     y0, constants = np.array(y0, dtype=float), np.array(constants, dtype=float)
     seed = model.tangent.seed(*y0, *constants) if seed is None else seed
     growth, w = np.full(len(times), np.nan), np.zeros(Layout.of(model).rows(tableau, model))
-    driver = loaded(example, tableau.name, model.name)
+    driver = load_kernel(example, tableau.name, model.name)
     reached = driver(w, constants, y0, np.array(seed, dtype=float), times, 1.0 / tol**2, growth)
     if reached < len(times):
         raise ArithmeticError(

@@ -12,16 +12,16 @@ import numpy as np
 from numba import config, njit
 
 from rattlesweep.integrate import SettingError
-from rattlesweep.integrate.cache import cached, keep, specialise
+from rattlesweep.integrate.compile import Kernel, load_kernels
 from rattlesweep.integrate.lanes import carry, runs
 from rattlesweep.integrate.lanes import columns as C
 from rattlesweep.integrate.lanes import kernel as lanes
 from rattlesweep.integrate.lanes.atomics import address_of
 from rattlesweep.integrate.lanes.cells import INNER
 from rattlesweep.integrate.lanes.lane import LANES, Layout, lane_of
-from rattlesweep.integrate.lanes.step import compile_attempt
-from rattlesweep.integrate.loading import together
+from rattlesweep.integrate.lanes.step import OPTIONS, write_attempt
 from rattlesweep.integrate.model import MODELS, REDUCED
+from rattlesweep.integrate.specialise import specialise
 from rattlesweep.integrate.tableau import METHODS, RK4
 from rattlesweep.physics.full import FASTMATH
 
@@ -107,12 +107,10 @@ def bind(
 
 
 def build(adaptive: bool, model: Model) -> Callable[..., None]:
-    """:func:`lanes.work` for a model, compiled when it is first called."""
-    work = specialise(lanes.work, f"work_{model.name}{mark(adaptive)}", **names(adaptive, model))
-    compiled: Callable[..., None] = cached(
-        work, nogil=True, error_model="numpy", no_cfunc_wrapper=True
-    )
-    return compiled
+    """:func:`lanes.work` for a model, not yet compiled."""
+    name = f"work_{model.name}{mark(adaptive)}"
+    work: Callable[..., None] = specialise(lanes.work, name, **names(adaptive, model))
+    return work
 
 
 def aligned(threads: int, size: int) -> NDArray[np.float64]:
@@ -150,32 +148,33 @@ def _arguments(model: Model) -> tuple[Any, ...]:
     )
 
 
-def example(model_name: str, adaptive: bool) -> tuple[Any, tuple[Any, ...]]:
+def example(model_name: str, adaptive: bool) -> Kernel:
     """What a thread does for a model, not yet compiled, and arguments to call it with."""
     model = MODELS[model_name]
     parts, w = np.zeros(lanes.PARTS, dtype=np.int64), workspace(RK4, model, 1)[0]
-    return build(adaptive, model), (0, parts, w, *_arguments(model))
+    options = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+    return Kernel(build(adaptive, model), (0, parts, w, *_arguments(model)), options)
 
 
-def attempt(tableau_name: str, model_name: str) -> tuple[Any, tuple[Any, ...]]:
+def attempt(tableau_name: str, model_name: str) -> Kernel:
     """The step of a method and a model, as :func:`example`."""
     tableau, model = METHODS[tableau_name], MODELS[model_name]
-    return keep(compile_attempt(tableau, model)), (workspace(tableau, model, 1)[0], 1.0)
+    return Kernel(write_attempt(tableau, model), (workspace(tableau, model, 1)[0], 1.0), OPTIONS)
 
 
-def settle(adaptive: bool) -> tuple[Any, tuple[Any, ...]]:
+def settle(adaptive: bool) -> Kernel:
     """:func:`lanes.settle`, as :func:`example`; of all models."""
     bindings, suffix = {"ADAPTIVE": adaptive}, mark(adaptive)
     bind((lanes.give_up,), bindings, suffix)
-    compiled = cached(specialise(lanes.settle, "settle" + suffix, **bindings), **INNER)
-    return compiled, (np.zeros(0), 0, 1.0, False)
+    function = specialise(lanes.settle, "settle" + suffix, **bindings)
+    return Kernel(function, (np.zeros(0), 0, 1.0, False), INNER)
 
 
-def driver() -> tuple[Any, tuple[Any, ...]]:
+def driver() -> Kernel:
     """What starts the threads of all kernels, as :func:`example`."""
-    compiled = cached(lanes.drive, parallel=True, nogil=True)
     parts = np.zeros(lanes.PARTS, dtype=np.int64)
-    return compiled, (0, parts, 1, workspace(RK4, REDUCED, 1), *_arguments(REDUCED))
+    arguments = (0, parts, 1, workspace(RK4, REDUCED, 1), *_arguments(REDUCED))
+    return Kernel(lanes.drive, arguments, {"parallel": True, "nogil": True})
 
 
 # Whether this process was forked from one in which GNU OpenMP had started threads: it ends a
@@ -232,9 +231,9 @@ def kernel(tableau_name: str, model_name: str) -> Callable[..., None]:
         (example, model_name, adaptive), (attempt, tableau_name, model_name), (settle, adaptive)
     ]  # fmt: skip
     if parallel():
-        work, *others, drive = together(*wanted, (driver,))
+        work, *others, drive = load_kernels(*wanted, (driver,))
         return partial(drive, address_of(work), parts(*others))
-    work, *others = together(*wanted)
+    work, *others = load_kernels(*wanted)
     addresses = parts(*others)
 
     def alone(threads: int, w: Any, *shared: Any) -> None:

@@ -253,15 +253,21 @@ class Attempt:
             self._line("barrier()")
 
 
+OPTIONS: dict[str, Any] = {"fastmath": FASTMATH} | INNER | {"no_cpython_wrapper": False}
+
+
 def compile_attempt(tableau: Tableau, model: Model, lanes: int = LANES) -> Callable[..., Any]:
     """Compiled ``attempt`` of a method and a model (lazily, at its first use)."""
+    compiled: Callable[..., Any] = njit(**OPTIONS)(write_attempt(tableau, model, lanes))
+    return compiled
+
+
+def write_attempt(tableau: Tableau, model: Model, lanes: int = LANES) -> Callable[..., Any]:
+    """``attempt`` of a method and a model."""
     written = Attempt(tableau, model, lanes)
     # In the name of this file, beside whose kernels it is kept.
     exec(compile(written.source, __file__, "exec"), written.names)
-    function = written.names["attempt"]
+    function: Callable[..., Any] = written.names["attempt"]
     # The name becomes part of the compiled symbol; two methods must not share one.
     function.__name__ = function.__qualname__ = f"attempt_{tableau.name}_{model.name}_{lanes}"
-    compiled: Callable[..., Any] = njit(fastmath=FASTMATH, **INNER | {"no_cpython_wrapper": False})(
-        function
-    )
-    return compiled
+    return function

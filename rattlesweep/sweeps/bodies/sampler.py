@@ -12,8 +12,8 @@ from numba import njit
 
 from rattlesweep.arrays import Floats, Integers
 from rattlesweep.integrate.batch import available_threads
-from rattlesweep.integrate.cache import cached, specialise
-from rattlesweep.integrate.loading import loaded
+from rattlesweep.integrate.compile import Kernel, load_kernel
+from rattlesweep.integrate.specialise import specialise
 from rattlesweep.integrate.task import Control, side_by_side
 from rattlesweep.physics import body, theory
 from rattlesweep.sweeps.bodies import philox
@@ -93,13 +93,14 @@ def _draw(
             break
 
 
-def sampler() -> tuple[Any, tuple[Any, ...]]:
-    """The sampler, not yet compiled, and arguments to call it with."""
+def sampler() -> Kernel:
+    """Return the sampler, to be compiled."""
     whole, real = np.zeros(0, dtype=np.int64), np.zeros(0)
-    return cached(_draw, also=(philox.__file__,), nogil=True), (
+    arguments = (
         0, 0, Control().flag, 0, whole, 0, np.zeros((5, 2)), 0, 0.0, 0.0, 0,
         np.zeros((7, 0)), whole, real,
     )  # fmt: skip
+    return Kernel(_draw, arguments, {"nogil": True}, (__file__, philox.__file__))
 
 
 def draw_bodies(
@@ -136,7 +137,7 @@ def draw_bodies(
         seed, np.array(samples), group, np.array(ranges, dtype=float, order="C"), which,
         float(target), float(rel_tol), max_draws, out, draws, nearest,
     )  # fmt: skip
-    draw = loaded(sampler)
+    draw = load_kernel(sampler)
     if which == 0:
         draw(0, samples.size, Control().flag, *settings)
     else:
