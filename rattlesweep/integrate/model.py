@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from rattlesweep.integrate.specialise import specialise
 from rattlesweep.physics import full, reduced, stone, tangent
 
 if TYPE_CHECKING:
@@ -142,36 +141,56 @@ def _ellipsoid_error(ep, eq, ea, eb, ec, p, q, a, b, c, ix, iy, iz, cxx, cxy, cy
     return _full_error(ep, eq, ea, eb, ec, p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy)
 
 
-CARRIED_SOURCE = """\
-def start({state}, ix, iy, iz, cxx, cxy, cyy, k{losses}):
-    _, rise = shape_at(p, q, cxx, cxy, cyy, k)
+def _bind(name: str, function: Callable[..., Any], *first: Callable[..., Any]) -> Any:
+    """Return a compiled function that calls another one with its first arguments, one or two.
+
+    Numba makes symbols of names, so no two bound functions may share a name.
+    """
+    one, two = first[0], first[-1]
+
+    def with_one(*v: float) -> Any:
+        return function(one, *v)
+
+    def with_two(*v: float) -> Any:
+        return function(one, two, *v)
+
+    bound = with_one if len(first) == 1 else with_two
+    bound.__name__ = bound.__qualname__ = name
+    return full.scalar(bound)
+
+
+# An ellipsoid's ``rise`` is integrated along, since it is what the second root is for, and since
+# everything else in a stage waits for that root.
+
+
+@full.scalar
+def _rise(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):  # type: ignore[no-untyped-def]
+    _, rise = stone.shape_at(p, q, cxx, cxy, cyy, k)
     return (rise,)
 
-def rhs({state}, rise, ix, iy, iz, cxx, cxy, cyy, k{losses}):
-    f = own_rhs({state}, ix, iy, iz, cxx, cxy, cyy, (k, rise){losses})
-    rates = (rise_rate(p, q, f[0], f[1], cxx, cxy, cyy, k, rise),)
-    return f + rates
-"""
+
+@full.scalar
+def _rise_rhs(p, q, a, b, c, rise, ix, iy, iz, cxx, cxy, cyy, k):  # type: ignore[no-untyped-def]
+    f = stone.frictionless_rhs(
+        stone.carried_ellipsoid, p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, (k, rise)
+    )
+    return f + (stone.rise_rate(p, q, f[0], f[1], cxx, cxy, cyy, k, rise),)  # noqa: RUF005
 
 
-def _carried(name: str, n_state: int, n_constants: int, template: Callable[..., Any]) -> Carried:
-    """The ``rise`` of an ellipsoid, beside the right-hand side of a template of :mod:`stone`.
+@full.scalar
+def _friction_rise(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):  # type: ignore[no-untyped-def]
+    return _rise(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k)
 
-    It is what the second root is for, and everything else in a stage waits for that.
-    """
-    own = specialise(template, f"{template.__name__}_{name}", surface=stone.carried_ellipsoid)
-    namespace: dict[str, Any] = {
-        "own_rhs": full.scalar(own),
-        "shape_at": stone.shape_at,
-        "rise_rate": stone.rise_rate,
-    }
-    state = ", ".join(stone.STATE[:n_state])
-    losses = "".join(f", {loss}" for loss in stone.CONSTANTS[stone.N_CONSTANTS : n_constants])
-    exec(CARRIED_SOURCE.format(state=state, losses=losses), namespace)
-    start, rhs = namespace["start"], namespace["rhs"]
-    for function in (start, rhs):
-        function.__name__ = function.__qualname__ = f"{function.__name__}_carried_{name}"
-    return Carried(1, full.scalar(start), full.scalar(rhs))
+
+@full.scalar
+def _friction_rise_rhs(  # type: ignore[no-untyped-def]
+    friction_rhs, p, q, a, b, c, work, rise, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps
+):
+    f = friction_rhs(
+        stone.carried_ellipsoid, p, q, a, b, c, work,
+        ix, iy, iz, cxx, cxy, cyy, (k, rise), sigma, lever, eps,
+    )  # fmt: skip
+    return f + (stone.rise_rate(p, q, f[0], f[1], cxx, cxy, cyy, k, rise),)  # noqa: RUF005
 
 
 ELLIPSOID = replace(
@@ -183,7 +202,7 @@ ELLIPSOID = replace(
     energy=stone.energy,
     contact=stone.contact_force,
     touch=stone.ellipsoid,
-    carried=_carried("ellipsoid", full.N_STATE, stone.N_CONSTANTS, stone.rhs.py_func),
+    carried=Carried(1, _rise, _rise_rhs),
 )
 
 
@@ -219,41 +238,33 @@ SPIN_KNOWN = 1e-14
 of one with so much: it is then 1e-7 of the tolerance, and no less than rounding."""
 
 
-def _with_friction(plain: Model, name: str, template: Callable[..., Any]) -> Model:
-    """The same body with friction: :mod:`rattlesweep.physics.stone` bound to its surface."""
-    flat = plain.name == "full"
-    sizes = stone.N_FRICTION_STATE, stone.N_FRICTION_CONSTANTS
-    bindings: dict[str, Any] = {
-        "surface": stone.flat if flat else stone.ellipsoid,
-        "surface_energy": stone.flat_energy if flat else stone.energy,
-    }
-
-    def bound(function: Callable[..., Any]) -> Any:
-        own = specialise(function, f"{function.__name__}_{plain.name}_{name}", **bindings)
-        return full.scalar(own)
-
-    bindings["friction_rhs"] = bound(template)
+def _with_friction(plain: Model, name: str, rhs: Callable[..., Any]) -> Model:
+    """Return the model of the same body with friction."""
+    is_flat, name = plain is FULL, f"{plain.name}_{name}"
+    surface = stone.flat if is_flat else stone.ellipsoid
+    energy = stone.flat_energy if is_flat else stone.energy
+    rise_rhs = None if is_flat else _bind(f"rise_rhs_{name}", _friction_rise_rhs, rhs)
     return Model(
-        name=f"{plain.name}_{name}",
-        n_state=sizes[0],
-        n_constants=sizes[1],
+        name=name,
+        n_state=stone.N_FRICTION_STATE,
+        n_constants=stone.N_FRICTION_CONSTANTS,
         n_probe=plain.n_probe,
-        rhs=bindings["friction_rhs"],
+        rhs=_bind(f"rhs_{name}", rhs, surface),
         spin=_friction_spin,
         spin_rate=_friction_spin_rate,
         amplitude=_friction_amplitude,
         error=_friction_error,
-        energy=bound(stone.balance),
-        contact=bound(stone.friction_force),
-        touch=bindings["surface"],
-        carried=None if flat else _carried(name, *sizes, template),
+        energy=_bind(f"balance_{name}", stone.balance, energy),
+        contact=_bind(f"force_{name}", stone.friction_force, rhs, surface),
+        touch=surface,
+        carried=None if rise_rhs is None else Carried(1, _friction_rise, rise_rhs),
     )
 
 
 FRICTION = {
-    (plain.name, name): _with_friction(plain, name, template)
+    (plain.name, name): _with_friction(plain, name, rhs)
     for plain in (FULL, ELLIPSOID)
-    for name, template in (("viscous", stone.viscous_rhs), ("rolling", stone.rolling_rhs))
+    for name, rhs in (("viscous", stone.viscous_rhs), ("rolling", stone.rolling_rhs))
 }
 """Models with friction, by the surface's model and the kind: viscous alone, or rolling too."""
 
