@@ -61,7 +61,8 @@ def _of_sweep(config: Config) -> Kernels:
 
 def _all() -> Kernels:
     """Those of the trade-off study, of the paper and of trajectories."""
-    from rattlesweep.integrate.follow.kernels import ATTITUDES, load_all
+    from rattlesweep.integrate.follow.kernels import load_all
+    from rattlesweep.integrate.model import ATTITUDES
     from rattlesweep.integrate.tableau import DOP853, METHODS
     from rattlesweep.sweeps.config.load import parse_config
 

@@ -30,7 +30,9 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from functools import cache
 from importlib import import_module
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
+from types import ModuleType
 from typing import Any, NamedTuple
 
 from filelock import FileLock, Timeout
@@ -163,6 +165,27 @@ def _place(recipe: Recipe, names: tuple[Any, ...]) -> Path:
     kernel = recipe(*names)
     files = [_hash([Path(file) for file in kernel.files])[:8]] if kernel.files else []
     return cache_folder() / "-".join([recipe.__name__, *map(str, names), *files])
+
+
+def import_written(name: str, source: str) -> ModuleType:
+    """Write a module into :func:`cache_folder`, import it and return it."""
+    path = cache_folder() / f"{name}.py"
+    try:
+        if not path.exists() or path.read_text() != source:
+            written = path.with_suffix(f".{os.getpid()}")
+            written.write_text(source)
+            written.replace(path)
+    except OSError:
+        # A full disk: the module is the same, but no debugger can show its source.
+        module = ModuleType(name)
+        exec(compile(source, str(path), "exec"), vars(module))
+        return module
+    spec = spec_from_file_location(name, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 # -- loading ---------------------------------------------------------------------------------------

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from rattlesweep.physics import full, reduced, stone, tangent
+from rattlesweep.physics import attitude, full, reduced, stone, tangent
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -84,6 +84,8 @@ class Model:
         The tangent that a run carries with it; by default it carries none.
     carried : Carried, optional
         What the stages of a step carry, for models without tangent.
+    n_given : int, optional
+        Components that the states of a run have, where they are not all of them.
     """
 
     name: str
@@ -100,6 +102,7 @@ class Model:
     touch: Callable[..., Any] | None = None
     tangent: Tangent | None = None
     carried: Carried | None = None
+    n_given: int | None = None
 
 
 @full.scalar
@@ -141,22 +144,14 @@ def _ellipsoid_error(ep, eq, ea, eb, ec, p, q, a, b, c, ix, iy, iz, cxx, cxy, cy
     return _full_error(ep, eq, ea, eb, ec, p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy)
 
 
-def _bind(name: str, function: Callable[..., Any], *first: Callable[..., Any]) -> Any:
-    """Return a compiled function that calls another one with its first arguments, one or two.
+def _compile(model: str, *functions: Callable[..., Any]) -> list[Any]:
+    """Return compiled functions of a model, under names of its own.
 
-    Numba makes symbols of names, so no two bound functions may share a name.
+    Numba makes symbols of names, so functions of two models may not share one.
     """
-    one, two = first[0], first[-1]
-
-    def with_one(*v: float) -> Any:
-        return function(one, *v)
-
-    def with_two(*v: float) -> Any:
-        return function(one, two, *v)
-
-    bound = with_one if len(first) == 1 else with_two
-    bound.__name__ = bound.__qualname__ = name
-    return full.scalar(bound)
+    for function in functions:
+        function.__name__ = function.__qualname__ = f"{function.__name__}_{model}"
+    return [full.scalar(function) for function in functions]
 
 
 # An ellipsoid's ``rise`` is integrated along, since it is what the second root is for, and since
@@ -180,17 +175,6 @@ def _rise_rhs(p, q, a, b, c, rise, ix, iy, iz, cxx, cxy, cyy, k):  # type: ignor
 @full.scalar
 def _friction_rise(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):  # type: ignore[no-untyped-def]
     return _rise(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k)
-
-
-@full.scalar
-def _friction_rise_rhs(  # type: ignore[no-untyped-def]
-    friction_rhs, p, q, a, b, c, work, rise, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps
-):
-    f = friction_rhs(
-        stone.carried_ellipsoid, p, q, a, b, c, work,
-        ix, iy, iz, cxx, cxy, cyy, (k, rise), sigma, lever, eps,
-    )  # fmt: skip
-    return f + (stone.rise_rate(p, q, f[0], f[1], cxx, cxy, cyy, k, rise),)  # noqa: RUF005
 
 
 ELLIPSOID = replace(
@@ -238,26 +222,45 @@ SPIN_KNOWN = 1e-14
 of one with so much: it is then 1e-7 of the tolerance, and no less than rounding."""
 
 
-def _with_friction(plain: Model, name: str, rhs: Callable[..., Any]) -> Model:
-    """Return the model of the same body with friction."""
-    is_flat, name = plain is FULL, f"{plain.name}_{name}"
-    surface = stone.flat if is_flat else stone.ellipsoid
-    energy = stone.flat_energy if is_flat else stone.energy
-    rise_rhs = None if is_flat else _bind(f"rise_rhs_{name}", _friction_rise_rhs, rhs)
+def _with_friction(plain: Model, kind: str, rhs_on: Callable[..., Any]) -> Model:
+    """Return the model of the same body with friction, whose rates on a surface are ``rhs_on``."""
+    surface = stone.ellipsoid if plain is ELLIPSOID else stone.flat
+    energy_on = stone.energy if plain is ELLIPSOID else stone.flat_energy
+
+    def rhs(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):  # type: ignore[no-untyped-def]
+        return rhs_on(surface, p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps)
+
+    def energy(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):  # type: ignore[no-untyped-def]
+        return energy_on(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k) - work
+
+    def contact(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):  # type: ignore[no-untyped-def]
+        return stone.friction_force(
+            rhs_on, surface, p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps
+        )
+
+    def rise_rhs(p, q, a, b, c, work, rise, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):  # type: ignore[no-untyped-def]
+        f = rhs_on(
+            stone.carried_ellipsoid, p, q, a, b, c, work,
+            ix, iy, iz, cxx, cxy, cyy, (k, rise), sigma, lever, eps,
+        )  # fmt: skip
+        return f + (stone.rise_rate(p, q, f[0], f[1], cxx, cxy, cyy, k, rise),)  # noqa: RUF005
+
+    name = f"{plain.name}_{kind}"
+    rhs, energy, contact, rise_rhs = _compile(name, rhs, energy, contact, rise_rhs)
     return Model(
         name=name,
         n_state=stone.N_FRICTION_STATE,
         n_constants=stone.N_FRICTION_CONSTANTS,
         n_probe=plain.n_probe,
-        rhs=_bind(f"rhs_{name}", rhs, surface),
+        rhs=rhs,
         spin=_friction_spin,
         spin_rate=_friction_spin_rate,
         amplitude=_friction_amplitude,
         error=_friction_error,
-        energy=_bind(f"balance_{name}", stone.balance, energy),
-        contact=_bind(f"force_{name}", stone.friction_force, rhs, surface),
+        energy=energy,
+        contact=contact,
         touch=surface,
-        carried=None if rise_rhs is None else Carried(1, _friction_rise, rise_rhs),
+        carried=Carried(1, _friction_rise, rise_rhs) if plain is ELLIPSOID else None,
     )
 
 
@@ -333,7 +336,71 @@ REDUCED_TANGENT = replace(
 WITH_TANGENT: dict[str, Model] = {FULL.name: FULL_TANGENT, REDUCED.name: REDUCED_TANGENT}
 """The same equations with a tangent, by the name of the model without."""
 
+
+@full.scalar
+def _nothing(*v):  # type: ignore[no-untyped-def]
+    return 0.0
+
+
+@full.scalar
+def _no_error(*v):  # type: ignore[no-untyped-def]
+    return 0.0, 1.0
+
+
+def _with_attitude(plain: Model) -> Model:
+    """Return a model with heading and contact point (:mod:`rattlesweep.physics.attitude`).
+
+    It makes single steps from states of the plain model, so no error and no amplitude are needed.
+    """
+    n, own_rhs, touch = plain.n_state, plain.rhs, plain.touch
+    own_spin, own_spin_rate = plain.spin, plain.spin_rate
+    behind = n + attitude.N_EXTRA
+    end = behind + n
+
+    def rhs(*v: float) -> Any:
+        y, constants = v[:n], v[behind:]
+        p, q, a, b, c = y[:5]
+        f = own_rhs(*(y + constants))
+        m = p * b - q * a
+        # Constants of the surface stand behind those of inertia.
+        contact = touch(p, q, a, b, c, f[0], f[1], m, *constants[3:7])  # type: ignore[misc]
+        return f + attitude.track(p, q, a, b, c, v[n], *contact)
+
+    def spin(*v: float) -> Any:
+        return own_spin(*v[:n])
+
+    def spin_rate(*v: float) -> Any:
+        return own_spin_rate(*(v[:n] + v[behind:end]))
+
+    name = f"{plain.name}_attitude"
+    rhs, spin, spin_rate = _compile(name, rhs, spin, spin_rate)
+    return replace(
+        plain,
+        name=name,
+        n_state=behind,
+        n_probe=0,
+        n_given=n,
+        rhs=rhs,
+        spin=spin,
+        spin_rate=spin_rate,
+        amplitude=_nothing,
+        error=_no_error,
+        carried=None,
+    )
+
+
+ATTITUDES: dict[str, Model] = {
+    plain.name: _with_attitude(plain) for plain in (FULL, ELLIPSOID, *FRICTION.values())
+}
+"""Models with heading and contact point, by the names of those without."""
+
 MODELS: dict[str, Model] = {
     model.name: model
     for model in (FULL, ELLIPSOID, *FRICTION.values(), REDUCED, FULL_TANGENT, REDUCED_TANGENT)
 }
+
+
+def find_model(name: str) -> Model:
+    """Return a model of :data:`MODELS` or of :data:`ATTITUDES` by its own name."""
+    moving = {model.name: model for model in ATTITUDES.values()}
+    return MODELS.get(name) or moving[name]

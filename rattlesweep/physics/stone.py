@@ -239,14 +239,6 @@ def rolling_rhs(surface, p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigm
 
 
 @scalar
-def balance(  # type: ignore[no-untyped-def]
-    surface_energy, p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps
-):
-    """Return the energy minus the work, which is conserved."""
-    return surface_energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k) - work
-
-
-@scalar
 def friction_force(  # type: ignore[no-untyped-def]
     friction_rhs, surface, p, q, a, b, c, work,
     ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps,

@@ -18,7 +18,7 @@ from math import ceil
 
 from numba import njit
 
-from rattlesweep.integrate.lanes.cells import INNER
+from rattlesweep.integrate.lanes.intrinsics import INNER
 from rattlesweep.integrate.lanes.lane import Lane, Point
 from rattlesweep.physics.full import scalar
 

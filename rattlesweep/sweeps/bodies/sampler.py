@@ -9,23 +9,20 @@ from typing import Any, cast
 
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
 
 from rattlesweep.arrays import Floats, Integers
 from rattlesweep.integrate.batch import available_threads
 from rattlesweep.integrate.compile import Kernel, load_kernel
-from rattlesweep.integrate.specialise import specialise
 from rattlesweep.integrate.task import Control, side_by_side
 from rattlesweep.physics import body, theory
 from rattlesweep.sweeps.bodies import philox
 from rattlesweep.sweeps.bodies.philox import uniforms
 
-# The formulas, compiled for scalars: one source for both uses.  The last calls the second by its
-# global name.
+# The formulas, compiled for scalars: one source for both uses.  The last calls `hessian`.
 _shell_dumbbell = njit(nogil=True)(body.shell_dumbbell)
-_hessian = njit(nogil=True)(theory.hessian)
-torque_coefficients = njit(nogil=True)(
-    specialise(theory.torque_coefficients, "torque_coefficients_scalar", hessian=_hessian)
-)
+register_jitable(nogil=True)(theory.hessian)
+torque_coefficients = njit(nogil=True)(theory.torque_coefficients)
 
 
 def unit_to_ranges(u, ranges):
