@@ -16,12 +16,14 @@ from pathlib import Path
 
 import kernels
 import numba
+import numpy as np
 import oracle
 import pytest
 
 from rattlesweep.integrate import SettingError, compile
 from rattlesweep.integrate.batch import integrate
 from rattlesweep.integrate.compile import Kernel, is_stored, load_kernel
+from rattlesweep.integrate.follow.trajectory import Follower
 from rattlesweep.integrate.lanes import build as built
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import METHODS
@@ -223,6 +225,31 @@ def text(path):
         return path.read_text()
     except OSError:
         return ""
+
+
+# -- nothing compiled ------------------------------------------------------------------------------
+
+
+def both():
+    """In a fresh process: the outcome of a run with all observations, and its trajectory."""
+    batch = kernels.full_batch(oracle.GH, [-0.1], 0.01, t_end=30.0)
+    records = frozenset(["energy", "contact", "windows", "reversals", "lyapunov"])
+    out = integrate(batch, METHODS["dop853"], FULL, threads=1, record=records)
+    follower = Follower(batch, METHODS["dop853"], FULL, attitude=True)
+    found = follower.at(np.linspace(0.0, 30.0, 7))
+    values = [out.y_end, out.n_departure, out.contact_ratio_max, out.windows, found.y, found.extra]
+    numbers = np.concatenate([value.ravel() for value in values])
+    steps = out.n_steps.tolist(), follower.n_steps
+    print(json.dumps([numbers[np.isfinite(numbers)].tolist(), steps]))
+
+
+def test_a_run_can_be_stepped_through_in_python():
+    code = "import test_kernel_cache as t; t.both()"
+    compiled, plain = (python(code, NUMBA_DISABLE_JIT=flag) for flag in "01")
+    assert plain.returncode == 0, plain.stderr
+    (numbers, steps), (others, same_steps) = (json.loads(p.stdout) for p in (compiled, plain))
+    assert same_steps == steps
+    np.testing.assert_allclose(others, numbers, rtol=1e-10, atol=1e-12)
 
 
 # -- threads and forks -----------------------------------------------------------------------------

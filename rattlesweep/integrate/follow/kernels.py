@@ -140,17 +140,16 @@ def states_behind(problem, parts, w, steps, which, offset, constants, out):
     widest_vectors()
     for l in range(problem.lanes):
         lane_of(problem, w, l).constants = first_of(constants, problem.n_constants)
+    given = problem.n_given
     points = which.size
     for first in range(0, points, problem.lanes):
         for l in range(problem.lanes):
             i = min(first + l, points - 1)
             lane = lane_of(problem, w, l)
-            lane.y = first_of(steps[which[i], STATE:], problem.n_given) + problem.others
-            lane.f = (
-                first_of(steps[which[i], STATE + problem.n_given :], problem.n_given)
-                + problem.others
-            )
-            if problem.n_given < problem.n_state:
+            row = steps[which[i], STATE:]
+            lane.y = first_of(row, given) + problem.others
+            lane.f = first_of(row[given:], given) + problem.others
+            if given < problem.n_state:
                 derive(lane)
             lane.h = offset[i]
         call(parts[ATTEMPT], (problem, w, 1.0))

@@ -529,7 +529,7 @@ class Sum:
     factor: int | None = None
     share: float = 1.0
 
-    def value(self, w: Any) -> float:
+    def value(self, w: Any) -> Any:
         """Return the value from the rows of one lane, as compiled code does."""
         if not self.terms:
             return w[self.row]
@@ -595,7 +595,7 @@ def gather(lanes: int, values: Sequence[Sum], behind: Sequence[Sum] = ()) -> Cal
 
 def scatter(lanes: int, cells: Sequence[Sum]) -> Callable[..., Any]:
     """``scatter(w, l, values)``: write a tuple to the rows in lane ``l``."""
-    rows_of = [cell.row for cell in cells]
+    rows_of = [cell.row for cell in cells if cell.row is not None]
 
     def write(typingctx, w, l, values):  # type: ignore[no-untyped-def]
         def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
