@@ -35,10 +35,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
-from filelock import FileLock, Timeout
-from platformdirs import user_cache_dir
-
-# Numba is imported by the functions that need it: commands that need no kernel take half the time.
+# Packages are imported by the functions that need them: commands that need no kernel take half the
+# time.
 PACKAGE = Path(__file__).resolve().parents[1]
 # Processes that compile at the same time: each takes 200 MB, and no group of kernels gains by more.
 AT_ONCE = 2
@@ -142,6 +140,8 @@ def cache_folder() -> Path:
     where there is none either, as on a full disk, it is one that cannot be: kernels then stay in
     memory.
     """
+    from platformdirs import user_cache_dir
+
     for root in filter(None, (os.environ.get("NUMBA_CACHE_DIR"), user_cache_dir("rattlesweep"))):
         with suppress(OSError, RuntimeError):  # RuntimeError: there is no home
             folder = Path(root).expanduser().resolve() / source_hash()
@@ -257,7 +257,7 @@ def is_stored(recipe: Recipe, *names: Any) -> bool:
 
 # -- compiling -------------------------------------------------------------------------------------
 
-# The child listens to no Ctrl-C but ends with it, and does not look for garbage: that would take an
+# The child ends with a Ctrl-C without a word, and does not look for garbage: that would take an
 # eighth of the time.
 CODE = (
     "import gc, signal; gc.disable(); signal.signal(signal.SIGINT, signal.SIG_DFL); "
@@ -298,6 +298,7 @@ def _compile(wanted: list[tuple[Recipe, tuple[Any, ...]]]) -> None:
             for child in children:
                 child.wait()
             for recipe, names in wanted:
+                # Another command may be compiling it.
                 with _locked(_place(recipe, names), timeout=-1):
                     pass
         finally:
@@ -307,17 +308,19 @@ def _compile(wanted: list[tuple[Recipe, tuple[Any, ...]]]) -> None:
 
 
 @contextmanager
-def _locked(place: Path, timeout: float) -> Iterator[None]:
-    """Hold the lock of a kernel, where there are locks; raise Timeout if another process does."""
-    lock = FileLock(f"{place}.lock", timeout=timeout)
+def _locked(place: Path, timeout: float) -> Iterator[bool]:
+    """Hold the lock of a kernel, where there are locks; False if another process holds it."""
+    from filelock import FileLock, Timeout
+
+    lock, free = FileLock(f"{place}.lock", timeout=timeout), True
     try:
         lock.acquire()
     except Timeout:
-        raise
+        free = False
     except (OSError, NotImplementedError):
         pass
     try:
-        yield
+        yield free
     finally:
         lock.release()
 
@@ -329,9 +332,9 @@ def compile_in_child() -> None:
     globals()["cache_folder"] = lambda: folder
     for module, name, names in orders:
         recipe = getattr(import_module(module), name)
-        with suppress(Timeout), _locked(_place(recipe, names), timeout=0):
-            if not is_stored(recipe, *names):
-                _load(recipe, names)
+        with _locked(_place(recipe, names), timeout=0) as free:
+            if free and not is_stored(recipe, *names):
+                _load(recipe, tuple(names))
     # Python would take a while to let go of all that LLVM has made.
     os._exit(0)
 
