@@ -23,7 +23,7 @@ LEAST_ERROR = 1e-30
 
 @scalar
 def error_root(error):  # type: ignore[no-untyped-def]
-    """What :func:`step_ratio` takes of an error."""
+    """Return what :func:`step_ratio` takes of an error."""
     return rough_root(error + LEAST_ERROR)
 
 

@@ -228,7 +228,7 @@ def watch(problem, w, windows, record):
 
 def work(problem, thread, parts, w, shared, order, y0, constants, probe, plan, options,
          record, result, counts, windows, progress):  # fmt: skip
-    """What one thread does until the queue is empty or Python says stop.
+    """Do what one thread does until the queue is empty or Python says stop.
 
     Parameters
     ----------

@@ -54,7 +54,7 @@ class Point(NamedTuple):
 
 
 class State(tuple[float, ...]):
-    """As many numbers as the model's state has."""
+    """Hold as many numbers as the model's state has."""
 
 
 class Constants(tuple[float, ...]):
@@ -66,11 +66,11 @@ class Probe(tuple[float, ...]):
 
 
 class Tangent(tuple[float, ...]):
-    """As a state; empty in a model without a tangent."""
+    """Hold as many as a state; none in a model without a tangent."""
 
 
 class Lane:
-    """What the lane kernel keeps of a run; flags are 1 or 0.
+    """Keep what the lane kernel knows of a run; flags are 1 or 0.
 
     In compiled code ``lane.problem`` is the :class:`Problem` that the lane belongs to.
     """
@@ -208,6 +208,10 @@ class Lane:
             self.cells[row : row + len(kind)] = value
 
 
+# Kinds of the fields by name.
+FIELDS = get_type_hints(Lane)
+
+
 class Layout:
     """Rows of the fields of :class:`Lane` in the workspace of a model.
 
@@ -227,7 +231,7 @@ class Layout:
         counts = dict(zip((State, Constants, Probe, Tangent), sizes, strict=True))
         self.fields: dict[str, tuple[int, Any]] = {}
         self.stages = 0
-        for name, kind in get_type_hints(Lane).items():
+        for name, kind in FIELDS.items():
             count = {float: 1, Point: 3}.get(kind) or counts[kind]
             found: Any = types.UniTuple(types.float64, count) if count else types.Tuple(())
             if kind is float:
@@ -261,7 +265,7 @@ class Layout:
 
 
 class Problem:
-    """What a kernel is compiled for: equations, kind of method, number of lanes.
+    """Hold what a kernel is compiled for: equations, kind of method, number of lanes.
 
     Compiled functions take it as an argument that has a type and no value, and see its attributes
     as constants.
@@ -410,7 +414,7 @@ class _Cells:
         return cgutils.gep(self.builder, self.data, index)
 
     def read(self, row: int) -> Any:
-        """What the cell holds."""
+        """Return what the cell holds."""
         return self.builder.load(self.place(row))
 
     def write(self, row: int, value: Any) -> None:
@@ -423,7 +427,7 @@ class _Cells:
         return value if number == 1.0 else self.builder.fmul(DOUBLE(number), value)
 
     def value(self, wanted: Sum) -> Any:
-        """What a sum comes to."""
+        """Return what a sum comes to."""
         if not wanted.terms:
             return self.read(wanted.row)  # type: ignore[arg-type]
         products = [self.product(*term) for term in wanted.terms]

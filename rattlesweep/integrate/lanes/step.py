@@ -130,7 +130,7 @@ class Attempt:
         self._loop(*body, *(self._seen() if self.tableau.adaptive else []))
 
     def carried_start(self, y: int) -> None:
-        """What is carried, and its derivative, where a step from rows ``y`` starts."""
+        """Write what is carried, and its derivative, where a step from rows ``y`` starts."""
         assert self.model.carried is not None
         n, stages, count = self.n, self.tableau.stages, self.model.carried.n
         # Behind the stages: its start, and its derivative there and in the other stages.
@@ -146,7 +146,7 @@ class Attempt:
         )
 
     def outcome(self) -> None:
-        """What is seen at the end of a step without error control."""
+        """Write what is seen at the end of a step without error control."""
         total = " + ".join(f"f[{c}]" for c in range(self.n))
         # Zero, or not a number where the step left the numbers.
         error = f"lane.error = 0.0 * ({total})"
