@@ -1,4 +1,4 @@
-"""What the kernels need to know of a set of equations."""
+"""Sets of equations, as the kernels need them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Tangent:
-    """How a small difference ``v`` moves along a run, as compiled scalar functions.
+    """Motion of a small difference ``v`` along a run, as compiled scalar functions.
 
     With ``f`` the derivative of the state, and ``y`` and ``q`` as for :class:`Model`:
 

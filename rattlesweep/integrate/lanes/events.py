@@ -40,7 +40,7 @@ _KNOWN = 3
 
 @njit(**INNER)
 def _judge(start: Point, end: Point, sign: float) -> int:
-    """Return whether a piece with the spin positive (after ``sign``) at its start can hold a zero."""
+    """Return whether a piece whose spin starts positive (after ``sign``) can hold a zero."""
     if sign * end.n <= 0.0:
         return _ZERO
     down = sign * start.rate

@@ -106,7 +106,7 @@ def pass_marks(lane, t, run, windows, record):
 
 @njit(**INNER)
 def settled(lane, most):
-    """Return whether the amplitude never grew in two windows or more, and all oscillation is `most`.
+    """Return whether the amplitude never grew in two windows, and oscillation is at most `most`.
 
     Not within the first window: the last comparison there is after any short time.
     """
