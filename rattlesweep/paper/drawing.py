@@ -16,10 +16,10 @@ from typing import Any, Self
 from matplotlib.figure import Figure as Drawing
 
 from rattlesweep import child
+from rattlesweep.analysis.style import encode, styled
 from rattlesweep.errors import OutputError
 from rattlesweep.integrate.task import POLL
 from rattlesweep.paper.workspace import KINDS, Figure, Tables, read_table, tidy
-from rattlesweep.analysis.style import encode, styled
 from rattlesweep.sweeps.files import replace_file
 
 DPI = 150

@@ -7,17 +7,17 @@ from functools import partial
 from typing import Any
 
 from rattlesweep.errors import ConfigError
-from rattlesweep.integrate.follow.kernels import aside_kernel, march_kernel
-from rattlesweep.integrate.follow.lyapunov import example
+from rattlesweep.integrate.compile import AT_ONCE
+from rattlesweep.integrate.follow.kernels import states_kernel, steps_kernel
+from rattlesweep.integrate.follow.lyapunov import load_growth
 from rattlesweep.integrate.lanes.build import kernel
-from rattlesweep.integrate.loading import AT_ONCE, loaded
 from rattlesweep.integrate.model import FULL, REDUCED, WITH_TANGENT
 from rattlesweep.integrate.task import Control, Task, side_by_side
 from rattlesweep.paper.figures import fig2, fig3, fig4, fig5, fig6, fig7, fig8, integrators
 from rattlesweep.paper.figures import lyapunov as fig8_lyapunov
 from rattlesweep.paper.workspace import Figure
-from rattlesweep.sweeps.config.schema import SdRanges
 from rattlesweep.sweeps.config.messages import not_one_of
+from rattlesweep.sweeps.config.schema import SdRanges
 
 # The claims about formulas alone go by this name where figures are chosen.
 THEORY = "theory"
@@ -125,14 +125,14 @@ def needed(figures: Collection[str]) -> list[Callable[[Control], Any]]:
     """What loads the kernels of some figures, in the order in which they come to be needed."""
     tangent = WITH_TANGENT[FULL.name].name
     kernels: list[tuple[str, Callable[..., Any], str, str]] = [
-        ("fig4 fig5 fig6 fig8", march_kernel, "dop853", FULL.name),
-        ("fig4 fig5 fig6 fig8", aside_kernel, "dop853", FULL.name),
+        ("fig4 fig5 fig6 fig8", steps_kernel, "dop853", FULL.name),
+        ("fig4 fig5 fig6 fig8", states_kernel, "dop853", FULL.name),
         ("fig5 fig6 fig7", kernel, "dop853", FULL.name),
         ("fig6", kernel, "dop853", tangent),
         ("fig6", kernel, integrators.PAPERS["method"], FULL.name),
-        ("fig8", march_kernel, "dop853", REDUCED.name),
-        ("fig8", aside_kernel, "dop853", REDUCED.name),
-        ("fig8_lyapunov", partial(loaded, example), "dop853", tangent),
+        ("fig8", steps_kernel, "dop853", REDUCED.name),
+        ("fig8", states_kernel, "dop853", REDUCED.name),
+        ("fig8_lyapunov", load_growth, "dop853", tangent),
     ]
 
     def load(make: Callable[..., Any], method: str, model: str, _: Control) -> None:

@@ -14,12 +14,12 @@ from typing import Any
 import pyarrow.parquet as pq
 from markupsafe import Markup
 
+from rattlesweep.analysis.pages import config_yaml, render, source
 from rattlesweep.paper.claims.claim import CLAIMS
 from rattlesweep.paper.columns import table
 from rattlesweep.paper.registry import FIGURES
-from rattlesweep.analysis.pages import config_yaml, render, source
-from rattlesweep.sweeps.files import replace_file
 from rattlesweep.sweeps.arrow import encode
+from rattlesweep.sweeps.files import replace_file
 
 TITLE = "Rattleback dynamics and its reversal time of rotation: recomputed"
 VERDICTS = ("agree", "partly", "disagree")

@@ -23,13 +23,13 @@ from matplotlib.figure import Figure as Drawing
 
 from rattlesweep.child import PACKAGE
 from rattlesweep.errors import DamagedError
-from rattlesweep.sweeps.plan import Case, make_plan
+from rattlesweep.sweeps.arrow import encode, open_sealed, read_rows
 from rattlesweep.sweeps.config.read import load_config, parse_config, resolved
 from rattlesweep.sweeps.config.schema import Config
-from rattlesweep.sweeps.run import run_sweep
 from rattlesweep.sweeps.files import explained, probe_directory, replace_file
 from rattlesweep.sweeps.old.store import Store
-from rattlesweep.sweeps.arrow import encode, open_sealed, read_rows
+from rattlesweep.sweeps.plan import Case, make_plan
+from rattlesweep.sweeps.run import run_sweep
 
 Tables = Mapping[str, pa.Table]
 # Told the share that is done and a few words; may raise to stop the work.

@@ -18,9 +18,6 @@ from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import DOP853, METHODS, RK4
 from rattlesweep.physics import full, reduced, steady, tangent, theory
 from rattlesweep.sweeps import block
-from rattlesweep.sweeps.old.content_hash import content_hash
-from rattlesweep.sweeps.old.verify import verify
-from rattlesweep.sweeps.old.store import Store
 from rattlesweep.sweeps.types import LEAST_GROWTH, is_chaotic
 
 GH = oracle.GH

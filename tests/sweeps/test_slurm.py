@@ -15,9 +15,7 @@ from hardship import wait_until
 from refusal import assert_refused
 from sweeping import PROGRAM, content_hash, invoke, proved, sweep
 
-from rattlesweep.integrate.cache import directory, source_hash
-from rattlesweep.integrate.lanes import kernel as lanes
-from rattlesweep.sweeps.bodies import sampler
+from rattlesweep.integrate.compile import cache_folder
 from rattlesweep.sweeps.slurm import limit_of, margin_of, memory_of
 
 SHELLCHECK = Path(sys.executable).with_name("shellcheck")
@@ -293,8 +291,7 @@ def test_array_with_a_warning_in_the_middle_comes_to_the_same_table(own, home, c
     sweep(home / "plain", home / "sweep.yaml")
     # Kernels as on a node where they are compiled already: it takes 10 s each.
     node = cluster.place / f"rattlesweep-{os.getuid()}"
-    for file in (lanes.__file__, sampler.__file__):
-        shutil.copytree(directory(file), node / source_hash(file))
+    shutil.copytree(cache_folder(), node / cache_folder().name)
     node.chmod(0o700)
     text = script(home, *(["--own-directories"] if own else []), "--shards", 2)
     places = [home / f"out-{i}" if own else home / "out" for i in range(2)]

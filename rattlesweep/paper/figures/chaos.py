@@ -20,9 +20,9 @@ from rattlesweep.integrate.task import Control, side_by_side
 from rattlesweep.paper.columns import number, schema
 from rattlesweep.paper.workspace import Progress, Workspace, between
 from rattlesweep.physics.body import PARAMETERS, Rattleback
+from rattlesweep.sweeps.columns import RATE, TIME, field
 from rattlesweep.sweeps.single import Launch, single_run
 from rattlesweep.sweeps.types import is_chaotic
-from rattlesweep.sweeps.columns import RATE, TIME, field
 
 # Runs called chaotic although they are slow are followed to this many horizons.
 LONGER = 6

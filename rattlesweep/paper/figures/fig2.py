@@ -7,16 +7,16 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure as Drawing
 
+from rattlesweep.analysis.style import GREEN, ORANGE, SKY, new_figure
 from rattlesweep.arrays import Floats
 from rattlesweep.paper.columns import count, number, schema, table
 from rattlesweep.paper.figures.style import DASHES, frame
 from rattlesweep.paper.workspace import Progress, Tables, between
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import shell_dumbbell
-from rattlesweep.analysis.style import GREEN, ORANGE, SKY, new_figure
 from rattlesweep.sweeps.bodies.sampler import draw_bodies
-from rattlesweep.sweeps.config.schema import SdRanges
 from rattlesweep.sweeps.columns import RATE
+from rattlesweep.sweeps.config.schema import SdRanges
 
 SEED = 2017
 # Points of a cumulative distribution.

@@ -11,6 +11,7 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
 
+from rattlesweep.analysis.style import BLUE, VERMILION, new_figure
 from rattlesweep.arrays import Floats, Integers
 from rattlesweep.integrate.task import Control, side_by_side
 from rattlesweep.paper.columns import count, number, schema, table
@@ -25,7 +26,6 @@ from rattlesweep.paper.figures.fig2 import (
 from rattlesweep.paper.figures.style import frame
 from rattlesweep.paper.workspace import Progress, Tables, between
 from rattlesweep.physics import theory
-from rattlesweep.analysis.style import BLUE, VERMILION, new_figure
 from rattlesweep.sweeps.config.schema import SdRanges
 
 # The paper's colour code: nine decades.

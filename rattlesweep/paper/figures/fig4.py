@@ -9,15 +9,15 @@ import pandas as pd
 import pyarrow as pa
 from matplotlib.figure import Figure as Drawing
 
+from rattlesweep.analysis.style import BLUE, INK, VERMILION, new_figure
 from rattlesweep.arrays import Floats
 from rattlesweep.paper.columns import count, number, schema, table, word
 from rattlesweep.paper.figures.follow import FORCE_CHANNELS, FORCES, follow, forces, thinned
 from rattlesweep.paper.figures.style import ABOVE, DASHES, N_AXIS, T_AXIS, ZERO, frame, launch
 from rattlesweep.paper.workspace import Progress, Tables, between
 from rattlesweep.physics.body import Rattleback
-from rattlesweep.analysis.style import BLUE, INK, VERMILION, new_figure
-from rattlesweep.sweeps.single import Launch
 from rattlesweep.sweeps.columns import RATE, TIME
+from rattlesweep.sweeps.single import Launch
 
 OMEGA_XY0 = 0.01
 # Spin, and length, which the paper does not name, of (a) and of (b).

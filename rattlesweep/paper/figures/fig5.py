@@ -10,14 +10,14 @@ import pyarrow as pa
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
 
+from rattlesweep.analysis.style import BLUE, SERIES, new_figure
 from rattlesweep.paper.columns import number, schema, table
 from rattlesweep.paper.figures.follow import FORCE_CHANNELS, FORCES, follow, forces
 from rattlesweep.paper.figures.style import ABOVE, N_AXIS, T_AXIS, ZERO, decade_ticks, frame, launch
 from rattlesweep.paper.workspace import Progress, StoredRuns, Tables, Workspace
 from rattlesweep.physics.body import Rattleback
-from rattlesweep.analysis.style import BLUE, SERIES, new_figure
-from rattlesweep.sweeps.single import Launch
 from rattlesweep.sweeps.columns import RATE, TIME
+from rattlesweep.sweeps.single import Launch
 
 # Of (b); its length is not named in the paper.
 N_I, OMEGA_XY0, T_END = 0.5, 0.01, 150.0

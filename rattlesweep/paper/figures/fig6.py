@@ -11,15 +11,15 @@ import pyarrow as pa
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
 
+from rattlesweep.analysis.style import BLUE, TYPE_STYLE, new_figure
 from rattlesweep.paper.columns import count, number, schema, table, word
 from rattlesweep.paper.figures.chaos import CHAOS, exponents, launch_of
 from rattlesweep.paper.figures.follow import FORCE_CHANNELS, FORCES, SPIN, follow, forces, thinned
 from rattlesweep.paper.figures.integrators import rk4
 from rattlesweep.paper.figures.style import ABOVE, N_AXIS, T_AXIS, decade_ticks, frame, launch
 from rattlesweep.paper.workspace import Progress, StoredRuns, Tables, Workspace, between
-from rattlesweep.analysis.style import BLUE, TYPE_STYLE, new_figure
-from rattlesweep.sweeps.counts import wilson
 from rattlesweep.sweeps.columns import RATE, TIME
+from rattlesweep.sweeps.counts import wilson
 
 # In the order of the tables, and of the legend.
 KINDS = ("R", "SS", "SW", "unclassified")

@@ -11,6 +11,8 @@ import pyarrow as pa
 from matplotlib.figure import Figure as Drawing
 from scipy.ndimage import uniform_filter1d
 
+from rattlesweep.analysis.onerun.course import Course, Trajectory
+from rattlesweep.analysis.style import BLUE, VERMILION, new_figure
 from rattlesweep.arrays import Floats
 from rattlesweep.paper.columns import count, number, schema, table
 from rattlesweep.paper.figures.follow import FORCE_CHANNELS, FORCES, follow, forces, thinned
@@ -18,10 +20,8 @@ from rattlesweep.paper.figures.style import ABOVE, DASHES, N_AXIS, T_AXIS, ZERO,
 from rattlesweep.paper.workspace import Progress, Tables, between
 from rattlesweep.physics import reduced
 from rattlesweep.physics.body import Rattleback
-from rattlesweep.analysis.onerun.course import Course, Trajectory
-from rattlesweep.analysis.style import BLUE, VERMILION, new_figure
-from rattlesweep.sweeps.single import Launch
 from rattlesweep.sweeps.columns import RATE, TIME
+from rattlesweep.sweeps.single import Launch
 
 BODIES = [replace(Rattleback.gh(), theta=theta) for theta in (0.6429, 0.82, 0.9)]
 LETTERS = "abc"

@@ -9,14 +9,14 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from rattlesweep.errors import OutputError
-from rattlesweep.paper.columns import number, schema, table, word
-from rattlesweep.paper.workspace import Progress
 from rattlesweep.analysis.onerun.course import Course, Trajectory, collect
 from rattlesweep.analysis.onerun.figure import thin
 from rattlesweep.analysis.onerun.rows import Rows
-from rattlesweep.sweeps.single import Launch
+from rattlesweep.errors import OutputError
+from rattlesweep.paper.columns import number, schema, table, word
+from rattlesweep.paper.workspace import Progress
 from rattlesweep.sweeps.columns import FORCE, TIME
+from rattlesweep.sweeps.single import Launch
 
 # Of forces and spins, in sqrt(a/g): a hundredth of the period of a pitch.
 DT = 0.05

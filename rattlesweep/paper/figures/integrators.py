@@ -10,8 +10,8 @@ import pyarrow as pa
 
 from rattlesweep.paper.columns import number, schema, table, word
 from rattlesweep.paper.workspace import Progress, Workspace, between
-from rattlesweep.sweeps.config.schema import Classify
 from rattlesweep.sweeps.columns import TIME
+from rattlesweep.sweeps.config.schema import Classify
 
 PAPERS: dict[str, Any] = {"method": "rk4", "dt": 0.002}
 # Judges where the two disagree.

@@ -13,14 +13,14 @@ import numpy as np
 import pyarrow as pa
 from matplotlib.figure import Figure as Drawing
 
+from rattlesweep.analysis.style import GREY, SERIES, new_figure
 from rattlesweep.paper.columns import number, schema, table
 from rattlesweep.paper.figures.chaos import growths
 from rattlesweep.paper.figures.fig8 import BODIES, LETTERS, N_I, OMEGA_XY0
 from rattlesweep.paper.figures.style import ABOVE, DASHES, T_AXIS, decade_ticks, frame, launch
 from rattlesweep.paper.workspace import Progress, Tables
-from rattlesweep.analysis.style import GREY, SERIES, new_figure
-from rattlesweep.sweeps.single import Launch
 from rattlesweep.sweeps.columns import RATE
+from rattlesweep.sweeps.single import Launch
 
 # The one to trust last.
 TOLERANCES = (1e-11, 1e-13)
