@@ -18,7 +18,7 @@ import pandas as pd
 
 from rattlesweep.integrate.follow.lyapunov import growth_along
 from rattlesweep.physics import full
-from rattlesweep.sweeps.chaos import LEAST_GROWTH
+from rattlesweep.sweeps.types import LEAST_GROWTH
 
 EDGES = [-np.inf, -2, 0, 2, 4, 6, 8, 10, 15, 20, 40, np.inf]
 LONGER = 6

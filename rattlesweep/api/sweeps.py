@@ -87,7 +87,7 @@ def sweep(
     [33.15, 33.15]
     """
     from rattlesweep.integrate.compiling import listening
-    from rattlesweep.sweeps.old.run import run_sweep
+    from rattlesweep.sweeps.run import run_sweep
 
     check_threads(threads)
     target = None if output is None else Path(output)

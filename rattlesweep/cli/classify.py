@@ -16,12 +16,12 @@ def classify(directory: Path, overrides: tuple[str, ...]) -> None:
     Rewrites the types in the blocks and the summary, and notes both the thresholds of the config
     and the new ones in the manifest. Prints one row per case on standard output.
     """
-    from rattlesweep.sweeps.old.retype import retype
+    from rattlesweep.sweeps.classify import classify_stored
 
-    done = retype(directory, overrides)
+    done = classify_stored(directory, overrides)
     print_summary(done.summary, directory)
     say(
-        f"{done.changed} runs have changed their type; written: {done.blocks} blocks, "
+        f"{done.changed} runs have changed their type; written: {done.files} files, "
         f"summary.parquet and manifest.json in {directory}"
     )
     before = "" if done.before == done.now else f"; before by {_words(done.before)}"

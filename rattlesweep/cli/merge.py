@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 from click import argument
 
-from rattlesweep.cli.common import Meter, command, options, print_summary, say
+from rattlesweep.cli.common import command, options, print_summary, say
 from rattlesweep.cli.common.output import DONE, EARLY, SOME_FAILED
 
 
@@ -16,24 +16,20 @@ from rattlesweep.cli.common.output import DONE, EARLY, SOME_FAILED
 @options.output("The directory to write.", required=True)
 @options.quiet
 def merge(directories: tuple[Path, ...], output: Path, quiet: bool) -> int:
-    """Merge the directories of one sweep's shards into files of sensible size.
+    """Merge the directories of one sweep's shares.
 
-    Checks that they belong to one config and agree where they overlap. Runs that the output has
-    already are kept. If some are missing after that, says which, and exits with 75: merge other
-    shards into the same output, or let `rattlesweep run CONFIG --output DIR` compute the rest.
+    Checks that they hold the same sweep and that no run stands in two of them. If some runs are missing after that, exits with
+    75: merge other shares into the same output, or let `rattlesweep run CONFIG --output DIR` compute the rest.
     """
-    from rattlesweep.sweeps.old.merge import merge as join
+    from rattlesweep.sweeps.merge import merge as join
 
-    with Meter(quiet) as meter:
-        merged = join(list(directories), output, report=meter.counting("files"))
+    merged = join(list(directories), output)
     if merged.summary is not None and not quiet:
-        print_summary(merged.summary, merged.directory)
+        print_summary(merged.summary, output)
     say(f"{merged.runs} runs in {merged.files} files in {output}")
     if merged.missing:
-        spans = ", ".join(f"{first} to {stop - 1}" for first, stop in merged.missing[:5])
-        more = f" and {len(merged.missing) - 5} more spans" if len(merged.missing) > 5 else ""
         say(
-            f"missing: runs {spans}{more}; merge the other shards too, with the same --output, or "
+            f"{merged.missing} runs are missing; merge the other shares too, with the same --output, or "
             f"compute them with `rattlesweep run CONFIG --output {output}`"
         )
         return EARLY

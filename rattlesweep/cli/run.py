@@ -15,8 +15,8 @@ from rattlesweep.errors import ConfigError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rattlesweep.sweeps.old.progress import Result
-    from rattlesweep.sweeps.old.session import Session
+    from rattlesweep.sweeps.run import Result
+    
 
 session = options.Group(
     "session",
@@ -64,9 +64,8 @@ def run(
 
     Prints one row per case on standard output.
     """
-    from rattlesweep.sweeps.old.run import run_sweep
-    from rattlesweep.sweeps.old.forecast import describe, forecast
-    from rattlesweep.sweeps.old.output import examine
+    from rattlesweep.sweeps.run import run_sweep
+    from rattlesweep.sweeps.stored import examine
 
     loaded = options.load_sweep(config, overrides, output)
     shard = session.get("shard")
@@ -80,10 +79,7 @@ def run(
     directory = Path(loaded.directory)
     if dry_run:
         if not session["fresh"]:
-            examine(plan, directory, base)
-        click.echo(describe(forecast(plan, threads, shards=shard.count if shard else None)))
-        if plan.stages:
-            say(f"note: that is at most; {plan.stages_by} leaves runs out")
+            examine(plan, directory)
         return DONE
     with Meter(quiet) as meter:
         result = run_sweep(
@@ -94,15 +90,15 @@ def run(
 
 def _engine(
     name: str, scheduler: str | None, workers: int | None, threads: int | None
-) -> Callable[[Session], None]:
+) -> Any:
     """The engine that the options ask for."""
-    from rattlesweep.sweeps.old import local
+    from rattlesweep.sweeps.local import local
 
     if name == "local":
         for flag, value in (("--scheduler", scheduler), ("--workers", workers)):
             if value is not None:
                 raise ConfigError(f"{flag}: is for --engine dask; add that, or leave this out")
-        return local.work_off
+        return local
     from rattlesweep.sweeps.old.dask_driver import make_engine
 
     return make_engine(scheduler, workers, threads)
@@ -130,7 +126,7 @@ def _close(result: Result, quiet: bool, verbose: bool) -> int:
         say(f"stopped: {result.stopped}; {result.kept}, and the same command resumes from there")
         return EARLY
     if result.missing and not quiet:
-        say(f"{result.missing} blocks of other shards are not in {result.directory} (yet)")
+        say(f"{result.missing} runs of other shares are not in {result.directory} (yet)")
     if result.summary is not None and not quiet:
         say(f"see them: rattlesweep plot {result.directory}, rattlesweep report {result.directory}")
     if result.failed:

@@ -18,13 +18,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from ruamel.yaml import YAML
 
-from rattlesweep.api import Sweep, load
 from rattlesweep.progress import Bar
 from rattlesweep.sweeps.config.load import load_config, parse_config, resolved
 from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.files import probe_directory, replace_file
-from rattlesweep.sweeps.old.run import run_sweep
 from rattlesweep.sweeps.plan import make_plan
+from rattlesweep.sweeps.run import run_sweep
+from rattlesweep.sweeps.stored import Stored, open_stored
 
 Tables = Mapping[str, pd.DataFrame]
 # Told the share of some work that is done.
@@ -107,7 +107,7 @@ class Workspace:
             base = self.directory / "sweeps"
             plan = make_plan(config or sweep_config(name, self.sizes), base)
             run_sweep(plan, base / name, base=base, threads=self.threads, report=self.bar)
-            self._sweeps[name] = self._read(load(base / name))
+            self._sweeps[name] = self._read(open_stored(base / name))
         return self._sweeps[name]
 
     def again(self, name: str, runs: pd.DataFrame, **changes: Any) -> pd.DataFrame:
@@ -138,12 +138,12 @@ class Workspace:
         found = self.sweep(name, parse_config(config))
         return found.set_index("sample").reindex(range(len(runs))).set_axis(runs.index)
 
-    def _read(self, sweep: Sweep) -> pd.DataFrame:
-        runs = sweep.runs
+    def _read(self, stored: Stored) -> pd.DataFrame:
+        runs = stored.read().to_pandas()
         good = runs["status"] == "ok"
         self.failed += int((~good).sum())
         runs = runs[good].reset_index(drop=True)
-        cases = sweep.summary.set_index("case")
+        cases = stored.summary().to_pandas().set_index("case")
         for target in ("K_p", "K_r"):
             if cases[target].notna().any():
                 runs[f"{target}_body"] = runs[target]

@@ -1,4 +1,4 @@
-"""One block: from its number to its columns."""
+"""A block: from the keys of its runs to their rows."""
 
 from __future__ import annotations
 
@@ -21,6 +21,9 @@ from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics import steady
 from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.physics.theory import damping_rates, unsteady
+from rattlesweep.sweeps.arrow import build_table, ragged
+from rattlesweep.sweeps.columns import RUNS
+from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.error import Estimated, integrate_estimated
 from rattlesweep.sweeps.launches import (
     Launches,
@@ -29,30 +32,14 @@ from rattlesweep.sweeps.launches import (
     model_of,
     prepare,
 )
-from rattlesweep.sweeps.plan import Block, Plan
-from rattlesweep.sweeps.config.schema import Config
-from rattlesweep.sweeps.arrow import ragged
-from rattlesweep.sweeps.chaos import chaotic_column
-from rattlesweep.sweeps.columns import RUNS
-from rattlesweep.sweeps.types import TYPES, classify, sure_types
+from rattlesweep.sweeps.plan import Plan
+from rattlesweep.sweeps.types import TYPES, chaotic_column, classify, sure_types
 
 STATUS_WORDS = [status.label for status in Status]
 
 
-class Interrupted(Exception):
-    """A stop was asked for while runs were under way.
-
-    `columns` are those of the runs that had ended, as :func:`finish_block` has them, None if none
-    had; `lost` counts the runs that had begun but not ended.
-    """
-
-    def __init__(self, columns: Mapping[str, Any] | None = None, lost: int = 0) -> None:
-        super().__init__()
-        self.columns, self.lost = columns, lost
-
-
 def load_kernel(config: Config) -> float:
-    """Load the kernels that the runs take; how many seconds it took."""
+    """Load the kernels that the runs take, and return how many seconds it took."""
     begin = time.perf_counter()
     if config.model != "gh":
         plain, tangent = model_of(config).name, "lyapunov" in config.record
@@ -64,13 +51,12 @@ def load_kernel(config: Config) -> float:
     return time.perf_counter() - begin
 
 
-def prepare_block(plan: Plan, block: Block) -> tuple[Launches, Batch | None]:
-    """What can be done before the kernel is free: bodies, theory, initial states."""
-    return prepare_runs(plan, *plan.runs_of(block))
+Prepared = tuple[Launches, Batch | None]
+"""Bodies, launches and theory of some runs, and their batch; none for the closed form."""
 
 
-def prepare_runs(plan: Plan, case: Integers, sample: Integers) -> tuple[Launches, Batch | None]:
-    """The same for any runs, given by (case, sample) in the order of their cases."""
+def prepare_runs(plan: Plan, case: Integers, sample: Integers) -> Prepared:
+    """Return what can be had before the kernel is free: bodies, theory, initial states."""
     launches = prepare(plan, case, sample)
     batch = make_batch(launches, plan.config.model)
     if batch is not None and plan.config.classify.early:
@@ -78,33 +64,43 @@ def prepare_runs(plan: Plan, case: Integers, sample: Integers) -> tuple[Launches
     return launches, batch
 
 
-def finish_block(
+def compute(
     config: Config,
-    launches: Launches,
-    batch: Batch | None,
-    *,
+    schema: pa.Schema,
+    prepared: Prepared,
     threads: int | None = None,
     control: Control | None = None,
-) -> Mapping[str, Any]:
-    """Integrate and type a block: columns of ``runs``, ready for :func:`build_table`.
+) -> tuple[pa.Table, int]:
+    """Integrate and type runs.
 
-    Raises
-    ------
-    Interrupted
-        If ``control`` asked the kernel to stop; holds the columns of the runs that had ended.
+    Parameters
+    ----------
+    prepared : tuple
+        Of :func:`prepare_runs`.
+    threads : int, optional
+    control : Control, optional
+        Stops the kernel when it is told to.
+
+    Returns
+    -------
+    rows : pyarrow.Table
+        Of `schema`; if the kernel was stopped, of the runs that had ended.
+    lost : int
+        How many runs had begun but not ended.
     """
+    launches, batch = prepared
     if batch is None:
-        return columns_of(config, launches, None, None)
+        return build_table(columns_of(config, launches, None, None), schema), 0
     control = control or Control()
     outcome = run_batch(config, batch, threads=threads, control=control)
-    if not outcome.stopped:
-        return columns_of(config, launches, batch, outcome)
-    ended = outcome.status != Status.STOPPED
-    lost = control.runs_begun - int((ended & (outcome.status != Status.NO_HORIZON)).sum())
-    if not ended.any():
-        raise Interrupted(lost=lost)
-    some = take(launches, ended), take(batch, ended), take(outcome, ended)
-    raise Interrupted(columns_of(config, *some), lost)
+    lost = 0
+    if outcome.stopped:
+        ended = outcome.status != Status.STOPPED
+        lost = control.runs_begun - int((ended & (outcome.status != Status.NO_HORIZON)).sum())
+        launches, batch, outcome = take(launches, ended), take(batch, ended), take(outcome, ended)
+        if not ended.any():
+            return schema.remove_metadata().empty_table(), lost
+    return build_table(columns_of(config, launches, batch, outcome), schema), lost
 
 
 def columns_of(

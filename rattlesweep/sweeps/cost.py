@@ -1,30 +1,27 @@
-"""What runs are expected to cost before they are integrated: the one model of it.
-
-Shares of a sweep, progress, the order in which workers get blocks and the forecast all go by it.
-"""
+"""What runs are expected to cost: blocks, progress and the forecast all go by it."""
 
 from __future__ import annotations
-
-from functools import cached_property
 
 import numpy as np
 
 from rattlesweep.arrays import Floats, Integers
-from rattlesweep.sweeps.launches import Launches, prepare
-from rattlesweep.sweeps.plan import Block, Plan, make_plan
 from rattlesweep.sweeps.config.bodies import SdSource
+from rattlesweep.sweeps.launches import Launches, prepare
+from rattlesweep.sweeps.plan import Plan, make_plan
 
-# Runs by which the cost of a case is judged: of each of many, and of a single one.
 FEW, MANY = 16, 256
-# Draws depend on nothing but this and the plan.
+"""Runs by which the cost of a case is judged: of each of many cases, and of a single one."""
+MOST_JUDGED = 2_000
+"""Cases that are judged one by one; of more, every so many-th."""
 SEED = 20170427
 
 
 def expected_cost(launches: Launches, model: str) -> Floats:
-    """Expected cost of runs: radians of oscillation up to the horizon; 0 where there is none.
+    """Return the expected cost of runs: radians of oscillation up to the horizon, 0 where there is
+    none.
 
-    Steps go with the oscillations of the full dynamics, with the spin's of the reduced one; the
-    closed form takes the same for all.
+    The steps of the full dynamics go with the oscillations, those of the reduced dynamics with the
+    spin's; the closed form costs the same for all.
     """
     if model == "gh":
         return np.ones(len(launches.t_end))
@@ -35,56 +32,38 @@ def expected_cost(launches: Launches, model: str) -> Floats:
     return np.where(np.isfinite(cost), cost, 0.0)
 
 
-def some_runs(plan: Plan, per_case: int) -> tuple[Plan, Integers, Integers]:
-    """Cases and samples of at most so many runs of every case, and a plan that is cheap to ask.
+def sample_keys(plan: Plan, per_case: int, cases: Integers) -> tuple[Plan, Integers, Integers]:
+    """Return keys of at most so many runs of each of some cases, and a plan that is cheap to ask
+    for them.
 
-    Random bodies are all alike, so the first will do; those of a grid or a table are drawn from
-    all over it.
+    Random bodies are all alike, so the first will do; those of a grid or a table are taken from all
+    over it.
     """
     bodies = plan.config.bodies
     count = min(plan.samples, per_case)
-    cases = len(plan.cases)
     chosen = np.arange(count)
     if isinstance(bodies, SdSource):
         if bodies.target is not None:
             # Bodies come in chunks; a smaller plan has smaller ones, with the same bodies.
-            small = bodies.model_copy(update={"samples": count})
-            plan = make_plan(plan.config.model_copy(update={"bodies": small}))
+            small = plan.config.model_copy(
+                update={"bodies": bodies.model_copy(update={"samples": count})}
+            )
+            plan = make_plan(small).with_cases(plan.cases)
     elif count < plan.samples:
         random = np.random.default_rng(SEED)
         chosen = np.sort(random.choice(plan.samples, count, replace=False, shuffle=False))
-    return plan, np.repeat(np.arange(cases), count), np.tile(chosen, cases)
+    return plan, np.repeat(cases, count), np.tile(chosen, len(cases))
 
 
-class Costs:
-    """Expected costs of the blocks of a plan."""
-
-    def __init__(self, plan: Plan) -> None:
-        self._plan = plan
-
-    def following(self, plan: Plan) -> Costs:
-        """Those of a plan with more stages."""
-        costs = Costs(plan)
-        costs.of_cases = self.of_cases
-        return costs
-
-    @cached_property
-    def of_cases(self) -> Floats:
-        """Expected cost of one run of each case, from a few samples spread over it."""
-        cases = len(self._plan.cases)
-        if self._plan.config.model == "gh":
-            return np.ones(cases)
-        runs = prepare(*some_runs(self._plan, FEW if cases > 1 else MANY))
-        cost = expected_cost(runs, self._plan.config.model)
-        mean: Floats = cost.reshape(cases, -1).mean(axis=1)
-        return mean
-
-    def of(self, block: Block) -> float:
-        """Expected cost of a block."""
-        if self._plan.stages:
-            return float(self.of_cases[self._plan.runs_of(block)[0]].sum())
-        first, last = block.first // self._plan.samples, (block.stop - 1) // self._plan.samples
-        cases = np.arange(first, last + 1)
-        edges = np.clip(cases * self._plan.samples, block.first, block.stop)
-        counts = np.diff(np.append(edges, block.stop))
-        return float(self.of_cases[cases] @ counts)
+def case_costs(plan: Plan) -> Floats:
+    """Return the expected cost of one run of each case, from a few samples spread over it."""
+    count = len(plan.cases)
+    if plan.config.model == "gh":
+        return np.ones(count)
+    judged = np.unique(np.linspace(0, count - 1, min(count, MOST_JUDGED)).astype(int))
+    small, case, sample = sample_keys(plan, FEW if count > 1 else MANY, judged)
+    cost = expected_cost(prepare(small, case, sample), plan.config.model)
+    mean = cost.reshape(len(judged), -1).mean(axis=1)
+    # Cases between judged ones are neighbours in the order of the config.
+    costs: Floats = np.interp(np.arange(count), judged, mean)
+    return costs

@@ -21,7 +21,7 @@ from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.types import TYPES
 
 COLUMNS = ("n_i", "K_p", "omega_p", "n_c1", "t_rgh", "t_r", "type", "status", "near_tangencies")
-"""Columns of `runs` that `Cells.add` reads."""
+"""Columns of `runs` that `Counts.add` reads."""
 ERRORS = ("t_r_error", "type_sure")
 """Columns that it reads too, where they are recorded."""
 LOSSES = ("energy_left", "sigma", "rolling")
@@ -33,7 +33,7 @@ Z95 = 1.959963984540054
 
 
 def columns_for(config: Config) -> tuple[str, ...]:
-    """Columns of the runs of a sweep that `Cells.add` reads."""
+    """Columns of the runs of a sweep that `Counts.add` reads."""
     losses = LOSSES if config.dissipation else ()
     return (*COLUMNS, *(ERRORS if "error" in config.record else ()), *losses)
 
@@ -80,7 +80,7 @@ class Moments:
         return share(self.deviations(), np.sqrt(self.count))
 
 
-class Cells:
+class Counts:
     """Runs by cell; each attribute has the shape (cells,).
 
     Attributes
@@ -113,6 +113,8 @@ class Cells:
         )
         self.sensitive = np.zeros(cells, np.int64)
         self.has_errors = self.has_losses = False
+        # Of the runs that were done, where they count for others as well.
+        self.stored_failed: Integers | None = None
         self._types = {name: np.zeros(cells, np.int64) for name in TYPES}
         self.unsure_types = {name: np.zeros(cells, np.int64) for name in TYPES}
         self.t_r, self.ratio, self.t_rgh, self.t_r_error = (Moments(cells) for _ in range(4))
@@ -174,7 +176,7 @@ class Cells:
     @property
     def failed(self) -> Integers:
         """Runs with a status other than ``ok``."""
-        return self.runs - self.ok
+        return self.runs - self.ok if self.stored_failed is None else self.stored_failed
 
     def columns(self) -> dict[str, Floats | Integers | pa.Array]:
         """The columns of `summary` that follow from the runs."""

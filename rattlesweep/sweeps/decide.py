@@ -1,132 +1,168 @@
-"""Sweeps that decide what to run next: a stage at a time, each from the runs of those before.
+"""Sweeps that leave runs out: `stop` and `bodies.refine`.
 
-A sweep with `stop` or `bodies.refine` has the cases, samples and run numbers of the one without
-it, but does some of these runs only. What a stage asks for follows from the config and from the
-rows of the stages before it, so it is the same whoever asks, in whatever order blocks were done.
-The runs of a sweep have places, stage by stage and in the order of their numbers; its blocks are
-slices of these and do not cross stages.
+Both decide in waves, each from the rows of the waves before it, so that what is wanted is a
+function of the config and of the rows: the same whoever asks, in whatever order the runs were done.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import product
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from rattlesweep.arrays import Flags, Integers
+from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.errors import ConfigError
-from rattlesweep.sweeps.config.bodies import GridSource, Refine
-from rattlesweep.sweeps.config.schema import Config, Stop
-from rattlesweep.sweeps.counts import COLUMNS, Cells, codes, floats, wilson
 from rattlesweep.sweeps.columns import runs_schema
-from rattlesweep.sweeps.types import TYPES
+from rattlesweep.sweeps.config.bodies import GridSource
+from rattlesweep.sweeps.config.schema import Config, Stop
+from rattlesweep.sweeps.counts import codes, floats, wilson
+from rattlesweep.sweeps.types import TYPES, R
+
+if TYPE_CHECKING:
+    from rattlesweep.sweeps.cases import Case
+    from rattlesweep.sweeps.stored import Stored
 
 FIRST = 400
-"""Samples of a case before which it is not stopped: fewer tell too little of how few they are."""
+"""Samples of each case in the first wave: with fewer the intervals are too uncertain to stop on."""
 MORE = 0.1
-"""Share of its samples that a case is given more of, in whole blocks."""
+"""Samples of the next wave, as a share of those so far."""
 Z = 2.1700903775845606
-"""Quantile of the normal distribution for 97 %: who stops as soon as an interval of 95 % is narrow
-enough stops too soon now and then, and the margin makes up for it (`benchmarks/stopping.py`)."""
+"""Quantile of the normal distribution for 97 %.  A sweep that stops as soon as an interval of 95 %
+is narrow enough stops too early now and then; the margin makes up for it
+(`benchmarks/stopping.py`)."""
 MOST_POINTS = 10**8
 FEWEST = 5
-"""Values along an axis of which some may be left out."""
+"""Values along an axis from which on some may be left out."""
+FAILED = len(TYPES)
+"""Code of a run whose status is not ``ok``."""
 
 
-def make_stages(config: Config, cases: int, samples: int) -> Stopping | Refining | None:
-    """What a sweep of so many cases and samples decides by; None if it does all runs."""
+def decides(config: Config) -> str | None:
+    """Return the key of the config by which a sweep leaves runs out; None if it does all runs."""
     if config.stop is not None:
-        return Stopping(config.stop, cases, samples, config.block_size)
-    if isinstance(config.bodies, GridSource) and config.bodies.refine is not None:
-        return Refining(config, config.bodies.refine)
-    return None
+        return "stop"
+    bodies = config.bodies
+    return "bodies.refine" if isinstance(bodies, GridSource) and bodies.refine else None
 
 
-def n_blocks(stages: Sequence[int], size: int) -> int:
-    """Blocks of stages with so many runs."""
-    return sum(-(-runs // size) for runs in stages)
+def decision(config: Config, cases: Sequence[Case], samples: int) -> Stopping | Refining | None:
+    """Return what decides which runs of a sweep are wanted; None if all are."""
+    if config.stop is not None:
+        return Stopping(config.stop, (len(cases), samples))
+    return Refining(config, cases, samples) if decides(config) else None
 
 
-def borders(stages: Sequence[int], size: int, index: int) -> tuple[int, int]:
-    """Places of the runs of a block, from and up to, in a sweep of stages with so many runs."""
-    first = 0
-    for runs in stages:
-        if index < (blocks := -(-runs // size)):
-            return first + index * size, min(first + (index + 1) * size, first + runs)
-        index -= blocks
-        first += runs
-    raise IndexError(index)
+class _Known:
+    """What is known of the runs.
+
+    Attributes
+    ----------
+    code : ndarray of int8, shape (cases, samples)
+        Place of the type in :data:`TYPES`, :data:`FAILED` where a run is not ok, -1 where there is
+        none.
+    value : ndarray, shape (cases, samples) or (0, 0)
+        The column that is asked for.
+    """
+
+    def __init__(self, shape: tuple[int, int], column: str | None) -> None:
+        self.code = np.full(shape, -1, np.int8)
+        self.value = np.full(shape if column else (0, 0), np.nan)
+        self._column = column
+        names = ("case", "sample", "type", "status", *((column,) if column else ()))
+        self.columns = tuple(dict.fromkeys(names))
+
+    def read(self, stored: Stored) -> None:
+        """Take all rows of a directory."""
+        for rows in stored.batches(self.columns):
+            self.add(rows)
+
+    def add(self, rows: pa.RecordBatch | pa.Table) -> None:
+        """Take rows."""
+        at = tuple(rows.column(name).to_numpy() for name in ("case", "sample"))
+        ok = codes(rows.column("status"), ("ok",)) == 0
+        self.code[at] = np.where(ok, codes(rows.column("type"), TYPES), FAILED)
+        if self._column:
+            self.value[at] = floats(rows.column(self._column))
 
 
-class Stopping:
-    """Samples case by case, in whole blocks, until each case is known well enough."""
+class Stopping(_Known):
+    """More and more samples of each case until it is known well enough."""
 
-    columns = ("case", *COLUMNS)
+    def __init__(self, stop: Stop, shape: tuple[int, int]) -> None:
+        self._stop = stop
+        super().__init__(shape, None if stop.t_r is None else "t_r")
 
-    def __init__(self, stop: Stop, cases: int, samples: int, size: int) -> None:
-        self._stop, self._samples, self._size = stop, samples, size
-        self._cells = Cells(cases)
-        self._done = 0
+    def wanted(self) -> Flags:
+        """Return which runs are wanted, as far as the rows so far tell.  Shape (cases, samples)."""
+        cases, samples = self.code.shape
+        wanted = np.zeros((cases, samples), dtype=bool)
+        active, done = np.arange(cases), 0
+        while len(active) and done < samples:
+            first, done = done, min(samples, max(FIRST, done + math.ceil(MORE * done)))
+            wanted[active, first:done] = True
+            if (self.code[active, first:done] < 0).any():
+                break
+            active = active[~self._are_known(active, done)]
+        return wanted
 
-    def first(self) -> Integers:
-        """Numbers of the runs of the first stage: the same number of samples of every case."""
-        return self._more(np.arange(len(self._cells.runs)), FIRST)
-
-    def add(self, rows: pa.RecordBatch) -> None:
-        """Count runs: all of one stage before those of the next, in their order."""
-        self._cells.add(rows, rows.column("case").to_numpy().astype(np.int64))
-
-    def next(self) -> Integers:
-        """Those of the next: more samples of the cases that are not known well enough."""
-        return self._more(np.flatnonzero(~self.known()), int(np.ceil(MORE * self._done)))
-
-    def known(self) -> Flags:
-        """Whether each case is."""
-        cells, stop = self._cells, self._stop
-        known = np.ones(len(cells.runs), dtype=bool)
+    def _are_known(self, cases: Integers, samples: int) -> Flags:
+        """Return which cases so many samples tell enough about."""
+        code, stop = self.code[cases, :samples], self._stop
+        ok = (code < FAILED).sum(axis=1)
+        known = np.ones(len(cases), dtype=bool)
         if stop.fraction is not None:
-            for part in cells.types.values():
-                low, high = wilson(part, cells.ok, Z)
+            for number in range(len(TYPES)):
+                low, high = wilson((code == number).sum(axis=1), ok, Z)
                 known &= (high - low) / 2 <= stop.fraction
         if stop.t_r is not None:
-            known &= Z * cells.t_r.errors() <= stop.t_r * cells.t_r.means()
+            reverses = code == R
+            count = reverses.sum(axis=1)
+            value = np.where(reverses, self.value[cases, :samples], 0.0)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                mean = value.sum(axis=1) / count
+                off = np.where(reverses, value - mean[:, None], 0.0)
+                error = np.sqrt((off**2).sum(axis=1) / (count - 1) / count)
+                known &= Z * error <= stop.t_r * mean
         return known
 
-    def _more(self, cases: Integers, samples: int) -> Integers:
-        first, size = self._done, self._size
-        self._done = min(self._samples, first + max(1, -(-samples // size)) * size)
-        numbers: Integers = np.add.outer(
-            cases * self._samples, np.arange(first, self._done)
-        ).ravel()
-        return numbers
 
-
-class Refining:
+class Refining(_Known):
     """A grid of every 2^levels-th value, halved where the runs in and around a cell differ.
 
     A cell is refined if the runs known of it, its border included, are not of one type, or if the
     column that is asked for bends there: what is found on the border of a cell refines its
-    neighbour, so that boundaries are followed to their ends. Axes of few values are done whole,
-    each of these a picture of its own.
+    neighbour, so that boundaries are followed to their ends.  Axes of few values are done whole.
+
+    Parameters
+    ----------
+    config : Config
+    cases : sequence of Case
+    samples : int
     """
 
-    def __init__(self, config: Config, refine: Refine) -> None:
+    def __init__(self, config: Config, cases: Sequence[Case], samples: int) -> None:
         bodies, spin = config.bodies, config.spin
         assert isinstance(bodies, GridSource)
-        launches: dict[str, Any] = {}
+        assert bodies.refine is not None
+        refine = bodies.refine
+        launches: dict[str, Sequence[float | None]] = {}
         if spin is not None:
             launches |= {"n_i": spin.n_i, "omega_xy0": spin.omega_xy0}
         if losses := config.dissipation:
             launches |= {name: losses.values(name) for name in ("sigma", "rolling")}
-        axes = bodies.axes.values()
+        axes = bodies.varying
         lengths = {name: len(values) for name, values in (launches | axes).items()}
-        self.names = tuple(lengths)
-        self.shape = tuple(lengths.values())
+        self.names, self.shape = tuple(lengths), tuple(lengths.values())
+        if (points := math.prod(self.shape)) > MOST_POINTS:
+            raise ConfigError(
+                f"bodies.refine: the finest grid has {points} points; at most {MOST_POINTS} are "
+                "possible"
+            )
         self.strides = strides(self.shape, refine.levels)
         if max(self.strides) == 1:
             raise ConfigError(
@@ -138,52 +174,76 @@ class Refining:
                 f"bodies.refine.by: there is no column {refine.by} in these runs; have it "
                 "recorded, or take another"
             )
-        if (points := math.prod(self.shape)) > MOST_POINTS:
-            raise ConfigError(
-                f"bodies.refine: the finest grid has {points} points; at most {MOST_POINTS} are "
-                "possible"
-            )
-        self._samples = math.prod(map(len, axes.values()))
-        self._by, self._tol = refine.by, refine.tol
-        self.columns = tuple(dict.fromkeys(("case", "sample", "type", "status", refine.by)))
-        # -1: not known.
-        self.code = np.full(self.shape, -1, np.int8)
-        self.value = np.full(self.shape if refine.by != "type" else (0,), np.nan)
+        self._tol = refine.tol
+        super().__init__((len(cases), samples), None if refine.by == "type" else refine.by)
+        # A directory may number its cases in another order than the axes.
+        numbers = {tuple(getattr(case, name) for name in launches): case.index for case in cases}
+        self._order = np.array([numbers[values] for values in product(*launches.values())])
 
-    def first(self) -> Integers:
-        """Numbers of the runs of the first stage: the coarse grid."""
-        coarse = np.zeros(self.shape, dtype=bool)
-        coarse[np.ix_(*(ticks(n, s) for n, s in zip(self.shape, self.strides, strict=True)))] = True
-        numbers: Integers = np.flatnonzero(coarse)
-        return numbers
+    def _grid(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Return values by (case, sample) as an array along the axes."""
+        grid: NDArray[Any] = values[self._order].reshape(self.shape)
+        return grid
 
-    def add(self, rows: pa.RecordBatch) -> None:
-        """Take what runs came to, stage by stage."""
-        case, sample = (rows.column(n).to_numpy().astype(np.int64) for n in ("case", "sample"))
-        number = case * self._samples + sample
-        ok = codes(rows.column("status"), ("ok",)) == 0
-        self.code.ravel()[number] = np.where(ok, codes(rows.column("type"), TYPES), len(TYPES))
-        if self._by != "type":
-            self.value.ravel()[number] = floats(rows.column(self._by))
+    def _runs(self, grid: NDArray[Any]) -> NDArray[Any]:
+        """Return values along the axes by (case, sample)."""
+        values = np.empty(self.code.shape, grid.dtype)
+        values[self._order] = grid.reshape(len(self._order), -1)
+        return values
 
-    def next(self) -> Integers:
-        """Those of the next: points between those of the cells, of any size, to be halved."""
+    def wanted(self) -> Flags:
+        """Return which runs are wanted, as far as the rows so far tell.  Shape (cases, samples)."""
+        code = self._grid(self.code)
+        value = self._grid(self.value) if self.value.size else None
         wanted = np.zeros(self.shape, dtype=bool)
-        stride = self.strides
-        while max(stride) > 1:
-            self._halve(stride, wanted)
-            stride = tuple(max(1, s // 2) if s == max(stride) else s for s in stride)
-        numbers: Integers = np.flatnonzero(wanted & (self.code < 0))
-        return numbers
+        wanted[np.ix_(*(ticks(n, s) for n, s in zip(self.shape, self.strides, strict=True)))] = True
+        while not (code[wanted] < 0).any():
+            more = np.zeros(self.shape, dtype=bool)
+            # Only what this wave and those before it have found counts.
+            seen = np.where(wanted, code, np.int8(-1))
+            stride = self.strides
+            while max(stride) > 1:
+                self._halve(stride, more, seen, value)
+                stride = tuple(max(1, s // 2) if s == max(stride) else s for s in stride)
+            more &= ~wanted
+            if not more.any():
+                break
+            wanted |= more
+        return self._runs(wanted)
 
-    def _halve(self, stride: tuple[int, ...], wanted: Flags) -> None:
+    def nearest(self, there: Flags) -> tuple[Integers, Integers]:
+        """Return for each run, by (case, sample), which of those that are `there` is nearest on the
+        grid.
+
+        Axes of few values, which are done whole, are no way to a neighbour.  Two arrays of the
+        shape (cases, samples): case and sample of that run.
+        """
+        from scipy.ndimage import distance_transform_edt
+
+        missing, numbers = ~self._grid(there), np.arange(there.size).reshape(there.shape)
+        number = self._grid(numbers)
+        whole = [axis for axis, stride in enumerate(self.strides) if stride == 1]
+        filled = np.empty(self.shape, dtype=np.int64)
+        for place in product(*(range(self.shape[axis]) for axis in whole)):
+            here: list[Any] = [slice(None)] * len(self.shape)
+            for axis, k in zip(whole, place, strict=True):
+                here[axis] = k
+            at = tuple(here)
+            index = distance_transform_edt(missing[at], return_distances=False, return_indices=True)
+            filled[at] = number[at][tuple(index)]
+        case, sample = np.divmod(self._runs(filled), there.shape[1])
+        return case, sample
+
+    def _halve(
+        self, stride: tuple[int, ...], wanted: Flags, code: NDArray[np.int8], value: Floats | None
+    ) -> None:
         """Mark the points of the cells of these sides that are to be halved."""
         axes = range(len(self.shape))
         at = [ticks(n, s) for n, s in zip(self.shape, stride, strict=True)]
-        known = self.code >= 0
-        most = np.where(known, self.code, -1)
-        least = np.where(known, self.code, 127).astype(np.int8)
-        corners = self.code[np.ix_(*at)] >= 0
+        known = code >= 0
+        most = np.where(known, code, np.int8(-1))
+        least = np.where(known, code, np.int8(127))
+        corners = code[np.ix_(*at)] >= 0
         for axis in axes:
             if self.strides[axis] == 1:
                 continue  # of few values, each apart from the others
@@ -191,8 +251,8 @@ class Refining:
             least = _over(np.minimum, least, at[axis], axis)
             corners = _ends(np.logical_and, corners, axis)
         differs = corners & (most != least)
-        if self._by != "type":
-            differs |= corners & self._bends(at, stride)
+        if value is not None:
+            differs |= corners & self._bends(at, value)
         cells = np.nonzero(differs)
         sides: list[tuple[Integers, ...]] = []
         for axis, cell in zip(axes, cells, strict=True):
@@ -206,9 +266,9 @@ class Refining:
         for point in product(*sides):
             wanted[point] = True
 
-    def _bends(self, at: list[Integers], stride: tuple[int, ...]) -> Flags:
-        """Cells with a corner that lies off the line through its neighbours."""
-        value = self.value[np.ix_(*at)]
+    def _bends(self, at: list[Integers], values: Floats) -> Flags:
+        """Return which cells have a corner that lies off the line through its neighbours."""
+        value = values[np.ix_(*at)]
         bends = np.zeros(value.shape, dtype=bool)
         for axis, place in enumerate(at):
             if len(place) < 3 or self.strides[axis] == 1:
@@ -226,27 +286,54 @@ class Refining:
 
 
 def strides(shape: Sequence[int], levels: int) -> tuple[int, ...]:
-    """Steps of the coarse grid along axes of so many values: two of them at least, or 1."""
+    """Return the steps of the coarse grid along axes of so many values: two at least, or 1."""
     return tuple(1 if n < FEWEST else min(1 << levels, 1 << ((n - 1) // 2).bit_length() - 1)
                  for n in shape)  # fmt: skip
 
 
 def ticks(length: int, stride: int) -> Integers:
-    """Every so many-th place along an axis, and the last."""
+    """Return every so many-th place along an axis, and the last."""
     return np.unique(np.append(np.arange(0, length, stride), length - 1))
 
 
 def _over(
     function: np.ufunc, values: NDArray[np.int8], at: Integers, axis: int
 ) -> NDArray[np.int8]:
-    """Of the cells along an axis, the most or the least, both ends included."""
+    """Return the most or the least of each cell along an axis, both ends included."""
     inner = function.reduceat(values, at[:-1], axis=axis)
     ends: NDArray[np.int8] = function(inner, np.take(values, at[1:], axis=axis))
     return ends
 
 
 def _ends(function: np.ufunc, values: Flags, axis: int) -> Flags:
-    """Of the cells along an axis, both ends together."""
+    """Return both ends of each cell along an axis together."""
     v = np.moveaxis(values, axis, 0)
     both: Flags = np.moveaxis(function(v[:-1], v[1:]), 0, axis)
     return both
+
+
+def filled(stored: Stored, names: Sequence[str]) -> Iterator[pa.Table]:
+    """Yield a row for every run of a refined sweep, whether it was done or left out, case by case.
+
+    A run that was left out has the columns of the nearest one on the grid that was done, under its
+    own case and sample.
+    """
+    refining = Refining(stored.config, stored.cases, stored.samples)
+    rows = stored.read(list(dict.fromkeys(["case", "sample", *names])))
+    shape = refining.code.shape
+    place = np.full(shape, -1, dtype=np.int64)
+    place[rows["case"].to_numpy(), rows["sample"].to_numpy()] = np.arange(len(rows))
+    if not len(rows):
+        return
+    case, sample = refining.nearest(place >= 0)
+    for number in range(shape[0]):
+        found = rows.take(pa.array(place[case[number], sample[number]]))
+        for name, values in (
+            ("case", np.full(shape[1], number)),
+            ("sample", np.arange(shape[1])),
+        ):
+            at = found.schema.get_field_index(name)
+            found = found.set_column(
+                at, rows.schema.field(at), pa.array(values, rows.schema.field(at).type)
+            )
+        yield found.select(list(names)) if set(names) >= {"case", "sample"} else found

@@ -15,10 +15,10 @@ from rattlesweep.integrate.batch import N_WINDOWS, Batch
 from rattlesweep.integrate.model import ELLIPSOID, FRICTION, FULL, MODELS, Model
 from rattlesweep.physics import full, launch, reduced, stone, theory
 from rattlesweep.physics.steady import settled_oscillation, steady_modes
-from rattlesweep.sweeps.plan import Plan
 from rattlesweep.sweeps.bodies.sources import Bodies
-from rattlesweep.sweeps.config.schema import Config, Horizon
 from rattlesweep.sweeps.columns import MEASURED
+from rattlesweep.sweeps.config.schema import Config, Horizon
+from rattlesweep.sweeps.plan import Plan
 
 if TYPE_CHECKING:
     from rattlesweep.sweeps.bodies.measured import Measured
@@ -71,7 +71,7 @@ class Launches:
 
 def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
     """Bodies, launches, theory and horizons of runs, in any order."""
-    bodies = plan.source.bodies(np.array([c.group for c in plan.cases])[case], sample)
+    bodies = plan.source.bodies(plan.targets[case], sample)
     spin, state = plan.config.spin, plan.config.launch
     if state is not None and bodies.n_i is None:
         omega, u = (np.tile(x, (len(sample), 1)) for x in (state.omega, state.u))

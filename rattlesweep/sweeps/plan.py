@@ -1,164 +1,106 @@
-"""From a config to cases and blocks.
+"""From a config to its cases and samples.
 
 A case is one combination of target, ``n_i`` and ``omega_xy0``, and of the dissipation where it has
-several values; its runs are the samples of the source.  Runs are numbered case by case, and a block
-is a fixed slice of these numbers: its rows depend on the config and on the block's number alone.  A
-sweep that decides what to run next does so in stages (:mod:`rattlesweep.sweeps.decide`), each
-with blocks of its own.
+several values; a run is one sample of a case, and its key is ``(case, sample)``.  What becomes of a
+run follows from the config and its key alone.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 
-from rattlesweep.arrays import Floats, Integers
+from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics.launch import spin_and_oscillation
 from rattlesweep.sweeps.bodies.sources import Source, TableBodies, make_source
-from rattlesweep.sweeps.decide import borders, make_stages, n_blocks
+from rattlesweep.sweeps.cases import Case
+from rattlesweep.sweeps.columns import STATE, runs_schema
 from rattlesweep.sweeps.config.bodies import SdSource
 from rattlesweep.sweeps.config.fields import TABLE
 from rattlesweep.sweeps.config.load import parse_config
 from rattlesweep.sweeps.config.schema import Config, Dissipation
-from rattlesweep.sweeps.columns import STATE, runs_schema
 
-# Files in one directory, all of which are looked at as a sweep begins: some seconds.
-MAX_BLOCKS = 100_000
-
-
-@dataclass(frozen=True)
-class Case:
-    """One case; ``group`` is the place of its target in the target list."""
-
-    index: int
-    group: int
-    target_name: str | None
-    target: float | None
-    n_i: float | None
-    omega_xy0: float | None
-    sigma: float | None = None
-    rolling: float | None = None
-
-
-@dataclass(frozen=True)
-class Block:
-    """A slice of the runs by their places in the sweep, ``first <= place < stop``."""
-
-    index: int
-    first: int
-    stop: int
-
-    @property
-    def rows(self) -> int:
-        """Number of runs."""
-        return self.stop - self.first
+MAX_RUNS = 10**9
+"""Runs of a sweep; what is done of them is held as one byte each."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What a config comes to.
+    """Runs that a config asks for.
 
     Attributes
     ----------
+    config : Config
+    source : Source
+        Where the bodies come from.
+    cases : tuple of Case
+        Numbered from 0; a directory may hold them in another order than the config.
     extra : tuple of pa.Field
-        Columns that its bodies and launches bring along.
-    stages : tuple of ndarray of int64
-        Numbers of the runs of each stage that is known; empty where all runs are done in one.
+        Columns that the bodies and launches bring along.
     """
 
     config: Config
     source: Source
     cases: tuple[Case, ...]
     extra: tuple[pa.Field, ...] = ()
-    stages: tuple[Integers, ...] = ()
 
-    @property
+    @cached_property
     def schema(self) -> pa.Schema:
-        """Of its runs."""
+        """Arrow schema of the runs."""
         return runs_schema(self.config.parts, self.config.model, self.extra)
 
     @property
-    def block_size(self) -> int:
-        """Runs of a block, but for the last of a stage."""
-        return self.config.block_size
-
-    @property
     def samples(self) -> int:
-        """Samples of each case."""
+        """Number of samples of each case."""
         return self.source.samples
 
     @property
+    def shape(self) -> tuple[int, int]:
+        """Numbers of cases and samples."""
+        return len(self.cases), self.samples
+
+    @property
     def runs(self) -> int:
-        """Number of runs of the sweep, as far as its stages are known."""
-        return sum(self.sizes)
+        """Number of runs, if none is left out."""
+        return len(self.cases) * self.samples
 
-    @property
-    def sizes(self) -> list[int]:
-        """Runs of each stage."""
-        return [len(s) for s in self.stages] or [self.samples * len(self.cases)]
+    @cached_property
+    def targets(self) -> Floats:
+        """Target of each case, NaN without one."""
+        return np.array([np.nan if c.target is None else c.target for c in self.cases])
 
-    @property
-    def stages_by(self) -> str:
-        """The key of the config by which there are stages."""
-        return "bodies.refine" if self.config.stop is None else "stop"
-
-    @property
-    def whole(self) -> Plan:
-        """All runs that there may be, in one stage."""
-        return replace(self, stages=())
-
-    @property
-    def n_blocks(self) -> int:
-        """Number of blocks."""
-        return n_blocks(self.sizes, self.block_size)
-
-    def block(self, index: int) -> Block:
-        """One block."""
-        return Block(index, *borders(self.sizes, self.block_size, index))
-
-    def runs_of(self, block: Block) -> tuple[Integers, Integers]:
-        """Case and sample numbers of a block's runs."""
-        return self.runs_at(np.arange(block.first, block.stop))
-
-    def runs_at(self, places: Integers) -> tuple[Integers, Integers]:
-        """Case and sample numbers of runs by their places in the sweep."""
-        numbers = np.concatenate(self.stages)[places] if self.stages else places
-        case, sample = np.divmod(numbers, self.samples)
-        return case, sample
-
-    def place(self, case: int, sample: int) -> int | None:
-        """Place of a run in the sweep; None if it is not one of it."""
-        number = case * self.samples + sample
-        if not self.stages:
-            return number
-        found = np.flatnonzero(np.concatenate(self.stages) == number)
-        return int(found[0]) if len(found) else None
-
-    def block_of(self, place: int) -> int:
-        """Number of the block with the run at a place."""
-        index = 0
-        for runs in self.sizes:
-            if place < runs:
-                return index + place // self.block_size
-            index, place = index + -(-runs // self.block_size), place - runs
-        raise IndexError(place)
+    def with_cases(self, cases: Sequence[Case]) -> Plan:
+        """Return the same plan with its cases in another order."""
+        return replace(self, cases=tuple(cases))
 
 
 def make_plan(config: Config, base: Path | None = None, source: Source | None = None) -> Plan:
-    """Cases, source (:func:`rattlesweep.sweeps.bodies.sources.make_source`) and blocks of a config.
+    """Return the plan of a config.
 
-    Another `source` may take the place of its own.
+    Parameters
+    ----------
+    config : Config
+    base : Path, optional
+        Directory in which the relative path of a table is looked up after the working directory.
+    source : Source, optional
+        Bodies that take the place of the config's own.
+
+    Raises
+    ------
+    ConfigError
+        If bodies, launches and model do not go together.
     """
     source = source or make_source(config, base)
     if isinstance(source, TableBodies):
         config = _with_losses(config, source.losses)
-    runs_schema(config.parts, config.model)
+    runs_schema(config.parts, config.model)  # refuses what the model cannot record
     targets: list[tuple[str | None, float | None]] = [(None, None)]
     if isinstance(config.bodies, SdSource) and config.bodies.target is not None:
         aim = config.bodies.target
@@ -167,7 +109,7 @@ def make_plan(config: Config, base: Path | None = None, source: Source | None = 
     extra: tuple[pa.Field, ...] = ()
     if isinstance(source, TableBodies) and source.has_launch:
         extra = STATE if source.has_state else ()
-        rows = source.bodies(0, np.arange(source.samples))
+        rows = source.bodies(np.nan, np.arange(source.samples))
         assert rows.n_i is not None
         _check_launches(config, bool(extra), rows.n_i, rows.t_end, " (row {} of the table)")
     elif config.launch is not None:
@@ -186,25 +128,22 @@ def make_plan(config: Config, base: Path | None = None, source: Source | None = 
     if isinstance(source, TableBodies) and source.measured is not None:
         extra += source.measured.fields
     losses = config.dissipation.cases if config.dissipation else [(None, None)]
-    groups = product(enumerate(targets), launches, losses)
+    combinations = product(targets, launches, losses)
     cases = tuple(
-        Case(index, group, *target, *launch, *loss)
-        for index, ((group, target), launch, loss) in enumerate(groups)
+        Case(number, *target, *launch, *loss)
+        for number, (target, launch, loss) in enumerate(combinations)
     )
-    stages = make_stages(config, len(cases), source.samples)
-    first = () if stages is None else (stages.first(),)
-    plan = Plan(config, source, cases, extra, first)
-    if plan.n_blocks > MAX_BLOCKS:
+    plan = Plan(config, source, cases, extra)
+    if plan.runs > MAX_RUNS:
         raise ConfigError(
-            f"block_size: {plan.runs} runs make {plan.n_blocks} blocks of {plan.block_size} runs, "
-            f"each a file; at most {MAX_BLOCKS} are possible, so take fewer samples, fewer cases, "
-            "or larger blocks"
+            f"bodies: {len(cases)} cases of {plan.samples} samples are {plan.runs:.3g} runs; at "
+            f"most {MAX_RUNS:.0e} are possible in one sweep, so take fewer samples or cases"
         )
     return plan
 
 
 def _with_losses(config: Config, own: Mapping[str, float | str]) -> Config:
-    """The config of a table that says the dissipation of its rows."""
+    """Return the config with the dissipation that a table gives for its rows."""
     given = config.dissipation
     for name in Dissipation.model_fields:
         if getattr(given, name) == TABLE and name not in own:
@@ -230,9 +169,9 @@ def _with_losses(config: Config, own: Mapping[str, float | str]) -> Config:
 def _check_launches(
     config: Config, state: bool, n_i: Floats, t_end: Floats | None = None, which: str = ""
 ) -> None:
-    """Refuse launches that go with no model, or have no horizon.
+    """Raise a ConfigError for launches that no model takes or that have no horizon.
 
-    `state` says whether they are full states, `t_end` are horizons of their own, NaN for none, and
+    `state` says whether they are full states; `t_end` are horizons of their own, NaN for none;
     `which` has a place for the number of a row.
     """
     model, tapped = config.model, n_i == 0

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,13 +20,13 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import MAX_DAMPING, Batch
 from rattlesweep.integrate.tableau import METHODS, Tableau
 from rattlesweep.physics import theory
-from rattlesweep.sweeps.launches import Launches, make_batch, prepare
-from rattlesweep.sweeps.plan import Plan, make_plan
 from rattlesweep.sweeps.bodies.sampler import bodies_of
 from rattlesweep.sweeps.bodies.sources import Bodies, SdBodies, ranges_of
 from rattlesweep.sweeps.config.bodies import SdSource
 from rattlesweep.sweeps.config.places import Key, Problem
 from rattlesweep.sweeps.config.schema import Config
+from rattlesweep.sweeps.launches import Launches, make_batch, prepare
+from rattlesweep.sweeps.plan import Plan, make_plan
 
 # Runs that stand for a sweep, and bodies drawn to see what targets are within reach.
 RUNS, DRAWN = 4096, 65_536
@@ -312,7 +312,7 @@ class Sample:
 
 def sample_runs(plan: Plan) -> Sample:
     """Runs that stand for those of a sweep: all if they are few, else `RUNS` from all over it."""
-    plan, bodies = plan.whole, plan.config.bodies
+    bodies = plan.config.bodies
     if isinstance(bodies, SdSource):
         plan = replace(plan, source=DrawnBodies(bodies))
     size = min(plan.runs, RUNS)
@@ -320,7 +320,7 @@ def sample_runs(plan: Plan) -> Sample:
     words = f"the {size} runs" if size == plan.runs else f"{size} of the {plan.runs} runs"
     if isinstance(bodies, SdSource):
         words = f"{size} runs drawn from the ranges"
-    return Sample(prepare(plan, *plan.runs_at(runs)), words)
+    return Sample(prepare(plan, *np.divmod(runs, plan.samples)), words)
 
 
 class DrawnBodies:
@@ -331,7 +331,7 @@ class DrawnBodies:
     def __init__(self, source: SdSource) -> None:
         target = source.target
         drawn = draw(source, RUNS if target is None else DRAWN)
-        self._bodies = drawn
+        self._bodies, self._values = drawn, [] if target is None else target.values
         if target is not None:
             found = coefficient(drawn, target.name)
             order = np.argsort(found)
@@ -339,8 +339,14 @@ class DrawnBodies:
             first = np.clip(middle - RUNS // 2, 0, DRAWN - RUNS)
             self._bodies = take(drawn, order[np.add.outer(first, np.arange(RUNS)).ravel()])
 
-    def bodies(self, group: int | Integers, samples: Integers) -> Bodies:
+    def bodies(self, group: Any, samples: Integers) -> Bodies:
         """Bodies of some samples, each of the cases of a target ``group``."""
+        group = np.array(
+            [
+                self._values.index(v) if v in self._values else 0
+                for v in np.broadcast_to(group, samples.shape)
+            ]
+        )
         return take(self._bodies, group * RUNS + samples)
 
 

@@ -7,16 +7,9 @@ import os
 import platform
 import sys
 from datetime import UTC, datetime
-from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-from rattlesweep.sweeps.config.bodies import TableSource
-from rattlesweep.sweeps.config.load import physics_hash
-
-if TYPE_CHECKING:
-    from rattlesweep.sweeps.plan import Plan
+from typing import Any
 
 PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "pandas", "pyarrow")
 
@@ -41,22 +34,8 @@ def command_line() -> list[str]:
     return [word.encode(errors="backslashreplace").decode() for word in words]
 
 
-@cache
-def lapack() -> str:
-    """NumPy's LAPACK, as a hash of what it computes.
-
-    Modes come from it, and its last bits depend on which library it is, which of its kernels it
-    takes for the processor, and environment variables.
-    """
-    import numpy as np
-
-    numbers = (37 * np.arange(1024) % 101 / 101).reshape(64, 4, 4)
-    eigen = b"".join(part.tobytes() for part in np.linalg.eig(numbers))
-    return hashlib.sha256(eigen).hexdigest()[:8]
-
-
 def machine() -> dict[str, Any]:
-    """Processor, system, the processors that this process may use, and the LAPACK of NumPy."""
+    """Return system, processor and the number of processors that this process may use."""
     from llvmlite import binding
 
     allowed = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
@@ -65,7 +44,6 @@ def machine() -> dict[str, Any]:
         "machine": platform.machine(),
         "cpu": binding.get_host_cpu_name(),
         "processors": allowed,
-        "lapack": lapack(),
     }
 
 
@@ -77,25 +55,6 @@ def peak_memory() -> int | None:
         return None
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak if sys.platform == "darwin" else 1024 * peak
-
-
-def identity(plan: Plan, base: Path | None = None) -> str:
-    """Hash of what determines the stored numbers: config, and the contents of a table."""
-    digest = hashlib.sha256(physics_hash(plan.config).encode())
-    for file in table_files(plan, base):
-        with open(file, "rb") as handle:
-            digest.update(hashlib.file_digest(handle, "sha256").digest())
-    return digest.hexdigest()
-
-
-def table_files(plan: Plan, base: Path | None = None) -> list[Path]:
-    """Files that bodies are read from; none where they come from no table."""
-    if not isinstance(plan.config.bodies, TableSource):
-        return []
-    path = Path(plan.config.bodies.path)
-    if not path.exists() and base is not None:
-        path = base / path
-    return sorted(path.rglob("*.parquet")) if path.is_dir() else [path]
 
 
 def versions() -> dict[str, str]:

@@ -6,15 +6,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import Batch
 from rattlesweep.physics.body import PARAMETERS, Rattleback
-from rattlesweep.sweeps.block import prepare_block
-from rattlesweep.sweeps.launches import Launches, with_energies
-from rattlesweep.sweeps.plan import Plan, make_plan
+from rattlesweep.sweeps.block import prepare_runs
 from rattlesweep.sweeps.bodies.sources import GridBodies, Source
 from rattlesweep.sweeps.config.load import parse_config
 from rattlesweep.sweeps.config.schema import Config
+from rattlesweep.sweeps.launches import Launches, with_energies
+from rattlesweep.sweeps.plan import Plan, make_plan
 
 
 @dataclass(frozen=True)
@@ -101,7 +103,7 @@ def plan_of(launch: Launch, source: Source | None = None) -> Plan:
 def single_run(launch: Launch) -> tuple[Config, Launches, Batch | None]:
     """Config, launch and batch of one run: those of a sweep of one body; no batch for ``gh``."""
     plan = plan_of(launch)
-    launches, batch = prepare_block(plan, plan.block(0))
+    launches, batch = prepare_runs(plan, np.zeros(1, np.int64), np.zeros(1, np.int64))
     if batch is not None and launch.model == "reduced":
         batch = with_energies(batch, launch.e_p0, launch.e_r0)
     return plan.config, launches, batch

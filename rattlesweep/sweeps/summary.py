@@ -3,84 +3,84 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
 
-from rattlesweep.arrays import Floats
-from rattlesweep.errors import OutputError
-from rattlesweep.sweeps.old.manifest import StoredCase
-from rattlesweep.sweeps.old.store import Store
-from rattlesweep.sweeps.arrow import build_table
-from rattlesweep.sweeps.counts import COLUMNS, Cells
+from rattlesweep.arrays import Floats, Integers
+from rattlesweep.sweeps.arrow import build_table, write_parquet
+from rattlesweep.sweeps.cases import Case
 from rattlesweep.sweeps.columns import summary_schema
+from rattlesweep.sweeps.counts import Counts, columns_for
+from rattlesweep.sweeps.decide import decides, filled
 from rattlesweep.text import align
 
 if TYPE_CHECKING:
-    from rattlesweep.sweeps.plan import Case
+    from rattlesweep.sweeps.stored import Stored
 
 
-class Summary:
-    """The runs of a sweep by case, to be fed with all of its rows.
+def count_cases(stored: Stored) -> Counts:
+    """Return the runs of a sweep on disk, counted by case.
 
-    `cases` are in the order of their numbers, and each has a cell in `cells`; `where` is the
-    directory of the runs, for complaints.
+    In a refined sweep each run counts for all points of the finest grid that it is the nearest one
+    to, in the case of the point: runs lie close where types differ, so that plain shares would be
+    those of the boundaries.  ``runs`` and ``failed`` count what was done.
     """
-
-    def __init__(
-        self, cases: Sequence[Case | StoredCase], where: object, columns: Sequence[str] = COLUMNS
-    ) -> None:
-        self.columns = ("case", *columns)
-        self._cases, self._where = cases, where
-        self.cells = Cells(len(cases))
-
-    def add(self, rows: pa.RecordBatch) -> None:
-        """Count more runs."""
-        case = rows.column("case").to_numpy().astype(np.int64)
-        if len(case) and (most := int(case.max())) >= len(self._cases):
-            raise OutputError(f"{self._where} holds runs of case {most}, which the sweep has not")
-        self.cells.add(rows, case)
-
-    def add_table(self, rows: pa.Table) -> None:
-        """Count the runs of a table."""
-        for batch in rows.to_batches():
-            self.add(batch)
-
-    def table(self) -> pa.Table:
-        """One row a case, of `summary_schema`; a case of which nothing is stored has 0 runs."""
-        columns = {
-            "case": np.arange(len(self._cases)),
-            **{
-                name: _values(case.target if case.target_name == name else None
-                              for case in self._cases)
-                for name in ("K_p", "K_r")
-            },
-            "n_i": _values(case.n_i for case in self._cases),
-            **{name: _values(getattr(case, name) for case in self._cases)
-               for name in ("omega_xy0", "sigma", "rolling")},
-            **self.cells.columns(),
-        }  # fmt: skip
-        return build_table(columns, summary_schema())
+    counts = Counts(len(stored.cases))
+    names = ("case", *columns_for(stored.config))
+    for rows in stored.batches(names):
+        counts.add(rows, _case(rows))
+    if decides(stored.config) != "bodies.refine":
+        return counts
+    over_grid = Counts(len(stored.cases))
+    for table in filled(stored, names):
+        over_grid.add(table, _case(table))
+    over_grid.runs, over_grid.stored_failed = counts.runs, counts.failed
+    return over_grid
 
 
-def summarise(
-    store: Store, cases: Sequence[Case | StoredCase], columns: Sequence[str] = COLUMNS
-) -> pa.Table:
-    """Summarise the stored runs, one row a case in the order of `cases`.
+def summarise(stored: Stored) -> pa.Table:
+    """Return one row a case, of :func:`summary_schema`; a case of which nothing is stored has 0
+    runs.
 
-    The runs of complete blocks count: what a stopped session has left of another block are the runs
-    that were first to end, which are not like the rest. Memory does not grow with the runs.
-    `columns` are those of `cells.columns_for`.
+    Memory does not grow with the runs, unless the sweep is refined.
     """
-    summary = Summary(cases, store.runs, columns)
-    for rows in store.iter_batches(summary.columns, complete=True):
-        summary.add(rows)
-    return summary.table()
+    return summary_table(stored.cases, count_cases(stored))
+
+
+def summary_table(cases: Sequence[Case], counts: Counts) -> pa.Table:
+    """Return the summary of cases whose runs are counted."""
+    columns = {
+        "case": np.arange(len(cases)),
+        **{
+            name: _values(case.target if case.target_name == name else None for case in cases)
+            for name in ("K_p", "K_r")
+        },
+        **{
+            name: _values(getattr(case, name) for case in cases)
+            for name in ("n_i", "omega_xy0", "sigma", "rolling")
+        },
+        **counts.columns(),
+    }
+    return build_table(columns, summary_schema())
+
+
+def write_summary(stored: Stored, table: pa.Table) -> Path:
+    """Write ``summary.parquet``, whole or not at all."""
+    path = stored.directory / "summary.parquet"
+    write_parquet(table, path)
+    return path
+
+
+def _case(rows: pa.RecordBatch | pa.Table) -> Integers:
+    cases: Integers = rows.column("case").to_numpy().astype(np.int64)
+    return cases
 
 
 def same_summary(one: pa.Table, other: pa.Table) -> bool:
-    """Whether two summaries say the same, but for the last digits of their means."""
+    """Return whether two summaries say the same, but for the last digits of their means."""
 
     def alike(a: pa.ChunkedArray, b: pa.ChunkedArray) -> bool:
         x, y = (c.to_numpy().astype(float) for c in (a, b))
@@ -120,7 +120,7 @@ _SHOWN = {
 
 
 def absent_columns(summary: pa.Table) -> set[str]:
-    """Columns that say nothing of these cases: of what they do not have, or all share."""
+    """Return the columns that say nothing of these cases, as none or all have it."""
     cases = len(summary)
     optional = ("sensitive", "unsure", "fraction_D")
     return {n for n in optional if summary.column(n).null_count == cases} | {

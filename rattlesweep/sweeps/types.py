@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rattlesweep.arrays import Flags, Floats
 from rattlesweep.sweeps.config.schema import Classify
@@ -94,3 +94,23 @@ def with_types(rows: pa.Table, thresholds: Classify) -> pa.Table:
         place = rows.schema.get_field_index(name)
         rows = rows.set_column(place, rows.schema.field(place), values)
     return rows
+
+
+# Between the growth that no chaos is needed for and that of chaos; evidence in docs/lyapunov.md.
+LEAST_GROWTH = 10.0
+
+
+def is_chaotic(lyapunov_late: ArrayLike, t_end: ArrayLike) -> Flags:
+    """Whether differences grow exponentially in the second half of a run, by more than e^10.
+
+    An almost periodic run doubles them there at most, or shrinks them; the instability by which
+    wobbling sets in multiplies them by no more than the oscillation grows, some hundreds. Of the
+    columns of ``runs``; False where ``lyapunov_late`` is not known.
+    """
+    growth = np.asarray(lyapunov_late, dtype=float) * np.asarray(t_end, dtype=float) / 2
+    return np.asarray(growth > LEAST_GROWTH)
+
+
+def chaotic_column(lyapunov_late: Floats, t_end: Floats) -> pa.Array:
+    """The column ``chaotic`` of runs: null where ``lyapunov_late`` is not a number."""
+    return pa.array(is_chaotic(lyapunov_late, t_end), mask=~np.isfinite(lyapunov_late))

@@ -21,7 +21,7 @@ from rattlesweep.sweeps import block
 from rattlesweep.sweeps.old.content_hash import content_hash
 from rattlesweep.sweeps.old.verify import verify
 from rattlesweep.sweeps.old.store import Store
-from rattlesweep.sweeps.chaos import LEAST_GROWTH, is_chaotic
+from rattlesweep.sweeps.types import LEAST_GROWTH, is_chaotic
 
 GH = oracle.GH
 LYAPUNOV = frozenset(["lyapunov"])

@@ -39,7 +39,7 @@ from rattlesweep.sweeps.config.load import load_config, resolved
 from rattlesweep.sweeps.config.schema import Classify
 from rattlesweep.sweeps.files import replace_file
 from rattlesweep.sweeps.arrow import encode, open_sealed
-from rattlesweep.sweeps.chaos import is_chaotic
+from rattlesweep.sweeps.types import is_chaotic
 
 ROOT = Path(__file__).parents[2]
 SWEEPS = ["fig5", "fig6", "fig7"]

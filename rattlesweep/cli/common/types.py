@@ -153,7 +153,7 @@ def _formula(text: str) -> str:
 
 
 TIME = Grammar("time", seconds_of)
-SHARD = Grammar("i/n", "rattlesweep.sweeps.shards:Shard.parse")
+SHARD = Grammar("i/n", "rattlesweep.sweeps.run:Shard.parse")
 SLURM_TIME = Grammar("time", "rattlesweep.sweeps.slurm:limit_of")
 SLURM_MEMORY = Grammar("size", "rattlesweep.sweeps.slurm:memory_of")
 SIZE = Grammar("w,h", _numbers(2, lambda w, h: 1 <= w <= 60 and 1 <= h <= 60,

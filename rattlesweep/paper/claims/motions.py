@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from rattlesweep.paper.claims.claim import Made, Measured, every
-from rattlesweep.sweeps.chaos import LEAST_GROWTH
+from rattlesweep.sweeps.types import LEAST_GROWTH
 
 
 def runs_of_gh(made: Made) -> dict[str, dict[str, Any]]:

@@ -17,7 +17,7 @@ from rattlesweep.arrays import Floats
 from rattlesweep.paper.claims.claim import Count, Made, Measured, every, share, share_words
 from rattlesweep.paper.figures.chaos import LONGER, SLOW
 from rattlesweep.physics.body import Rattleback
-from rattlesweep.sweeps.chaos import LEAST_GROWTH
+from rattlesweep.sweeps.types import LEAST_GROWTH
 from rattlesweep.sweeps.counts import Z95, wilson
 
 # A tenth of a decade: the size of a symbol on the paper's logarithmic axes.

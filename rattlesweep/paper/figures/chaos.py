@@ -1,7 +1,7 @@
 """Lyapunov exponents: of the wobbling runs of Fig. 7 and of the long runs of Fig. 9.
 
 A run of type SW is chaotic if a small difference grows more than e^10-fold in its second half
-(:mod:`rattlesweep.sweeps.chaos`).
+(:mod:`rattlesweep.sweeps.types`).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from rattlesweep.paper.figures.fig9 import BODIES, LETTERS, N_I, OMEGA_XY0
 from rattlesweep.paper.figures.frames import ABOVE, DASHES, T_AXIS, decade_ticks, frame, launch
 from rattlesweep.paper.figures.single import body_of
 from rattlesweep.paper.workspace import Tables, Workspace, thinned_out
-from rattlesweep.sweeps.chaos import is_chaotic
+from rattlesweep.sweeps.types import is_chaotic
 from rattlesweep.sweeps.single import Launch, single_run
 
 # Runs called chaotic although they are slow are followed to this many horizons.

@@ -5,11 +5,12 @@ How many samples has a case, and what are the bodies of these samples?
 
 from __future__ import annotations
 
+import hashlib
 import math
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -77,7 +78,7 @@ class Source(Protocol):
     def samples(self) -> int:
         """Samples per case."""
 
-    def bodies(self, group: int | Integers, samples: Integers) -> Bodies:
+    def bodies(self, group: Any, samples: Integers) -> Bodies:
         """Bodies of some samples, each of the cases of a target ``group``."""
 
 
@@ -100,6 +101,16 @@ def make_source(config: Config, base: Path | None = None) -> Source:
         columns, measured = read_table(bodies.path, base)
         return TableBodies(_surfaced(columns, bodies), measured)
     return _grid(bodies)
+
+
+def content_hash(source: Source) -> str:
+    """Return a hash of what a source holds beside its config: the columns of a table; else nothing."""
+    if not isinstance(source, TableBodies):
+        return ""
+    digest = hashlib.sha256()
+    for name, values in sorted(source._columns.items()):
+        digest.update(name.encode() + np.ascontiguousarray(values).tobytes())
+    return digest.hexdigest()
 
 
 class SdBodies:
@@ -126,12 +137,13 @@ class SdBodies:
             for group in range(len(self._target.values)):
                 self._columns(group, np.arange(min(self.samples, 16)))
 
-    def bodies(self, group: int | Integers, samples: Integers) -> Bodies:
+    def bodies(self, group: Any, samples: Integers) -> Bodies:
         """Bodies of some samples, each of the cases of a target ``group``."""
         if self._target is None:
             return Bodies.drawn(self._columns(0, samples))
         # Every case of a target asks for the same bodies, and redrawing is slow.
         columns = np.empty((2 + len(self._ranges), len(samples)))
+        group = np.array([self._target.values.index(v) for v in np.atleast_1d(group)])
         chunk, place = np.divmod(samples, CHUNK)
         group = np.broadcast_to(group, samples.shape)
         # A block may hold the end of one case and the start of the next.
@@ -192,7 +204,7 @@ class GridBodies:
         self._shape = tuple(len(values) for values in axes.values())
         self.samples = math.prod(self._shape)
 
-    def bodies(self, group: int | Integers, samples: Integers) -> Bodies:
+    def bodies(self, group: Any, samples: Integers) -> Bodies:
         """Bodies of some samples; all cases have the same."""
         places = np.unravel_index(samples, self._shape) if self._shape else ()
         values = {name: np.full(len(samples), value) for name, value in self._base.items()}
@@ -282,7 +294,7 @@ class TableBodies:
             name: float(values[0]) if len(values) == 1 else TABLE for name, values in own.items()
         }
 
-    def bodies(self, group: int | Integers, samples: Integers) -> Bodies:
+    def bodies(self, group: Any, samples: Integers) -> Bodies:
         """Bodies of some samples; all cases have the same."""
         columns = {name: values[samples] for name, values in self._columns.items()}
         columns.setdefault("f_sd", np.full(len(samples), np.nan))

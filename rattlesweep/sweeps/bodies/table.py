@@ -25,9 +25,9 @@ from rattlesweep.sweeps.bodies.measured import (
     require,
     without_units,
 )
+from rattlesweep.sweeps.columns import MEASURED
 from rattlesweep.sweeps.config.fields import MAX_SPEED, MAX_TIME
 from rattlesweep.sweeps.config.schema import unit
-from rattlesweep.sweeps.columns import MEASURED
 
 LAUNCH = ("n_i", "omega_xy0")
 OMEGA, U = ("omega_x", "omega_y", "omega_z"), ("u_x", "u_y", "u_z")

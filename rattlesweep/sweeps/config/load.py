@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from numbers import Integral, Real
 from typing import Any
 
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.sweeps.config import yamlfile
@@ -108,44 +108,34 @@ def resolved(config: Config) -> dict[str, Any]:
     return data | {"output": config.directory}
 
 
-def physics_part(data: Mapping[str, Any]) -> dict[str, Any]:
-    """What of a resolved config determines the stored numbers.
-
-    The limit of steps is left out: runs that did not reach it are the same under a higher one. Of
-    `classify` only `early` counts, which ends runs.
-    """
-    # What decides which runs there are: the types behind it, and the steps in which it is asked.
-    staged = {"stop": ("classify", "block_size"), "refine": ("classify",)}
-    kept = [key for name, keys in staged.items() if name in data or name in data["bodies"]
-            for key in keys]  # fmt: skip
-    part = {key: value for key, value in data.items() if key in kept or key not in NOT_PHYSICS}
+def fixed_part(data: Mapping[str, Any]) -> dict[str, Any]:
+    """What of a resolved config determines the numbers of a run with a given key."""
+    part = {
+        k: v
+        for k, v in data.items()
+        if k not in ("name", "output", "classify", "block_size", "stop")
+    }
     if data.get("classify", {}).get("early"):
-        part.setdefault("classify", {"early": True})
+        part["classify"] = {"early": True}
     part["integrator"] = {k: v for k, v in part["integrator"].items() if k != "max_steps"}
+    bodies = {k: v for k, v in part["bodies"].items() if k not in ("samples", "refine")}
+    if bodies.get("target"):
+        bodies["target"] = {
+            k: ([] if k in ("K_r", "K_p") else v) for k, v in bodies["target"].items()
+        }
+    part["bodies"] = bodies
+    if part.get("spin"):
+        part["spin"] = part["spin"] | {"n_i": [], "omega_xy0": []}
+    part["dissipation"] = {k: bool(v) for k, v in part["dissipation"].items()}
     return part
 
 
 def physics_hash(config: Config) -> str:
     """SHA-256, in hex, of everything in the config that determines the stored numbers."""
-    part = physics_part(_hashed(config, resolved(config)))
-    if config.bodies.source == "sd" and config.bodies.draw == "saltelli":
-        # Before, samples came seven at a time even where c had a range.
-        part |= {"group": config.bodies.group} if "c" in config.bodies.drawn else {}
-    text = json.dumps(part, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    text = json.dumps(
+        fixed_part(resolved(config)), sort_keys=True, separators=(",", ":"), allow_nan=False
+    )
     return hashlib.sha256(text.encode()).hexdigest()
-
-
-def _hashed(model: BaseModel, data: dict[str, Any]) -> dict[str, Any]:
-    """What `model` was dumped to, without keys younger than `FORMAT_1` that have their default."""
-    always = FORMAT_1.get(type(model).__name__, ())
-    kept = {}
-    for key, value in data.items():
-        field, inner = type(model).model_fields.get(key), getattr(model, key, None)
-        later = field is not None and key not in always and not field.is_required()
-        if later and field and inner == field.get_default(call_default_factory=True):
-            continue
-        kept[key] = _hashed(inner, value) if isinstance(inner, BaseModel) else value
-    return kept
 
 
 def differences(a: dict[str, Any], b: dict[str, Any]) -> list[str]:

@@ -16,11 +16,11 @@ import pyarrow.parquet as pq
 
 from rattlesweep.arrays import Floats, Integers
 from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.sweeps import columns
+from rattlesweep.sweeps.columns import F64, I32, I64, TEXT, TIME
 from rattlesweep.sweeps.config.load import differences, physics_part, resolved
 from rattlesweep.sweeps.files import streamed_file
 from rattlesweep.sweeps.old.stored import Stored, open_stored
-from rattlesweep.sweeps import columns
-from rattlesweep.sweeps.columns import F64, I32, I64, TEXT, TIME
 
 LOWEST, HIGHEST = -17, 1
 """Powers of ten between which relative differences lie."""

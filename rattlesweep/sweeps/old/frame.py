@@ -11,15 +11,15 @@ import pandas as pd
 import pyarrow as pa
 
 from rattlesweep.errors import ConfigError
-from rattlesweep.sweeps.plan import Plan
+from rattlesweep.sweeps.arrow import ContentHash, build_table, encode
 from rattlesweep.sweeps.bodies.table import COLUMNS, columns_of
+from rattlesweep.sweeps.columns import RUNS, STATE
 from rattlesweep.sweeps.config.load import parse_config
-from rattlesweep.sweeps.plausible import checked_plan
 from rattlesweep.sweeps.files import replace_file
 from rattlesweep.sweeps.old.output import examine
 from rattlesweep.sweeps.old.store import Store
-from rattlesweep.sweeps.arrow import ContentHash, build_table, encode
-from rattlesweep.sweeps.columns import RUNS, STATE
+from rattlesweep.sweeps.plan import Plan
+from rattlesweep.sweeps.plausible import checked_plan
 
 
 def keep_bodies(

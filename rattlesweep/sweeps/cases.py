@@ -1,0 +1,95 @@
+"""Cases: what the runs of a sweep differ in beside their bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from rattlesweep.errors import ConfigError
+
+TARGETS = ("K_p", "K_r")
+VARIES = ("n_i", "omega_xy0", "sigma", "rolling")
+
+
+@dataclass(frozen=True)
+class Case:
+    """Target, launch and dissipation that the runs of a case share; None where they differ."""
+
+    index: int
+    target_name: str | None
+    target: float | None
+    n_i: float | None
+    omega_xy0: float | None
+    sigma: float | None = None
+    rolling: float | None = None
+
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """Everything but the number."""
+        return (self.target_name, self.target, *(getattr(self, name) for name in VARIES))
+
+    def dump(self) -> dict[str, Any]:
+        """Return the case as JSON data: its number, and what it has."""
+        data: dict[str, Any] = {"case": self.index}
+        if self.target_name is not None:
+            data[self.target_name] = self.target
+        data |= {name: getattr(self, name) for name in VARIES}
+        return {name: value for name, value in data.items() if value is not None}
+
+    @classmethod
+    def load(cls, data: Mapping[str, Any]) -> Case:
+        """Return the case that :meth:`dump` has written.
+
+        Raises
+        ------
+        ValueError, TypeError, KeyError
+            If it is something else.
+        """
+        name = next((name for name in TARGETS if name in data), None)
+        numbers = {k: None if data.get(k) is None else float(data[k]) for k in (*TARGETS, *VARIES)}
+        return cls(int(data["case"]), name, numbers[name] if name else None,
+                   *(numbers[k] for k in VARIES))  # fmt: skip
+
+    def __str__(self) -> str:
+        return ", ".join(f"{name} {value:g}" for name, value in list(self.dump().items())[1:])
+
+
+def grown(held: Sequence[Case], asked: Sequence[Case]) -> tuple[Case, ...]:
+    """Return the cases of a directory and behind them those that a larger sweep adds.
+
+    Cases keep their numbers: `held` are those of the directory, `asked` those of the config, of
+    which none may be missing.
+
+    Raises
+    ------
+    ConfigError
+        If the config has lost a case.
+    """
+    there, wanted = {case.key for case in held}, {case.key for case in asked}
+    if lost := [case for case in held if case.key not in wanted]:
+        raise ConfigError(
+            f"it holds runs with {lost[0]}, which the config does not ask for"
+            f"{f' (and {len(lost) - 1} more such cases)' if len(lost) > 1 else ''}; a sweep can "
+            "only grow"
+        )
+    new = [case for case in asked if case.key not in there]
+    return (*held, *(replace(case, index=len(held) + k) for k, case in enumerate(new)))
+
+
+def recovered(found: Mapping[int, Case], asked: Iterable[Case]) -> tuple[Case, ...]:
+    """Return the cases of a directory without manifest.
+
+    Files tell the numbers of some; the others fill the gaps in the order of the config.
+    """
+    known = {case.key for case in found.values()}
+    rest = iter([case for case in asked if case.key not in known])
+    cases: list[Case] = []
+    while True:
+        case = found.get(len(cases)) or next(rest, None)
+        if case is None:
+            break
+        cases.append(replace(case, index=len(cases)))
+    if len(cases) <= max(found, default=-1):
+        raise ConfigError("its files hold cases that the config does not ask for")
+    return tuple(cases)

@@ -1,0 +1,97 @@
+"""Type stored runs again by other thresholds, without integrating."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from rattlesweep.errors import ConfigError
+from rattlesweep.sweeps.config.load import override_config, resolved
+from rattlesweep.sweeps.config.schema import Config
+from rattlesweep.sweeps.locks import hold
+from rattlesweep.sweeps.stored import Stored, note_thresholds, open_stored
+from rattlesweep.sweeps.summary import summarise, write_summary
+from rattlesweep.sweeps.types import with_types
+
+
+@dataclass(frozen=True)
+class Classified:
+    """What typing the runs of a directory again came to.
+
+    Attributes
+    ----------
+    changed : int
+        Runs whose type is another one now.
+    files : int
+        Files that were written.
+    before, own, now : dict
+        Thresholds behind the types before, those of the sweep's config, and those now.
+    summary : pa.Table
+        One row a case.
+    """
+
+    changed: int
+    files: int
+    before: dict[str, float]
+    own: dict[str, float]
+    now: dict[str, float]
+    summary: pa.Table
+
+
+def classify_stored(directory: Path, overrides: Sequence[str] = ()) -> Classified:
+    """Give the stored runs of a directory the types that some thresholds ask for, and renew the
+    summary.
+
+    Each file is rewritten in one step; after a kill the same command goes on.
+
+    Parameters
+    ----------
+    directory : Path
+    overrides : sequence of str
+        ``classify.KEY=VALUE`` texts over the thresholds of the sweep's config.
+
+    Raises
+    ------
+    ConfigError
+        If the directory is no output directory, or something else than a threshold is to change.
+    OutputError
+        If another process works there, or a file cannot be read or written.
+    """
+    _changed(open_stored(directory), overrides)  # before anything is made there
+    with hold(directory):
+        stored = open_stored(directory)
+        thresholds = _changed(stored, overrides).classify
+        typed = json.dumps(thresholds.thresholds, sort_keys=True)
+        changed = files = 0
+        for path in stored.files():
+            rows = stored.runs.table(path)
+            again = with_types(rows, thresholds)
+            changed += _differing(rows.column("type"), again.column("type"))
+            files += stored.runs.rewrite_if(path, again, typed)
+        own, before = stored.config.classify.thresholds, stored.thresholds.thresholds
+        now = thresholds.thresholds
+        note_thresholds(stored, None if now == own else thresholds)
+        stored = open_stored(directory)
+        summary = summarise(stored)
+        write_summary(stored, summary)
+    return Classified(changed, files, before, own, now, summary)
+
+
+def _changed(stored: Stored, overrides: Sequence[str]) -> Config:
+    """Return the sweep's config with other thresholds."""
+    config = override_config(resolved(stored.config), list(overrides))
+    if config.model_copy(update={"classify": stored.config.classify}) != stored.config:
+        raise ConfigError("--set: only keys of classify can change here; others need a new sweep")
+    if config.classify.early != stored.config.classify.early:
+        raise ConfigError("--set classify.early: decides how far runs go; it needs a new sweep")
+    return config
+
+
+def _differing(one: pa.ChunkedArray, other: pa.ChunkedArray) -> int:
+    same = pc.equal(pc.fill_null(one, ""), pc.fill_null(other, ""))
+    return len(one) - int(pc.sum(same).as_py() or 0)
