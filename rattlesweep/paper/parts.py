@@ -81,7 +81,6 @@ PARTS: dict[str, Part] = {
         fig7.data,
         fig7.draw,
     ),
-    "fig7_basin": Part("Supplement to Fig. 7: how large an oscillation SS bears", "", fig7.basin),
     "fig7_chaos": Part("Supplement to Fig. 7: which wobbling runs are chaotic", "", chaos.wobbling),
     "fig7_rk4": Part("Supplement to Fig. 7: the paper's integrator", "", rk4.data),
     "fig8": Part(

@@ -144,7 +144,7 @@ def page(done: Reproduction) -> bytes:
         figures=[(name, PARTS[name], list(made[name]), _address(ws, name)) for name in drawn],
         rk4=rk4,
         changed=sum(row["type"] != row["type_rk4"] for row in rk4),
-        odd=[_odd(row) for row in rk4 if isinstance(row["exception"], str)],
+        odd=[_odd(row) for row in rk4 if isinstance(row["type_reference"], str)],
         failed=ws.failed,
         parts=[(name, f"{seconds:.1f} s") for name, seconds in done.seconds.items()],
         settings=config_yaml(
@@ -157,13 +157,12 @@ def _address(ws: Workspace, name: str) -> str:
     return source(*((ws.directory / f"{name}.{kind}").read_bytes() for kind in ("svg", "png")))
 
 
-def _odd(row: dict[str, Any]) -> list[str]:
+def _odd(row: dict[Any, Any]) -> list[str]:
     launch = [f"{row[name]:g}" for name in ("K_r", "n_i", "omega_xy0", "sample")]
-    outcomes = [
-        str(row.get(f"type{end}", "")) if pd.isna(row[f"t_r{end}"]) else f"{row[f't_r{end}']:.4f}"
+    return launch + [
+        f"{row[f'type{end}']}" + ("" if pd.isna(row[f"t_r{end}"]) else f", {row[f't_r{end}']:.4f}")
         for end in ("", "_rk4", "_reference")
     ]
-    return [*launch, *outcomes, row["exception"].partition(":")[0]]
 
 
 def symbols(text: str) -> Markup:

@@ -159,7 +159,7 @@ def volumes(made: Made) -> Measured:
     span = rows["volume_high"] - rows["volume_low"]
     checks = [
         every(span > 1),
-        every(rows["volume_end"] < 0),
+        every(rows["volume_late"][1:] < -1),
         every(rows["rate"] < -2 * rows["error"]),
     ]
     chaotic = rows.iloc[PAPERS.index(0.82)]

@@ -22,8 +22,8 @@ from rattlesweep.paper.figures.fig9 import BODIES, LETTERS, N_I, OMEGA_XY0
 from rattlesweep.paper.figures.frames import ABOVE, DASHES, T_AXIS, decade_ticks, frame, launch
 from rattlesweep.paper.figures.single import body_of
 from rattlesweep.paper.workspace import Tables, Workspace, thinned_out
-from rattlesweep.sweeps.types import is_chaotic
 from rattlesweep.sweeps.single import Launch, single_run
+from rattlesweep.sweeps.types import is_chaotic
 
 # Runs called chaotic although they are slow are followed to this many horizons.
 LONGER = 6

@@ -88,15 +88,14 @@ def settled(runs: pd.DataFrame) -> pd.DataFrame:
     ``gain`` is ``(n_end - n_i)/(-n_0 - n_i)``: 1 if all energy of the oscillation has gone into the
     spin, 0 if the spin ends as it was launched.
     """
-    steady = runs[runs["type"] == "SS"]
-    gain = (steady["n_end"] - steady["n_i"]) / (-steady["n_0"] - steady["n_i"])
-    beyond = steady["n_end"] / steady["n_i"] - 1
-    groups = steady.assign(
-        gain=gain, beyond=beyond, faster=beyond > 0, bound=gain <= 1.001
-    ).groupby(["n_i", "omega_xy0"], sort=False)
+    own = runs[runs["type"] == "SS"]
+    beyond = own["n_end"] / own["n_i"] - 1
+    gain = (own["n_end"] - own["n_i"]) / (-own["n_0"] - own["n_i"])
+    groups = own.assign(beyond=beyond, gain=gain, faster=beyond > 0).groupby(
+        ["n_i", "omega_xy0"], sort=False
+    )
     return groups.agg(
-        SS=("gain", "size"), faster=("faster", "sum"), bound=("bound", "sum"),
-        gain_low=("gain", lambda g: g.quantile(0.05)), gain_median=("gain", "median"),
+        SS=("gain", "size"), faster=("faster", "sum"), gain_median=("gain", "median"),
         beyond_median=("beyond", "median"), beyond_max=("beyond", "max"),
     ).reset_index()  # fmt: skip
 
@@ -140,28 +139,6 @@ def choose(runs: pd.DataFrame, fast: pd.DataFrame) -> list[dict[str, Any]]:
         {"example": name, **{str(k): v for k, v in own.iloc[(len(own) - 1) // 2].items()}}
         for name, own in ordered.items() if len(own)
     ]  # fmt: skip
-
-
-# Oscillations with which bodies past Bondi's threshold are launched, to see which ones SS bears.
-BASIN_N_I, BASIN_SIZES = -0.3, (0.05, 0.06, 0.07, 0.08, 0.09)
-
-
-def basin(ws: Workspace) -> Tables:
-    """Return the types of bodies past Bondi's threshold by the size of their oscillation.
-
-    The bodies are those of the sweep; the table is empty if none of them is past the threshold.
-    """
-    runs = ws.sweep("steady")
-    # Cases of one target share their bodies.
-    one = (runs["n_i"] == BASIN_N_I) & (runs["omega_xy0"] == runs["omega_xy0"].min())
-    bodies = runs[one & (runs["n_c1"].abs() < abs(BASIN_N_I))]
-    if bodies.empty:
-        return {"types": pd.DataFrame()}
-    launches = pd.concat([bodies.assign(omega_xy0=size) for size in BASIN_SIZES], ignore_index=True)
-    launches["type"] = ws.again("basin", launches)["type"]
-    counts = pd.crosstab(launches["omega_xy0"], launches["type"]).reindex(columns=SHOWN)
-    counts = counts.fillna(0).astype(int)
-    return {"types": counts.assign(n_i=BASIN_N_I, runs=counts.sum(axis=1)).reset_index()}
 
 
 def draw(tables: Tables) -> Drawing:

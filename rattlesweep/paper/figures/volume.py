@@ -56,19 +56,19 @@ def accumulated(table: pd.DataFrame, body: Rattleback) -> Floats:
 def data(report: Report, *, t_end: float = T_END) -> Tables:
     """Return the tables ``series``, as drawn, and ``rates``: the mean rate, one row a run.
 
-    The rate is that after the first reversal, its error that of the mean of ten parts of this time.
+    The rate is that of the second half, its error that of the mean of ten parts of this time;
+    ``volume_late`` is the largest volume there.
     """
     series, rows = [], []
     for k, body in enumerate(BODIES):
         found = follow(body, f"GH with theta = {body.theta:g}", "n", *STATE, n_i=N_I,
                        omega_xy0=OMEGA_XY0, t_end=t_end, tol=TOL)  # fmt: skip
         t, volume = found.table["t"].to_numpy(), accumulated(found.table, body)
-        first = float(found.reversals[0])
-        parts = np.interp(np.linspace(first, t[-1], PARTS + 1), t, volume)
-        rates = np.diff(parts) / ((t[-1] - first) / PARTS)
+        parts = np.interp(np.linspace(t_end / 2, t_end, PARTS + 1), t, volume)
+        rates = np.diff(parts) / (t_end / 2 / PARTS)
         rows.append(
             {"theta": body.theta, "volume_low": volume.min(), "volume_high": volume.max(),
-             "volume_end": volume[-1], "rate": rates.mean(),
+             "volume_late": volume[t >= t_end / 2].max(), "rate": rates.mean(),
              "error": rates.std(ddof=1) / np.sqrt(PARTS)}
         )  # fmt: skip
         shown = thinned(found.table.assign(volume=volume), volume=BINS)
