@@ -69,8 +69,8 @@ def closing_table(claims: Sequence[dict[str, Any]]) -> str:
     lines = []
     for claim in claims:
         held = f"{claim['held']} of {claim['checks']}"
-        head = f"{claim['id']:<4} {claim['verdict']} ({held}): {plain(claim['words'])}"
-        lines.append(shorten(head, 110, placeholder=" ..."))
+        says = f"{claim['verdict']} ({held}): {plain(claim['words'])}"
+        lines.append(f"{claim['id']:<4} {shorten(says, 105, placeholder=' ...')}")
         found = shorten(f"found: {plain(claim['measured'])}", 105, placeholder=" ...")
         lines.append(f"     {found}")
     return "\n".join(lines)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from rattlesweep.paper.workspace import Tables, Workspace
 
 PAPERS: dict[str, Any] = {"method": "rk4", "dt": 0.002}
