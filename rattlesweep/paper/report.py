@@ -18,7 +18,7 @@ from markupsafe import Markup
 from rattlesweep.analysis.pages import config_yaml, render, source
 from rattlesweep.paper.claims.claim import COLUMNS, UNDECIDED
 from rattlesweep.paper.parts import PARTS
-from rattlesweep.paper.workspace import FULL, Tables, Workspace, sweep_config, write_table
+from rattlesweep.paper.workspace import FULL, Tables, Workspace, records, sweep_config, write_table
 from rattlesweep.sweeps.config.load import resolved
 from rattlesweep.sweeps.files import replace_file
 from rattlesweep.sweeps.provenance import PACKAGES, machine, now, package_version
@@ -117,7 +117,7 @@ def page(done: Reproduction) -> bytes:
     """Return the report; its pictures are those in the directory."""
     ws, made = done.workspace, done.tables
     drawn = [name for name in made if PARTS[name].draw is not None]
-    rk4 = made["fig7_rk4"]["runs"].to_dict("records") if "fig7_rk4" in made else []
+    rk4 = records(made["fig7_rk4"]["runs"]) if "fig7_rk4" in made else []
     shown = {
         "claims": ("Claims", done.claims),
         "figures": ("Figures", drawn),
@@ -157,7 +157,7 @@ def _address(ws: Workspace, name: str) -> str:
     return source(*((ws.directory / f"{name}.{kind}").read_bytes() for kind in ("svg", "png")))
 
 
-def _odd(row: dict[Any, Any]) -> list[str]:
+def _odd(row: dict[str, Any]) -> list[str]:
     launch = [f"{row[name]:g}" for name in ("K_r", "n_i", "omega_xy0", "sample")]
     return launch + [
         f"{row[f'type{end}']}" + ("" if pd.isna(row[f"t_r{end}"]) else f", {row[f't_r{end}']:.4f}")

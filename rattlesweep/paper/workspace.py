@@ -139,7 +139,7 @@ class Workspace:
         return found.set_index("sample").reindex(range(len(runs))).set_axis(runs.index)
 
     def _read(self, stored: Stored) -> pd.DataFrame:
-        runs = stored.read().to_pandas()
+        runs: pd.DataFrame = stored.read().to_pandas()
         good = runs["status"] == "ok"
         self.failed += int((~good).sum())
         runs = runs[good].reset_index(drop=True)
@@ -173,6 +173,12 @@ def write_table(path: Path, frame: pd.DataFrame) -> None:
 def thinned_out(runs: pd.DataFrame, most: int) -> pd.DataFrame:
     """Return at most so many of the runs, evenly chosen, so that all cases keep their share."""
     return runs.iloc[:: max(1, -(-len(runs) // most))].reset_index(drop=True)
+
+
+def records(frame: pd.DataFrame) -> list[dict[str, Any]]:
+    """Return the rows of a table, each by the names of its columns."""
+    rows: list[Any] = frame.to_dict("records")
+    return rows
 
 
 def at(runs: pd.DataFrame, values: Mapping[str, float]) -> pd.Series[bool]:

@@ -182,7 +182,7 @@ def test_onsets_and_centres_lie_within_the_run(made):
     rows = made.table("fig8_windows_onset")
     found = rows.dropna(subset=["onset_median"])
     assert (found["onset_median"] > 0).all()
-    assert (found["onset_median"] < 5 * found["t_rgh_median"] * 1.5).all()
+    assert (found["onset_high"].dropna() < made.steady["t_end"].max()).all()
     assert found["centre_low"].gt(0).all()
     assert found["centre_high"].lt(1).all()
     # The same bodies integrated again are the same: as many SW in all, thinned alike.

@@ -7,6 +7,7 @@ import numpy as np
 from rattlesweep.paper.claims.claim import Made, Measured, share
 from rattlesweep.paper.figures.fig3 import BOUND
 from rattlesweep.paper.figures.fig4 import DECADES, counts_of, edges
+from rattlesweep.paper.workspace import records
 
 # Distributions this close cannot be told apart in print.
 CLOSE = 0.02
@@ -16,11 +17,11 @@ MUCH = 10.0
 
 def frequencies(made: Made) -> Measured:
     """Measure T4: the ratio of the frequencies, and their zeroth order."""
-    row = made["fig3"]["summary"].to_dict("records")[0]
+    row = records(made["fig3"]["summary"])[0]
     rare = []
     if "fig4" in made:
         # Its bodies are a hundred times as many.
-        many = made["fig4"]["summary"].to_dict("records")[0]
+        many = records(made["fig4"]["summary"])[0]
         own = share(many["below"], many["density_samples"])
         rare = [many | own | {"none": np.exp(-1e6 * own["value"])}]
     checks = [row["below"] == 0, row["ratio_bound"] >= BOUND,
@@ -32,7 +33,7 @@ def frequencies(made: Made) -> Measured:
 def coefficients(made: Made) -> Measured:
     """Measure T5: the distributions of the torque coefficients."""
     own = made["fig4"]
-    row = own["summary"].to_dict("records")[0]
+    row = records(own["summary"])[0]
     data = {n: own["cumulative"][n].to_numpy() for n in ("probability", "K_p", "K_r", "ratio")}
     level = data["probability"]
     # Order statistics: the median's place is binomial.

@@ -9,12 +9,13 @@ import numpy as np
 import pandas as pd
 
 from rattlesweep.paper.claims.claim import Made, Measured, every
+from rattlesweep.paper.workspace import records
 from rattlesweep.sweeps.types import LEAST_GROWTH
 
 
 def runs_of_gh(made: Made) -> dict[str, dict[str, Any]]:
     """Return the two runs by name."""
-    return {row["run"]: row for row in made["fig5"]["runs"].to_dict("records")}
+    return {row["run"]: row for row in records(made["fig5"]["runs"])}
 
 
 def unsteady_reversal(made: Made) -> Measured:
@@ -149,7 +150,7 @@ def invariants(made: Made) -> Measured:
     return checks, {
         "value": float(full["moves"].min()), "energy": simple["energy_drift"].max(),
         "casimir": simple["moves"].max(), "uneven": uneven, "drift": full["energy_drift"].max(),
-        "moved": full.assign(reversals=full["theta"].map(at)).to_dict("records"),
+        "moved": records(full.assign(reversals=full["theta"].map(at))),
     }  # fmt: skip
 
 
@@ -166,7 +167,7 @@ def volumes(made: Made) -> Measured:
     value, error = float(chaotic["rate"]), float(chaotic["error"])
     return checks, {
         "value": value, "low": value - 2 * error, "high": value + 2 * error,
-        "runs": rows.to_dict("records"),
+        "runs": records(rows),
     }  # fmt: skip
 
 
@@ -179,13 +180,13 @@ def forces(made: Made) -> Measured:
         force_words(row)
         for name in ("fig5", "fig6", "fig7")
         if name in made
-        for row in made[name]["forces"].to_dict("records")
+        for row in records(made[name]["forces"])
     )
     value = float(top["ratio_max"])
     return [round(value, 1) == 0.2, bool((runs["normal_min"] > 0).all())], {
         "value": value, "run": top["run"], "t": top["ratio_t"], "light": light["run"],
         "normal": light["normal_min"],
-        "runs": runs.to_dict("records"),
+        "runs": records(runs),
         "others": f" Largest ratios in the other figures: {others}." if others else "",
     }  # fmt: skip
 

@@ -16,6 +16,7 @@ from rattlesweep.api import modes
 from rattlesweep.arrays import Floats
 from rattlesweep.paper.claims.claim import Count, Made, Measured, every, share, share_words
 from rattlesweep.paper.figures.chaos import LONGER, SLOW
+from rattlesweep.paper.workspace import records
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.sweeps.counts import Z95, wilson
 from rattlesweep.sweeps.types import LEAST_GROWTH
@@ -230,7 +231,7 @@ def onset_of_wobbling(made: Made) -> Measured | None:
     return checks, {
         "value": float(ratio.median()), "low": float(ratio.min()), "high": float(ratio.max()),
         "points": len(ratio), "fine": int(close(ratio).sum()), "late": late,
-        "sizes": sizes.median().reset_index().to_dict("records"),
+        "sizes": records(sizes.median().reset_index()),
     }  # fmt: skip
 
 
@@ -279,9 +280,7 @@ def steady_spin(made: Made) -> Measured:
         "value": float(top["fraction_SS"]), "low": float(top["low_SS"]),
         "high": float(top["high_SS"]), "K_r": top["K_r"], "n_i": top["n_i"],
         "slowest": slowest["n_i"].iloc[0], "reversing": share_words(*reversing),
-        "by_spin": by_spin.groupby("n_i")["share"].max().rename("most").reset_index().to_dict(
-            "records"
-        ),
+        "by_spin": records(by_spin.groupby("n_i")["share"].max().rename("most").reset_index()),
     }  # fmt: skip
 
 
@@ -302,7 +301,7 @@ def wobbling(made: Made) -> Measured:
     return checks, {
         **share(*total), "share": share_words(*total), "single": span(beyond["fraction_SW"]),
         "both": span(both), "both_mean": both.mean(), "mean": around["share"].mean(),
-        "by_spin": by_spin.agg(["min", "max"]).reset_index().to_dict("records"),
+        "by_spin": records(by_spin.agg(["min", "max"]).reset_index()),
     }  # fmt: skip
 
 
@@ -336,7 +335,7 @@ def large_oscillation(made: Made) -> Measured:
     return checks, {
         **decided, "bondi_only": past, "bondi": int(large["bondi"].sum()), "omega_xy0": size,
         "hits": hits, "runs": runs, "most": decided["high"] * runs,
-        "readings": others.to_dict("records"),
+        "readings": records(others),
     }  # fmt: skip
 
 
@@ -379,7 +378,7 @@ def settled_spins(made: Made) -> Measured | None:
     return [faster, converted, between], {
         "value": wobbling["centre_median"].median(), "low": wobbling["centre_low"].min(),
         "high": wobbling["centre_high"].max(), "faster": faster, "between": between,
-        "beyond": sizes.to_dict("records"), "most": settled["beyond_max"].max(),
+        "beyond": records(sizes), "most": settled["beyond_max"].max(),
         "gain": settled["gain_median"].median(),
     }  # fmt: skip
 
@@ -387,7 +386,7 @@ def settled_spins(made: Made) -> Measured | None:
 def one_way(made: Made) -> Measured:
     """Measure C1: which share of bodies reverses in one direction only, against the friction."""
     rows = made["friction"]["shares"]
-    top = rows.loc[rows["fraction_one_way"].idxmax()]
+    top = rows.sort_values("fraction_one_way").iloc[-1]
     still = rows[(rows["unsteady"] > rows["runs"] / 2) & (rows["sigma"] >= 0.008)]
     low, high = wilson(still["one_way"], still["unsteady"])
     checks = [
@@ -397,6 +396,6 @@ def one_way(made: Made) -> Measured:
     ]
     return checks, {
         "value": top["fraction_one_way"], "low": top["low_one_way"], "high": top["high_one_way"],
-        "rows": rows.to_dict("records"), "runs": int(rows["runs"].max()),
-        "twice": rows.assign(share=rows["twice"] / rows["runs"]).to_dict("records"),
+        "rows": records(rows), "runs": int(rows["runs"].max()),
+        "twice": records(rows.assign(share=rows["twice"] / rows["runs"])),
     }  # fmt: skip

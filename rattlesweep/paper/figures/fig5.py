@@ -33,7 +33,7 @@ def data(report: Report) -> Tables:
         words = f"GH at n_i = {n_i:g}"
         found = follow(body, words, "n", "n_gh", *COMPONENTS, *FORCES, n_i=n_i,
                        omega_xy0=OMEGA_XY0, t_end=t_end, tol=TOL)  # fmt: skip
-        relevant = found_modes.omega_p if n_i > 0 else found_modes.omega_r
+        relevant = float(found_modes.omega_p if n_i > 0 else found_modes.omega_r)
         period = 2 * np.pi / relevant
         t_r = found.zeros[0] if len(found.zeros) else np.nan
         row: dict[str, Any] = {
@@ -89,9 +89,8 @@ def draw(tables: Tables) -> Drawing:
     """Draw (a) on the left, (b) on the right, the spin above the oscillations."""
     figure = new_figure(9.2, 6.0)
     axes = figure.subplots(3, 2, sharex="col")
-    runs = tables["runs"].set_index("run")
-    for column, letter, name in zip(axes.T, "ab", ENDS, strict=True):
-        _column(column, letter, runs.loc[name], tables[name])
+    for k, (column, name) in enumerate(zip(axes.T, ENDS, strict=True)):
+        _column(column, "ab"[k], tables["runs"].iloc[k], tables[name])
     # omega_x and omega_y share their scale, so that (a) and (b) can be compared.
     most = max(max(map(abs, axis.get_ylim())) for axis in axes[1:].ravel())
     for axis in axes[1:].ravel():

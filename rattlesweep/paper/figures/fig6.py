@@ -47,17 +47,15 @@ def times(runs: pd.DataFrame, target: str) -> pd.DataFrame:
     The spread of one run and the mean of none are NaN.
     """
     rows = []
-    for (k, n_i, size), own in runs.groupby([target, "n_i", "omega_xy0"], sort=False):
+    for _, own in runs.groupby("case"):
         back = own[own["type"] == "R"]
-        t_r, ratio = back["t_r"], back["t_r"] / back["t_rgh"]
-        mean, n_0 = t_r.mean(), own["n_0"].mean()
-        half = Z95 * t_r.std() / np.sqrt(max(len(back), 1))
+        t_r, n_0, point = back["t_r"], own["n_0"].mean(), own.iloc[0]
+        mean, half = t_r.mean(), Z95 * t_r.std() / np.sqrt(max(len(back), 1))
         rows.append(
-            {target: k, "n_i": n_i, "omega_xy0": size, "runs": len(own), "reversed": len(back),
-             "t_r_mean": mean, "t_r_std": t_r.std(), "t_r_low": mean - half,
-             "t_r_high": mean + half, "t_r_median": t_r.median(), "n_0_mean": n_0,
-             "t_rgh_line": gh_line(k, n_i, n_0), "ratio_mean": ratio.mean(),
-             "ratio_std": ratio.std()}
+            {name: point[name] for name in (target, "n_i", "omega_xy0")}
+            | {"runs": len(own), "reversed": len(back), "t_r_mean": mean, "t_r_std": t_r.std(),
+               "t_r_low": mean - half, "t_r_high": mean + half, "n_0_mean": n_0,
+               "t_rgh_line": gh_line(point[target], point["n_i"], n_0)}
         )  # fmt: skip
     return pd.DataFrame(rows)
 

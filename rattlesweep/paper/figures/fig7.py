@@ -13,7 +13,7 @@ from rattlesweep.analysis.style import BLUE, TYPE_STYLE, new_figure
 from rattlesweep.paper.figures.chaos import exponents
 from rattlesweep.paper.figures.frames import ABOVE, N_AXIS, T_AXIS, decade_ticks, frame, launch
 from rattlesweep.paper.figures.single import FORCES, body_of, follow, forces, thinned
-from rattlesweep.paper.workspace import Tables, Workspace, at
+from rattlesweep.paper.workspace import Tables, Workspace, at, records
 from rattlesweep.sweeps.counts import wilson
 
 # In the order of the legend.
@@ -145,7 +145,7 @@ def draw(tables: Tables) -> Drawing:
     """Draw (a), a column a spin and a row an oscillation, and (b) examples, if there are any."""
     values = tables["fractions"]
     spins, sizes = sorted(values["n_i"].unique(), key=abs), sorted(values["omega_xy0"].unique())
-    shown = tables["examples"].to_dict("records")
+    shown = records(tables["examples"])
     height = 1.75 * len(sizes) + 0.7
     figure = new_figure(2.1 * len(spins) + 0.6, height + (2.4 if shown else 0.0))
     upper: Any = figure

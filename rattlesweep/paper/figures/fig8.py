@@ -21,7 +21,7 @@ from scipy.special import bdtr
 from rattlesweep.api import growth_rates
 from rattlesweep.arrays import Floats
 from rattlesweep.paper.figures.fig6 import panels, times
-from rattlesweep.paper.workspace import Tables, Workspace, sweep_config, thinned_out
+from rattlesweep.paper.workspace import Tables, Workspace, thinned_out
 
 # "Several times" t_rGH: a reversal later than this many is late.
 LATE_FROM = 2.0
@@ -56,14 +56,13 @@ def windows(ws: Workspace) -> Tables:
 def in_windows(ws: Workspace, runs: pd.DataFrame) -> pd.DataFrame:
     """Return runs with what their windows show, NaN where it does not happen.
 
-    ``onset``, ``leaves`` (5 % of the spin is lost) and ``kept`` (less than 10 % is lost until then)
-    are times in ``sqrt(a/g)``; ``centre`` is the mean spin of the windows from the onset on.
+    ``onset`` and ``kept`` (less than 10 % of the spin is lost until then) are times in
+    ``sqrt(a/g)``; ``centre`` is the mean spin of the windows from the onset on.
     """
-    found = np.full((len(runs), 4), np.nan)
+    found = np.full((len(runs), 3), np.nan)
     if len(runs):
         names = ["window_t", "window_n_min", "window_n_max"]
         recorded = ws.again("windows", runs, record=["windows"])[names]
-        leave = sweep_config("steady", ws.sizes).classify.sw_departure
         spins = runs["n_i"].to_numpy()
         for k, (step, *ends) in enumerate(recorded.itertuples(index=False)):
             least, most = (np.asarray(end, dtype=float) for end in ends)
@@ -71,12 +70,12 @@ def in_windows(ws: Workspace, runs: pd.DataFrame) -> pd.DataFrame:
             loss = 1 - (most if spins[k] < 0 else least) / spins[k]
             if loss.size:
                 half = loss.max() / 2
-                found[k, :3] = [first_above(loss, level, step) for level in (half, leave, PLATEAU)]
-                if np.isnan(found[k, 2]):
+                found[k, :2] = [first_above(loss, level, step) for level in (half, PLATEAU)]
+                if np.isnan(found[k, 1]):
                     # So abrupt that the run was over before the window was: kept to its beginning.
-                    found[k, 2] = loss.size * step
-                found[k, 3] = ((least + most) / 2)[np.argmax(loss > half) :].mean()
-    columns = dict(zip(("onset", "leaves", "kept", "centre"), found.T, strict=True))
+                    found[k, 1] = loss.size * step
+                found[k, 2] = ((least + most) / 2)[np.argmax(loss > half) :].mean()
+    columns = dict(zip(("onset", "kept", "centre"), found.T, strict=True))
     return runs.assign(**columns)
 
 
@@ -118,10 +117,8 @@ def of_onsets(runs: pd.DataFrame, wobbling: pd.DataFrame) -> dict[str, Any]:
         "onset_low": low,
         "onset_high": high,
         "onset_late": (wobbling["onset"] > LATE_FROM * wobbling["t_rgh"]).sum(),
-        "leave_median": wobbling["leaves"].median(),
         "reversed": runs["back"].sum(),
         "t_r_median": runs["t_r"][runs["back"]].median(),
-        "t_rgh_median": wobbling["t_rgh"].median(),
         "centre_between": ((spin < centre) & (centre < 0)).sum(),
         "centre_median": (centre / spin).median(),
         "centre_low": (centre / spin).min(),

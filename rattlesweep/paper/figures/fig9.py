@@ -82,9 +82,9 @@ def reversals_of_full(
 ) -> tuple[list[dict[str, Any]], Floats]:
     """Return the reversals of a run, and its C_I from the first one on."""
     found = modes(body)
-    period = 2 * np.pi / found.omega_r
+    period = 2 * np.pi / float(found.omega_r)
     t = table["t"].to_numpy()
-    casimir = averaged_casimir(table, found.K_p, found.K_r, period)
+    casimir = averaged_casimir(table, float(found.K_p), float(found.K_r), period)
     groups = reversals(zeros, ONE_REVERSAL * period)
     rows = [
         {

@@ -49,7 +49,7 @@ def accumulated(table: pd.DataFrame, body: Rattleback) -> Floats:
     constants = full.constants(*(getattr(body, name) for name in PARAMETERS))
     u_x, u_y, u_z, *omega = (table[name].to_numpy() for name in STATE)
     rate = volume_rate(u_x / u_z, u_y / u_z, *omega, *constants)
-    values: Floats = cumulative_trapezoid(rate, table["t"], initial=0.0)
+    values: Floats = cumulative_trapezoid(rate, table["t"].to_numpy(), initial=0)
     return values
 
 
