@@ -99,9 +99,9 @@ def markdown(done: Reproduction) -> str:
         "`rattlesweep paper && cp out/paper/claims.md docs/claims.md`. [The paper,",
         "reproduced](paper.md) says how each verdict is made.",
         "",
-        f"{len(done.claims)} claims: {tally(done.claims)}. Made with {sizes} by rattlesweep "
-        f"{package_version()}. Text between quotation marks is the paper's own. Units are",
-        "M = a = g = 1, intervals are 95 %.",
+        f"{len(done.claims)} claims: {tally(done.claims)}. Made with {sizes}, by rattlesweep "
+        f"{package_version()}.",
+        "Text between quotation marks is the paper's own. Units are M = a = g = 1, intervals 95 %.",
         "",
         "| | verdict | the paper says | measured |",
         "|---|---|---|---|",
@@ -109,7 +109,7 @@ def markdown(done: Reproduction) -> str:
     for claim in done.claims:
         verdict = f"{claim['verdict']}, {claim['held']} of {claim['checks']} checks"
         cells = (claim["id"], verdict, f"{claim['words']} ({claim['where']})", claim["measured"])
-        lines.append("| " + " | ".join(symbols(c).replace("|", "&#124;") for c in cells) + " |")
+        lines.append("| " + " | ".join(escape(plain(c), quote=False) for c in cells) + " |")
     return "\n".join(lines) + "\n"
 
 

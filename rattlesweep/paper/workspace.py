@@ -9,14 +9,12 @@ from __future__ import annotations
 import io
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
-from ruamel.yaml import YAML
 
 from rattlesweep.progress import Bar
 from rattlesweep.sweeps.config.load import load_config, parse_config, resolved
@@ -151,22 +149,11 @@ class Workspace:
         return runs
 
 
-@cache
-def column_words() -> dict[str, tuple[str, str]]:
-    """Return the unit and the meaning of every column of the figures' tables."""
-    words: dict[str, tuple[str, str]] = YAML(typ="safe").load(HERE / "columns.yaml")
-    return words
-
-
 def write_table(path: Path, frame: pd.DataFrame) -> None:
-    """Write a table, each column with its unit and its meaning; NaN is null."""
-    table = pa.Table.from_pandas(frame, preserve_index=False)
-    fields = []
-    for column in table.schema:
-        unit, words = column_words()[column.name]
-        fields.append(column.with_metadata({"unit": unit, "description": words}))
+    """Write a table in one step; what is not a number is null."""
     buffer = io.BytesIO()
-    pq.write_table(table.cast(pa.schema(fields)), buffer, write_page_checksum=True)
+    table = pa.Table.from_pandas(frame, preserve_index=False).replace_schema_metadata()
+    pq.write_table(table, buffer, write_page_checksum=True)
     replace_file(path, buffer.getvalue())
 
 
