@@ -108,9 +108,9 @@ def _planned(
 
     base: Path | None = None
     if is_frame(config):
-        from rattlesweep.sweeps.old.frame import keep_bodies
+        from rattlesweep.sweeps.frame import plan_frame
 
-        return keep_bodies(config, output, keys)
+        return plan_frame(config, output, keys)
     if keys:
         raise ConfigError(
             f"{next(iter(keys))}: is given beside a config; write it into the config, as only a "

@@ -64,7 +64,7 @@ def _of_sweep(config: Config) -> Kernels:
     from rattlesweep.sweeps.bodies.sampler import draw_bodies
 
     if config.bodies.source == "sd":
-        yield "bodies", partial(draw_bodies, 0, 0, np.zeros(1, dtype=np.int64), np.ones((5, 2)))
+        yield "bodies", partial(draw_bodies, 0, np.zeros(1, dtype=np.int64), np.ones((5, 2)))
     if config.model != "gh":
         tangent = " lyapunov" if "lyapunov" in config.record else ""
         name = f"sweep {config.integrator.method} {config.model}{tangent}"

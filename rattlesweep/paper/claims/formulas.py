@@ -301,8 +301,8 @@ def reversal_times(_: Made, samples: int = SAMPLES) -> Measured:
     def times(xi: Any) -> Floats:
         """Return t_rGH+ and t_rGH- (Eqs. (56) [trgh-p] and (58) [trgh-m]), shape (2, samples)."""
         found = theory.modes(alpha, beta, theta_, phi, xi)
-        both: Floats = np.stack([found.K_p, found.K_r])
-        return np.log((n_0 + n_i) / (n_0 - n_i)) / (n_0 * both)
+        both = np.log((n_0 + n_i) / (n_0 - n_i)) / (n_0 * np.stack([found.K_p, found.K_r]))
+        return np.asarray(both)
 
     small, largest = 2.0**-20, np.radians(SdRanges().minus_xi_deg[1])
     limit = times(-small) * small

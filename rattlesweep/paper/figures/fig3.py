@@ -29,11 +29,10 @@ CHUNK = 100_000
 def drawn_bodies(first: int, last: int, ranges: SdRanges, seed: int = SEED) -> tuple[Floats, ...]:
     """Return ``alpha, beta, gamma, theta, phi, xi`` of the bodies of some numbers.
 
-    They are those of the sampler's group 0, so that body number ``i`` here is sample ``i`` of a
-    sweep of the same seed.
+    Body number ``i`` is sample ``i`` of a sweep of the same seed without a target.
     """
     limits = [ranges.gamma, ranges.f_sd, ranges.theta, ranges.phi, ranges.minus_xi_deg]
-    drawn = draw_bodies(seed, 0, np.arange(first, last), np.array(limits))[0]
+    drawn = draw_bodies(seed, np.arange(first, last), np.array(limits))[0]
     gamma, _, theta, phi, xi, alpha, beta = drawn
     return alpha, beta, gamma, theta, phi, xi
 
