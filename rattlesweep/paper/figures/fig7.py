@@ -86,16 +86,20 @@ def settled(runs: pd.DataFrame) -> pd.DataFrame:
     """Return where the runs of type SS end, by spin and oscillation.
 
     ``gain`` is ``(n_end - n_i)/(-n_0 - n_i)``: 1 if all energy of the oscillation has gone into the
-    spin, 0 if the spin ends as it was launched.
+    spin, 0 if the spin ends as it was launched.  Runs within 1 % of Bondi's threshold are counted
+    as ``near`` and otherwise left out: their oscillation is still there at the horizon.
     """
-    own = runs[runs["type"] == "SS"]
+    steady = runs[runs["type"] == "SS"]
+    near = steady["n_c1"].abs() > 0.99 * steady["n_i"].abs()
+    own = steady.assign(near=near.groupby([steady["n_i"], steady["omega_xy0"]]).transform("sum"))
+    own = own[~near]
     beyond = own["n_end"] / own["n_i"] - 1
     gain = (own["n_end"] - own["n_i"]) / (-own["n_0"] - own["n_i"])
     groups = own.assign(beyond=beyond, gain=gain, faster=beyond > 0).groupby(
         ["n_i", "omega_xy0"], sort=False
     )
     return groups.agg(
-        SS=("gain", "size"), faster=("faster", "sum"), gain_median=("gain", "median"),
+        SS=("gain", "size"), near=("near", "first"), faster=("faster", "sum"), gain_median=("gain", "median"),
         beyond_median=("beyond", "median"), beyond_max=("beyond", "max"),
     ).reset_index()  # fmt: skip
 
