@@ -195,7 +195,8 @@ def test_one_chaotic_slow_run_is_enough_for_partly():
 
 def test_s9b_follows_where_spins_settle():
     def s9b(faster, gain, between):
-        settled = pd.DataFrame({"n_i": [-0.5], "omega_xy0": [0.1], "SS": [9], "near": [1], "faster": [faster],
+        settled = pd.DataFrame({"n_i": [-0.5], "omega_xy0": [0.1], "SS": [9], "near": [1],
+                                "faster": [faster],
                                 "gain_median": [gain], "beyond_median": [1e-3],
                                 "beyond_max": [2e-3]})  # fmt: skip
         onset = pd.DataFrame({"wobbling": [5, 0], "centre_between": [between, 0],

@@ -376,7 +376,8 @@ def settled_spins(made: Made) -> Measured | None:
     converted = every((settled["gain_median"] - 1).abs() < 0.1)
     sizes = settled.groupby("omega_xy0")["beyond_median"].median().reset_index()
     return [faster, converted, between], {
-        "near": int(settled["near"].sum()), "value": wobbling["centre_median"].median(), "low": wobbling["centre_low"].min(),
+        "near": int(settled["near"].sum()),
+        "value": wobbling["centre_median"].median(), "low": wobbling["centre_low"].min(),
         "high": wobbling["centre_high"].max(), "faster": faster, "between": between,
         "beyond": records(sizes), "most": settled["beyond_max"].max(),
         "gain": settled["gain_median"].median(),

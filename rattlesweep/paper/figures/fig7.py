@@ -99,7 +99,8 @@ def settled(runs: pd.DataFrame) -> pd.DataFrame:
         ["n_i", "omega_xy0"], sort=False
     )
     return groups.agg(
-        SS=("gain", "size"), near=("near", "first"), faster=("faster", "sum"), gain_median=("gain", "median"),
+        SS=("gain", "size"), near=("near", "first"), faster=("faster", "sum"),
+        gain_median=("gain", "median"),
         beyond_median=("beyond", "median"), beyond_max=("beyond", "max"),
     ).reset_index()  # fmt: skip
 
