@@ -103,7 +103,7 @@ def _planned(
     config: Any, output: Path | None, keys: Mapping[str, Any]
 ) -> tuple[Plan, Path, Path | None, list[str]]:
     """The plan of a sweep, where it goes, where its table is looked for, and what is doubtful."""
-    from rattlesweep.sweeps.config.load import load_config, parse_config
+    from rattlesweep.sweeps.config.read import load_config, parse_config
     from rattlesweep.sweeps.plausible import checked_plan
 
     base: Path | None = None

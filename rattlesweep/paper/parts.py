@@ -22,8 +22,8 @@ from rattlesweep.paper.figures import (
     volume,
 )
 from rattlesweep.paper.workspace import Tables, Workspace
-from rattlesweep.sweeps.config.bodies import SdRanges
 from rattlesweep.sweeps.config.messages import not_one_of
+from rattlesweep.sweeps.config.schema import SdRanges
 
 # The claims about formulas alone go by this name where parts are chosen.
 THEORY = "theory"

@@ -19,7 +19,7 @@ from rattlesweep.analysis.pages import config_yaml, render, source
 from rattlesweep.paper.claims.claim import COLUMNS, UNDECIDED
 from rattlesweep.paper.parts import PARTS
 from rattlesweep.paper.workspace import FULL, Tables, Workspace, records, sweep_config, write_table
-from rattlesweep.sweeps.config.load import resolved
+from rattlesweep.sweeps.config.read import resolved
 from rattlesweep.sweeps.files import replace_file
 from rattlesweep.sweeps.provenance import PACKAGES, machine, now, package_version
 

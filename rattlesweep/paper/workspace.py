@@ -17,7 +17,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from rattlesweep.progress import Bar
-from rattlesweep.sweeps.config.load import load_config, parse_config, resolved
+from rattlesweep.sweeps.config.read import load_config, parse_config, resolved
 from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.files import probe_directory, replace_file
 from rattlesweep.sweeps.plan import make_plan

@@ -27,7 +27,7 @@ from rattlesweep.paper.parts import choose
 from rattlesweep.paper.report import page, symbols
 from rattlesweep.paper.reproduce import reproduce
 from rattlesweep.paper.workspace import FULL, QUICK, Sizes, Workspace, sweep_config
-from rattlesweep.sweeps.config.load import load_config, resolved
+from rattlesweep.sweeps.config.read import load_config, resolved
 from rattlesweep.sweeps.single import Launch, single_run
 from rattlesweep.sweeps.types import is_chaotic
 

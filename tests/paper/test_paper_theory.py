@@ -12,7 +12,7 @@ from rattlesweep.paper.figures import fig3, fig4
 from rattlesweep.paper.parts import PARTS
 from rattlesweep.physics import full, theory
 from rattlesweep.physics.body import Rattleback
-from rattlesweep.sweeps.config.bodies import SdRanges
+from rattlesweep.sweeps.config.schema import SdRanges
 
 
 def ignore(share):

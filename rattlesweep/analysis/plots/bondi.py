@@ -10,7 +10,7 @@ from rattlesweep.arrays import Floats
 from rattlesweep.physics.theory import bondi_threshold
 from rattlesweep.analysis.plots.layout import Layout
 from rattlesweep.sweeps.bodies.sources import make_source
-from rattlesweep.sweeps.config.load import parse_config, resolved
+from rattlesweep.sweeps.config.read import parse_config, resolved
 
 
 def threshold(layout: Layout, values: Mapping[str, Floats]) -> Floats:

@@ -19,7 +19,7 @@ from rattlesweep.paper.claims.claim import EXACT, Count, Made, Measured, every
 from rattlesweep.paper.figures.fig3 import drawn_bodies
 from rattlesweep.physics import full, reduced, steady, theory
 from rattlesweep.physics.body import Rattleback, shell_dumbbell
-from rattlesweep.sweeps.config.bodies import SdRanges
+from rattlesweep.sweeps.config.schema import SdRanges
 
 # Random bodies on which formulas are tried.
 SAMPLES = 2000

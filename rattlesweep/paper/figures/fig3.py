@@ -15,7 +15,7 @@ from rattlesweep.paper.workspace import Report, Tables
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import shell_dumbbell
 from rattlesweep.sweeps.bodies.sampler import draw_bodies
-from rattlesweep.sweeps.config.bodies import SdRanges
+from rattlesweep.sweeps.config.schema import SdRanges
 
 SEED = 2017
 # Points of a cumulative distribution.

@@ -26,7 +26,7 @@ from rattlesweep.paper.figures.fig3 import (
 from rattlesweep.paper.figures.frames import frame
 from rattlesweep.paper.workspace import Report, Tables
 from rattlesweep.physics import theory
-from rattlesweep.sweeps.config.bodies import SdRanges
+from rattlesweep.sweeps.config.schema import SdRanges
 
 # The paper's colour code: nine decades.
 DECADES = 9

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure as Drawing
 from rattlesweep.analysis.style import BLUE, GREEN, VERMILION, new_figure
 from rattlesweep.paper.figures.frames import ABOVE, frame
 from rattlesweep.paper.workspace import Tables, Workspace
-from rattlesweep.sweeps.config.load import parse_config
+from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.counts import wilson
 
 N_I, OMEGA_XY0 = 0.3, 0.01
