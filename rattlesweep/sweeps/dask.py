@@ -142,9 +142,9 @@ class _Driver:
                         continue
                     job.worked(keys, answer.seconds)
                     yield answer.table
-                if job.over(some_done=not self._workers):
-                    raise OutOfTime
                 job.tick()
+                if not self._workers and job.over():
+                    raise OutOfTime
         except BaseException as error:
             # A stop is a request and no failure: what has ended is kept.
             if isinstance(error, OutOfTime) or not isinstance(error, (Exception, GeneratorExit)):
@@ -243,8 +243,10 @@ class _Driver:
     def _ended(self) -> Iterator[pa.Table]:
         """Stop the blocks under way, and yield the rows of their runs that have ended."""
         client, end = self._client, time.monotonic() + GATHER
-        with suppress(Exception):
-            client.sync(client.run, stop, self._token, on_error="ignore", callback_timeout=GATHER)
+        with suppress(Exception):  # not heard by a worker that is paused
+            client.sync(
+                client.run, stop, self._token, on_error="ignore", callback_timeout=GATHER / 2
+            )
         while self._flying and time.monotonic() < end and client.status == "running":
             with suppress(OutputError, ConfigError):  # a block that failed has no rows
                 for _, answer in self._done():

@@ -1,7 +1,7 @@
 """Preloaded by the Dask workers of a test: they hold their blocks until the test lets them go on.
 
-A block passes if the directory ``RATTLESWEEP_TESTS_GATE`` holds the file ``open`` or ``ticket``; the
-latter is taken away.  Whatever lies below ``RATTLESWEEP_TESTS_CLOSED`` cannot be opened.
+A block passes if there is a file ``open`` or ``ticket`` in ``RATTLESWEEP_TESTS_GATE``; a ticket is
+taken away.  Whatever lies below ``RATTLESWEEP_TESTS_CLOSED`` cannot be opened.
 """
 
 from __future__ import annotations
