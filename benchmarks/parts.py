@@ -34,8 +34,8 @@ from rattlesweep.physics.steady import steady_modes
 from rattlesweep.sweeps.block import finish_block, run_batch
 from rattlesweep.sweeps.launches import full_batch, prepare, reduced_batch
 from rattlesweep.sweeps.plan import make_plan
-from rattlesweep.sweeps.config.integrator import Integrator
-from rattlesweep.sweeps.config.load import load_config
+from rattlesweep.sweeps.config.schema import Integrator
+from rattlesweep.sweeps.config.read import load_config
 from rattlesweep.sweeps.old.store import Store
 from rattlesweep.sweeps.arrow import build_table
 from rattlesweep.sweeps.columns import runs_schema
@@ -161,7 +161,7 @@ def around(plan: Any, launches: Any, columns: dict[str, Any], directory: Path) -
     store.prepare()
     schema = runs_schema([], "full")
     return [
-        Part("bodies", lambda: plan.source.bodies(0, sample), runs),
+        Part("bodies", lambda: plan.source.bodies(np.nan, sample), runs),
         Part("bodies, theory, horizons", lambda: prepare(plan, case, sample), runs),
         Part("theory: modes", lambda: theory.modes(b.alpha, b.beta, b.theta, b.phi, b.xi), runs),
         Part("steady modes", lambda: steady_modes(constants, launches.n_i), runs),

@@ -18,7 +18,7 @@ from rattlesweep.analysis import style
 from rattlesweep.analysis.boundaries import boundaries
 from rattlesweep.analysis.plots.map import CELLS, CODES, inferred
 from rattlesweep.sweeps.decide import Refining
-from rattlesweep.sweeps.config.load import override_config, resolved
+from rattlesweep.sweeps.config.read import override_config, resolved
 from rattlesweep.sweeps.old.stored import open_stored
 
 LEVELS = (2, 3, 4, 5)
@@ -81,7 +81,7 @@ def main() -> None:
 
 def draw(stored, code: np.ndarray, done: np.ndarray, missed: np.ndarray) -> object:
     """The runs that are done on the left, the cells that are missed on the right."""
-    spin, theta = stored.config.spin, stored.config.bodies.axes.values()["theta"]
+    spin, theta = stored.config.spin, stored.config.bodies.axes.given()["theta"]
     figure = style.new_figure(9.0, 7.4)
     panels = figure.subplots(len(spin.omega_xy0), 2, sharex=True, sharey=True)
     colours = [colour for colour, _ in CELLS.values()]

@@ -10,7 +10,7 @@ import pyarrow as pa
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.analysis.plots.layout import Axis, Layout, iter_rows
-from rattlesweep.sweeps.config.fields import PARAMETERS
+from rattlesweep.sweeps.config.schema import PARAMETERS
 from rattlesweep.sweeps.config.messages import not_one_of
 from rattlesweep.sweeps.provenance import package_version
 from rattlesweep.sweeps.columns import RUNS, TEXT

@@ -17,7 +17,7 @@ from rattlesweep.analysis.plots.layout import Layout, read_layout, read_rows
 from rattlesweep.analysis.plots.picture import Picture
 from rattlesweep.analysis.plots.registry import choose_picture, default_kind
 from rattlesweep.analysis.style import encode, styled
-from rattlesweep.sweeps.config.load import resolved
+from rattlesweep.sweeps.config.read import resolved
 from rattlesweep.sweeps.old.content_hash import RowsHash
 from rattlesweep.sweeps.old.status import status_of
 from rattlesweep.sweeps.summary import Summary, absent_columns

@@ -33,7 +33,7 @@ def compile(configs: tuple[Path, ...], everything: bool) -> None:
     """
     from rattlesweep.integrate.cache import KernelCache, directory, remove_old
     from rattlesweep.integrate.lanes import kernel
-    from rattlesweep.sweeps.config.load import load_config, parse_config
+    from rattlesweep.sweeps.config.read import load_config, parse_config
 
     sweeps = [load_config(path) for path in configs] or [parse_config(SWEEP)]
     place = directory(kernel.__file__)
@@ -64,7 +64,7 @@ def _of_sweep(config: Config) -> Kernels:
     from rattlesweep.sweeps.bodies.sampler import draw_bodies
 
     if config.bodies.source == "sd":
-        yield "bodies", partial(draw_bodies, 0, 0, np.zeros(1, dtype=np.int64), np.ones((5, 2)))
+        yield "bodies", partial(draw_bodies, 0, np.zeros(1, dtype=np.int64), np.ones((5, 2)))
     if config.model != "gh":
         tangent = " lyapunov" if "lyapunov" in config.record else ""
         name = f"sweep {config.integrator.method} {config.model}{tangent}"
@@ -75,7 +75,7 @@ def _all() -> Kernels:
     """Those of the trade-off study, of the paper and of trajectories."""
     from rattlesweep.integrate.follow.kernels import ATTITUDES, load_all
     from rattlesweep.integrate.tableau import DOP853, METHODS
-    from rattlesweep.sweeps.config.load import parse_config
+    from rattlesweep.sweeps.config.read import parse_config
 
     for method in METHODS:
         yield from _of_sweep(parse_config(SWEEP | {"integrator": {"method": method}}))

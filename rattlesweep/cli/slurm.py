@@ -59,8 +59,7 @@ def slurm(
         plan = examine(plan, directory, path.parent).plan
     if shards > plan.n_blocks:
         raise ConfigError(
-            f"--shards {shards}: is more than the {plan.n_blocks} blocks there are; take fewer, or "
-            "a smaller block_size"
+            f"--shards {shards}: is more than the {plan.n_blocks} blocks there are; take fewer"
         )
     if shards > MOST_SHARDS:
         say(f"note: Slurm takes arrays of {MOST_SHARDS} tasks unless MaxArraySize says otherwise")

@@ -45,7 +45,7 @@ def tradeoff(
     from rattlesweep.analysis.tradeoff.measure import measure
     from rattlesweep.analysis.tradeoff.settings import DEFAULT, FULL, QUICK
     from rattlesweep.analysis.tradeoff.table import as_data, as_text
-    from rattlesweep.sweeps.config.load import load_config, override_config
+    from rattlesweep.sweeps.config.read import load_config, override_config
     from rattlesweep.sweeps.files import probe_directory
 
     loaded = (

@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from rattlesweep.errors import ConfigError
-from rattlesweep.sweeps.config.load import override_config, resolved
+from rattlesweep.sweeps.config.read import override_config, resolved
 from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.locks import hold
 from rattlesweep.sweeps.stored import Stored, note_thresholds, open_stored
@@ -44,7 +44,8 @@ class Classified:
 
 
 def classify_stored(directory: Path, overrides: Sequence[str] = ()) -> Classified:
-    """Give the stored runs of a directory the types that some thresholds ask for, and renew the summary.
+    """Give the stored runs of a directory the types that some thresholds ask for, and renew the
+    summary.
 
     Each file is rewritten in one step; after a kill the same command goes on.
 

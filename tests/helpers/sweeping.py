@@ -13,7 +13,7 @@ from click.testing import CliRunner
 
 from rattlesweep import cli
 from rattlesweep.sweeps.plan import Plan, make_plan
-from rattlesweep.sweeps.config.load import load_config, parse_config
+from rattlesweep.sweeps.config.read import load_config, parse_config
 from rattlesweep.sweeps.run import run_sweep
 from rattlesweep.sweeps.old.content_hash import content_hash
 from rattlesweep.sweeps.old.verify import verify

@@ -22,8 +22,7 @@ import rattlesweep as rs
 from rattlesweep.analysis.pages import config_yaml
 from rattlesweep.analysis.report import MOST_CASES, make_report
 from rattlesweep.analysis.style import TYPE_STYLE
-from rattlesweep.sweeps.config import yamlfile
-from rattlesweep.sweeps.config.load import parse_config, physics_hash, resolved
+from rattlesweep.sweeps.config.read import parse_config, physics_hash, read_yaml, resolved
 from rattlesweep.sweeps.old.content_hash import content_hash
 from rattlesweep.sweeps.old import store as store_module
 from rattlesweep.sweeps.old.manifest import Expected, Manifest
@@ -143,7 +142,7 @@ def test_the_config_makes_the_sweep_again(sweeps):
     for name in ("steady", "map"):
         config = rs.load(sweeps / name).manifest["config"]
         text = config_yaml(config)
-        again = parse_config(yamlfile.parse(text).data)
+        again = parse_config(read_yaml(text)[0])
         assert physics_hash(again) == physics_hash(parse_config(config))
         assert resolved(again)["spin"] == config["spin"]
     assert "n_i:\n    linspace: [-0.6, 0.6, 50]" in text

@@ -36,7 +36,7 @@ from rattlesweep.analysis.tradeoff.table import (
     cheapest,
     row_name,
 )
-from rattlesweep.sweeps.config.load import load_config, parse_config, physics_hash
+from rattlesweep.sweeps.config.read import load_config, parse_config, physics_hash
 from rattlesweep.sweeps.arrow import open_sealed
 
 SMALL = """\

@@ -20,7 +20,7 @@ from rattlesweep.analysis.plots.layout import read_layout
 from rattlesweep.analysis.plots.map import CODES
 from rattlesweep.analysis.plots.registry import read_picture
 from rattlesweep.sweeps.decide import make_stages, strides
-from rattlesweep.sweeps.config.load import parse_config, physics_hash
+from rattlesweep.sweeps.config.read import parse_config, physics_hash
 from rattlesweep.sweeps.old.verify import verify
 
 GRID: dict[str, Any] = {

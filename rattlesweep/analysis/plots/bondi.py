@@ -10,7 +10,7 @@ from rattlesweep.arrays import Floats
 from rattlesweep.physics.theory import bondi_threshold
 from rattlesweep.analysis.plots.layout import Layout
 from rattlesweep.sweeps.bodies.sources import make_source
-from rattlesweep.sweeps.config.load import parse_config, resolved
+from rattlesweep.sweeps.config.read import parse_config, resolved
 
 
 def threshold(layout: Layout, values: Mapping[str, Floats]) -> Floats:
@@ -23,6 +23,6 @@ def threshold(layout: Layout, values: Mapping[str, Floats]) -> Floats:
         data["bodies"].pop("c", None)
     data["bodies"]["axes"] = {name: values[name].tolist() for name in layout.bodies}
     source = make_source(parse_config(data))
-    body = source.bodies(0, np.arange(source.samples))
+    body = source.bodies(np.nan, np.arange(source.samples))
     n_c1 = bondi_threshold(body.alpha, body.beta, body.gamma, body.theta, body.phi)
     return np.nan_to_num(n_c1, nan=-np.inf)

@@ -14,7 +14,7 @@ import pyarrow as pa
 from rattlesweep.arrays import Floats, Integers
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.analysis.where import Condition, parse_condition
-from rattlesweep.sweeps.config.bodies import GridSource, SdSource
+from rattlesweep.sweeps.config.schema import GridSource, SdSource
 from rattlesweep.sweeps.config.messages import not_one_of
 from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.old.manifest import Manifest

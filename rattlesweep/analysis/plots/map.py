@@ -24,7 +24,7 @@ from rattlesweep.analysis.plots.panels import (
     scale_axis,
 )
 from rattlesweep.analysis.style import FAILED, MISSING, TYPE_STYLE, label
-from rattlesweep.sweeps.config.bodies import GridSource
+from rattlesweep.sweeps.config.schema import GridSource
 
 # From this many values on along both sides, a grid is a map.
 SIDE = 8

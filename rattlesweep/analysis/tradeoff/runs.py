@@ -19,8 +19,8 @@ from rattlesweep.sweeps.block import columns_of, load_kernel, run_batch
 from rattlesweep.sweeps.error import Estimated
 from rattlesweep.sweeps.launches import Launches, full_batch, prepare, reduced_batch
 from rattlesweep.sweeps.plan import make_plan
-from rattlesweep.sweeps.config.bodies import SdSource
-from rattlesweep.sweeps.config.load import override_config, resolved
+from rattlesweep.sweeps.config.schema import SdSource
+from rattlesweep.sweeps.config.read import override_config, resolved
 from rattlesweep.sweeps.config.schema import Config
 
 

@@ -221,7 +221,7 @@ def launched(
 
 def load_sweep(path: Path, overrides: tuple[str, ...], output: Path | None = None) -> Config:
     """The config of a sweep, with what the command line says instead."""
-    from rattlesweep.sweeps.config.load import load_config
+    from rattlesweep.sweeps.config.read import load_config
 
     loaded = load_config(path, overrides)
     return loaded if output is None else loaded.model_copy(update={"output": str(output)})

@@ -15,7 +15,7 @@ from rattlesweep.physics import theory
 from rattlesweep.physics.body import shell_dumbbell
 from rattlesweep.analysis.style import GREEN, ORANGE, SKY, new_figure
 from rattlesweep.sweeps.bodies.sampler import draw_bodies
-from rattlesweep.sweeps.config.bodies import SdRanges
+from rattlesweep.sweeps.config.schema import SdRanges
 from rattlesweep.sweeps.columns import RATE
 
 SEED = 2017
@@ -55,7 +55,7 @@ def drawn_bodies(first: int, last: int, ranges: SdRanges, seed: int = SEED) -> t
     sweep of the same seed.
     """
     limits = [ranges.gamma, ranges.f_sd, ranges.theta, ranges.phi, ranges.minus_xi_deg]
-    drawn = draw_bodies(seed, 0, np.arange(first, last), np.array(limits))[0]
+    drawn = draw_bodies(seed, np.arange(first, last), np.array(limits))[0]
     gamma, _, theta, phi, xi, alpha, beta = drawn
     return alpha, beta, gamma, theta, phi, xi
 

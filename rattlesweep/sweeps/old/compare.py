@@ -18,7 +18,7 @@ from rattlesweep.arrays import Floats, Integers
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps import columns
 from rattlesweep.sweeps.columns import F64, I32, I64, TEXT, TIME
-from rattlesweep.sweeps.config.load import differences, physics_part, resolved
+from rattlesweep.sweeps.config.read import differences, fixed_part, resolved
 from rattlesweep.sweeps.files import streamed_file
 from rattlesweep.sweeps.old.stored import Stored, open_stored
 
@@ -260,7 +260,7 @@ def compare(
 def _runs(stored: Stored) -> dict[str, Any]:
     """What determines which runs there are, however they are integrated."""
     config, manifest = stored.config, stored.manifest
-    data = physics_part(resolved(config))
+    data = fixed_part(resolved(config))
     how = ("integrator", "record", "classify")
     data = {key: value for key, value in data.items() if key not in how}
     # A table may have moved; what it says is compared row by row.

@@ -18,7 +18,7 @@ import pyarrow as pa
 
 from rattlesweep.arrays import Floats, Integers
 from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.sweeps.config.bodies import SdSource
+from rattlesweep.sweeps.config.schema import SdSource
 from rattlesweep.sweeps.old.stored import Stored, open_stored
 from rattlesweep.sweeps.types import TYPES
 
