@@ -23,7 +23,7 @@ import pytest
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps import dask as daskengine
 from rattlesweep.sweeps import job as jobs
-from rattlesweep.sweeps.config.load import load_config, parse_config
+from rattlesweep.sweeps.config.read import load_config, parse_config
 from rattlesweep.sweeps.dask import AHEAD, make_engine
 from rattlesweep.sweeps.job import Progress
 from rattlesweep.sweeps.plan import make_plan
@@ -326,7 +326,7 @@ SCRIPT = f"""
 import json, sys
 from pathlib import Path
 from rattlesweep.sweeps import job
-from rattlesweep.sweeps.config.load import parse_config
+from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.dask import make_engine
 from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.run import run_sweep

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from rattlesweep.errors import ConfigError
-from rattlesweep.sweeps.config.load import load_config
+from rattlesweep.sweeps.config.read import load_config
 from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.provenance import package_version
 from rattlesweep.sweeps.run import run_sweep
