@@ -27,6 +27,7 @@ from rattlesweep.sweeps.config.read import load_config, parse_config
 from rattlesweep.sweeps.dask import AHEAD, make_engine
 from rattlesweep.sweeps.job import Progress
 from rattlesweep.sweeps.plan import make_plan
+from rattlesweep.sweeps.rows import Runs
 from rattlesweep.sweeps.run import Result, run_sweep
 from rattlesweep.sweeps.stored import open_stored
 
@@ -291,6 +292,20 @@ def test_stopped_sweeps_resume_to_the_same_rows(cluster, plain, tmp_path):
         assert len(sessions) < 40
         sessions.append(spread(tmp_path, SWEEP, make_engine(cluster, threads=1), max_time=1e-9))
     assert sum(result.done for result in sessions) == 80
+    assert rows(tmp_path).equals(plain)
+
+
+def test_rows_that_cannot_be_written_end_the_sweep_and_free_the_workers(
+    cluster, plain, tmp_path, monkeypatch
+):
+    def full(*args: Any) -> None:
+        raise OutputError("the disk is full")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Runs, "append", full)
+        with pytest.raises(OutputError, match="^the disk is full$"):
+            spread(tmp_path, SWEEP, make_engine(cluster))
+    assert spread(tmp_path, SWEEP, make_engine(cluster)).done == 80
     assert rows(tmp_path).equals(plain)
 
 
