@@ -25,6 +25,7 @@ import click
 import numpy as np
 from numba import njit
 
+from rattlesweep.arrays import take
 from rattlesweep.integrate.batch import Batch
 from rattlesweep.integrate.lanes.build import problem_of
 from rattlesweep.integrate.lanes.lane import LANES, Layout
@@ -33,13 +34,11 @@ from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import DOP853
 from rattlesweep.physics import full, theory
 from rattlesweep.physics.steady import steady_modes
-from rattlesweep.sweeps.arrow import build_table
-from rattlesweep.sweeps.block import finish_block, run_batch
-from rattlesweep.sweeps.launches import full_batch, prepare, reduced_batch
-from rattlesweep.sweeps.plan import make_plan
-from rattlesweep.sweeps.config.schema import Integrator
+from rattlesweep.sweeps.arrow import build_table, write_parquet
+from rattlesweep.sweeps.block import columns_of, run_batch
 from rattlesweep.sweeps.config.read import load_config
-from rattlesweep.sweeps.old.store import Store
+from rattlesweep.sweeps.config.schema import Integrator
+from rattlesweep.sweeps.launches import full_batch, prepare, reduced_batch
 from rattlesweep.sweeps.plan import make_plan
 
 if TYPE_CHECKING:
@@ -93,7 +92,7 @@ def integration(samples: int) -> tuple[list[Part], Any, Any, dict[str, Any]]:
         parts.append(
             Part(
                 "record " + ", ".join(record) if record else "plain",
-                lambda changed=changed: finish_block(changed, launches, batch, threads=1),
+                lambda changed=changed: finish(changed, launches, batch),
                 len(batch),
             )
         )
@@ -102,7 +101,7 @@ def integration(samples: int) -> tuple[list[Part], Any, Any, dict[str, Any]]:
     parts.append(
         Part(
             "accuracy t_r 1e-6",
-            lambda changed=changed: finish_block(changed, launches, batch, threads=1),
+            lambda changed=changed: finish(changed, launches, batch),
             runs,
         )
     )
@@ -110,13 +109,13 @@ def integration(samples: int) -> tuple[list[Part], Any, Any, dict[str, Any]]:
     closed = config.model_copy(update={"model": "gh"})
     small = reduced_batch(launches)
     parts += [
-        Part("model reduced", lambda: finish_block(reduced, launches, small, threads=1), runs),
-        Part("model gh", lambda: finish_block(closed, launches, None), runs),
+        Part("model reduced", lambda: finish(reduced, launches, small), runs),
+        Part("model gh", lambda: finish(closed, launches, None), runs),
         Part("integration alone", lambda: run_batch(config, batch, threads=1), runs),
     ]
     # Where the horizon of 5 is not cut by the other one.
     short = np.flatnonzero(5.0 * launches.gh.t_rgh <= HORIZON)
-    chosen = Batch(**{name: getattr(batch, name)[short] for name in Batch.__dataclass_fields__})
+    chosen = take(batch, short)
     for units in (1.0, 2.0, 5.0):
         cut = replace(chosen, t_end=units * launches.gh.t_rgh[short])
         parts.append(
@@ -127,7 +126,7 @@ def integration(samples: int) -> tuple[list[Part], Any, Any, dict[str, Any]]:
                 "integration, horizon 5 t_rGH",
             )
         )
-    return parts, plan, launches, finish_block(config, launches, batch, threads=1)
+    return parts, plan, launches, finish(config, launches, batch)
 
 
 def scenes(samples: int) -> list[Part]:
@@ -154,21 +153,33 @@ def scenes(samples: int) -> list[Part]:
     return parts
 
 
+def finish(config: Any, launches: Any, batch: Batch | None) -> Any:
+    """Integrate and type runs on one thread; return their columns."""
+    outcome = None if batch is None else run_batch(config, batch, threads=1)
+    return columns_of(config, launches, batch, outcome)
+
+
+def write(columns: dict[str, Any], schema: Any, path: Path) -> None:
+    """Write runs as a file of a sweep."""
+    write_parquet(build_table(columns, schema), path)
+
+
 def around(plan: Any, launches: Any, columns: dict[str, Any], directory: Path) -> list[Part]:
     """What is done before and after the kernel."""
     case, sample, b = launches.case, launches.sample, launches.bodies
     constants = full.constants(b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi)
     runs = len(sample)
-    store = Store(directory)
-    store.prepare()
-    schema = runs_schema([], "full")
     return [
         Part("bodies", lambda: plan.source.bodies(np.nan, sample), runs),
         Part("bodies, theory, horizons", lambda: prepare(plan, case, sample), runs),
         Part("theory: modes", lambda: theory.modes(b.alpha, b.beta, b.theta, b.phi, b.xi), runs),
         Part("steady modes", lambda: steady_modes(constants, launches.n_i), runs),
         Part("initial states, steady modes", lambda: full_batch(launches), runs),
-        Part("Parquet block", lambda: store.write_block(0, build_table(columns, schema)), runs),
+        Part(
+            "Parquet file",
+            partial(write, columns, plan.schema, directory / "runs.parquet"),
+            runs,
+        ),
     ]
 
 
