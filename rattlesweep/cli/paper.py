@@ -8,15 +8,15 @@ from pathlib import Path
 import click
 from click import option
 
-from rattlesweep.cli.common import Meter, command, options, say
-from rattlesweep.cli.common.output import DONE, SOME_FAILED
+from rattlesweep.cli import options
+from rattlesweep.cli.command import DONE, SOME_FAILED, command, say
+from rattlesweep.progress import Bar
 
 
 @command(
-    "Study",
+    "Studies",
     "rattlesweep paper --quick",
     "rattlesweep paper --only fig6,fig7 --output out/paper",
-    resumes=True,
 )
 @options.output("Output directory; by default out/paper, or out/paper-quick.")
 @option("--quick", is_flag=True, help="Fewer samples: faster, with wide intervals.")
@@ -42,13 +42,13 @@ def paper(
     names = choose(only)
     directory = output or Path("out/paper-quick" if quick else "out/paper")
     start = time.monotonic()
-    with Meter(quiet) as meter:
+    with Bar.of_command(quiet) as bar:
         done = reproduce(
             directory,
             names,
             sizes=QUICK if quick else FULL,
             threads=threads or available_threads(),
-            show=meter.show,
+            show=bar.show,
         )
     if not quiet:
         if done.claims:
