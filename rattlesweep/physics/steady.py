@@ -6,6 +6,15 @@ the growth rates and frequencies at any spin; their limit for small ``n`` is the
 Jalal, and their real part vanishes at Bondi's threshold.  Its left eigenvectors measure the
 amplitude of one mode alone, free of the beat with the other and of its own
 oscillation, which is what the types R, SS and SW need to see a slow growth.
+
+Written for the slope alone, the system is of second order, ``P(lambda) s = 0`` with
+
+    P = [[beta lambda^2 + d_p lambda + k_pp,  g_p lambda + k_pq],
+         [g_q lambda + k_qp,  alpha lambda^2 + d_q lambda + k_qq]],
+
+and ``det P`` is a product of two real quadratics, one of each mode.  Twice the growth rates are
+their linear coefficients and are found as small numbers: a growth of a millionth of the frequency
+has nearly all of its digits.
 """
 
 from __future__ import annotations
@@ -15,12 +24,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rattlesweep.physics.quartic import quadratics, roots, symmetric_eigenvalues
+from rattlesweep.physics.theory import two_product
+
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from rattlesweep.arrays import Floats
 
     Complexes = NDArray[np.complex128]
+    # Real and imaginary parts, as NumPy's product of complex numbers is fused on some processors.
+    Pair = tuple[Floats, Floats]
 
 # Of the way, in n^2, from the steady spin to its threshold: spins at which both modes must decay.
 POSSIBLE = (0.0, 0.25, 0.5)
@@ -89,7 +103,10 @@ class SteadyModes:
 
 
 def steady_modes(constants: Floats, n: ArrayLike, sigma: ArrayLike = 0.0) -> SteadyModes:
-    """Eigenvalues and left eigenvectors at spin ``n``; the pitch is the faster mode.
+    """Return eigenvalues and left eigenvectors at spin ``n``; the pitch is the faster mode.
+
+    Of each conjugate pair the one with positive frequency is returned, the faster pair first; of
+    a pair that no longer oscillates, the one that grows faster.  The eigenvectors have length 1.
 
     Parameters
     ----------
@@ -99,28 +116,25 @@ def steady_modes(constants: Floats, n: ArrayLike, sigma: ArrayLike = 0.0) -> Ste
     sigma : array_like
         As for :func:`matrix`.
     """
-    values, vectors = np.linalg.eig(np.swapaxes(matrix(constants, n, sigma), -1, -2))
-    # Of each conjugate pair the one with positive frequency, the faster pair first; of a pair
-    # that no longer oscillates, the one that grows faster.
-    order = np.lexsort((-values.real, -values.imag), axis=-1)
-    values = np.take_along_axis(values, order, -1).astype(complex)
-    vectors = np.take_along_axis(vectors, order[..., None, :], -1).astype(complex)
-    return SteadyModes(values[..., 0], values[..., 1], vectors[..., :, 0], vectors[..., :, 1])
+    system = _System(constants, n, sigma)
+    pitch, roll = _leading(system)
+    pitch_probe, roll_probe = system.left(*pitch), system.left(*roll)
+    return SteadyModes(*(_complex(*x) for x in (pitch, roll, pitch_probe, roll_probe)))
 
 
 def growth(constants: Floats, n: ArrayLike, sigma: ArrayLike = 0.0) -> tuple[Floats, Floats]:
-    """Growth rates of the pitch and the roll amplitude at any spin, in ``sqrt(g/a)``."""
-    found = steady_modes(constants, n, sigma)
-    return found.pitch.real, found.roll.real
+    """Return growth rates of the pitch and the roll amplitude at any spin, in ``sqrt(g/a)``."""
+    (pitch, _), (roll, _) = _leading(_System(constants, n, sigma))
+    return pitch[()], roll[()]
 
 
 def transient_growth(constants: Floats, n: ArrayLike) -> Floats:
-    """Bound of how far the energy of an oscillation rises before it decays, 1 or more.
+    """Return a bound of how far the energy of an oscillation rises before it decays, 1 or more.
 
     Modes that are not orthogonal take energy from each other: of ``dx/dt = A x`` with eigenvectors
     ``V`` and no growing mode, ``|x(t)|^2 <= cond(V)^2 |x(0)|^2`` (Trefethen and Embree, Spectra and
     Pseudospectra, 2005, sec. 14).  The norm is that of :func:`full.oscillation`, in which each mode
-    has length 1.
+    has length 1; ``cond(V)^2`` is the ratio of the extreme eigenvalues of the modes' products.
 
     Parameters
     ----------
@@ -128,15 +142,21 @@ def transient_growth(constants: Floats, n: ArrayLike) -> Floats:
     n : array_like
         Steady spin, in ``sqrt(g/a)``.
     """
-    ix, iy = constants[:2]
-    norm = np.zeros((*np.shape(ix), 4, 4))
-    norm[..., :2, :2] = _curvature(constants)
-    norm[..., 2, 2], norm[..., 3, 3] = ix + 1, iy + 1
-    root = np.swapaxes(np.linalg.cholesky(norm), -1, -2)
-    _, vectors = np.linalg.eig(root @ matrix(constants, n) @ np.linalg.inv(root))
-    sizes = np.linalg.svd(vectors, compute_uv=False)
+    system = _System(constants, n, 0.0)
+    columns = []
+    for pair in quadratics(*system.quartic()):
+        upper, lower = roots(*pair)
+        (one, imaginary), (other, _) = system.right(*upper), system.right(*lower)
+        # A unitary matrix turns a conjugate pair into its real and imaginary part, times sqrt(2).
+        oscillates = upper[1] > 0
+        other = np.where(oscillates, imaginary, other)
+        squares = [system.energy(x, x) for x in (one, other)]
+        mean = (squares[0] + squares[1]) / 2
+        for x, square in zip((one, other), squares, strict=True):
+            columns.append(x / np.sqrt(np.where(oscillates, mean, square)))
+    sizes = symmetric_eigenvalues([[system.energy(x, y) for y in columns] for x in columns])
     with np.errstate(divide="ignore"):
-        bound: Floats = (sizes[..., 0] / sizes[..., -1]) ** 2
+        bound: Floats = np.max(sizes, axis=0) / np.maximum(np.min(sizes, axis=0), 0.0)
     return bound
 
 
@@ -181,14 +201,157 @@ def settled_oscillation(constants: Floats, n_0: Floats, n_c: Floats, rate: Float
         pitch, roll = growth(constants, np.copysign(np.sqrt(n_0**2 - share * square), n_0))
         certain &= (pitch < 2 * roll) & (roll < -rate)
     constants, square, place = constants[:, certain], square[certain], place[certain]
-    lean = np.linalg.eigvalsh(_curvature(constants))[..., 0]
+    _, _, _, cxx, cxy, cyy = constants
+    # The smaller eigenvalue of C, without cancellation: twice the determinant over the larger.
+    apart = np.sqrt((cxx - cyy) * (cxx - cyy) + 4 * cxy * cxy)
+    lean = 2 * _determinant(cxx, cxy, cyy) / (cxx + cyy + apart)
     later = POSSIBLE[-1] * np.minimum(constants[2] * square, lean)
     rise = transient_growth(constants, n_0[certain])
     settled[place] = np.minimum(later / rise, MOST_SLOPE**2 * lean)
     return settled
 
 
-def _curvature(constants: Floats) -> Floats:
-    """Matrix ``C``, shape (..., 2, 2): what a slope ``(p, q)`` costs, twice the energy."""
-    _, _, _, cxx, cxy, cyy = constants
-    return np.stack([np.stack([cxx, cxy], -1), np.stack([cxy, cyy], -1)], -2)
+class _System:
+    """The linear system as ``P``, its determinant and its eigenvectors.
+
+    The names are those at the top of the module; ``c = -n``.
+    """
+
+    def __init__(self, constants: Floats, n: ArrayLike, sigma: ArrayLike) -> None:
+        ix, iy, iz, cxx, cxy, cyy, c, sigma = np.broadcast_arrays(
+            *constants, -np.asarray(n, float), np.asarray(sigma, float)
+        )
+        fall, c2 = -sigma * c / iz, c * c
+        self.constants, self.c, self.sigma = (ix, iy, iz, cxx, cxy, cyy), c, sigma
+        self.alpha, self.beta = ix + 1, iy + 1
+        self.h = ix + iy + 1 - iz
+        self.d_p, self.d_q = sigma + c * cxy, sigma - c * cxy
+        self.g_p, self.g_q = c * (cyy - self.h), c * (self.h - cxx)
+        # Without losses these two are k_pp and k_qq.
+        self.kept_p = (1 + c2) * cxx + (iz - ix) * c2
+        self.kept_q = (1 + c2) * cyy + (iz - iy) * c2
+        self.k_pp, self.k_qq = self.kept_p + fall * cxy, self.kept_q - fall * cxy
+        self.k_pq = (1 + c2) * cxy - sigma * c + fall * (1 + cyy)
+        self.k_qp = (1 + c2) * cxy + sigma * c - fall * (1 + cxx)
+
+    def quartic(self) -> tuple[Floats, Floats, Floats, Floats]:
+        """Return the coefficients of ``det P / (alpha beta)``, of the cube first.
+
+        Without losses the odd ones are ``c C_xy (I_x - I_y) (lambda^2 + c^2) lambda``; terms that
+        cancel in the determinant are left out here.
+        """
+        (ix, iy, iz, cxx, cxy, cyy), c, sigma, h = self.constants, self.c, self.sigma, self.h
+        c2, skew, square = c * c, c * cxy * (ix - iy), _determinant(cxx, cxy, cyy)
+        # The falling spin adds to a torque -sigma c what the contact point makes of it.
+        x, y = 1 + (1 + cxx) / iz, 1 + (1 + cyy) / iz
+        a3 = skew + sigma * (self.alpha + self.beta)
+        a2 = (
+            self.beta * self.k_qq
+            + self.alpha * self.k_pp
+            + c2 * (square - h * (cxx + cyy) + h * h)
+            + sigma * sigma
+        )
+        a1 = c2 * skew + sigma * (
+            self.kept_p + self.kept_q + c2 * (2 * cxy * cxy / iz - (cyy - h) * x - (cxx - h) * y)
+        )
+        a0 = (
+            (1 + c2) * ((1 + c2) * square + c2 * (cxx * (iz - iy) + cyy * (iz - ix)))
+            + c2 * c2 * (iz - ix) * (iz - iy)
+            + c2 * sigma * (sigma * (x * y - cxy * cxy / (iz * iz)) - skew / iz)
+        )
+        both = self.alpha * self.beta
+        return a3 / both, a2 / both, a1 / both, a0 / both
+
+    def elements(self, re: Floats, im: Floats) -> tuple[Pair, Pair, Pair, Pair]:
+        """Return ``P_pp, P_pq, P_qp, P_qq`` at an eigenvalue."""
+        square, twice = re * re - im * im, 2 * re * im
+        return (
+            (self.beta * square + self.d_p * re + self.k_pp, self.beta * twice + self.d_p * im),
+            (self.g_p * re + self.k_pq, self.g_p * im),
+            (self.g_q * re + self.k_qp, self.g_q * im),
+            (self.alpha * square + self.d_q * re + self.k_qq, self.alpha * twice + self.d_q * im),
+        )
+
+    def left(self, re: Floats, im: Floats) -> Pair:
+        """Return a left eigenvector of length 1, shape (..., 4)."""
+        (ix, iy, iz, cxx, _, cyy), c = self.constants, self.c
+        pp, pq, qp, qq = self.elements(re, im)
+        u, v = _kernel(pp, qp, pq, qq)
+        # The equations of omega_y and omega_x are the two of the slope, divided by -beta and alpha.
+        p = _times(u, (self.beta * re + self.d_p, self.beta * im))
+        q = _times(v, (self.alpha * re + self.d_q, self.alpha * im))
+        p_v, q_u = c * (iy - iz - cxx), c * (iz - ix + cyy)
+        parts = [
+            [p[k] + p_v * v[k], q[k] + q_u * u[k], self.alpha * v[k], -self.beta * u[k]]
+            for k in (0, 1)
+        ]
+        length = np.sqrt(sum(x * x for part in parts for x in part))
+        real, imaginary = (np.stack([x / length for x in part], axis=-1) for part in parts)
+        return real, imaginary
+
+    def right(self, re: Floats, im: Floats) -> Pair:
+        """Return a right eigenvector, shape (4, ...), of any length."""
+        pp, pq, qp, qq = self.elements(re, im)
+        p, q = _kernel(pp, pq, qp, qq)
+        # omega_x = dq/dt + c p, omega_y = c q - dp/dt.
+        dp, dq, c = _times((re, im), p), _times((re, im), q), self.c
+        real, imaginary = (
+            np.stack([p[k], q[k], dq[k] + c * p[k], c * q[k] - dp[k]]) for k in (0, 1)
+        )
+        return real, imaginary
+
+    def energy(self, one: Floats, other: Floats) -> Floats:
+        """Return the product that belongs to the norm of :func:`full.oscillation`."""
+        _, _, _, cxx, cxy, cyy = self.constants
+        (p, q, a, b), (p_1, q_1, a_1, b_1) = one, other
+        result: Floats = (
+            p * (cxx * p_1 + cxy * q_1)
+            + q * (cxy * p_1 + cyy * q_1)
+            + self.alpha * a * a_1
+            + self.beta * b * b_1
+        )
+        return result
+
+
+def _leading(system: _System) -> tuple[Pair, Pair]:
+    """Return the eigenvalues of pitch and roll; see :func:`steady_modes`."""
+    (one, low_1), (two, low_2) = (roots(*pair) for pair in quadratics(*system.quartic()))
+    swap = (two[1] > one[1]) | ((two[1] == one[1]) & (two[0] > one[0]))
+    (re, im), (re_2, im_2) = _choose(swap, two, one), _choose(swap, one, two)
+    # Where nothing oscillates, both may be of the same quadratic.
+    low = np.where(swap, low_2[0], low_1[0])
+    return (re, im), (np.where((im == 0) & (low > re_2), low, re_2), im_2)
+
+
+def _choose(where: NDArray[np.bool_], one: Pair, other: Pair) -> Pair:
+    return np.where(where, one[0], other[0]), np.where(where, one[1], other[1])
+
+
+def _times(one: Pair, other: Pair) -> Pair:
+    """Return the product of two complex numbers."""
+    return one[0] * other[0] - one[1] * other[1], one[0] * other[1] + one[1] * other[0]
+
+
+def _complex(re: Floats, im: Floats) -> Complexes:
+    result = np.empty(np.shape(re), complex)
+    result.real, result.imag = re, im
+    return result[()]
+
+
+def _kernel(a: Pair, b: Pair, c: Pair, d: Pair) -> tuple[Pair, Pair]:
+    """Return ``x, y`` with ``a x + b y = c x + d y = 0``, by the row that tells more."""
+    first, second = (
+        x[0] * x[0] + x[1] * x[1] + y[0] * y[0] + y[1] * y[1] for x, y in ((a, b), (c, d))
+    )
+    lower = second > first
+    (re, im), y = _choose(lower, c, a), _choose(lower, d, b)
+    # Of P = 0 any vector is one.
+    y = np.where((first == 0) & (second == 0), 1.0, y[0]), y[1]
+    return y, (-re, -im)
+
+
+def _determinant(cxx: Floats, cxy: Floats, cyy: Floats) -> Floats:
+    """Return ``C_xx C_yy - C_xy^2`` to rounding: it is small where a surface is nearly flat."""
+    one, one_low = two_product(cxx, cyy)
+    other, other_low = two_product(cxy, cxy)
+    return (one - other) + (one_low - other_low)

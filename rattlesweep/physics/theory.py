@@ -220,7 +220,7 @@ def _split(a: Floats) -> tuple[Floats, Floats]:
     return high, a - high
 
 
-def _two_product(a: Floats, b: Floats) -> tuple[Floats, Floats]:
+def two_product(a: Floats, b: Floats) -> tuple[Floats, Floats]:
     """Product and its rounding error, exactly."""
     p = a * b
     ah, al = _split(a)
@@ -236,10 +236,10 @@ def _bondi_denominator(
     k, k2 = _two_sum(k, -gamma)
     k, k_low = _two_sum(k, k1 + k2)
     s, s_low = _two_sum(theta, phi)
-    m, m_low = _two_product(theta, phi)
+    m, m_low = two_product(theta, phi)
     d, d1 = _two_sum(s, -2 * m)
     d, d_low = _two_sum(d, d1 + s_low - 2 * m_low)
-    p, p1 = _two_product(k, d)
+    p, p1 = two_product(k, d)
     p_low = p1 + k * d_low + k_low * d
     a, a1 = _two_sum(np.full_like(s, 2.0), -s)
     b, b1 = _two_sum(a, -p)

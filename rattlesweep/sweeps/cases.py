@@ -14,7 +14,7 @@ VARIES = ("n_i", "omega_xy0", "sigma", "rolling")
 
 @dataclass(frozen=True)
 class Case:
-    """Target of the bodies, launch and dissipation that the runs of a case share; None where they share none."""
+    """Target, launch and dissipation that the runs of a case share; None where they differ."""
 
     index: int
     target_name: str | None
@@ -58,7 +58,8 @@ class Case:
 def grown(held: Sequence[Case], asked: Sequence[Case]) -> tuple[Case, ...]:
     """Return the cases of a directory and behind them those that a larger sweep adds.
 
-    Cases keep their numbers: `held` are those of the directory, `asked` those of the config, of which none may be missing.
+    Cases keep their numbers: `held` are those of the directory, `asked` those of the config, of
+    which none may be missing.
 
     Raises
     ------
@@ -77,7 +78,10 @@ def grown(held: Sequence[Case], asked: Sequence[Case]) -> tuple[Case, ...]:
 
 
 def recovered(found: Mapping[int, Case], asked: Iterable[Case]) -> tuple[Case, ...]:
-    """Return the cases of a directory without manifest: numbers that files tell, the others filled up in order."""
+    """Return the cases of a directory without manifest.
+
+    Files tell the numbers of some; the others fill the gaps in the order of the config.
+    """
     known = {case.key for case in found.values()}
     rest = iter([case for case in asked if case.key not in known])
     cases: list[Case] = []

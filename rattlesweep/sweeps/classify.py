@@ -44,7 +44,8 @@ class Classified:
 
 
 def classify_stored(directory: Path, overrides: Sequence[str] = ()) -> Classified:
-    """Give the stored runs of a directory the types that some thresholds ask for, and renew the summary.
+    """Give the stored runs of a directory the types that some thresholds ask for, and renew the
+    summary.
 
     Each file is rewritten in one step; after a kill the same command goes on.
 

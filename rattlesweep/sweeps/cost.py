@@ -17,10 +17,11 @@ SEED = 20170427
 
 
 def expected_cost(launches: Launches, model: str) -> Floats:
-    """Return the expected cost of runs: radians of oscillation up to the horizon, 0 where there is none.
+    """Return the expected cost of runs: radians of oscillation up to the horizon, 0 where there is
+    none.
 
-    The steps of the full dynamics go with the oscillations, those of the reduced dynamics with the spin's; the closed form
-    costs the same for all.
+    The steps of the full dynamics go with the oscillations, those of the reduced dynamics with the
+    spin's; the closed form costs the same for all.
     """
     if model == "gh":
         return np.ones(len(launches.t_end))
@@ -32,9 +33,11 @@ def expected_cost(launches: Launches, model: str) -> Floats:
 
 
 def sample_keys(plan: Plan, per_case: int, cases: Integers) -> tuple[Plan, Integers, Integers]:
-    """Return keys of at most so many runs of each of some cases, and a plan that is cheap to ask for them.
+    """Return keys of at most so many runs of each of some cases, and a plan that is cheap to ask
+    for them.
 
-    Random bodies are all alike, so the first will do; those of a grid or a table are taken from all over it.
+    Random bodies are all alike, so the first will do; those of a grid or a table are taken from all
+    over it.
     """
     bodies = plan.config.bodies
     count = min(plan.samples, per_case)
@@ -62,4 +65,5 @@ def case_costs(plan: Plan) -> Floats:
     cost = expected_cost(prepare(small, case, sample), plan.config.model)
     mean = cost.reshape(len(judged), -1).mean(axis=1)
     # Cases between judged ones are neighbours in the order of the config.
-    return np.interp(np.arange(count), judged, mean)
+    costs: Floats = np.interp(np.arange(count), judged, mean)
+    return costs

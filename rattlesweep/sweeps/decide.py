@@ -1,7 +1,7 @@
 """Sweeps that leave runs out: `stop` and `bodies.refine`.
 
-Both decide in waves, each from the rows of the waves before it, so that what is wanted is a function of the config and of the
-rows: the same whoever asks, in whatever order the runs were done.
+Both decide in waves, each from the rows of the waves before it, so that what is wanted is a
+function of the config and of the rows: the same whoever asks, in whatever order the runs were done.
 """
 
 from __future__ import annotations
@@ -19,13 +19,12 @@ from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.columns import runs_schema
 from rattlesweep.sweeps.config.bodies import GridSource
-from rattlesweep.sweeps.config.schema import Config
+from rattlesweep.sweeps.config.schema import Config, Stop
 from rattlesweep.sweeps.counts import codes, floats, wilson
 from rattlesweep.sweeps.types import TYPES, R
 
 if TYPE_CHECKING:
     from rattlesweep.sweeps.cases import Case
-    from rattlesweep.sweeps.plan import Plan
     from rattlesweep.sweeps.stored import Stored
 
 FIRST = 400
@@ -33,8 +32,9 @@ FIRST = 400
 MORE = 0.1
 """Samples of the next wave, as a share of those so far."""
 Z = 2.1700903775845606
-"""Quantile of the normal distribution for 97 %.  A sweep that stops as soon as an interval of 95 % is narrow enough stops too
-early now and then; the margin makes up for it (`benchmarks/stopping.py`)."""
+"""Quantile of the normal distribution for 97 %.  A sweep that stops as soon as an interval of 95 %
+is narrow enough stops too early now and then; the margin makes up for it
+(`benchmarks/stopping.py`)."""
 MOST_POINTS = 10**8
 FEWEST = 5
 """Values along an axis from which on some may be left out."""
@@ -50,13 +50,11 @@ def decides(config: Config) -> str | None:
     return "bodies.refine" if isinstance(bodies, GridSource) and bodies.refine else None
 
 
-def decision(plan: Plan) -> Stopping | Refining | None:
-    """Return what decides which runs of a plan are wanted; None if all are."""
-    if plan.config.stop is not None:
-        return Stopping(plan)
-    if decides(plan.config):
-        return Refining(plan.config, plan.cases, plan.samples)
-    return None
+def decision(config: Config, cases: Sequence[Case], samples: int) -> Stopping | Refining | None:
+    """Return what decides which runs of a sweep are wanted; None if all are."""
+    if config.stop is not None:
+        return Stopping(config.stop, (len(cases), samples))
+    return Refining(config, cases, samples) if decides(config) else None
 
 
 class _Known:
@@ -65,7 +63,8 @@ class _Known:
     Attributes
     ----------
     code : ndarray of int8, shape (cases, samples)
-        Place of the type in :data:`TYPES`, :data:`FAILED` where a run is not ok, -1 where there is none.
+        Place of the type in :data:`TYPES`, :data:`FAILED` where a run is not ok, -1 where there is
+        none.
     value : ndarray, shape (cases, samples) or (0, 0)
         The column that is asked for.
     """
@@ -94,10 +93,9 @@ class _Known:
 class Stopping(_Known):
     """More and more samples of each case until it is known well enough."""
 
-    def __init__(self, plan: Plan) -> None:
-        assert plan.config.stop is not None
-        self._stop = plan.config.stop
-        super().__init__(plan.shape, "t_r" if self._stop.t_r is not None else None)
+    def __init__(self, stop: Stop, shape: tuple[int, int]) -> None:
+        self._stop = stop
+        super().__init__(shape, None if stop.t_r is None else "t_r")
 
     def wanted(self) -> Flags:
         """Return which runs are wanted, as far as the rows so far tell.  Shape (cases, samples)."""
@@ -136,9 +134,9 @@ class Stopping(_Known):
 class Refining(_Known):
     """A grid of every 2^levels-th value, halved where the runs in and around a cell differ.
 
-    A cell is refined if the runs known of it, its border included, are not of one type, or if the column that is asked for bends
-    there: what is found on the border of a cell refines its neighbour, so that boundaries are followed to their ends.  Axes of few
-    values are done whole.
+    A cell is refined if the runs known of it, its border included, are not of one type, or if the
+    column that is asked for bends there: what is found on the border of a cell refines its
+    neighbour, so that boundaries are followed to their ends.  Axes of few values are done whole.
 
     Parameters
     ----------
@@ -184,7 +182,8 @@ class Refining(_Known):
 
     def _grid(self, values: NDArray[Any]) -> NDArray[Any]:
         """Return values by (case, sample) as an array along the axes."""
-        return values[self._order].reshape(self.shape)
+        grid: NDArray[Any] = values[self._order].reshape(self.shape)
+        return grid
 
     def _runs(self, grid: NDArray[Any]) -> NDArray[Any]:
         """Return values along the axes by (case, sample)."""
@@ -213,10 +212,11 @@ class Refining(_Known):
         return self._runs(wanted)
 
     def nearest(self, there: Flags) -> tuple[Integers, Integers]:
-        """Return for each run, by (case, sample), which of those that are `there` is nearest on the grid.
+        """Return for each run, by (case, sample), which of those that are `there` is nearest on the
+        grid.
 
-        Axes of few values, which are done whole, are no way to a neighbour.  Two arrays of the shape (cases, samples): case and
-        sample of that run.
+        Axes of few values, which are done whole, are no way to a neighbour.  Two arrays of the
+        shape (cases, samples): case and sample of that run.
         """
         from scipy.ndimage import distance_transform_edt
 
@@ -286,7 +286,7 @@ class Refining(_Known):
 
 
 def strides(shape: Sequence[int], levels: int) -> tuple[int, ...]:
-    """Return the steps of the coarse grid along axes of so many values: two of them at least, or 1."""
+    """Return the steps of the coarse grid along axes of so many values: two at least, or 1."""
     return tuple(1 if n < FEWEST else min(1 << levels, 1 << ((n - 1) // 2).bit_length() - 1)
                  for n in shape)  # fmt: skip
 
@@ -315,7 +315,8 @@ def _ends(function: np.ufunc, values: Flags, axis: int) -> Flags:
 def filled(stored: Stored, names: Sequence[str]) -> Iterator[pa.Table]:
     """Yield a row for every run of a refined sweep, whether it was done or left out, case by case.
 
-    A run that was left out has the columns of the nearest one on the grid that was done, under its own case and sample.
+    A run that was left out has the columns of the nearest one on the grid that was done, under its
+    own case and sample.
     """
     refining = Refining(stored.config, stored.cases, stored.samples)
     rows = stored.read(list(dict.fromkeys(["case", "sample", *names])))

@@ -17,7 +17,7 @@ from rattlesweep.errors import OutputError
 # whole directory skip hidden files.
 TEMPORARY = ".*.tmp"
 ABANDONED = 3600.0
-"""Age in seconds from which on a temporary file that may be another process's is taken for one of a process that died."""
+"""Seconds after which a temporary file in a shared folder counts as left by a dead process."""
 
 
 def reason(error: BaseException) -> str:
@@ -51,7 +51,8 @@ def replace_file(path: Path, data: bytes) -> None:
 def streamed_file(path: Path) -> Iterator[BinaryIO]:
     """Open a file to write to that takes its place at `path` in one step when the body has ended.
 
-    What is there stays there, whole, until the new file is on the disk.  If the body raises, nothing is left of it.
+    What is there stays there, whole, until the new file is on the disk.  If the body raises,
+    nothing is left of it.
 
     Raises
     ------

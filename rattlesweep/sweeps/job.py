@@ -1,4 +1,4 @@
-"""What an engine works off: the runs that are left to do, in blocks, until they are done or it is told to stop."""
+"""What an engine works off: the runs that are left to do, in blocks, until it is told to stop."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ MOST_ROWS = 50_000
 ROUNDS = 4
 """Runs of a block for each lane at least, so that all lanes are in use most of the time."""
 GRACE = 5.0
-"""Seconds for which a session in which no run has ended goes on after its time is up, so that the same command again and
-again comes to an end, however short the time."""
+"""Seconds for which a session in which no run has ended goes on after its time is up, so that the
+same command again and again comes to an end, however short the time."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ class Job:
     # ----------------------------------------------------------------- blocks
 
     def blocks(self, todo: Flags) -> Iterator[Keys]:
-        """Cut what is left to do into blocks of about the same expected time, in the order of the keys."""
+        """Cut what is left to do into blocks of about the same expected time, in order."""
         least = ROUNDS * LANES * self.threads
         case = np.zeros(0, dtype=np.int64)
         sample = np.zeros(0, dtype=np.int64)
@@ -187,7 +187,7 @@ class Job:
         return factors
 
     def over(self, some_done: bool = True) -> bool:
-        """Return whether the time is over; a session in which no run has ended gets a little more."""
+        """Return whether the time is over; a session without a finished run gets a little more."""
         if self.deadline is None or time.monotonic() < self.deadline:
             return False
         return some_done or (self._begun is not None and time.monotonic() >= self._begun + GRACE)

@@ -1,7 +1,7 @@
 """The engine of one machine: block after block through the kernel.
 
-The kernel runs in a thread of its own, without the interpreter's lock.  Meanwhile the main thread writes the block before,
-prepares the one after, reports progress and hears Ctrl-C.
+The kernel runs in a thread of its own, without the interpreter's lock.  Meanwhile the main thread
+writes the block before, prepares the one after, reports progress and hears Ctrl-C.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from rattlesweep.sweeps.block import Prepared, compute, load_kernel, prepare_run
 from rattlesweep.sweeps.job import Job, Keys, OutOfTime
 
 GATHER = 2.0
-"""Seconds for which a stop waits for the kernel, which answers within a millisecond, and for the table of its rows."""
+"""Seconds for which a stop waits for the kernel and for the table of its rows."""
 
 
 def local(job: Job, blocks: Iterator[Keys]) -> Iterator[pa.Table]:
     """Yield the rows of blocks as they come out of the kernel.
 
-    Whatever stops it, a Ctrl-C, the end of the time or an exception thrown into it, it yields the rows of the runs that have
-    ended before it ends.
+    Whatever stops it, a Ctrl-C, the end of the time or an exception thrown into it, it yields the
+    rows of the runs that have ended before it ends.
     """
     plan = job.plan
     loading = Task(lambda _: load_kernel(plan.config))

@@ -1,8 +1,8 @@
 """Who works in an output directory: one process a share, by locks that die with their process.
 
-A process that does the whole sweep excludes all others; shares ``I/N`` of the same N may work side by side.  What a share
-does first is to hold its own lock, and then it looks whether somebody holds one that excludes it, so that of two processes
-that begin at once at most one goes on.
+A process that does the whole sweep excludes all others; shares ``I/N`` of the same N may work side
+by side.  What a share does first is to hold its own lock, and then it looks whether somebody holds
+one that excludes it, so that of two processes that begin at once at most one goes on.
 """
 
 from __future__ import annotations
@@ -92,8 +92,8 @@ def _excludes(name: str, share: str | None) -> bool:
 def _held(path: Path, patience: float) -> Iterator[bool]:
     """Hold a lock file; yield whether that could be done.
 
-    On a file system without locks the answer is yes: two processes may then do the same runs twice, which the next one
-    notices.
+    On a file system without locks the answer is yes: two processes may then do the same runs twice,
+    which the next one notices.
     """
     lock = FileLock(path)
     with explained(f"cannot write {path}"):

@@ -42,8 +42,8 @@ def integrate_plan(
 ) -> pa.Table:
     """Return the rows of all runs of a plan, as the files of a sweep would hold them.
 
-    `report` is called some twenty times a second with the share that is done; what it raises stops the kernel, and so does
-    Ctrl-C.
+    `report` is called some twenty times a second with the share that is done; what it raises stops
+    the kernel, and so does Ctrl-C.
     """
     load_kernel(plan.config)
     tables = [plan.schema.remove_metadata().empty_table()]

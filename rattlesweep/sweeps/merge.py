@@ -24,8 +24,8 @@ from rattlesweep.sweeps.summary import summarise, write_summary
 
 @dataclass(frozen=True)
 class Merged:
-    """What a merge came to: runs and files in the new directory, runs that are missing or failed, and the summary if none is
-    missing.
+    """What a merge came to: runs and files in the new directory, runs that are missing or failed,
+    and the summary if none is missing.
     """
 
     runs: int
@@ -36,7 +36,8 @@ class Merged:
 
 
 def merge(directories: Sequence[Path], output: Path) -> Merged:
-    """Make one directory of several of the same sweep, such as its shares; the sources stay as they are.
+    """Make one directory of several of the same sweep, such as its shares; the sources stay as they
+    are.
 
     Parameters
     ----------
@@ -79,8 +80,8 @@ def merge(directories: Sequence[Path], output: Path) -> Merged:
             )
             if found.aside:
                 raise OutputError(
-                    f"{found.aside[0]} is a file that was damaged; do its runs again with `rattlesweep "
-                    "run` before merging"
+                    f"{found.aside[0]} is a file that was damaged; do its runs again with "
+                    "`rattlesweep run` before merging"
                 )
             if (twice := done & found.done).any():
                 case, sample = np.argwhere(twice)[0]
@@ -110,13 +111,13 @@ def _check(everything: Sequence[Stored], largest: Stored) -> None:
             raise ConfigError(f"{stored.directory} and {largest.directory} hold different sweeps")
         if [c.key for c in stored.cases] != [c.key for c in largest.cases[: len(stored.cases)]]:
             raise ConfigError(
-                f"{stored.directory} and {largest.directory} number their cases differently, as they "
-                "have grown in different ways; run the whole config in one of them instead"
+                f"{stored.directory} and {largest.directory} number their cases differently, as "
+                "they have grown in different ways; run the whole config in one of them instead"
             )
         if stored.thresholds != largest.thresholds:
             raise ConfigError(
-                f"{stored.directory} and {largest.directory} have types of different thresholds; run "
-                "`rattlesweep classify` with the same ones on both"
+                f"{stored.directory} and {largest.directory} have types of different thresholds; "
+                "run `rattlesweep classify` with the same ones on both"
             )
 
 

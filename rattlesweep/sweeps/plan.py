@@ -1,7 +1,8 @@
 """From a config to its cases and samples.
 
-A case is one combination of target, ``n_i`` and ``omega_xy0``, and of the dissipation where it has several values; a run is
-one sample of a case, and its key is ``(case, sample)``.  What becomes of a run follows from the config and its key alone.
+A case is one combination of target, ``n_i`` and ``omega_xy0``, and of the dissipation where it has
+several values; a run is one sample of a case, and its key is ``(case, sample)``.  What becomes of a
+run follows from the config and its key alone.
 """
 
 from __future__ import annotations
@@ -170,8 +171,8 @@ def _check_launches(
 ) -> None:
     """Raise a ConfigError for launches that no model takes or that have no horizon.
 
-    `state` says whether they are full states; `t_end` are horizons of their own, NaN for none; `which` has a place for the
-    number of a row.
+    `state` says whether they are full states; `t_end` are horizons of their own, NaN for none;
+    `which` has a place for the number of a row.
     """
     model, tapped = config.model, n_i == 0
     lost = tapped if t_end is None else tapped & ~np.isfinite(t_end)

@@ -7,7 +7,6 @@ import os
 import platform
 import sys
 from datetime import UTC, datetime
-from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -35,22 +34,8 @@ def command_line() -> list[str]:
     return [word.encode(errors="backslashreplace").decode() for word in words]
 
 
-@cache
-def lapack() -> str:
-    """NumPy's LAPACK, as a hash of what it computes.
-
-    Modes come from it, and its last bits depend on which library it is, which of its kernels it
-    takes for the processor, and environment variables.
-    """
-    import numpy as np
-
-    numbers = (37 * np.arange(1024) % 101 / 101).reshape(64, 4, 4)
-    eigen = b"".join(part.tobytes() for part in np.linalg.eig(numbers))
-    return hashlib.sha256(eigen).hexdigest()[:8]
-
-
 def machine() -> dict[str, Any]:
-    """Processor, system, the processors that this process may use, and the LAPACK of NumPy."""
+    """Return system, processor and the number of processors that this process may use."""
     from llvmlite import binding
 
     allowed = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
@@ -59,7 +44,6 @@ def machine() -> dict[str, Any]:
         "machine": platform.machine(),
         "cpu": binding.get_host_cpu_name(),
         "processors": allowed,
-        "lapack": lapack(),
     }
 
 

@@ -1,11 +1,13 @@
 """Rows on disk: the one truth about what has been done of a sweep.
 
-A sweep is a set of runs with keys ``(case, sample)``.  The folder ``runs`` holds Parquet files; each file holds any set of
-rows, ascending by key, and shares no key with another file.  It is named after its first row and is there whole or not at all.
-What is left to do is what is wanted, minus the keys of these rows; nothing else is remembered.
+A sweep is a set of runs with keys ``(case, sample)``.  The folder ``runs`` holds Parquet files;
+each file holds any set of rows, ascending by key, and shares no key with another file.  It is named
+after its first row and is there whole or not at all. What is left to do is what is wanted, minus
+the keys of these rows; nothing else is remembered.
 
-Each file says in its metadata to which sweep it belongs, by which thresholds its rows were typed, and what the cases of its
-rows are, so that files can be copied between directories and a lost manifest be made again.
+Each file says in its metadata to which sweep it belongs, by which thresholds its rows were typed,
+and what the cases of its rows are, so that files can be copied between directories and a lost
+manifest be made again.
 """
 
 from __future__ import annotations
@@ -52,7 +54,7 @@ class Found:
     typed : dict
         Files by the thresholds behind the types of their rows, as JSON.
     aside : list of Path
-        Damaged files, which now have another name.
+        Damaged files; where they were put aside, by their new names.
     """
 
     done: Any
@@ -101,7 +103,7 @@ class Runs:
         return path
 
     def free(self, stem: str) -> Path:
-        """Return a path that no file has: a file whose first row has been taken out keeps its name."""
+        """Return a path that no file has: a file whose first row is gone keeps its name."""
         path, again = self.folder / f"{stem}.parquet", 1
         while path.exists():
             again += 1
@@ -142,13 +144,17 @@ class Runs:
         sweep: str,
         schema: pa.Schema,
         skip: Collection[Path] = (),
+        *,
+        put_aside: bool = True,
     ) -> Found:
-        """Read all of every file, but for those to `skip`, put damaged ones aside, and return what there is.
+        """Read all of every file, but for those to `skip`, put damaged ones aside, and return what
+        there is.
 
         Raises
         ------
         OutputError
-            If a file cannot be read, is of another sweep or of another version, or if a run stands in two files.
+            If a file cannot be read, is of another sweep or of another version, or if a run stands
+            in two files.
         """
         found = Found(np.zeros((len(cases), samples), dtype=bool))
         owner: dict[str, Integers] = {}
@@ -161,7 +167,7 @@ class Runs:
                     typed = _metadata(file).get(TYPED, "")
                     table = _read_all(file)
             except DamagedError:
-                found.aside.append(_put_aside(path))
+                found.aside.append(_put_aside(path) if put_aside else path)
                 continue
             place = self._places(path, table, found.done.shape)
             if found.done.ravel()[place].any() or len(np.unique(place)) < len(place):
@@ -252,7 +258,7 @@ class Runs:
                 if found.setdefault(case.index, case).key != case.key:
                     raise OutputError(
                         f"{path} numbers its cases unlike other files: case {case.index} is {case} "
-                        f"there and {found[case.index]} elsewhere; use another output for one of them"
+                        f"there and {found[case.index]} elsewhere; move one of them away"
                     )
         return found
 
@@ -277,8 +283,9 @@ class Runs:
     def batches(self, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
         """Yield all rows in the order of their keys, some at a time.
 
-        However the rows lie in files, the same pieces follow each other in the same order: sums over them are equal to the
-        last bit.  Memory goes with :data:`PIECE`, or with the largest file where that is more.
+        However the rows lie in files, the same pieces follow each other in the same order: sums
+        over them are equal to the last bit.  Memory goes with :data:`PIECE`, or with the largest
+        file where that is more.
         """
         spans = [(path, *_span(path)) for path in self.files()]
         spans.sort(key=lambda span: span[1])

@@ -1,4 +1,4 @@
-"""Run a sweep: what is wanted, minus what is on disk, goes through an engine and comes back as files."""
+"""Run a sweep: what is wanted, minus what is on disk, goes through an engine into files."""
 
 from __future__ import annotations
 
@@ -33,8 +33,9 @@ from rattlesweep.sweeps.summary import summarise, write_summary
 from rattlesweep.sweeps.types import with_types
 
 Engine = Callable[[Job, Iterator[Keys]], Iterator[pa.Table]]
-"""Given blocks of keys, yields tables of rows, in any order and cut in any way.  What is thrown into it, such as a
-KeyboardInterrupt, it raises again after it has yielded the rows that are done."""
+"""Given blocks of keys, yields tables of rows, in any order and cut in any way.  What is thrown
+into it, such as a KeyboardInterrupt, it raises again after it has yielded the rows that are
+done."""
 
 
 @dataclass(frozen=True)
@@ -65,9 +66,13 @@ class Shard:
         return f"{self.index}/{self.count}"
 
     def runs(self, shape: tuple[int, int]) -> Flags:
-        """Return which runs are those of the share: neighbours go to different shares, so that all cost the same."""
+        """Return which runs are those of the share.
+
+        Neighbours go to different shares, so that all shares cost about the same.
+        """
         case, sample = (np.arange(n) % self.count for n in shape)
-        return (case[:, None] + sample) % self.count == self.index
+        mine: Flags = (case[:, None] + sample) % self.count == self.index
+        return mine
 
 
 @dataclass
@@ -114,8 +119,8 @@ def run_sweep(
     ----------
     plan : Plan
     directory : Path
-        Output directory.  Rows of the same sweep, or of a smaller one, are kept unless `fresh`; rows whose status is not
-        ``ok`` are done again if `retry_failed`.
+        Output directory.  Rows of the same sweep, or of a smaller one, are kept unless `fresh`;
+        rows whose status is not ``ok`` are done again if `retry_failed`.
     base : Path, optional
         Directory in which a table's relative path is looked up besides the working directory.
     threads : int, optional
@@ -146,8 +151,8 @@ def run_sweep(
         )
     if shard is not None and decides(plan.config):
         raise ConfigError(
-            f"{decides(plan.config)}: what is run next depends on all runs before, so there are no shares "
-            "that know nothing of each other; use all cores, or --engine dask"
+            f"{decides(plan.config)}: what is run next depends on all runs before, so there are no "
+            "shares that know nothing of each other; use all cores, or --engine dask"
         )
     if not fresh:
         examine(plan, directory)  # before anything is made there
@@ -162,7 +167,8 @@ def run_sweep(
         stored = begin(plan, directory, base, share)
         plan = plan.with_cases(stored.cases)
         session = Session(directory, share, threads)
-        work = _Sweep(plan, stored, shard, decision(plan), result, session)
+        decide = decision(plan.config, plan.cases, plan.samples)
+        work = _Sweep(plan, stored, shard, decide, result, session)
         deadline = None if max_time is None else start + max_time
         job = Job(plan, threads, case_costs(plan), work.progress(report), deadline)
         try:
@@ -204,7 +210,7 @@ class _Sweep:
         return flags
 
     def find(self, retry_failed: bool) -> None:
-        """Read what is on disk, bring its types up to date and take out what is to be done again."""
+        """Read what is on disk, renew its types, and take out what is to be done again."""
         plan, stored = self.plan, self.stored
         self.found = self._find()
         for path in self.found.aside:
@@ -351,7 +357,7 @@ def _typed(plan: Plan) -> str:
 
 
 def _start_over(directory: Path) -> None:
-    """Remove the sweep of a directory: rows first, so that a kill leaves a sweep and no foreign files."""
+    """Remove a sweep, its rows first, so that a kill leaves a sweep and no foreign files."""
     runs = Runs(directory)
     with explained(f"cannot remove the runs of {directory}"):
         for path in [*runs.files(), *runs.folder.glob("*.damaged*")]:
@@ -368,11 +374,11 @@ def _undisturbed() -> Iterator[None]:
         return
     numbers = (signal.SIGINT, signal.SIGTERM)
     heard: list[int] = []
-    before = {number: signal.signal(number, lambda n, _: heard.append(n)) for number in numbers}
+    before = {n: signal.signal(n, lambda number, _: heard.append(number)) for n in numbers}
     try:
         yield
     finally:
-        for number, handler in before.items():
-            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+        for signal_, handler in before.items():
+            signal.signal(signal_, signal.SIG_DFL if handler is None else handler)
         for number in heard:
             signal.raise_signal(number)

@@ -61,7 +61,7 @@ class Session:
         self.note(at_once=True)
 
     def note(self, at_once: bool = False, **facts: Any) -> None:
-        """Write down how far the session is, now and then; a disk that is full does not matter here."""
+        """Write down how far the session is, now and then; a full disk does not matter here."""
         if not at_once and time.monotonic() < self._due:
             return
         self._due = time.monotonic() + NOTE_EVERY

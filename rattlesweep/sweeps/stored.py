@@ -1,7 +1,7 @@
 """A sweep on disk: its manifest and its rows; the way in for everything that reads one.
 
-``manifest.json`` says what the sweep is: config, hash, cases, columns, versions, machine.  It is written when a sweep begins or
-grows, and says nothing of what has been done.
+``manifest.json`` says what the sweep is: config, hash, cases, columns, versions, machine.  It is
+written when a sweep begins or grows, and says nothing of what has been done.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ class Stored:
 
     @property
     def thresholds(self) -> Classify:
-        """Thresholds behind the types of the rows: those of ``rattlesweep classify``, or else of the config."""
+        """Thresholds behind the types: those of ``rattlesweep classify``, else of the config."""
         typed = self.manifest.get("classified")
         if typed is None:
             return self.config.classify
@@ -154,14 +154,17 @@ class Stored:
         plan = make_plan(self.config, base).with_cases(self.cases)
         if sweep_hash(plan) != self.hash:
             raise ConfigError(
-                f"{self.directory}: its table of bodies has changed, so its runs cannot be computed "
-                "again"
+                f"{self.directory}: its table of bodies has changed, so its runs cannot be "
+                "computed again"
             )
         return plan
 
 
 def sweep_hash(plan: Plan) -> str:
-    """Return the hash of what determines the numbers of a run with a given key: config and table of bodies."""
+    """Return the hash of what determines the numbers of a run with a given key.
+
+    That is the physical part of the config, and the table of bodies.
+    """
     from rattlesweep.sweeps.bodies.sources import content_hash
 
     text = f"{physics_hash(plan.config)} {content_hash(plan.source)}"
@@ -205,8 +208,8 @@ def open_stored(directory: Path | str) -> Stored:
         if isinstance(error, ConfigError) and "format" in str(error):
             raise
         raise DamagedError(
-            f"{path} is damaged ({reason(error)[:100]}); move it away, and `rattlesweep run` with the same "
-            "config makes it again"
+            f"{path} is damaged ({reason(error)[:100]}); move it away, and `rattlesweep run` with "
+            "the same config makes it again"
         ) from error
 
 
@@ -288,7 +291,7 @@ def examine(plan: Plan, directory: Path) -> Stored | None:
 
 
 def note_thresholds(stored: Stored, thresholds: Classify | None) -> None:
-    """Write into the manifest by which thresholds the rows are typed; None: by those of the config."""
+    """Write into the manifest by which thresholds the rows are typed; None: the config's."""
     typed = None if thresholds is None else thresholds.thresholds
     if stored.manifest.get("classified") == typed:
         return
@@ -323,7 +326,7 @@ def _manifest(plan: Plan, base: Path | None) -> dict[str, Any]:
 
 
 def _asks_for(config: Config) -> dict[str, Any]:
-    """Return what of a config is not physics but belongs into the manifest: thresholds, what is left out."""
+    """Return the part of a config that may change while its sweep goes on."""
     data = resolved(config)
     kept = {key: data.get(key) for key in ("name", "classify", "stop")}
     return kept | {"refine": data["bodies"].get("refine")}

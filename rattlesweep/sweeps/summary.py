@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 def count_cases(stored: Stored) -> Counts:
     """Return the runs of a sweep on disk, counted by case.
 
-    In a refined sweep each run counts for all points of the finest grid that it is the nearest one to, in the case of the point:
-    runs lie close where types differ, so that plain shares would be those of the boundaries.  ``runs`` and ``failed`` count
-    what was done.
+    In a refined sweep each run counts for all points of the finest grid that it is the nearest one
+    to, in the case of the point: runs lie close where types differ, so that plain shares would be
+    those of the boundaries.  ``runs`` and ``failed`` count what was done.
     """
     counts = Counts(len(stored.cases))
     names = ("case", *columns_for(stored.config))
@@ -42,7 +42,8 @@ def count_cases(stored: Stored) -> Counts:
 
 
 def summarise(stored: Stored) -> pa.Table:
-    """Return one row a case, of :func:`summary_schema`; a case of which nothing is stored has 0 runs.
+    """Return one row a case, of :func:`summary_schema`; a case of which nothing is stored has 0
+    runs.
 
     Memory does not grow with the runs, unless the sweep is refined.
     """
@@ -119,7 +120,7 @@ _SHOWN = {
 
 
 def absent_columns(summary: pa.Table) -> set[str]:
-    """Return the columns that say nothing of these cases: they have no such thing, or all share it."""
+    """Return the columns that say nothing of these cases, as none or all have it."""
     cases = len(summary)
     optional = ("sensitive", "unsure", "fraction_D")
     return {n for n in optional if summary.column(n).null_count == cases} | {

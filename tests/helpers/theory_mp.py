@@ -134,3 +134,35 @@ def growth_exact(alpha, beta, gamma, theta, phi, xi, n):
         lam, _ = mp.eig(spin_matrix(alpha, beta, gamma, theta, phi, xi, n))
         lam = sorted((mp.mpc(v) for v in lam), key=lambda v: (-v.imag, -v.real))
     return [_rounded(v) for v in lam]
+
+
+def steady_eigenvalues(constants, n, sigma=0.0):
+    """The four eigenvalues of the steady spin for a body's `full.constants`, taken as exact.
+
+    Sorted as by :func:`growth_exact`.  With a torque ``-sigma omega``, which lets the spin fall
+    at the rate ``sigma n / gamma``.
+    """
+    with mp.workdps(WORK):
+        ix, iy, iz, cxx, cxy, cyy, n, sigma = _exact(*(float(x) for x in (*constants, n, sigma)))
+        c, fall = -n, sigma * n / iz
+        curved = mp.matrix([[cxx, cxy], [cxy, cyy]])
+        turn = mp.matrix([[0, 1], [-1, 0]])
+        # Of the slope s and the horizontal omega: ds/dt = c turn s - turn omega, f = C s,
+        # w = c turn f - C ds/dt, and J domega/dt below.
+        su, sw = c * turn, -turn
+        wu, ww = c * turn * curved - curved * su, -curved * sw
+        gyro = mp.matrix([[0, c * (iy - iz)], [c * (iz - ix), 0]])
+        inverse = mp.diag([1 / (ix + 1), 1 / (iy + 1)])
+        au = inverse * (-c * wu - turn * curved + fall * (mp.eye(2) + curved))
+        aw = inverse * (gyro - c * ww - sigma * mp.eye(2))
+        m = mp.zeros(4)
+        for i in range(2):
+            for j in range(2):
+                m[i, j], m[i, j + 2] = su[i, j], sw[i, j]
+                m[i + 2, j], m[i + 2, j + 2] = au[i, j], aw[i, j]
+        found, _ = mp.eig(m)
+        # What rounding leaves of an imaginary part that is zero.
+        found = [mp.mpc(v.real, 0) if abs(v.imag) < mp.mpf(10) ** -40 * abs(v) else mp.mpc(v)
+                 for v in found]  # fmt: skip
+        found = sorted(found, key=lambda v: (-v.imag, -v.real))
+    return [_rounded(v) for v in found]

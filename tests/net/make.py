@@ -159,10 +159,7 @@ MASKS = (
     (r"(?<=\n)\d+:\d\d(:\d\d)?\b", "TIME"),
     (r"[\d.]+ (runs a second|[kMG]?B\b)", r"N \1"),
     (r"\b(python|numpy|numba|llvmlite|scipy|matplotlib|pandas|pyarrow) \d[\w.+]*", r"\1 V"),
-    (
-        r"machine \w+, cpu .*, processors \d+, lapack \w+",
-        "machine M, cpu C, processors N, lapack L",
-    ),
+    (r"machine \w+, cpu .*, processors \d+", "machine M, cpu C, processors N"),
     (r"(?<=\n)[\de+.,]+( of integration\nruns per second\n)[\de+.,]+", r"N\1N"),
     (r"(?<=DATE\n)(.*\n.*\n).*\n\d+\n(\d+\n)[\d.]+\n", r"\1HOST\nN\n\2N\n"),
     (r"\b[0-9a-f]{64}\b", "HASH"),
@@ -180,11 +177,8 @@ MEASURED = re.compile(
 def machine() -> dict[str, str]:
     """What the last bits depend on."""
     cpu = re.search(r"model name\s*: (.*)", Path("/proc/cpuinfo").read_text())
-    said = CliRunner().invoke(main, ["--version", "--verbose"]).output
-    lapack = re.search(r"lapack +(\w+)", said)
     return {
         "cpu": cpu[1] if cpu else "",
-        "lapack": lapack[1] if lapack else "",
         **{name: version(name) for name in VERSIONS},
     }
 

@@ -1,5 +1,8 @@
 """The linear system about the steady spin against the full dynamics and 50-digit eigenvalues."""
 
+import os
+import subprocess
+import sys
 from itertools import accumulate, repeat
 
 import numpy as np
@@ -8,7 +11,7 @@ import pytest
 import theory_mp
 from exact import exactly
 from mpmath import mp
-from samples import GH, any_body, mapping, table_one
+from samples import GH, any_body, far_outside, log_uniform, mapping, table_one
 from scipy.linalg import expm
 
 from rattlesweep.physics import full, steady, theory
@@ -75,7 +78,103 @@ def test_eigenvalues_against_fifty_digits(bodies, n):
         assert pitch.imag > roll.imag > 0  # two oscillations
         scale = float(abs(pitch))
         for got, exact in ((found.pitch[k], pitch), (found.roll[k], roll)):
-            assert abs(got - complex(exact)) < 1e-12 * scale
+            assert abs(got - complex(exact)) < 1e-13 * scale
+
+
+def test_eigenvalues_of_extreme_bodies_at_any_spin_and_any_loss():
+    """A hundred digits to start from: growth rates down to 1e-20 of the frequency have theirs."""
+    size = 240
+    rng = np.random.default_rng(31)
+    bodies = np.concatenate([far_outside(size // 2, 32), any_body(size // 2, 33)], axis=1)
+    constants = full.constants(*bodies)
+    n = rng.choice([-1, 1], size) * log_uniform(rng, 1e-6, 10, size)
+    sigma = np.where(rng.random(size) < 0.5, log_uniform(rng, 1e-6, 100, size), 0.0)
+    n[:10] = 0.0
+    found = steady.steady_modes(constants, n, sigma)
+    errors, overdamped = [], 0
+    for k in range(size):
+        pitch, roll, *others = theory_mp.steady_eigenvalues(constants[:, k], n[k], sigma[k])
+        for got, exact in ((found.pitch[k], pitch), (found.roll[k], roll)):
+            overdamped += exact.imag == 0
+            # Of two eigenvalues that are close each is known the less.
+            near = min(abs(exact - z) for z in (pitch, roll, *others) if z != exact)
+            slack = 2e-14 * abs(exact) * max(1, abs(exact) / near)
+            assert abs(complex(got) - exact) < slack, (k, got, exact)
+            if exact.real != 0:
+                errors.append(float(abs(got.real / exact.real - 1)))
+    assert overdamped > 20
+    assert np.median(errors) < 1e-15
+    assert np.quantile(errors, 0.98) < 1e-11
+
+
+def test_probes_are_left_eigenvectors_of_extreme_bodies():
+    size = 20_000
+    rng = np.random.default_rng(34)
+    bodies = far_outside(size, 35)
+    bodies[5, ::7] = 0.0
+    constants = full.constants(*bodies)
+    for n in (np.zeros(size), rng.uniform(-10, 10, size)):
+        for sigma in (0.0, 0.1, 100.0):
+            matrix, found = (
+                steady.matrix(constants, n, sigma),
+                steady.steady_modes(constants, n, sigma),
+            )
+            scale = np.abs(matrix).max(axis=(1, 2))[:, None]
+            for value, probe in ((found.pitch, found.pitch_probe), (found.roll, found.roll_probe)):
+                rest = (probe[:, None, :] @ matrix)[:, 0] - value[:, None] * probe
+                assert np.all(np.abs(rest) < 2e-10 * scale)
+                assert np.median(np.abs(rest) / scale) < 1e-16
+                np.testing.assert_allclose(np.linalg.norm(probe, axis=1), 1, rtol=1e-14)
+
+
+def test_two_modes_of_one_frequency():
+    """A body without skew or spin, whose pitch is as slow as its roll, has any eigenvectors."""
+    constants = np.array([3.0, 1.0, 2.5, 0.5, 0.0, 1.0])
+    found = steady.steady_modes(constants, 0.0)
+    np.testing.assert_allclose([found.pitch, found.roll], 0.5j, atol=1e-7)
+    for probe in (found.pitch_probe, found.roll_probe):
+        rest = probe @ steady.matrix(constants, 0.0) - 0.5j * probe
+        assert np.abs(rest).max() < 1e-7
+    assert steady.transient_growth(constants, 0.0) >= 1
+
+
+BITS = """
+import hashlib
+import numpy as np
+from rattlesweep.physics import steady
+
+rng = np.random.default_rng(1)
+low, high = [6, 0.1, 5, 0.1, 0, 10, -1, 0], [12, 1, 12, 0.6, 0.2, 50, 1, 0.3]
+*constants, n, sigma = rng.uniform(low, high, (2000, 8)).T
+constants = np.stack(constants)
+modes = steady.steady_modes(constants, n, sigma)
+n_0, slow = -2 * np.abs(n), np.full(len(n), 1e-12)
+settled = steady.settled_oscillation(constants, n_0, n_0 / 6, slow)
+found = (modes.pitch, modes.roll, modes.pitch_probe, modes.roll_probe,
+         steady.transient_growth(constants, n), settled)
+assert np.count_nonzero(settled) > 100
+print(hashlib.sha256(b"".join(part.tobytes() for part in found)).hexdigest())
+"""
+
+
+def test_bits_depend_neither_on_the_library_of_linear_algebra_nor_on_the_processor():
+    """OpenBLAS with kernels of several processors, NumPy without its own for this one."""
+    extensions = np.show_config(mode="dicts")["SIMD Extensions"]["found"]
+    found = set()
+    for change in (
+        {"OPENBLAS_CORETYPE": "Haswell"},
+        {"OPENBLAS_CORETYPE": "Prescott"},
+        {"NPY_DISABLE_CPU_FEATURES": " ".join(extensions)},
+    ):
+        done = subprocess.run(
+            [sys.executable, "-c", BITS],
+            env={**os.environ, **change},
+            capture_output=True,
+            text=True,
+        )
+        assert done.returncode == 0, done.stderr
+        found.add(done.stdout)
+    assert len(found) == 1
 
 
 def test_eigenvalues_at_the_ends_of_the_surface():
