@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 Bodies: TypeAlias = (
-    "Rattleback | str | Iterable[Rattleback | str] | Mapping[str, Any] | pd.DataFrame"  # noqa: E501
+    "Rattleback | str | Iterable[Rattleback | str] | Mapping[str, Any] | pd.DataFrame"
 )
 """One body or the name of a preset; a sequence or an array of these; or a table of bodies."""
 

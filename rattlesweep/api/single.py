@@ -416,7 +416,9 @@ def _launch(body: Any, *, psi: Any, omega: Any, u: Any, **values: Any) -> Launch
     from rattlesweep.sweeps.single import Launch
 
     single = ("n_i", "omega_xy0", "t_end", "e_p0", "e_r0", "sigma", "rolling")
-    checked = {k: number(k, v) if k in single else v for k, v in values.items()}
+    checked: dict[str, Any] = {
+        name: number(name, value) if name in single else value for name, value in values.items()
+    }
     psi = psi if isinstance(psi, str) else number("psi", psi)
     omega, u = (None if v is None else numbers(k, v).tolist()
                 for k, v in (("omega", omega), ("u", u)))  # fmt: skip

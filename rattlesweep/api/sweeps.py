@@ -70,7 +70,7 @@ class Sweep:
 
     @property
     def summary(self) -> pd.DataFrame:
-        """One row a case, with units in ``attrs``; while the sweep is running, of the runs so far."""
+        """One row a case, with units in ``attrs``; of a running sweep, of the runs so far."""
         return to_frame(self._stored.summary())
 
     def __getitem__(self, columns: str | list[str]) -> Any:
@@ -502,7 +502,7 @@ def sweep(
 def _planned(
     config: Any, output: Path | None, keys: Mapping[str, Any]
 ) -> tuple[Plan, Path, Path | None, list[str]]:
-    """Return the plan, the output directory, where the table is looked for, and what is doubtful."""
+    """Return the plan, the output directory, the directory of tables, and the doubts."""
     from rattlesweep.sweeps.config.load import load_config, parse_config
     from rattlesweep.sweeps.plausible import checked_plan
 

@@ -83,7 +83,7 @@ class Program(click.Group):
             sys.stdout.flush()
         except (click.Abort, KeyboardInterrupt, Terminated) as error:
             signal.signal(signal.SIGINT, signal.SIG_DFL)  # a second Ctrl-C ends it at once
-            kept = getattr(error.__cause__ or error, "__notes__", None)
+            kept: list[str] = getattr(error.__cause__ or error, "__notes__", [])
             resumes = f"; {'; '.join(kept)}, and the same command resumes from there"
             term = isinstance(error, Terminated)
             say(("terminated" if term else "interrupted") + (resumes if kept else ""))
@@ -140,7 +140,8 @@ def command(section: Section, *examples: str) -> Callable[[Callable[..., Any]], 
     def make(function: Callable[..., Any]) -> Command:
         head = "Examples" if len(examples) > 1 else "Example"
         epilog = "\n  ".join([f"\b\n{head}:", *examples])
-        made: Command = main.command(cls=Command, epilog=epilog)(function)
+        made = main.command(cls=Command, epilog=epilog)(function)
+        assert isinstance(made, Command)
         made.section = section
         return made
 

@@ -121,7 +121,7 @@ def plan(
 @options.overrides
 @options.any_threads
 @option("--engine", type=options.Choice(["local", "dask"]), default="local",
-        help="Where blocks of runs are computed: here, or by workers of a Dask cluster.")  # fmt: skip
+        help="Compute blocks of runs here, or by workers of a Dask cluster.")  # fmt: skip
 @option("--scheduler", metavar="ADDRESS", help="Address of an existing Dask scheduler.")
 @option("--workers", type=click.IntRange(1),
         help="Worker processes of a Dask cluster started here.")  # fmt: skip
