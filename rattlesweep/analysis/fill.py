@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from rattlesweep.arrays import Flags
 
-
 # Axes of fewer values are not refined (bodies.refine).
 FEWEST = 5
 

@@ -49,8 +49,8 @@ class Where:
                 found = frame.eval(self.query, engine="python", parser="pandas")
                 is_bool = isinstance(found, pd.Series) and pd.api.types.is_bool_dtype(found)
         except Exception as error:  # pandas has no common class for what it raises
-            what = f"cannot be evaluated ({one_line(str(error.args[-1:] or error), 200)})"
-            raise ConfigError(self._sentence(what)) from None
+            why = one_line(str(error.args[-1] if error.args else error), 200)
+            raise ConfigError(self._sentence(f"cannot be evaluated ({why})")) from None
         if not is_bool:
             raise ConfigError(self._sentence("is no condition on columns; compare some"))
         return rows.filter(pa.array(found.fillna(False).to_numpy(bool)))
@@ -105,7 +105,9 @@ def _columns(tree: ast.Expression, schema: pa.Schema) -> tuple[str, ...]:
             case ast.Name(name) if id(node) not in called:
                 if name not in schema.names:
                     near = nearest(name, schema.names)
-                    hint = f"did you mean {near}?" if near else f"there are {', '.join(schema.names)}"
+                    hint = (
+                        f"did you mean {near}?" if near else f"there are {', '.join(schema.names)}"
+                    )
                     raise ValueError(f"{one_line(name, 40)} is no column; {hint}")
                 if pa.types.is_list(schema.field(name).type):
                     raise ValueError(f"{name} holds several numbers a run and cannot be compared")

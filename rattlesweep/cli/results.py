@@ -10,7 +10,6 @@ from click import argument, option
 
 from rattlesweep.cli import options
 from rattlesweep.cli.command import DONE, FAILED, MOST_ROWS, command, probe, say, to_json
-from rattlesweep.progress import Bar
 
 
 @command(
@@ -131,8 +130,9 @@ def compare(
     from rattlesweep.analysis.compare import compare as compared
 
     probe(figure, data)
-    with Bar.of_command() as bar:
-        result = compared(a, b, report=bar.counting("comparing"), data=data)
+    result = compared(a, b)
+    if data is not None:
+        result.write_runs(data)
     if figure is not None:
         save(result, figure)
     click.echo(to_json(result.data()) if as_json else as_text(result, MOST_ROWS))
@@ -155,9 +155,8 @@ def sensitivity(directory: Path, figure: Path | None, as_json: bool) -> None:
 
     Prints Sobol' indices by case, with 95 % intervals (bootstrap): first-order ones, the share of
     the variance that goes with a parameter alone, and total ones, the share that would be left if
-    all others were known. Total ones need bodies.draw: saltelli in the sweep's config; otherwise
-    only first-order ones are estimated, from means in bins. Those of t_r and log10 t_r are of the
-    runs that reverse, those of P(R), P(SS), ... of all.
+    all others were known. They need bodies.draw: saltelli in the sweep's config. Those of t_r and
+    log10 t_r are told where nearly all runs reverse, those of P(R), P(SS), ... always.
     """
     from rattlesweep.analysis.sensitivity import as_text, save
     from rattlesweep.analysis.sensitivity import sensitivity as estimate

@@ -44,7 +44,7 @@ class Distribution(Picture):
         names = ("t_r", "t_rgh") if self.quantity is None else (self.quantity,)
         found = [np.empty(0)]
         for rows in self.layout.rows(["case", "sample", "type", "status", *names]):
-            kept = (codes(rows.column("status"), ("ok",)) == 0)
+            kept = codes(rows.column("status"), ("ok",)) == 0
             kept &= self.layout.cells(rows, self.axes) >= 0
             own = floats(rows.column(names[0]))
             if self.quantity is None:

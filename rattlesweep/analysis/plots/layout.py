@@ -214,4 +214,5 @@ def read_layout(directory: Path) -> Layout:
             given[name] = [getattr(case, name) for case in cases]
     bodies = config.bodies
     grid = bodies.varying if isinstance(bodies, GridSource) else {}
-    return Layout(stored, *(tuple(Axis.of(*item) for item in own.items()) for own in (given, grid)))
+    axes = [tuple(Axis.of(*item) for item in own.items()) for own in (given, grid)]
+    return Layout(stored, *axes)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -96,7 +96,7 @@ class Map(Picture):
         """Return the column that is shown, and what the line of balanced damping needs."""
         return tuple(
             dict.fromkeys(
-                [self.quantity] * (self.quantity is not None)
+                [self.quantity or ""] * (self.quantity is not None)
                 + [GROWTH] * bool(self.layout.config.dissipation)
             )
         )
@@ -115,9 +115,9 @@ class Map(Picture):
         counts = np.stack([self.grid(cells.types.get(name, none)) for name in TYPE_STYLE])
         code = np.argmax(counts, axis=0)
         code = np.where(counts.sum(axis=0) == 0, CODES["failed"], code)
-        runs = self.grid(cells.runs)
+        runs, name = self.grid(cells.runs), self.quantity
         code = np.where(runs == 0, CODES["missing"], code)
-        value = self.grid(cells.ratio.means()) if self.quantity is None else self.mean(self.quantity)
+        value = self.grid(cells.ratio.means()) if name is None else self.mean(name)
         if self.layout.refined:
             along = [len(axis.values) >= FEWEST for axis in self.axes]
             done = self.done
@@ -129,7 +129,7 @@ class Map(Picture):
         """Cells that hold runs, whether a condition chooses them or not."""
         runs = self.cells.runs
         if self.layout.where is not None:
-            runs = np.zeros(len(runs))
+            runs = np.zeros(len(runs), np.int64)
             for rows in self.layout.stored.batches(["case", "sample"]):
                 cell = self.layout.cells(rows, self.axes)
                 runs[cell[cell >= 0]] = 1
@@ -160,11 +160,11 @@ class Map(Picture):
         panels = draw_panels(figure, rows, (), parts=2 if types_too else 1)
         several = self.cells.runs.max() > 1
         code, value = self.shown()
-        look, ticks = self.colours(value)
+        look, extend, set_ticks = self.colours(value)
         bondi = balance = False
         mesh: Any = None
         for axes, row, where, part in panels:
-            here = (slice(None), slice(None), *where)
+            here: Any = (slice(None), slice(None), *where)
             on_types = types_too and part == 0
             colours = [colour for colour, _ in CELLS.values()]
             if not on_types:  # where there is a type and no value
@@ -186,10 +186,10 @@ class Map(Picture):
                 axes.set_title(titles[part], fontsize="medium")
         figure.supxlabel(label(x.name), fontsize="medium")
         if np.isfinite(value).any():
-            bar = figure.colorbar(mesh, ax=[p.axes for p in panels], pad=0.03, extend=ticks.extend,
+            bar = figure.colorbar(mesh, ax=[p.axes for p in panels], pad=0.03, extend=extend,
                                   aspect=30 if len(panels) < 4 else 45)  # fmt: skip
             bar.set_label(self._title(several) + (" of runs that reverse" if types_too else ""))
-            ticks.set(bar)
+            set_ticks(bar)
         if types_too:
             left = (panel for panel in panels if not panel.part)
             for panel, found in zip(left, self.boundaries(), strict=True):
@@ -216,19 +216,27 @@ class Map(Picture):
         name = label("ratio") if self.quantity is None else label(self.quantity, self.unit)
         return f"mean {name}" if several else name
 
-    def colours(self, value: Floats) -> tuple[dict[str, Any], _Ticks]:
-        """Return the colours of values, logarithmic where they spread, and the colour bar's ticks."""
+    def colours(self, value: Floats) -> tuple[dict[str, Any], str, Callable[[Any], None]]:
+        """Return the colours of values, logarithmic where they spread, and the colour bar's ends.
+
+        The last is what sets the bar's ticks.
+        """
         known = value[np.isfinite(value)]
         if not len(known):
-            return {"norm": Normalize(0, 2)}, _Ticks()
+            return {"norm": Normalize(0, 2)}, "neither", lambda bar: None
         low, high = (float(end) for end in np.percentile(known, TAILS))
         if low == high:
             low, high = sorted((low * 0.9, high * 1.1)) if low else (-1.0, 1.0)
         cut = {(True, True): "both", (True, False): "min", (False, True): "max"}
         extend = cut.get((bool(known.min() < low), bool(known.max() > high)), "neither")
-        log = 0 < low and high > (4 if self.quantity is None else WIDE) * low
+        log = low > 0 and high > (4 if self.quantity is None else WIDE) * low
         norm = (LogNorm if log else Normalize)(low, high)
-        return {"cmap": "viridis", "norm": norm}, _Ticks(extend, (low, high) if log else None)
+
+        def set_ticks(bar: Any) -> None:
+            if log:
+                plain_ticks(bar.ax, "y", (low, high))
+
+        return {"cmap": "viridis", "norm": norm}, extend, set_ticks
 
     def _paint(self, axes: Any, values: Any, **look: Any) -> Any:
         """Colour cells by a number; those without one stay as they are."""
@@ -295,7 +303,7 @@ class Reversals(Map):
     def _title(self, several: bool) -> str:
         return f"{'mean ' if several else ''}number of turns ({REVERSALS})"
 
-    def colours(self, value: Floats) -> tuple[dict[str, Any], _Ticks]:
+    def colours(self, value: Floats) -> tuple[dict[str, Any], str, Callable[[Any], None]]:
         """Return one colour for each of the first numbers and for ranges of larger ones."""
         most = int(np.nanmax(value, initial=0).round())
         borders = list(range(min(most, SINGLE) + 1))
@@ -305,29 +313,16 @@ class Reversals(Map):
         shades = colormaps["viridis"](np.linspace(0.1, 1, max(1, len(borders) - 2)))
         colours = ListedColormap([NO_REVERSAL, *shades][: len(borders) - 1])
         norm = BoundaryNorm(np.array(borders) - 0.5, len(borders) - 1)
-        return {"cmap": colours, "norm": norm}, _Ticks(borders=borders)
 
-
-class _Ticks:
-    """Ticks of a colour bar: plain numbers of a logarithmic one, or ranges of whole numbers."""
-
-    def __init__(
-        self, extend: str = "neither", log: tuple[float, float] | None = None,
-        borders: Sequence[int] = (),
-    ) -> None:  # fmt: skip
-        self.extend, self.log, self.borders = extend, log, borders
-
-    def set(self, bar: Any) -> None:
-        """Set them."""
-        if self.log is not None:
-            plain_ticks(bar.ax, "y", self.log)
-        if self.borders:
-            pairs = list(pairwise(self.borders))
+        def set_ticks(bar: Any) -> None:
+            pairs = list(pairwise(borders))
             bar.set_ticks(
                 [(a + b - 1) / 2 for a, b in pairs],
                 labels=[str(a) if b == a + 1 else f"{a} to {b - 1}" for a, b in pairs],
             )
             bar.ax.tick_params(which="both", length=0)
+
+        return {"cmap": colours, "norm": norm}, "neither", set_ticks
 
 
 def patch(colour: str, words: str) -> Patch:

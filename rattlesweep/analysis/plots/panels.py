@@ -89,14 +89,12 @@ def add_heading(figure: Figure, lines: list[str]) -> None:
         lines = [*lines, *([old] if old not in ("", "None") else [])]
     title.set_multialignment("center")
     # Lines wider than the figure are broken; formulas cannot be, and are made smaller.
-    most = max(10, *map(len, lines))
-    for width in range(most, 9, -max(1, most // 50)):
-        broken = [line if "$" in line else textwrap.fill(line, width) for line in lines]
-        title.set_text("\n".join(broken))
-        wide = title.get_window_extent().width / figure.bbox.width
-        if wide <= 0.95:
-            return
-    title.set_fontsize(0.95 / wide * float(title.get_fontsize()))
+    title.set_text("\n".join(lines))
+    if (wide := title.get_window_extent().width / figure.bbox.width) > 0.95:
+        most = max(10, int(0.9 * max(map(len, lines)) / wide))
+        title.set_text("\n".join(t if "$" in t else textwrap.fill(t, most) for t in lines))
+        wide = max(0.95, title.get_window_extent().width / figure.bbox.width)
+        title.set_fontsize(0.95 / wide * float(title.get_fontsize()))
 
 
 def entry(words: str, **look: Any) -> Line2D:

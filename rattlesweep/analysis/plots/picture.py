@@ -23,7 +23,7 @@ from rattlesweep.analysis.style import new_figure, value_text
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps.config.messages import not_one_of
-from rattlesweep.sweeps.counts import Cells, Moments, columns_for, floats, share, wilson
+from rattlesweep.sweeps.counts import Counts, Moments, columns_for, floats, share, wilson
 from rattlesweep.sweeps.files import replace_file
 
 MOST_CELLS = 4_000_000
@@ -32,7 +32,7 @@ MOST_CELLS = 4_000_000
 class CellCounts(NamedTuple):
     """Runs counted by cell, and means of some more columns; arrays over the cells are flat."""
 
-    counts: Cells
+    counts: Counts
     means: dict[str, Moments]
 
 
@@ -98,7 +98,7 @@ class Picture(ABC):
     def counted(self) -> CellCounts:
         """The runs by cell, counted in one pass over the files."""
         cells = math.prod(self.shape)
-        found = CellCounts(Cells(cells), {name: Moments(cells) for name in self.more})
+        found = CellCounts(Counts(cells), {name: Moments(cells) for name in self.more})
         columns = ("case", "sample", *columns_for(self.layout.config), *self.more)
         for rows in self.layout.rows(columns):
             cell = self.layout.cells(rows, self.axes)
@@ -110,7 +110,7 @@ class Picture(ABC):
         return found
 
     @property
-    def cells(self) -> Cells:
+    def cells(self) -> Counts:
         """The runs by cell."""
         return self.counted.counts
 

@@ -69,7 +69,7 @@ class Scatter(Picture):
 
     def __len__(self) -> int:
         """Return the number of points."""
-        return self.points[0].shape[1]
+        return int(self.points[0].shape[1])
 
     def table(self) -> pa.Table:
         """Return the points."""

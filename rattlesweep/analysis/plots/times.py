@@ -17,13 +17,10 @@ from rattlesweep.analysis.plots.panels import (
 )
 from rattlesweep.analysis.plots.picture import Picture, abscissa
 from rattlesweep.analysis.style import GREY, SERIES, THEORY, label, light_grid, symbol, value_text
-from rattlesweep.arrays import Floats
 from rattlesweep.sweeps.counts import share
 
 # With more points than this, markers and bars hide the curve.
 MOST_MARKERS = 40
-# Width over which curves stand side by side: shares of the distance of two points and of all.
-DODGE, DODGE_MOST = 0.34, 0.06
 
 
 class Times(Picture):
@@ -74,10 +71,6 @@ class Times(Picture):
         marked = len(x.values) <= MOST_MARKERS
         count = len(curves.values)  # of which as many are shown as the eye tells apart
         shown = np.unique(np.linspace(0, count - 1, min(count, len(SERIES))).round().astype(int))
-        # Theory is moved sideways like the means: a step aside must not look like disagreement.
-        # A grid of exact values keeps its places.
-        moves = self.layout.population and len(shown) > 1
-        at = _side_by_side(x.values, len(shown), log_x) if moves else [x.values] * len(shown)
         errors = np.nan_to_num(moments.errors())
         if not relative:  # and what the runs add by their own errors, where these are recorded
             errors += np.nan_to_num(cells.t_r_error.means())
@@ -88,27 +81,27 @@ class Times(Picture):
         )  # fmt: skip
         panels = draw_panels(figure, (), panes)
         for axes, _, where, _ in panels:
-            for abscissas, place, (colour, marker) in zip(at, shown, SERIES, strict=False):
+            for place, (colour, marker) in zip(shown, SERIES, strict=False):
                 here: Any = (slice(None), place, *where)
                 middle, half = mean[here], spread[here]
                 # On a logarithmic axis a bar that reaches zero has no end; it stops at a tenth.
                 low = np.minimum(half, 0.9 * middle) if log_y else half
                 for part in _pieces(x):
-                    axes.plot(abscissas[part], middle[part], color=colour, linewidth=1.1)
+                    axes.plot(x.values[part], middle[part], color=colour, linewidth=1.1)
                     if not relative:
-                        axes.plot(abscissas[part], theory[here][part], zorder=1.5,
+                        axes.plot(x.values[part], theory[here][part], zorder=1.5,
                                   **{**THEORY, "color": colour})  # fmt: skip
                 if marked:
                     bars = {"fmt": "none", "ecolor": colour, "capsize": 0}
-                    axes.errorbar(abscissas, middle, (low, half), elinewidth=0.8, **bars)
-                    axes.errorbar(abscissas, middle, error[here], elinewidth=2.4, **bars)
+                    axes.errorbar(x.values, middle, (low, half), elinewidth=0.8, **bars)
+                    axes.errorbar(x.values, middle, error[here], elinewidth=2.4, **bars)
                     # Hollow where most runs do not reverse: the mean is then that of a few.
                     few = kept[here] < 0.5
                     for which, face in ((~few, colour), (few, "white")):
-                        axes.plot(abscissas[which], middle[which], marker, color=colour, ms=4.5,
+                        axes.plot(x.values[which], middle[which], marker, color=colour, ms=4.5,
                                   mfc=face, mew=1)  # fmt: skip
                 elif (half > 0).any():
-                    axes.fill_between(abscissas, middle - low, middle + half, color=colour,
+                    axes.fill_between(x.values, middle - low, middle + half, color=colour,
                                       alpha=0.18, linewidth=0)  # fmt: skip
             if relative:
                 axes.axhline(1, **THEORY, zorder=1.5)
@@ -133,8 +126,6 @@ class Times(Picture):
             bars_text = "bars: standard deviation;\nthick: error of the mean"
             bars_text = bars_text if marked else "band: standard deviation"
             handles.append(entry(bars_text, color=GREY, linestyle="-", linewidth=0.9))
-        if moves and marked and len(x.values) > 1:
-            handles.append(entry("points moved sideways\nto stay apart"))
         if marked and (share(cells.t_r.count, cells.ok) < 0.5).any():
             words = "hollow: fewer than half reverse"
             handles.append(entry(words, color=GREY, marker="o", mfc="white", ms=4.5))
@@ -146,9 +137,7 @@ class Ratio(Times):
     """The mean of ``t_r/t_rGH``, run by run."""
 
     name = "ratio"
-    caption = (
-        "Times of the first reversal of type R in units of Garcia and Hubbard's, run by run."
-    )
+    caption = "Times of the first reversal of type R in units of Garcia and Hubbard's, run by run."
     relative = True
 
 
@@ -158,14 +147,3 @@ def _pieces(x: Axis) -> list[slice]:
     if x.name != "n_i" or border in (0, len(x.values)):
         return [slice(None)]
     return [slice(0, border), slice(border, None)]
-
-
-def _side_by_side(values: Floats, count: int, logarithmic: bool) -> Floats:
-    """Return abscissas of each curve, shape (curves, points), with bars that do not overlap."""
-    if len(values) < 2 or len(values) > MOST_MARKERS:
-        return np.tile(values, (count, 1))
-    at = np.log(values) if logarithmic else values
-    places = (np.arange(count) - (count - 1) / 2) / max(count, 1)
-    width = min(DODGE * float(np.diff(at).min()), DODGE_MOST * float(np.ptp(at)))
-    moved = at + width * places[:, None]
-    return np.exp(moved) if logarithmic else moved

@@ -21,15 +21,15 @@ from typing import Any
 
 import numpy as np
 
-from rattlesweep.arrays import Floats
-from rattlesweep.errors import ConfigError
-from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.analysis.onerun.course import Course, PreparedRun
 from rattlesweep.analysis.onerun.replay import Replay, StoredRun
 from rattlesweep.analysis.onerun.rows import EvenTimes, Rows
-from rattlesweep.sweeps.single import Launch
+from rattlesweep.arrays import Floats
+from rattlesweep.errors import ConfigError
+from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.sweeps.files import replace_file
 from rattlesweep.sweeps.provenance import package_version
+from rattlesweep.sweeps.single import Launch
 
 # What is shown of each row, in the order in which the page holds it.
 COLUMNS = ("q0", "q1", "q2", "q3", "trace_x", "trace_y", "n", "E_p", "E_r")
