@@ -100,8 +100,7 @@ def plan(
     found = None if check else _forecast(made, loaded, threads, shards, budget)
     if as_json:
         size = {"cases": len(made.cases), "samples": made.samples, "runs": made.runs}
-        more = {} if found is None else {"seconds": found.seconds, "bytes": found.bytes}
-        click.echo(to_json(size | more))
+        click.echo(to_json(size | ({} if found is None else found.as_data())))
         return
     cases, samples = counted(len(made.cases), "case"), counted(made.samples, "sample")
     shown = one_line(str(config), 200)
@@ -180,7 +179,7 @@ def run(
         return DONE
     computed = local
     if engine == "dask":
-        from rattlesweep.sweeps.dask_engine import make_engine
+        from rattlesweep.sweeps.dask import make_engine
 
         computed = make_engine(scheduler, workers, threads)
     with Bar.of_command(quiet) as bar:
