@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -76,6 +77,7 @@ class Job:
     lost: int = 0  # runs that were under way when it was stopped
     workers: int = 1  # blocks that are worked off at the same time
     remarks: list[str] = field(default_factory=list)
+    resources: ExitStack = field(default_factory=ExitStack)  # what an engine keeps between waves
     _start: float = field(default_factory=time.monotonic)
     _begun: float | None = None
     _wanted: int = 0
