@@ -161,7 +161,7 @@ def around(plan: Any, launches: Any, columns: dict[str, Any], directory: Path) -
     store.prepare()
     schema = runs_schema([], "full")
     return [
-        Part("bodies", lambda: plan.source.bodies(0, sample), runs),
+        Part("bodies", lambda: plan.source.bodies(np.nan, sample), runs),
         Part("bodies, theory, horizons", lambda: prepare(plan, case, sample), runs),
         Part("theory: modes", lambda: theory.modes(b.alpha, b.beta, b.theta, b.phi, b.xi), runs),
         Part("steady modes", lambda: steady_modes(constants, launches.n_i), runs),

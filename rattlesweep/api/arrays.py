@@ -113,7 +113,7 @@ def numbers(name: str, value: Any) -> Floats:
     bad = ~np.isfinite(array)
     if name == "psi":
         bad |= np.abs(array) > 360
-    broken = None if bad.any() else check_value(name, array.ravel())
+    broken = None if bad.any() or name == "psi" else check_value(name, array.ravel())
     if bad.any() or broken is not None:
         at, rule = (int(np.argmax(bad)), wanted) if broken is None else broken
         place = np.unravel_index(at, array.shape)

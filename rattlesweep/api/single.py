@@ -187,8 +187,7 @@ def simulate(
            [ 26.77,  33.15,  45.7 ]])
     """
     from rattlesweep.integrate.compiling import listening
-    from rattlesweep.sweeps.bodies.sources import TableBodies
-    from rattlesweep.sweeps.bodies.table import launched_from
+    from rattlesweep.sweeps.bodies.table import TableBodies, launched_from
     from rattlesweep.sweeps.memory import integrate_plan
     from rattlesweep.sweeps.single import Launch, is_full_state, plan_of
 

@@ -507,7 +507,9 @@ def _planned(
     from rattlesweep.sweeps.plausible import checked_plan
 
     if is_frame(config):
-        return _planned_frame(config, output, keys)
+        from rattlesweep.sweeps.frame import plan_frame
+
+        return plan_frame(config, output, keys)
     if keys:
         raise ConfigError(
             f"{next(iter(keys))}: is given beside a config; write it into the config, as only a "
@@ -520,32 +522,6 @@ def _planned(
         loaded = parse_config(config)
     plan, doubts = checked_plan(loaded, base)
     return plan, output or Path(loaded.directory), base, doubts
-
-
-def _planned_frame(
-    frame: pd.DataFrame, output: Path | None, keys: Mapping[str, Any]
-) -> tuple[Plan, Path, Path, list[str]]:
-    """Plan a sweep of the bodies of a DataFrame, which are kept in its directory.
-
-    Nothing is written there unless the sweep can begin.
-    """
-    from rattlesweep.sweeps.bodies.table import frame_bodies, keep_bodies
-    from rattlesweep.sweeps.config.load import parse_config
-    from rattlesweep.sweeps.files import probe_directory
-    from rattlesweep.sweeps.plausible import checked_plan
-    from rattlesweep.sweeps.stored import examine
-
-    if "bodies" in keys:
-        raise ConfigError("bodies: the DataFrame gives them already; leave the key out")
-    source = frame_bodies(frame)
-    config = parse_config({**keys, "bodies": source.config})
-    assert config.bodies.source == "table"
-    directory = output or Path(config.directory)
-    plan, doubts = checked_plan(config, source=source.with_surface(config.bodies))
-    examine(plan, directory)
-    probe_directory(directory / "runs")  # so that the directory is known for a sweep's
-    keep_bodies(source, directory)
-    return plan, directory, directory.resolve(), doubts
 
 
 def _values(value: Any) -> str:

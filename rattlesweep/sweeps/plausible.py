@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,8 +20,9 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import MAX_DAMPING, Batch
 from rattlesweep.integrate.tableau import METHODS, Tableau
 from rattlesweep.physics import theory
+from rattlesweep.sweeps.bodies.protocol import Bodies, Source
 from rattlesweep.sweeps.bodies.sampler import bodies_of
-from rattlesweep.sweeps.bodies.sources import Bodies, SdBodies, ranges_of
+from rattlesweep.sweeps.bodies.sources import SdBodies, drawn, ranges_of
 from rattlesweep.sweeps.config.bodies import SdSource
 from rattlesweep.sweeps.config.places import Key, Problem
 from rattlesweep.sweeps.config.schema import Config
@@ -49,13 +50,15 @@ class Finding(NamedTuple):
     fatal: bool = False
 
 
-def checked_plan(config: Config, base: Path | None = None) -> tuple[Plan, list[str]]:
+def checked_plan(
+    config: Config, base: Path | None = None, source: Source | None = None
+) -> tuple[Plan, list[str]]:
     """Plan of a config (:func:`rattlesweep.sweeps.plan.make_plan`), and its warnings.
 
     A warning, like each line of the ConfigError if no run can be right, is place, key, sentence.
     """
     with config.locating():
-        plan = make_plan(config, base)
+        plan = make_plan(config, base, source)
         warnings = check_physics(plan)
         if isinstance(plan.source, SdBodies):
             plan.source.check_targets()
@@ -330,24 +333,22 @@ class DrawnBodies:
 
     def __init__(self, source: SdSource) -> None:
         target = source.target
-        drawn = draw(source, RUNS if target is None else DRAWN)
-        self._bodies, self._values = drawn, [] if target is None else target.values
+        self._bodies = draw(source, RUNS if target is None else DRAWN)
+        self._targets = target.values if target else [0.0]
         if target is not None:
-            found = coefficient(drawn, target.name)
+            found = coefficient(self._bodies, target.name)
             order = np.argsort(found)
             middle = np.searchsorted(found, target.values, sorter=order)
             first = np.clip(middle - RUNS // 2, 0, DRAWN - RUNS)
-            self._bodies = take(drawn, order[np.add.outer(first, np.arange(RUNS)).ravel()])
+            nearest = order[np.add.outer(first, np.arange(RUNS)).ravel()]
+            self._bodies = take(self._bodies, nearest)
 
-    def bodies(self, group: Any, samples: Integers) -> Bodies:
-        """Bodies of some samples, each of the cases of a target ``group``."""
-        group = np.array(
-            [
-                self._values.index(v) if v in self._values else 0
-                for v in np.broadcast_to(group, samples.shape)
-            ]
-        )
-        return take(self._bodies, group * RUNS + samples)
+    def bodies(self, target: float | Floats, sample: Integers) -> Bodies:
+        """Return the bodies of some runs."""
+        place = {value: k for k, value in enumerate(self._targets)}
+        wanted = np.nan_to_num(np.broadcast_to(target, sample.shape)).tolist()
+        group = np.array([place[value] for value in wanted], dtype=np.int64)
+        return take(self._bodies, group * RUNS + sample)
 
 
 def draw(source: SdSource, size: int = DRAWN) -> Bodies:
@@ -356,7 +357,7 @@ def draw(source: SdSource, size: int = DRAWN) -> Bodies:
     points = np.random.default_rng(SEED).random((len(ranges), size))
     # From the upper ends of all ranges.
     points[:4] = 1 - points[:4]
-    return Bodies.drawn(bodies_of(points, ranges))
+    return drawn(bodies_of(points, ranges))
 
 
 def coefficient(bodies: Bodies, name: str) -> Floats:

@@ -270,7 +270,9 @@ def examine(plan: Plan, directory: Path) -> Stored | None:
         ours = ("runs", "sessions", ".locks", SUMMARY)
         with explained(f"cannot read {directory}"):
             names = sorted(p.name for p in directory.iterdir()) if directory.exists() else []
-        foreign = [name for name in names if name not in ours and not name.startswith(".")]
+        # Bodies from memory are kept before the sweep begins.
+        ours_too = (".", "bodies-")
+        foreign = [name for name in names if name not in ours and not name.startswith(ours_too)]
         if foreign and not (directory / "runs").is_dir():
             raise ConfigError(
                 f"{where}holds other files, such as {foreign[0]}; give an empty or new directory"

@@ -12,6 +12,7 @@ from operator import getitem
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -164,7 +165,7 @@ def judge(path):
         lines = check_physics(plan)
         assert plan.runs > 0
         if not (isinstance(config.bodies, SdSource) and config.bodies.target):
-            assert len(plan.source.bodies(0, plan.runs_of(plan.block(0))[1][:1]).theta) == 1
+            assert len(plan.source.bodies(np.nan, plan.runs_of(plan.block(0))[1][:1]).theta) == 1
         refused = False
     except ConfigError as error:
         lines, refused = error.messages, True

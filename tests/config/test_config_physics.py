@@ -140,7 +140,7 @@ def test_the_draws_told_for_a_target_are_the_samplers(value):
     assert fatal
     told = float(sentence.split("takes about ")[1].split(" draws a body")[0])
     ranges = np.array(source.ranges.ends())
-    _, draws, _ = draw_bodies(5, 0, np.arange(400), ranges, 2, value, 1e-3, 10**6)
+    _, draws = draw_bodies(5, np.arange(400), ranges, Target(K_r=[value]), value)
     # 400 draws of a geometric law scatter by 5 %, the estimate from a few dozen bodies by 18 %.
     assert told == pytest.approx(draws.mean(), rel=0.6)
 

@@ -90,6 +90,8 @@ def test_units_make_no_other_body():
         ({"inertia": (2e-4, 16e-4, 17e-4, 0, 1e-5)}, "the vertical is no principal axis: ixz and"),
         ({"radii": (0.005, 0.1)}, "radii: 0.005 m is not above the height 0.01 m"),
         ({"radii": (0.1, 0.1)}, "phi 0.1 is not below theta 0.1"),
+        ({"radii": (1e300, 0.1)}, r"radii: 1e\+300 m is out of range; from 1e-09 to 1e\+06 m is"),
+        ({"gravity": 1e30}, r"gravity: 1e\+30 m/s\^2 is out of range; from 1e-06 to 1e\+06 m/s"),
         ({"radii": (0.1,)}, "radii: two are needed, and not 1"),
         ({"inertia": (2e-4, 16e-4, 17e-4)}, "xi is 0 rad"),
     ],

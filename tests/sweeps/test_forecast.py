@@ -72,7 +72,7 @@ def test_some_runs_are_the_sweeps_own_and_from_all_over_a_grid():
     assert case.tolist() == np.repeat(np.arange(len(plan.cases)), 20).tolist()
     assert sample.tolist() == [*range(20)] * len(plan.cases)
     theta = prepare(cheap, case, sample).bodies.theta[-20:]
-    assert np.array_equal(theta, plan.source.bodies(2, np.arange(20)).theta)
+    assert np.array_equal(theta, plan.source.bodies(plan.cases[-1].target, np.arange(20)).theta)
     axes = "{theta: {linspace: [0.6, 0.9, 400]}, phi: {linspace: [0.02, 0.036, 400]}}"
     plan = plan_of("gh.yaml", f"bodies={{source: grid, base: {{preset: GH}}, axes: {axes}}}")
     theta, again = (prepare(*some_runs(plan, 2000)).bodies.theta for _ in range(2))

@@ -17,7 +17,7 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.physics import launch, theory
 from rattlesweep.sweeps.bodies.quasi import Sequence
 from rattlesweep.sweeps.bodies.sampler import bodies_of
-from rattlesweep.sweeps.bodies.sources import Bodies
+from rattlesweep.sweeps.bodies.protocol import Bodies
 from rattlesweep.sweeps.old import sensitivity as indices
 from rattlesweep.sweeps.old.sensitivity import bins_of, from_bins, from_design, sensitivity
 
@@ -52,7 +52,7 @@ def ishigami(u: np.ndarray) -> np.ndarray:
 
 
 def test_a_design_gives_ishigamis_indices_and_what_scipy_gives():
-    a, b = Sequence(6, 1).points(np.arange(2**14)).reshape(2, 3, -1)
+    a, b = Sequence(6, 1).points(0, 2**14).reshape(2, 3, -1)
     swapped = np.array([np.where(np.arange(3)[:, None] == k, b, a) for k in range(3)])
     values = {"f_A": ishigami(a)[None], "f_B": ishigami(b)[None],
               "f_AB": np.array([ishigami(ab) for ab in swapped])[:, None]}  # fmt: skip
@@ -81,7 +81,7 @@ def test_samples_of_a_group_differ_in_one_parameter_each(semi_axis):
     n, group = len(names), len(names) + 2
     plan = plan_of(changed(CONFIG, bodies={"samples": group * 512} | semi_axis))
     assert plan.config.bodies.group == group
-    b = plan.source.bodies(0, np.arange(group * 40))
+    b = plan.source.bodies(np.nan, np.arange(group * 40))
     values = np.array([getattr(b, name) for name in names]).reshape(n, 40, group)
     first, second, others = values[:, :, 0], values[:, :, 1], values[:, :, 2:]
     assert (first != second).all()
@@ -90,7 +90,7 @@ def test_samples_of_a_group_differ_in_one_parameter_each(semi_axis):
             assert np.array_equal(others[p, :, k], (second if p == k else first)[p])
     # Each by its number alone.
     some = np.array([3, 4, 5, 277, 8])
-    assert np.array_equal(plan.source.bodies(0, some).theta, b.theta[some])
+    assert np.array_equal(plan.source.bodies(np.nan, some).theta, b.theta[some])
 
 
 def test_grows_like_others(tmp_path):

@@ -55,7 +55,7 @@ def drawn_bodies(first: int, last: int, ranges: SdRanges, seed: int = SEED) -> t
     sweep of the same seed.
     """
     limits = [ranges.gamma, ranges.f_sd, ranges.theta, ranges.phi, ranges.minus_xi_deg]
-    drawn = draw_bodies(seed, 0, np.arange(first, last), np.array(limits))[0]
+    drawn = draw_bodies(seed, np.arange(first, last), np.array(limits))[0]
     gamma, _, theta, phi, xi, alpha, beta = drawn
     return alpha, beta, gamma, theta, phi, xi
 
