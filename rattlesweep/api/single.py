@@ -420,8 +420,8 @@ def _launch(body: Any, *, psi: Any, omega: Any, u: Any, **values: Any) -> Launch
         name: number(name, value) if name in single else value for name, value in values.items()
     }
     psi = psi if isinstance(psi, str) else number("psi", psi)
-    omega, u = (None if v is None else numbers(k, v).tolist()
-                for k, v in (("omega", omega), ("u", u)))  # fmt: skip
+    if omega is not None:
+        full_states(omega, u)  # refuses what is no vector
     return Launch(one_body(body), psi=psi, omega=omega, u=u, **checked)
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rattlesweep.api.arrays import check_count, is_frame, to_frame
+from rattlesweep.api.arrays import check_count, is_frame, kind_of, to_frame
 from rattlesweep.api.single import Page, replay
 from rattlesweep.errors import ConfigError, ConfigWarning
 from rattlesweep.progress import Bar
@@ -42,6 +43,8 @@ class Sweep:
     """
 
     def __init__(self, directory: str | Path) -> None:
+        if not isinstance(directory, str | os.PathLike):
+            raise ConfigError(f"directory: {kind_of(directory)} is no path")
         self.directory = Path(directory)
         _ = self._stored  # it must be one
 

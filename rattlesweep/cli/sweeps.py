@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from rattlesweep.sweeps.config.schema import Config
     from rattlesweep.sweeps.pilot import Forecast
     from rattlesweep.sweeps.plan import Plan
-    from rattlesweep.sweeps.run import Result
+    from rattlesweep.sweeps.run import Engine, Result
 
 
 @command("Sweeps", "rattlesweep init mine.yaml")
@@ -177,7 +177,7 @@ def run(
             examine(made, where)
         click.echo(_forecast(made, loaded, threads, None if shard is None else shard.count).words)
         return DONE
-    computed = local
+    computed: Engine = local
     if engine == "dask":
         from rattlesweep.sweeps.dask import make_engine
 
