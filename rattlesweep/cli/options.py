@@ -48,7 +48,8 @@ class Kind(click.ParamType):  # type: ignore[type-arg]
         try:
             return read(value)
         except ValueError as error:
-            raise ConfigError(f"{_flag(param)} {one_line(value)}: {error}".strip()) from None
+            given = f"{_flag(param)} {one_line(value)}".strip()
+            raise ConfigError(f"{given}: {error}") from None
 
 
 class Choice(click.Choice[str]):

@@ -12,9 +12,9 @@ from ruamel.yaml import YAML
 from sweeping import invoke
 
 import rattlesweep as rs
-from rattlesweep.sweeps.plan import make_plan
-from rattlesweep.sweeps.config.load import config_json_schema, load_config, parse_config
 from rattlesweep.sweeps.columns import RUNS, SUMMARY
+from rattlesweep.sweeps.config.load import config_json_schema, load_config, parse_config
+from rattlesweep.sweeps.plan import make_plan
 
 ROOT = Path(__file__).parents[2]
 SCRIPT = ROOT / "docs" / "make_reference.py"
