@@ -46,7 +46,7 @@ RUN = ("full", "--case", 0, "--sample", 0)
 FIRST = ("--case", 0, "--sample", 0)
 REFUSED: dict[str, list[tuple[tuple[Any, ...], str]]] = {
     "plot": [
-        (("nowhere",), "nowhere: there is no such directory"),
+        (("nowhere",), "nowhere is not an output directory: there is no such directory"),
         ((".",), "is not an output directory: it has no manifest.json"),
         (("steady", "--title", r"$\notacommand$"), "cannot be read as a formula"),
         (("steady", "--title", "a $x_$ b"), "cannot be read as a formula"),
