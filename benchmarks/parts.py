@@ -34,8 +34,8 @@ from rattlesweep.physics.steady import steady_modes
 from rattlesweep.sweeps.block import finish_block, run_batch
 from rattlesweep.sweeps.launches import full_batch, prepare, reduced_batch
 from rattlesweep.sweeps.plan import make_plan
-from rattlesweep.sweeps.config.integrator import Integrator
-from rattlesweep.sweeps.config.load import load_config
+from rattlesweep.sweeps.config.schema import Integrator
+from rattlesweep.sweeps.config.read import load_config
 from rattlesweep.sweeps.old.store import Store
 from rattlesweep.sweeps.arrow import build_table
 from rattlesweep.sweeps.columns import runs_schema

@@ -21,7 +21,7 @@ from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.sweeps.launches import full_batch, prepare
 from rattlesweep.sweeps.plan import make_plan
-from rattlesweep.sweeps.config.load import load_config, parse_config
+from rattlesweep.sweeps.config.read import load_config, parse_config
 
 if TYPE_CHECKING:
     from collections.abc import Callable

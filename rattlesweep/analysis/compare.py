@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from rattlesweep.analysis import style
 from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.sweeps.config.load import differences, fixed_part, resolved
+from rattlesweep.sweeps.config.read import differences, fixed_part, resolved
 from rattlesweep.sweeps.files import replace_file
 from rattlesweep.sweeps.stored import Stored, open_stored
 from rattlesweep.text import align
@@ -94,8 +94,8 @@ class Comparison:
             "missing": self.missing,
             "errors_stored": self.errors,
             "total": self.row(runs),
-            "cases": [self.sides[0].cases[k].dump() | self.row(own)
-                      for k, (_, own) in zip(runs["case"].unique(), runs.groupby("case"), strict=True)],
+            "cases": [self.sides[0].cases[int(own["case"].iloc[0])].dump() | self.row(own)
+                      for _, own in runs.groupby("case")],
         } | {
             name: rows[_LISTED].astype(object)
             .replace([np.nan, np.inf], None).to_dict("records") for name, rows in listed.items()

@@ -13,8 +13,8 @@ from rattlesweep.analysis.fill import FEWEST, fill
 from rattlesweep.analysis.plots.layout import Axis, Layout
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.columns import RUNS, TEXT
-from rattlesweep.sweeps.config.fields import PARAMETERS
 from rattlesweep.sweeps.config.messages import not_one_of
+from rattlesweep.sweeps.config.schema import PARAMETERS
 from rattlesweep.sweeps.provenance import package_version
 
 if TYPE_CHECKING:

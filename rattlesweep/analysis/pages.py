@@ -11,7 +11,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from ruamel.yaml import YAML
 
-from rattlesweep.sweeps.config.fields import Linspace, Logspace
+from rattlesweep.sweeps.config.schema import Linspace, Logspace
 
 # Larger vector pictures are shown as PNG, or a page of seven would pass 5 MB.
 MOST_SVG = 400_000

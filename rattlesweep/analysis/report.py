@@ -16,7 +16,7 @@ from rattlesweep.analysis.plots.kinds import choose_picture, default_kind
 from rattlesweep.analysis.plots.layout import Layout, read_layout
 from rattlesweep.analysis.style import encode, styled
 from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.sweeps.config.load import resolved
+from rattlesweep.sweeps.config.read import resolved
 from rattlesweep.sweeps.sessions import read_sessions
 from rattlesweep.sweeps.status import status
 from rattlesweep.sweeps.stored import Stored

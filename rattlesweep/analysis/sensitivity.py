@@ -21,7 +21,7 @@ from rattlesweep.analysis import style
 from rattlesweep.analysis.plots.panels import legend_above
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.sweeps.config.bodies import SdSource
+from rattlesweep.sweeps.config.schema import SdSource
 from rattlesweep.sweeps.stored import open_stored
 from rattlesweep.sweeps.types import TYPES
 from rattlesweep.text import align

@@ -506,7 +506,7 @@ def _planned(
     config: Any, output: Path | None, keys: Mapping[str, Any]
 ) -> tuple[Plan, Path, Path | None, list[str]]:
     """Return the plan, the output directory, the directory of tables, and the doubts."""
-    from rattlesweep.sweeps.config.load import load_config, parse_config
+    from rattlesweep.sweeps.config.read import load_config, parse_config
     from rattlesweep.sweeps.plausible import checked_plan
 
     if is_frame(config):

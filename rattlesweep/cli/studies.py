@@ -46,7 +46,7 @@ def tradeoff(
     from rattlesweep.analysis.tradeoff.runs import DEFAULT, FULL, QUICK
     from rattlesweep.analysis.tradeoff.table import as_data, as_text, save
     from rattlesweep.integrate.batch import available_threads
-    from rattlesweep.sweeps.config.load import load_config, override_config
+    from rattlesweep.sweeps.config.read import load_config, override_config
     from rattlesweep.sweeps.files import probe_directory
 
     loaded = (

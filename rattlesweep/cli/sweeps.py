@@ -46,7 +46,7 @@ def init(config: Path) -> None:
     """
     from importlib.resources import files
 
-    from rattlesweep.sweeps.config.load import parse_config
+    from rattlesweep.sweeps.config.read import parse_config, read_yaml
     from rattlesweep.sweeps.files import replace_file
 
     shown = one_line(str(config), 200)
@@ -55,13 +55,10 @@ def init(config: Path) -> None:
     if config.exists():
         raise ConfigError(f"{shown}: is there already; choose another name, or remove it first")
     text = (files("rattlesweep.sweeps.config") / "starter.yaml").read_text(encoding="utf-8")
-    bodies = {"source": "preset", "name": "GH"}
-    spin = {"n_i": 0.1, "omega_xy0": 0.1}
-    parse_config({"name": config.stem, "bodies": bodies, "spin": spin})  # names a directory too
     # In quotes, as YAML would take some names for numbers.
-    text = text.replace("name: NAME", f"name: {json.dumps(config.stem)}").replace(
-        "NAME", config.stem
-    )
+    text = text.replace("name: NAME", f"name: {json.dumps(config.stem)}")
+    text = text.replace("NAME", config.stem)
+    parse_config(read_yaml(text)[0])  # a name may be none of a directory
     replace_file(config, text.encode())
     click.echo(config)
     say(f"run it: rattlesweep plan {shown}, rattlesweep run {shown}")
@@ -380,7 +377,7 @@ def slurm(
 @command("Sweeps", "rattlesweep schema > rattlesweep.schema.json")
 def schema() -> None:
     """Print the JSON Schema of the config."""
-    from rattlesweep.sweeps.config.load import config_json_schema
+    from rattlesweep.sweeps.config.read import config_json_schema
 
     click.echo(to_json(config_json_schema()))
 
@@ -401,7 +398,7 @@ def _planned(
     path: Path, overrides: tuple[str, ...], output: Path | None, quiet: bool = False
 ) -> tuple[Config, Plan]:
     """Return the config of a sweep and its plan, and say what is doubtful about it."""
-    from rattlesweep.sweeps.config.load import load_config
+    from rattlesweep.sweeps.config.read import load_config
     from rattlesweep.sweeps.plausible import checked_plan
 
     loaded = load_config(path, overrides)

@@ -16,7 +16,7 @@ from rattlesweep.integrate.task import Control, Task, side_by_side
 from rattlesweep.paper.figures import fig2, fig3, fig4, fig5, fig6, fig7, fig8, integrators
 from rattlesweep.paper.figures import lyapunov as fig8_lyapunov
 from rattlesweep.paper.workspace import Figure
-from rattlesweep.sweeps.config.bodies import SdRanges
+from rattlesweep.sweeps.config.schema import SdRanges
 from rattlesweep.sweeps.config.messages import not_one_of
 
 # The claims about formulas alone go by this name where figures are chosen.

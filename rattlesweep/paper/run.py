@@ -15,7 +15,7 @@ from rattlesweep.paper.drawing import Artist
 from rattlesweep.paper.registry import FIGURES, SWEEPS, THEORY, compile_ahead
 from rattlesweep.paper.report import Reproduction, write_report
 from rattlesweep.paper.workspace import FULL, Progress, Sizes, Tables, Workspace, sweep_config
-from rattlesweep.sweeps.config.load import resolved
+from rattlesweep.sweeps.config.read import resolved
 from rattlesweep.sweeps.provenance import PACKAGES, machine, now, package_version
 
 # Of the whole, seconds elapsed, and seconds left or None as long as there is nothing to judge by.

@@ -24,7 +24,7 @@ from matplotlib.figure import Figure as Drawing
 from rattlesweep.child import PACKAGE
 from rattlesweep.errors import DamagedError
 from rattlesweep.sweeps.plan import Case, make_plan
-from rattlesweep.sweeps.config.load import load_config, parse_config, resolved
+from rattlesweep.sweeps.config.read import load_config, parse_config, resolved
 from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.run import run_sweep
 from rattlesweep.sweeps.files import explained, probe_directory, replace_file
@@ -228,7 +228,7 @@ class Workspace:
         """
         bodies = encode(pa.Table.from_pandas(runs[list(LAUNCH)], preserve_index=False))
         path = self.directory / "sweeps" / name / "bodies.parquet"
-        config = resolved(sweep_config("steady", self.sizes)) | {"block_size": 1000} | changes
+        config = resolved(sweep_config("steady", self.sizes)) | changes
         config |= {"name": name, "bodies": {"source": "table", "path": str(path)}}
         del config["spin"]
         key = _digest(json.dumps(config), hashlib.sha256(bodies).hexdigest(), code_key(*OF_RUNS))

@@ -10,7 +10,7 @@ import pandas as pd
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.bodies.table import frame_bodies, keep_bodies
-from rattlesweep.sweeps.config.load import parse_config
+from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.plan import Plan
 from rattlesweep.sweeps.plausible import checked_plan
 from rattlesweep.sweeps.stored import examine

@@ -24,10 +24,8 @@ from rattlesweep.sweeps.bodies.sources import make_source
 from rattlesweep.sweeps.bodies.table import TableBodies
 from rattlesweep.sweeps.cases import Case
 from rattlesweep.sweeps.columns import STATE, runs_schema
-from rattlesweep.sweeps.config.bodies import SdSource
-from rattlesweep.sweeps.config.fields import TABLE
-from rattlesweep.sweeps.config.load import parse_config
-from rattlesweep.sweeps.config.schema import Config, Dissipation
+from rattlesweep.sweeps.config.read import parse_config
+from rattlesweep.sweeps.config.schema import TABLE, Config, Dissipation, SdSource
 
 MAX_RUNS = 10**9
 """Runs of a sweep; what is done of them is held as one byte each."""
@@ -161,7 +159,7 @@ def _with_losses(config: Config, own: Mapping[str, float | str]) -> Config:
         return config
     try:
         data = config.model_dump() | {"dissipation": found.model_dump()}
-        return parse_config(data).placed(config.places)
+        return parse_config(data, like=config)
     except ConfigError as error:
         words = [f"bodies.path: with the table's columns: {line}" for line in error.messages]
         raise ConfigError(words) from None

@@ -14,7 +14,7 @@ from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.sweeps.block import prepare_runs
 from rattlesweep.sweeps.bodies.sources import GridBodies
 from rattlesweep.sweeps.bodies.table import TableBodies
-from rattlesweep.sweeps.config.load import parse_config
+from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.launches import Launches, with_energies
 from rattlesweep.sweeps.plan import Plan, make_plan

@@ -21,7 +21,7 @@ from rattlesweep.sweeps import columns
 from rattlesweep.sweeps.arrow import read_parquet
 from rattlesweep.sweeps.cases import Case, grown, recovered
 from rattlesweep.sweeps.columns import runs_schema
-from rattlesweep.sweeps.config.load import (
+from rattlesweep.sweeps.config.read import (
     differences,
     fixed_part,
     override_config,

@@ -10,7 +10,7 @@ from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.sweeps.block import prepare_block, run_batch
 from rattlesweep.sweeps.plan import Block, make_plan
-from rattlesweep.sweeps.config.load import load_config
+from rattlesweep.sweeps.config.read import load_config
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 slow = pytest.mark.slow

@@ -324,8 +324,7 @@ def test_directories_of_before_the_column_have_it_all_the_same(tmp_path, monkeyp
         "spin": {"n_i": [-0.5], "omega_xy0": [0.1]},
         "horizon": {"t": 100},
         "record": ["lyapunov"],
-        "block_size": 4,
-    }
+            }
     output = tmp_path / "out"
     now = rs.sweep(config, output=output).runs
     digest = content_hash(output)

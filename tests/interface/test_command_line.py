@@ -23,7 +23,7 @@ from rattlesweep.cli import options
 from rattlesweep.integrate.model import MODELS
 from rattlesweep.physics.body import PRESETS
 from rattlesweep.progress import Bar
-from rattlesweep.sweeps.config.load import config_json_schema, load_config, parse_config
+from rattlesweep.sweeps.config.read import config_json_schema, load_config, parse_config
 
 HEAVY = {"numpy", "numba", "scipy", "pandas", "pyarrow", "pydantic", "tqdm", "matplotlib"}
 COMMANDS = sorted(cli.main.commands)

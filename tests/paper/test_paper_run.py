@@ -35,7 +35,7 @@ from rattlesweep.paper.report import symbols
 from rattlesweep.paper.run import reproduce
 from rattlesweep.paper.workspace import FULL, QUICK, Figure, Sizes, Workspace, sweep_config
 from rattlesweep.sweeps.single import single_run
-from rattlesweep.sweeps.config.load import load_config, resolved
+from rattlesweep.sweeps.config.read import load_config, resolved
 from rattlesweep.sweeps.config.schema import Classify
 from rattlesweep.sweeps.files import replace_file
 from rattlesweep.sweeps.arrow import encode, open_sealed

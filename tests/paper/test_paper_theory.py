@@ -14,7 +14,7 @@ from rattlesweep.paper.figures import fig2, fig3
 from rattlesweep.paper.registry import FIGURES
 from rattlesweep.physics import full, theory
 from rattlesweep.physics.body import Rattleback
-from rattlesweep.sweeps.config.bodies import SdRanges
+from rattlesweep.sweeps.config.schema import SdRanges
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ import pytest
 
 from rattlesweep.errors import ConfigError, DamagedError, OutputError
 from rattlesweep.sweeps.plan import make_plan
-from rattlesweep.sweeps.config.load import parse_config
+from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.config.schema import Classify
 from rattlesweep.sweeps.old.content_hash import content_hash
 from rattlesweep.sweeps import files

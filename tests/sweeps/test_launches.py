@@ -209,10 +209,10 @@ def test_the_reduced_model_can_be_tapped():
     ("config", "words"),
     [
         ("spin: {n_i: [0.1, 0], omega_xy0: 0.1}", "horizon.t: missing; a launch without spin has"),
-        ("spin: {n_i: 0, omega_xy0: 0.1}\nhorizon: {t: 9}\nmodel: gh", "c.yaml:4:1: model: gh beg"),
+        ("spin: {n_i: 0, omega_xy0: 0.1}\nhorizon: {t: 9}\nmodel: gh", "c.yaml:4: model: gh beg"),
         ("launch: {omega: [0, 0, 1]}", "t_rgh times t_rGH is not a finite time in the only run"),
         ("launch: {omega: [1, 0, 0]}", "horizon.t: missing; a launch without spin has no t_rGH"),
-        ("launch: {omega: [0.1, 0, 1]}\nmodel: reduced", "c.yaml:3:1: model: reduced begins with"),
+        ("launch: {omega: [0.1, 0, 1]}\nmodel: reduced", "c.yaml:3: model: reduced begins with"),
     ],
 )  # fmt: skip
 def test_launches_that_cannot_be_are_refused(config, words, tmp_path, monkeypatch):

@@ -39,7 +39,7 @@ from sweeping import (
 import rattlesweep as rs
 from rattlesweep.cli.common import progress
 from rattlesweep.sweeps.block import prepare_block
-from rattlesweep.sweeps.config.load import parse_config
+from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.old.progress import Progress, Tracker
 from rattlesweep.sweeps.arrow import same_schema
 from rattlesweep.sweeps.columns import runs_schema, summary_schema

@@ -14,9 +14,8 @@ import pyarrow as pa
 from rattlesweep.analysis.where import Where, parse_where
 from rattlesweep.arrays import Floats, Integers
 from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.sweeps.config.bodies import GridSource
 from rattlesweep.sweeps.config.messages import not_one_of
-from rattlesweep.sweeps.config.schema import Config
+from rattlesweep.sweeps.config.schema import Config, GridSource
 from rattlesweep.sweeps.stored import Stored, open_stored
 
 # A value that is asked for in decimal means the nearest one there is.
@@ -212,5 +211,5 @@ def read_layout(directory: Path) -> Layout:
             given[name] = [getattr(case, name) for case in cases]
     bodies = config.bodies
     grid = bodies.varying if isinstance(bodies, GridSource) else {}
-    axes = [tuple(Axis.of(*item) for item in own.items()) for own in (given, grid)]
-    return Layout(stored, *axes)
+    case_axes, grid_axes = (tuple(Axis.of(*i) for i in own.items()) for own in (given, grid))
+    return Layout(stored, case_axes, grid_axes)

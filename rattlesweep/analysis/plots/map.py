@@ -28,7 +28,7 @@ from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics.theory import bondi_threshold
 from rattlesweep.sweeps.bodies.sources import make_source
-from rattlesweep.sweeps.config.load import parse_config, resolved
+from rattlesweep.sweeps.config.read import parse_config, resolved
 
 # From this many values on along both sides, a grid is a map.
 SIDE = 8
@@ -190,11 +190,6 @@ class Map(Picture):
                                   aspect=30 if len(panels) < 4 else 45)  # fmt: skip
             bar.set_label(self._title(several) + (" of runs that reverse" if types_too else ""))
             set_ticks(bar)
-        if types_too:
-            left = (panel for panel in panels if not panel.part)
-            for panel, found in zip(left, self.boundaries(), strict=True):
-                if np.isfinite(found.exponent):
-                    panel.axes.set_title(found.symbols, loc="right", fontsize="x-small")
 
         present = set(np.unique(code))
         if not types_too:  # types are not told apart
@@ -341,7 +336,7 @@ def threshold(layout: Layout, values: Mapping[str, Floats]) -> Floats:
         data["bodies"].pop("c", None)
     data["bodies"]["axes"] = {name: values[name].tolist() for name in layout.bodies}
     source = make_source(parse_config(data))
-    body = source.bodies(0, np.arange(source.samples))
+    body = source.bodies(np.nan, np.arange(source.samples))
     n_c1 = bondi_threshold(body.alpha, body.beta, body.gamma, body.theta, body.phi)
     return np.nan_to_num(n_c1, nan=-np.inf)
 

@@ -17,9 +17,8 @@ from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.integrate.task import Task
 from rattlesweep.sweeps.block import columns_of, load_kernel, run_batch
-from rattlesweep.sweeps.config.bodies import SdSource
-from rattlesweep.sweeps.config.load import override_config, resolved
-from rattlesweep.sweeps.config.schema import Config
+from rattlesweep.sweeps.config.read import override_config, resolved
+from rattlesweep.sweeps.config.schema import Config, SdSource
 from rattlesweep.sweeps.error import Estimated
 from rattlesweep.sweeps.launches import Launches, full_batch, prepare, reduced_batch
 from rattlesweep.sweeps.plan import make_plan

@@ -10,7 +10,7 @@ from rattlesweep.paper.figures.fig2 import BOUND, drawn_bodies
 from rattlesweep.paper.figures.fig3 import DECADES, counts_of, edges
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import shell_dumbbell
-from rattlesweep.sweeps.config.bodies import SdRanges
+from rattlesweep.sweeps.config.schema import SdRanges
 
 # Random bodies on which formulas are tried.
 SAMPLES = 2000

@@ -15,7 +15,7 @@ from rattlesweep.physics import theory
 from rattlesweep.physics.body import shell_dumbbell
 from rattlesweep.analysis.style import GREEN, ORANGE, SKY, new_figure
 from rattlesweep.sweeps.bodies.sampler import draw_bodies
-from rattlesweep.sweeps.config.bodies import SdRanges
+from rattlesweep.sweeps.config.schema import SdRanges
 from rattlesweep.sweeps.columns import RATE
 
 SEED = 2017

@@ -26,7 +26,7 @@ from rattlesweep.paper.figures.style import frame
 from rattlesweep.paper.workspace import Progress, Tables, between
 from rattlesweep.physics import theory
 from rattlesweep.analysis.style import BLUE, VERMILION, new_figure
-from rattlesweep.sweeps.config.bodies import SdRanges
+from rattlesweep.sweeps.config.schema import SdRanges
 
 # The paper's colour code: nine decades.
 DECADES = 9

@@ -19,7 +19,7 @@ from rattlesweep.integrate.task import Control, side_by_side
 from rattlesweep.physics import body, theory
 from rattlesweep.sweeps.bodies import philox
 from rattlesweep.sweeps.bodies.philox import uniforms
-from rattlesweep.sweeps.config.bodies import Target
+from rattlesweep.sweeps.config.schema import Target
 
 # The formulas of `physics`, compiled for scalars.  `torque_coefficients` calls `hessian` by its
 # global name.

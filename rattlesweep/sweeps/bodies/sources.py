@@ -15,14 +15,13 @@ from rattlesweep.physics.body import PARAMETERS, PRESETS, shell_dumbbell, violat
 from rattlesweep.sweeps.bodies.protocol import Bodies, Source
 from rattlesweep.sweeps.bodies.sampler import bodies_of, draw_bodies
 from rattlesweep.sweeps.bodies.table import TableBodies, read_bodies
-from rattlesweep.sweeps.config.bodies import (
+from rattlesweep.sweeps.config.schema import (
+    Config,
     GridSource,
-    PresetBase,
     PresetSource,
     SdSource,
     TableSource,
 )
-from rattlesweep.sweeps.config.schema import Config
 
 if TYPE_CHECKING:
     from rattlesweep.sweeps.bodies.quasi import Sequence
@@ -158,13 +157,11 @@ class GridBodies:
 
 def _fixed(source: PresetSource | GridSource) -> dict[str, float]:
     """Return the parameters of all bodies of a source, where no axis replaces them."""
-    given: dict[str, float] = {}
+    preset: str | None
     if isinstance(source, PresetSource):
         preset, given = source.name, source.overrides.given()
-    elif isinstance(source.base, PresetBase):
-        preset = source.base.preset
     else:
-        preset, given = None, source.base.given()
+        preset, given = source.base.preset, source.base.given()
     if preset is not None:
         body = PRESETS[preset]()
         given = {name: getattr(body, name) for name in (*PARAMETERS, "c")} | given

@@ -29,9 +29,14 @@ from rattlesweep.sweeps.arrow import build_table, write_parquet
 from rattlesweep.sweeps.bodies.protocol import Bodies
 from rattlesweep.sweeps.bodies.tablefile import read_table, table_of
 from rattlesweep.sweeps.columns import F64, I64, MEASURED, RUNS, STATE, TEXT
-from rattlesweep.sweeps.config.bodies import TableSource
-from rattlesweep.sweeps.config.fields import MAX_SPEED, MAX_TIME, TABLE
-from rattlesweep.sweeps.config.schema import unit
+from rattlesweep.sweeps.config.schema import (
+    MAX_SPEED,
+    MAX_TIME,
+    MIN_OSCILLATION,
+    TABLE,
+    TableSource,
+    unit,
+)
 from rattlesweep.sweeps.files import explained
 
 if TYPE_CHECKING:
@@ -65,8 +70,6 @@ TAKEN = {column.name for part in ("keys", "result", "observation") for column in
 
 # How far a column may differ from the same one with units, as an output table has both of spins.
 SLACK = 1e-9
-MIN_OSCILLATION = 1e-140
-"""Smallest omega_xy0: the square of the amplitude must not underflow."""
 MOST_TOLD = 5
 NUMBER = r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*$"
 WHOLE, PADDED = r"^\s*[+-]?\d{1,18}\s*$", r"^\s*[+-]?0\d"
