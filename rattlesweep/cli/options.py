@@ -137,7 +137,8 @@ def _formula(text: str) -> str:
 
     if (error := formula_error(_title(text))) is not None:
         raise ValueError(
-            f"the text between dollar signs is no formula ({error}); write \\$ for a dollar sign"
+            f"the text between dollar signs cannot be read as a formula ({error}); write "
+            "\\$ for a dollar sign"
         )
     return text
 

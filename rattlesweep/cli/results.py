@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,10 @@ from click import argument, option
 
 from rattlesweep.cli import options
 from rattlesweep.cli.command import DONE, FAILED, MOST_ROWS, command, probe, say, to_json
+from rattlesweep.errors import ConfigError
+
+MOST_PIXELS = 2e8
+"""Pixels of a PNG, which take four bytes each while it is drawn."""
 
 
 @command(
@@ -68,7 +73,14 @@ def plot(
         )
         name = picture.name
         paths = list(output) or [directory / f"{name}.{ending}" for ending in ("svg", "png")]
-        save(picture.figure(**looks), paths, dpi)
+        figure = picture.figure(**looks)
+        pixels = math.prod(figure.get_size_inches()) * dpi**2
+        if pixels > MOST_PIXELS and any(path.suffix.lower() == ".png" for path in paths):
+            raise ConfigError(
+                f"--size, --dpi {dpi:g}: a PNG of {pixels / 1e6:,.0f} million pixels is too large, "
+                f"at most {MOST_PIXELS / 1e6:g} million are possible; give fewer dots, or a .pdf"
+            )
+        save(figure, paths, dpi)
     if data is not None:
         picture.write_data(data)
         paths.append(data)

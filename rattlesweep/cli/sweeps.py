@@ -74,7 +74,7 @@ def init(config: Path) -> None:
 @options.output("Where the sweep would be written; nothing is written now.")
 @options.overrides
 @options.any_threads
-@option("--shards", type=click.IntRange(1), help="Also forecast the longest of N shares.")
+@option("--shards", type=click.IntRange(1), help="Also forecast the longest of N shards.")
 @option("--budget", type=options.TIME, default="2s", help="Time spent on the sample of runs.")
 @option("--check", is_flag=True, help="Only check the config, and integrate nothing.")
 @options.as_json
@@ -122,7 +122,7 @@ def plan(
 @option("--workers", type=click.IntRange(1),
         help="Worker processes of a Dask cluster started here.")  # fmt: skip
 @option("--shard", type=Kind("i/n", "rattlesweep.sweeps.run:Shard.parse"),
-        help="Compute share I of N only, with I from 0 to N-1.")  # fmt: skip
+        help="Compute shard I of N only, with I from 0 to N-1.")  # fmt: skip
 @option("--max-time", type=options.TIME, help="Stop after this much time, such as 3h50m.")
 @option("--fresh", is_flag=True, help="Delete the existing runs and start over.")
 @option("--retry-failed", is_flag=True, help="Repeat the runs whose status is not ok.")
@@ -159,7 +159,7 @@ def run(
             if value is not None:
                 raise ConfigError(f"{flag}: is for --engine dask; add that, or leave this out")
     if fresh and shard is not None:
-        raise ConfigError("--fresh: would remove the runs of other shares; start over without it")
+        raise ConfigError("--fresh: would remove the runs of other shards; start over without it")
     from rattlesweep.sweeps.local import local
     from rattlesweep.sweeps.run import run_sweep
     from rattlesweep.sweeps.stored import examine
@@ -210,7 +210,7 @@ def _close(result: Result, quiet: bool, verbose: bool) -> int:
         say(f"stopped: {result.stopped}; {result.kept}, and the same command resumes from there")
         return EARLY
     if result.missing and not quiet:
-        say(f"{counted(result.missing, 'run')} of other shares not in {result.directory} yet")
+        say(f"{counted(result.missing, 'run')} of other shards not in {result.directory} yet")
     if result.summary is not None and not quiet:
         say(f"see them: rattlesweep plot {result.directory}, rattlesweep report {result.directory}")
     if result.failed:
@@ -294,10 +294,10 @@ def classify(directory: Path, overrides: tuple[str, ...]) -> None:
 @options.output("The directory to write.", required=True)
 @options.quiet
 def merge(directories: tuple[Path, ...], output: Path, quiet: bool) -> int:
-    """Merge the directories of one sweep's shares into one.
+    """Merge the directories of one sweep's shards into one.
 
     Checks that they hold the same sweep, and no run twice. Exits with 75 if runs are missing then:
-    merge other shares into the same output, or let `rattlesweep run CONFIG --output DIR` compute
+    merge other shards into the same output, or let `rattlesweep run CONFIG --output DIR` compute
     the rest.
     """
     from rattlesweep.sweeps.merge import merge as join
@@ -309,7 +309,7 @@ def merge(directories: tuple[Path, ...], output: Path, quiet: bool) -> int:
         say(f"{counted(merged.runs, 'run')} in {counted(merged.files, 'file')} in {output}")
     if merged.missing:
         say(
-            f"{counted(merged.missing, 'run')} missing; merge the other shares too, with the same "
+            f"{counted(merged.missing, 'run')} missing; merge the other shards too, with the same "
             f"--output, or compute them with `rattlesweep run CONFIG --output {output}`"
         )
         return EARLY
@@ -350,7 +350,7 @@ def slurm(
     own: bool,
     restarts: int,
 ) -> None:
-    """Print the script of a Slurm job array that runs a sweep, one share per task.
+    """Print the script of a Slurm job array that runs a sweep, one shard per task.
 
     Tasks stop shortly before the time limit and resume after a restart. The config is checked now;
     the script checks its environment when it runs.
