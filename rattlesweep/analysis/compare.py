@@ -61,22 +61,22 @@ class Comparison:
 
         return {
             "runs": len(runs),
-            "both R": len(relative),
+            "reversing": len(relative),
             "equal": int((relative == 0).sum()),
             "median": quantile(0.5),
             "p99": quantile(0.99),
             "worst": quantile(1.0),
             "beyond": int((runs.over_errors > 1).sum()) if known else None,
             "types": int(runs.differs.sum()),
-            "sure": int((runs.differs & runs.sure).sum()) if known else None,
-            "not ok": int(runs.not_ok.sum()),
+            "types_sure": int((runs.differs & runs.sure).sum()) if known else None,
+            "not_ok": int(runs.not_ok.sum()),
         }
 
     def disagree(self, allowed: float) -> bool:
         """Tell whether a larger share is beyond both errors, or types that are sure differ."""
         total = self.row(self.runs)
-        beyond, sure = total["beyond"] or 0, total["sure"] or 0
-        return bool(beyond > allowed * total["both R"] or sure > 0)
+        beyond, sure = total["beyond"] or 0, total["types_sure"] or 0
+        return bool(beyond > allowed * total["reversing"] or sure > 0)
 
     def data(self) -> dict[str, Any]:
         """Return all of it as JSON can hold it."""
@@ -248,7 +248,7 @@ def draw(found: Comparison) -> Figure:
         axes.text(0.5, 0.5, "no run differs in t_r", transform=axes.transAxes, ha="center")
     equal = f", {total['equal']:,} of them equally" if total["equal"] else ""
     axes.set(xlabel=DIFFERENCE, ylabel="runs")
-    axes.set_title(f"{total['both R']:,} runs reverse in both{equal}", fontsize="medium")
+    axes.set_title(f"{total['reversing']:,} runs reverse in both{equal}", fontsize="medium")
     if against:
         axes, x, y = panels[1], x[kept], y[kept]
         edges = [

@@ -135,8 +135,10 @@ def compare(
     horizons or models are refused with exit code 2. Runs that only one of them has are left out.
     Differences of t_r are relative to the mean of both.
 
-    Where both record errors, exits with 1 if more than the share --allow of t_r differ by more
-    than sqrt(e_A^2 + e_B^2), where e is t_r_error, or if types differ that are sure in both.
+    In the table, "beyond" counts runs whose t_r differ by more than sqrt(e_A^2 + e_B^2), where e
+    is t_r_error, and "types_sure" counts differing types that are sure in both (type_sure). Where
+    both record errors, exits with 1 if a larger share than --allow is beyond, or if types that are
+    sure differ.
     """
     from rattlesweep.analysis.compare import as_text, save
     from rattlesweep.analysis.compare import compare as compared

@@ -69,11 +69,11 @@ def test_the_table_and_the_data_are_what_pandas_finds(sweeps, tmp_path, other):
     for row, own in [*parts, (found["total"], rows)]:
         relative = own.relative.dropna().sort_values()
         assert row["runs"] == len(own)
-        assert row["both R"] == len(relative)
+        assert row["reversing"] == len(relative)
         assert row["equal"] == (relative == 0).sum()
         assert row["types"] == own.differs.sum()
-        assert row["not ok"] == len(own) - ok[own.index].sum()
-        assert row["beyond"] is row["sure"] is None
+        assert row["not_ok"] == len(own) - ok[own.index].sum()
+        assert row["beyond"] is row["types_sure"] is None
         if not len(relative):
             assert row["median"] is row["p99"] is row["worst"] is None
             continue
@@ -81,11 +81,11 @@ def test_the_table_and_the_data_are_what_pandas_finds(sweeps, tmp_path, other):
         for name, share in (("median", 0.5), ("p99", 0.99)):
             exact = np.quantile(relative, share, method="inverted_cdf")
             assert row[name] == pytest.approx(exact, rel=1e-12)
-    assert found["total"]["both R"] > 30
+    assert found["total"]["reversing"] > 30
     worst = rows.nlargest(10, "relative")[["case", "sample"]]
     listed = [[run["case"], run["sample"]] for run in found["differing_times"]]
     assert listed == worst.to_numpy().tolist()
-    assert (found["total"]["not ok"] > 0) == (other == "c")
+    assert (found["total"]["not_ok"] > 0) == (other == "c")
     written = pd.read_csv(data) if other == "b" else pd.read_parquet(data)
     for name in ("case", "sample", "t_r_a", "t_r_b", "type_a", "type_b"):
         pd.testing.assert_series_equal(written[name], rows[name], check_dtype=False)
@@ -137,7 +137,7 @@ def test_beyond_errors_of_nothing_is_any_difference(sweeps, tmp_path):
     assert told(a, a, "--figure", figure)["total"]["beyond"] == 0
     assert figure.read_bytes().startswith(b"\x89PNG")
     found = told(a, b, code=1)
-    assert found["total"]["beyond"] == found["total"]["both R"] - found["total"]["equal"]
+    assert found["total"]["beyond"] == found["total"]["reversing"] - found["total"]["equal"]
     assert len(found["differing_times"]) == 10
     # Where one has no errors, it is said how to have them.
     done = invoke("compare", a, sweeps / "b")
@@ -159,7 +159,7 @@ def test_types_that_are_sure_must_not_differ(sweeps, tmp_path, sure, code):
 
     b = edited(b, tmp_path / "changed", change)
     found = told(a, b, code=code)
-    assert (found["total"]["types"], found["total"]["sure"]) == (1, int(sure))
+    assert (found["total"]["types"], found["total"]["types_sure"]) == (1, int(sure))
     (run,) = found["differing_types"]
     assert (run["case"], run["sample"], run["type_a"], run["type_b"]) == (0, 2, old, new)
 
