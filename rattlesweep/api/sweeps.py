@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rattlesweep.api.arrays import check_count, is_frame, kind_of, to_frame
+from rattlesweep.api.arrays import check_count, is_frame, kind_of, number, to_frame
 from rattlesweep.api.single import Page, replay
 from rattlesweep.errors import ConfigError, ConfigWarning
 from rattlesweep.progress import Bar
@@ -361,10 +361,8 @@ class Sweep:
         *,
         where: str | None = None,
         path: str | Path | None = None,
-        t_end: float | None = None,
-        from_time: float | None = None,
-        points: int | None = None,
         title: str | None = None,
+        **settings: Any,
     ) -> Page:
         """Write a page on which the body of one of the runs rolls on the plane.
 
@@ -376,16 +374,9 @@ class Sweep:
             Instead of these, a condition: the first run for which it is true.
         path : path, optional
             By default ``show-CASE-SAMPLE.html`` in the directory.
-        t_end, from_time : float, optional
-            When it ends and begins, in ``sqrt(a/g)``; by default the sweep's horizon and 0.
-        points : int, optional
-            Number of rows.
         title : str, optional
-
-        Returns
-        -------
-        Page
-            A notebook shows it.
+        **settings
+            ``t_end``, ``from_time`` and ``points``, as for :func:`rattlesweep.show`.
 
         Raises
         ------
@@ -407,7 +398,8 @@ class Sweep:
         run = source.select(case, sample, where)[0]
         target = self.directory / f"show-{run.case}-{run.sample}.html"
         target = target if path is None else Path(path)
-        show.save_stored(source, run, target, title, t_end, points=points, from_time=from_time)
+        t_end = number("t_end", settings.pop("t_end", None))
+        show.save_stored(source, run, target, title, t_end, **settings)
         return Page(target.read_bytes(), target)
 
     def __repr__(self) -> str:

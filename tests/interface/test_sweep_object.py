@@ -42,7 +42,7 @@ def test_read_chooses_columns_and_runs(sd):
     everything = sd.read()
     pd.testing.assert_frame_equal(everything, sd.runs)
     assert len(everything) == 20
-    some = sd.read(["t_r", "case"], where="n_i > 0 and type == \"R\"")
+    some = sd.read(["t_r", "case"], where='n_i > 0 and type == "R"')
     chosen = everything[(everything.n_i > 0) & (everything.type == "R")]
     assert 0 < len(some) < 20
     pd.testing.assert_frame_equal(some, chosen[["t_r", "case"]].reset_index(drop=True))

@@ -308,7 +308,7 @@ class Trajectory:
 
     def __repr__(self) -> str:
         turns = counted(len(self.reversals), "reversal")
-        names = ", ".join(self.table)
+        names = ", ".join(map(str, self.table))
         return (
             f"<Trajectory of {names}: {counted(len(self.table), 'row')}, {turns} by "
             f"t = {self.t_end:g}, {self.status}>"
@@ -327,7 +327,7 @@ class Trajectory:
         """
         from rattlesweep.analysis import style
 
-        names = [name for name in self.table if name != "t"]
+        names = [str(name) for name in self.table if name != "t"]
         if "t" not in self.table or not names:
             raise ConfigError("channels: t and at least one other are needed for a plot")
         with style.styled():
