@@ -124,6 +124,18 @@ def test_a_page_of_a_launch(tmp_path):
     assert b'"start": 4.0' in page.content
 
 
+def test_a_trajectory_is_used_like_a_table(tmp_path):
+    path = rs.trajectory("GH", n_i=0.1, omega_xy0=0.01, t_end=150, channels=["t", "n", "E_p"])
+    assert path["n"].equals(path.table.n)
+    assert list(path[["t", "E_p"]]) == ["t", "E_p"]
+    assert repr(path) == "<Trajectory of t, n, E_p: 2,001 rows, 1 reversal by t = 150, ok>"
+    figure = path.plot(tmp_path / "path.svg")
+    assert [axes.get_ylabel()[:3] for axes in figure.axes] == ["n (", "E_p"]
+    assert (tmp_path / "path.svg").read_text().startswith("<?xml")
+    with pytest.raises(rs.ConfigError, match="t and at least one other are needed"):
+        rs.trajectory("GH", n_i=0.1, omega_xy0=0.01, t_end=9, channels=["n"]).plot()
+
+
 LAUNCH = {"n_i": 0.1, "omega_xy0": 0.01}
 BAD: list[tuple[Any, str]] = [
     (lambda: GH.replace(tehta=1), "tehta: is no parameter of a body; there are alpha"),
