@@ -186,7 +186,7 @@ def simulate(
     array([[112.09,  74.67,  68.48],
            [ 26.77,  33.15,  45.7 ]])
     """
-    from rattlesweep.integrate.compiling import listening
+    from rattlesweep.integrate.compile import listening
     from rattlesweep.sweeps.bodies.table import TableBodies, launched_from
     from rattlesweep.sweeps.memory import integrate_plan
     from rattlesweep.sweeps.single import Launch, is_full_state, plan_of

@@ -481,7 +481,7 @@ def sweep(
     >>> again["t_r"].round(2).tolist()
     [33.15, 33.15]
     """
-    from rattlesweep.integrate.compiling import listening
+    from rattlesweep.integrate.compile import listening
     from rattlesweep.sweeps.run import run_sweep
 
     check_count("threads", threads)

@@ -15,7 +15,7 @@ import click
 
 from rattlesweep.errors import ConfigError, OutputError, printable
 from rattlesweep.integrate import SettingError, check_settings
-from rattlesweep.integrate.compiling import listening
+from rattlesweep.integrate.compile import listening
 from rattlesweep.progress import Bar
 from rattlesweep.text import align
 

@@ -1,8 +1,8 @@
 """The engine of many machines: the workers of a Dask cluster compute blocks.
 
-The driver, which is this process, hands out blocks, a few more than there are workers, and writes the tables that come back, so
-that workers need no disk in common with it.  Blocks of a worker that is lost are left to Dask's scheduler, which hands them to
-another one: a block depends on its keys alone.
+The driver, which is this process, hands out blocks, a few more than there are workers, and writes
+the tables that come back, so that workers need no disk in common with it.  When a worker is lost,
+Dask's scheduler gives its blocks to another one: a block depends on its keys alone.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from uuid import uuid4
 import pyarrow as pa
 
 import rattlesweep
+from rattlesweep.arrays import Integers
 from rattlesweep.errors import ConfigError, OutputError, one_line
 from rattlesweep.integrate.batch import Control, available_threads
 from rattlesweep.integrate.task import POLL, Task
@@ -42,24 +43,16 @@ if TYPE_CHECKING:
 
     from rattlesweep.sweeps.run import Engine
 
-AHEAD = 2
-"""Blocks handed out for each worker: one under way and one that is prepared meanwhile."""
-GATHER = 5.0
-"""Seconds for which a stop waits for the rows of blocks under way."""
-REACH = 5.0
-"""Seconds within which a scheduler must be reached."""
-ANSWER = 20.0
-"""Seconds without an answer after which a scheduler, or a table on its way, is given up."""
-SILENCE = "30s"
-"""Time of silence after which the embedded cluster replaces a worker."""
-COUNT_EVERY = 2.0
-"""Seconds between two looks at the workers."""
-WORKERLESS = 120.0
-"""Seconds for which there may be no worker."""
-MOST_PLANS = 4
-"""Plans that a worker remembers."""
-NUMERIC = ("numpy", "numba", "llvmlite", "scipy")
-"""Packages on whose versions the bits depend."""
+AHEAD = 2  # blocks of a worker: one under way, and one that is prepared meanwhile
+# Times in seconds.
+GATHER = 5.0  # for which a stop waits for the rows of blocks under way
+REACH = 5.0  # within which a scheduler must be reached
+ANSWER = 20.0  # after which a scheduler, or a table on its way, is given up
+SILENCE = 30  # after which the embedded cluster replaces a worker
+LOOK_EVERY = 2.0  # between two looks at the workers
+WORKERLESS = 120.0  # for which there may be no worker
+NUMERIC = ("numpy", "numba", "llvmlite", "scipy")  # packages on whose versions the bits depend
+NOISY = ("distributed", "distributed.client", "tornado", "tornado.application", "asyncio")
 
 
 def make_engine(
@@ -70,18 +63,18 @@ def make_engine(
     Parameters
     ----------
     scheduler : str, optional
-        Address of a scheduler, such as ``tcp://host:8786``; by default a cluster of processes on this machine, which lives as
-        long as the session.
+        Address of a scheduler, such as ``tcp://host:8786``; by default a cluster of processes on
+        this machine is started, which lives as long as the session.
     workers : int, optional
         Processes of that cluster; by default as many as fill the machine.
     threads : int, optional
-        Threads of a worker's kernel; by default 1 in that cluster, elsewhere as many as the worker was given
-        (``dask worker --nthreads``).
+        Threads of a worker's kernel; by default 1 in that cluster, elsewhere as many as the worker
+        was given (``dask worker --nthreads``).
 
     Raises
     ------
     ConfigError
-        If Dask is missing, or `workers` are asked of a cluster that is there.
+        If Dask is missing, or if both `scheduler` and `workers` are given.
     """
     try:
         import cryptography  # noqa: F401
@@ -96,23 +89,20 @@ def make_engine(
 
     def engine(job: Job, blocks: Iterator[Keys]) -> Iterator[pa.Table]:
         nonlocal driver
-        if driver is None or driver.job is not job:  # else the next wave of the same session
+        if driver is None or driver.job is not job:  # else this is the session's next wave
             job.resources.enter_context(_quiet())
-            if scheduler is None:
-                client = job.resources.enter_context(embedded(workers, threads or 1))
-            else:
-                client = job.resources.enter_context(_existing(scheduler))
+            cluster = existing(scheduler) if scheduler else embedded(workers, threads or 1)
+            client = job.resources.enter_context(cluster)
             driver = _Driver(job, client, threads or (None if scheduler else 1))
             # Workers on this machine, or on others that share its cache, then find it compiled.
-            job.load_seconds += Task(lambda _: load_kernel(job.plan.config)).wait(
-                lambda _: job.tick()
-            )
-        return driver.work_off(blocks)
+            loading = Task(lambda _: load_kernel(job.plan.config))
+            job.load_seconds += loading.wait(lambda _: job.tick())
+        return driver.run_blocks(blocks)
 
     return engine
 
 
-# --------------------------------------------------------------------- driver
+# -- the driver --------------------------------------------------------------------------------
 
 
 class _Driver:
@@ -122,98 +112,87 @@ class _Driver:
         import dask
 
         self.job, self._client, self._threads = job, client, threads
-        self._token = uuid4().hex
-        self._flying: dict[Future, tuple[Keys, str]] = {}  # keys, and the worker meant for them
+        self._where, self._token = client.scheduler.address, uuid4().hex
+        self._flying: dict[Future, tuple[Keys, str]] = {}  # keys and the worker meant for them
         self._waiting: list[Keys] = []
-        self._workers: dict[str, int] = {}
+        self._workers: dict[str, int] = {}  # threads by address
         self._due, self._seen = 0.0, time.monotonic()
         self._cpus = {machine()["cpu"]}
-        # A task of its own: each worker fetches the plan once, and Dask makes it again when all that have it are lost.  In bytes:
-        # the scheduler reads the arguments of tasks, and need not make sense of a plan.
+        order = {
+            "token": self._token,
+            "essentials": essentials(),
+            "threads": threads,
+            # In bytes: the scheduler looks into arguments, and need not make sense of a plan.
+            "plan": pickle.dumps(job.plan),
+        }
+        # A task of its own: a worker fetches the result once, and Dask makes it again if all
+        # workers that have it are lost, as it would not with scattered data.
         with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1TB"}):
-            self._order = client.submit(
-                dict,
-                token=self._token,
-                essentials=essentials(),
-                threads=threads,
-                plan=pickle.dumps(job.plan),
-                pure=False,
-            )
+            self._order = client.submit(dict, order, pure=False)
 
-    def work_off(self, blocks: Iterator[Keys]) -> Iterator[pa.Table]:
+    def run_blocks(self, blocks: Iterator[Keys]) -> Iterator[pa.Table]:
         """Yield the rows of blocks; after a stop, those of the runs that have ended."""
         job = self.job
         try:
             while self._hand_out(blocks):
                 time.sleep(POLL)
-                for future in [future for future in self._flying if future.done()]:
-                    answer = self._result(future)
-                    keys, _ = self._flying.pop(future)
+                for keys, answer in self._done():
                     if answer is None or len(answer.table) < len(keys[0]):
                         self._waiting.append(keys)  # its worker was lost or closed
                         continue
                     job.worked(keys, answer.seconds)
                     yield answer.table
-                if job.over(some_done=not self._workers):
-                    raise OutOfTime
                 job.tick()
+                if not self._workers and job.over():
+                    raise OutOfTime
         except BaseException as error:
             # A stop is a request and no failure: what has ended is kept.
             if isinstance(error, OutOfTime) or not isinstance(error, (Exception, GeneratorExit)):
                 yield from self._ended()
-            with suppress(Exception):
-                self._client.cancel(list(self._flying))
-            self._flying.clear()
+            self._flying.clear()  # what is not waited for is cancelled
             raise
 
     def _hand_out(self, blocks: Iterator[Keys]) -> bool:
-        """Give each worker its blocks, and return whether there are any under way or left."""
+        """Give each worker its blocks, and return whether any are under way or left."""
         self._look()
-        at = Counter(address for _, address in self._flying.values())
+        load = Counter(address for _, address in self._flying.values())
         while True:
             keys = self._waiting.pop() if self._waiting else next(blocks, None)
             if keys is None:
                 return bool(self._flying)
-            address = min(self._workers, key=at.__getitem__, default=None)
-            if address is None or at[address] >= AHEAD:
+            address = min(self._workers, key=load.__getitem__, default=None)
+            if address is None or load[address] >= AHEAD:
                 self._waiting.append(keys)
                 return True
-            at[address] += 1
-            # To a certain worker: else Dask hands out as many as a worker has threads, of which all but one would wait for the
-            # kernel, and only to workers that have the plan already.
+            load[address] += 1
+            # Left to itself, Dask prefers workers that have the plan already, and gives one as
+            # many blocks as it has threads, of which all but one would wait for the kernel.
             future = self._client.submit(
-                do_block,
-                self._order,
-                *keys,
-                workers=[address],
-                allow_other_workers=True,
-                pure=False,
+                do_block, self._order, *keys, workers=address, allow_other_workers=True, pure=False
             )
             self._flying[future] = keys, address
 
     def _look(self) -> None:
-        """Look whether the scheduler is there and, now and then, which workers it has."""
+        """Raise an OutputError if the scheduler is lost; now and then, ask for its workers."""
         from distributed import TimeoutError as Late
 
-        client, now = self._client, time.monotonic()
-        where = client.scheduler.address if client.scheduler else "its address"
+        now, where = time.monotonic(), self._where
         lost = OutputError(
-            f"the scheduler at {where} is lost; the runs that it has done are kept, and with a new "
-            "one the same command resumes from there"
+            f"the scheduler at {where} is lost; completed runs are kept, and with a new one the "
+            "same command resumes from there"
         )
-        if client.status != "running":
+        if self._client.status != "running":
             raise lost
         if now < self._due:
             return
-        self._due = now + COUNT_EVERY
+        self._due = now + LOOK_EVERY
         try:
-            self._workers = client.sync(client.nthreads, callback_timeout=ANSWER)
+            self._workers = self._client.sync(self._client.nthreads, callback_timeout=ANSWER)
         except (OSError, Late) as error:
             raise lost from error
         if self._workers:
             self._seen = now
             self.job.threads = self._threads or max(self._workers.values())
-            self.job.workers = len(self._workers)
             self.job.begin()
         elif now - self._seen > WORKERLESS:
             raise OutputError(
@@ -221,28 +200,36 @@ class _Driver:
                 f"with `dask worker {where}`, and the same command resumes from there"
             )
 
-    def _result(self, future: Future) -> Answer | None:
-        """Return what came of a block; None if it is to be done again."""
+    def _done(self) -> Iterator[tuple[Keys, Answer | None]]:
+        """Yield what came of the blocks that have ended: None if one is to be done again."""
+        for future in [future for future in self._flying if future.done()]:
+            keys, _ = self._flying[future]
+            try:
+                answer = self._result(future, keys)
+            finally:
+                del self._flying[future]
+            yield keys, answer
+
+    def _result(self, future: Future, keys: Keys) -> Answer | None:
         from distributed import CancelledError, KilledWorker
         from distributed import TimeoutError as Late
 
         try:
             answer: Answer = future.result(timeout=ANSWER)
         except KilledWorker as error:
-            case, sample = (int(keys[0]) for keys in self._flying[future][0])
             raise OutputError(
-                f"the block that begins with case {case}, sample {sample} is given up: workers "
-                f"that have it are lost again and again, the last one was "
-                f"{error.last_worker.address}; their logs say why, want of memory perhaps"
+                f"the block that begins with case {keys[0][0]}, sample {keys[1][0]} is given up: "
+                "workers that have it are lost again and again, the last one was "
+                f"{error.last_worker.address}; their logs may say why, for example a lack of memory"
             ) from error
         except (CancelledError, Late, OSError):
-            return None
+            return None  # lost together with its worker
         except (ConfigError, OutputError):
             raise
         except Exception as error:
-            words = one_line(f"{type(error).__name__}: {error}", 200)
             raise OutputError(
-                f"the scheduler or a worker cannot take a block ({words}); give them all the "
+                "the scheduler or a worker cannot read a block "
+                f"({one_line(f'{type(error).__name__}: {error}', 200)}); give them all the "
                 "environment of the driver"
             ) from error
         if answer.cpu not in self._cpus:
@@ -254,25 +241,22 @@ class _Driver:
         return answer
 
     def _ended(self) -> Iterator[pa.Table]:
-        """Stop the blocks under way and yield the rows of their runs that have ended."""
+        """Stop the blocks under way, and yield the rows of their runs that have ended."""
         client, end = self._client, time.monotonic() + GATHER
-        with suppress(Exception):
+        with suppress(Exception):  # not heard by a worker that is paused
             client.sync(
                 client.run, stop, self._token, on_error="ignore", callback_timeout=GATHER / 2
             )
         while self._flying and time.monotonic() < end and client.status == "running":
-            for future in [future for future in self._flying if future.done()]:
-                answer = None
-                with suppress(Exception):  # a block that failed has no rows
-                    answer = self._result(future)
-                del self._flying[future]
-                if answer is not None:
-                    self.job.lost += answer.lost
-                    yield answer.table
+            with suppress(OutputError, ConfigError):  # a block that failed has no rows
+                for _, answer in self._done():
+                    if answer is not None:
+                        self.job.lost += answer.lost
+                        yield answer.table
             time.sleep(POLL)
 
 
-# -------------------------------------------------------------------- cluster
+# -- the cluster -------------------------------------------------------------------------------
 
 
 @contextmanager
@@ -282,21 +266,25 @@ def embedded(workers: int | None, threads: int) -> Iterator[Client]:
     from distributed import Client, LocalCluster
 
     with ExitStack() as stack:
-        # Dask puts its scratch directory on the path of every process.  The usual one may have been made by another user, who
-        # would have his modules imported.
+        # Dask puts its scratch directory on the path of every process.  The usual one may belong
+        # to another user, whose modules would be imported.
         scratch = stack.enter_context(
             TemporaryDirectory(prefix="rattlesweep-dask-", ignore_cleanup_errors=True)
         )
         settings = {
             "temporary-directory": scratch,
-            "distributed.scheduler.worker-ttl": SILENCE,
+            "distributed.scheduler.worker-ttl": f"{SILENCE}s",
             "distributed.scheduler.http.routes": [],
             "distributed.worker.http.routes": [],
             "distributed.worker.profile.enabled": False,
         }
         stack.enter_context(dask.config.set(settings))
         path = sys.path[:]
-        with _no_interrupt_for_children():
+        # A terminal sends Ctrl-C to the whole group.  A signal that is blocked here stays blocked
+        # in all threads and processes that come from here, and in those that replace lost workers.
+        resource_tracker.ensure_running()  # else the first child starts it, which unblocks them
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
             cluster = stack.enter_context(
                 LocalCluster(
                     n_workers=workers or max(1, available_threads() // threads),
@@ -314,13 +302,21 @@ def embedded(workers: int | None, threads: int) -> Iterator[Client]:
                 )
             )
             client = stack.enter_context(Client(cluster, set_as_default=False))
-        sys.path[:] = path
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+            sys.path[:] = path
         yield client
 
 
 @contextmanager
-def _existing(address: str) -> Iterator[Client]:
-    """Connect to a scheduler that somebody else looks after."""
+def existing(address: str) -> Iterator[Client]:
+    """Connect to a scheduler that somebody else looks after.
+
+    Raises
+    ------
+    OutputError
+        If none answers.
+    """
     from distributed import Client
     from distributed.comm import connect
     from distributed.security import Security
@@ -331,8 +327,7 @@ def _existing(address: str) -> Iterator[Client]:
         await comm.close()
 
     try:
-        # First by hand: where something else answers, Dask's client is silent for long and then hangs.
-        asyncio.run(shake_hands())
+        asyncio.run(shake_hands())  # Dask's client hangs where something else listens
         client = Client(address, timeout=ANSWER, set_as_default=False)
     except Exception as error:  # what answers may be anything, and say anything
         raise OutputError(
@@ -347,30 +342,9 @@ def _existing(address: str) -> Iterator[Client]:
 
 
 @contextmanager
-def _no_interrupt_for_children() -> Iterator[None]:
-    """Keep Ctrl-C, which a terminal sends to the whole group, from processes that are started here.
-
-    A blocked signal stays blocked in every thread and process that comes from here, also in those that Dask starts later in
-    place of lost workers.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    # Python starts this one with the first child, and thereby lets the signal through again.
-    resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-@contextmanager
 def _quiet() -> Iterator[None]:
     """Keep Dask's log off the terminal: what matters is said in one sentence."""
-    noisy = ("distributed", "tornado", "asyncio")
-    names = [name for name in logging.root.manager.loggerDict if name.split(".")[0] in noisy]
-    levels = {logger: logger.level for logger in map(logging.getLogger, names)}
+    levels = {logger: logger.level for logger in map(logging.getLogger, NOISY)}
     for logger in levels:
         logger.setLevel(logging.CRITICAL)
     try:
@@ -380,18 +354,18 @@ def _quiet() -> Iterator[None]:
             logger.setLevel(level)
 
 
-# --------------------------------------------------------------------- worker
+# -- a worker ----------------------------------------------------------------------------------
 
 _kernel = threading.Lock()  # one kernel at a time in a process
 _opening = threading.Lock()
-_plans: dict[str, Plan] = {}
-_stopped: set[str] = set()
+_plans: dict[str, Plan] = {}  # the one that was used last, by the token of its driver
+_stopped: set[str] = set()  # tokens
 
 
 class Answer(NamedTuple):
     """What a worker sends back."""
 
-    table: pa.Table  # all rows of the block; if it was stopped, those of the runs that had ended
+    table: pa.Table  # all rows of a block, or if it was stopped those of the runs that had ended
     lost: int  # runs that had begun but not ended
     seconds: float  # of the kernel
     cpu: str  # of the worker's machine
@@ -399,16 +373,14 @@ class Answer(NamedTuple):
 
 @cache
 def essentials() -> dict[str, str]:
-    """Return the versions that must be equal for the bits to be: the source of this package, and what it computes with."""
+    """Return what must be equal for the bits to be: this package's source and some versions."""
     root, digest = Path(rattlesweep.__file__).parent, hashlib.sha256()
     for path in sorted(root.rglob("*.py")):
         digest.update(path.relative_to(root).as_posix().encode())
         digest.update(path.read_bytes())
     known = versions()
-    return {
-        "rattlesweep": f"{known['rattlesweep']} ({digest.hexdigest()[:12]})",
-        **{name: known[name] for name in NUMERIC},
-    }
+    source = f"{known['rattlesweep']} ({digest.hexdigest()[:12]})"
+    return {"rattlesweep": source, **{name: known[name] for name in NUMERIC}}
 
 
 def stop(token: str) -> None:
@@ -416,82 +388,64 @@ def stop(token: str) -> None:
     _stopped.add(token)
 
 
-def do_block(order: dict[str, Any], case: Any, sample: Any) -> Answer:
-    """Compute a block; called by Dask on a worker.
-
-    Parameters
-    ----------
-    order : dict
-        The driver's token, what it computes with, threads of the kernel (None: the worker's) and the pickled plan.
-    case, sample : ndarray of int64
-        Keys of the runs.
+def do_block(order: dict[str, Any], case: Integers, sample: Integers) -> Answer:
+    """Compute the runs of some keys; called by Dask on a worker.
 
     Raises
     ------
     ConfigError
         If the config asks for bodies that cannot be had.
     OutputError
-        If this worker would compute other bits, or fails.
+        If this worker fails, or is unlike the driver.
     """
     from distributed import Status, get_worker
 
     worker = get_worker()
-    task = worker.state.tasks.get(worker.get_current_task())
+    state = worker.state.tasks.get(worker.get_current_task())
 
     def unwanted() -> bool:
-        # The scheduler cancels what nobody waits for any more, as when the driver is killed.
-        return (
-            order["token"] in _stopped
-            or worker.status in (Status.closing, Status.closed)
-            or task is None
-            or task.state == "cancelled"
-        )
+        # A block that nobody waits for, such as that of a driver that was killed, is cancelled.
+        cancelled = state is None or state.state == "cancelled"
+        closing = worker.status in (Status.closing, Status.closed)
+        return cancelled or closing or order["token"] in _stopped
 
     def watch(control: Control) -> None:
         if unwanted():
             control.stop()
 
     try:
-        plan = _open(order)
-        cpu = machine()["cpu"]
+        plan, cpu = _open(order), machine()["cpu"]
         prepared = prepare_runs(plan, case, sample)
         while not _kernel.acquire(timeout=POLL):
             if unwanted():
                 return Answer(plan.schema.remove_metadata().empty_table(), 0, 0.0, cpu)
         try:
-            # Not while another thread uses a kernel, nor as a part of the block's time.
-            load_kernel(plan.config)
+            load_kernel(plan.config)  # not while another thread uses a kernel
             threads = order["threads"] or worker.state.nthreads
-            call = Task(partial(compute, plan.config, plan.schema, prepared, threads))
-            table, lost = call.wait(watch)
+            task = Task(partial(compute, plan.config, plan.schema, prepared, threads))
+            table, lost = task.wait(watch)
         finally:
             _kernel.release()
     except ConfigError:
         raise
     except Exception as error:
         words = str(error) if isinstance(error, OutputError) else f"{type(error).__name__}: {error}"
-        raise OutputError(
-            f"the worker at {worker.address} on {socket.gethostname()}: {one_line(words, 500)}"
-        ) from error
-    return Answer(table, lost, call.seconds, cpu)
+        me = f"the worker at {worker.address} on {socket.gethostname()}"
+        raise OutputError(f"{me}: {one_line(words, 500)}") from None  # a cause may not be pickled
+    return Answer(table, lost, task.seconds, cpu)
 
 
 def _open(order: dict[str, Any]) -> Plan:
-    """Return the plan of an order, if this worker can follow it."""
+    """Return the plan of an order; raise an OutputError if the driver has other versions."""
     with _opening:
         if order["token"] not in _plans:
-            ours = essentials()
-            other = [
-                f"{name} {ours.get(name)} there, {version} here"
-                for name, version in order["essentials"].items()
-                if ours.get(name) != version
-            ]
-            if other:
+            ours, theirs = essentials(), order["essentials"]
+            if other := [name for name in theirs if ours.get(name) != theirs[name]]:
+                words = (f"{name} {ours.get(name)} there, {theirs[name]} here" for name in other)
                 raise OutputError(
-                    f"it would compute other bits: {'; '.join(other)}; give all workers the "
+                    f"it would compute other bits: {'; '.join(words)}; give all workers the "
                     "environment of the driver"
                 )
-            while len(_plans) >= MOST_PLANS:
-                del _plans[next(iter(_plans))]
+            _plans.clear()
             _plans[order["token"]] = pickle.loads(order["plan"])
         return _plans[order["token"]]
