@@ -369,7 +369,6 @@ def slurm(
     script = job_script(
         made, config.resolve(), where, overrides, shards=shards, own=own, limit=limit, cpus=cpus,
         memory=2 * 1024**3 if memory is None else memory, partition=partition, restarts=restarts,
-        expected=None,
     )  # fmt: skip
     click.echo(script, nl=False)
 

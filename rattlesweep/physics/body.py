@@ -189,7 +189,7 @@ class Rattleback:
         units = Units(measured["mass"], measured["height"], measured["gravity"])
         return cls(**values, units=units)
 
-    def replace(self, **parameters: float) -> Rattleback:
+    def replace(self, **parameters: Any) -> Rattleback:
         """Return the body with other values of some parameters, such as ``theta=0.82``.
 
         Raises
