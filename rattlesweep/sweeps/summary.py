@@ -108,14 +108,14 @@ _SHOWN = {
     "fraction_R": ("R", ".3f"),
     "fraction_SS": ("SS", ".3f"),
     "fraction_SW": ("SW", ".3f"),
-    "fraction_unclassified": ("uncl.", ".3f"),
+    "fraction_unclassified": ("unclassified", ".3f"),
     "fraction_D": ("D", ".3f"),
-    "fraction_bondi": ("Bondi", ".3f"),
-    "t_r_mean": ("t_r", ".5g"),
-    "t_r_over_t_rgh_mean": ("t_r/t_rGH", ".4f"),
-    "sensitive": ("sens.", "d"),
-    "unsure": ("unsure", "d"),
-    "failed": ("fail", "d"),
+    "fraction_bondi": ("beyond Bondi", ".3f"),
+    "t_r_mean": ("mean t_r", ".5g"),
+    "t_r_over_t_rgh_mean": ("mean t_r/t_rGH", ".4f"),
+    "sensitive": ("sensitive", "d"),
+    "unsure": ("type unsure", "d"),
+    "failed": ("failed", "d"),
 }
 
 
@@ -129,11 +129,12 @@ def absent_columns(summary: pa.Table) -> set[str]:
 
 
 def closing_table(summary: pa.Table) -> str:
-    """Lay a summary out as an aligned text table about 100 characters wide.
+    """Lay a summary out as an aligned text table about 120 characters wide.
 
-    ``t_r`` and ``t_r/t_rGH`` are means over type R, the latter of the ratio of each run; what there
-    is nothing of is "-". Sensitive runs and unsure types are shown where errors are recorded, type
-    D where there is dissipation, and what this is where cases differ in it.
+    The means are over type R, the second of the ratio of each run. "beyond Bondi" is the share of
+    runs whose spin is beyond Bondi's threshold. What a case has nothing of is "-". Sensitive runs
+    and unsure types are shown where errors are recorded, type D where there is dissipation, and
+    the dissipation where cases differ in it.
     """
     shown_columns = {
         name: how for name, how in _SHOWN.items() if name not in absent_columns(summary)
