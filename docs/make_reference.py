@@ -214,6 +214,10 @@ def together(values: dict[str, str]) -> str:
         return next(iter(by_value))
     if "axes" in values and {f"{value}; or several" for value in by_value} & set(by_value):
         return min(by_value, key=len)  # the page says it once for all axes
+    common = min(by_value, key=len)
+    if all(value.endswith(common) for value in by_value):
+        rest = {", ".join(of): value.removesuffix(common) for value, of in by_value.items()}
+        return "; ".join([common, *(f"{of}: {w.strip(' .')}" for of, w in rest.items() if w)])
     if all(value == f"`{label}`" for label, value in values.items()):
         return ", ".join(by_value)
     return "; ".join(f"{', '.join(labels)}: {value}" for value, labels in by_value.items())
@@ -276,7 +280,12 @@ def kind_of(key: dict[str, Any]) -> str:
 def limits(key: dict[str, Any]) -> str:
     """Return the range of a number."""
     signs = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiveMaximum": "&lt;"}
-    found = [f"{sign} {short(key[name])}" for name, sign in signs.items() if name in key]
+    # Limits that nobody meets are left out.
+    found = [
+        f"{sign} {short(key[name])}"
+        for name, sign in signs.items()
+        if name in key and (key[name] <= 1e5 or "Minimum" in name)
+    ]
     return f" {', '.join(found)}" if found else ""
 
 
@@ -323,15 +332,16 @@ def columns_page() -> str:
 
 def fields_table(fields: tuple[pa.Field, ...]) -> str:
     """Return columns as a table."""
-    rows = [
-        (f"`{f.name}`",
-         str(f.type).replace("list<element: double>", "list of double")
-         + ("?" if f.nullable else ""),
-         f"`{f.metadata[b'unit'].decode()}`",
-         f.metadata[b"description"].decode().replace("<", "&lt;"))
-        for f in fields
-    ]  # fmt: skip
-    return table([("column", "type", "unit", "meaning"), *rows])
+    rows = [("column", "type, unit", "meaning")]
+    for f in fields:
+        kind = str(f.type).replace("list<element: double>", "list of double")
+        unit = f.metadata[b"unit"].decode()
+        rows.append((
+            f"`{f.name}`",
+            f"{kind}{'?' if f.nullable else ''}{'' if unit == '1' else f', `{unit}`'}",
+            f.metadata[b"description"].decode().replace("<", "&lt;"),
+        ))  # fmt: skip
+    return table(rows)
 
 
 # ------------------------------------------------------------------ both
