@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from rattlesweep.sweeps.config.schema import Config
     from rattlesweep.sweeps.pilot import Forecast
     from rattlesweep.sweeps.plan import Plan
-    from rattlesweep.sweeps.run import Engine, Result
+    from rattlesweep.sweeps.job import Engine, Result
 
 
 @command("Sweeps", "rattlesweep init mine.yaml")
