@@ -74,7 +74,9 @@ class Sweep:
     @property
     def summary(self) -> pd.DataFrame:
         """One row a case, with units in ``attrs``; of a running sweep, of the runs so far."""
-        return to_frame(self._stored.summary())
+        from rattlesweep.sweeps.summary import read_summary
+
+        return to_frame(read_summary(self._stored))
 
     def __getitem__(self, columns: str | list[str]) -> Any:
         """Return a column of the runs as a Series, or several as a DataFrame."""

@@ -31,9 +31,10 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from rattlesweep.sweeps.config.schema import Config
+    from rattlesweep.sweeps.job import Engine
     from rattlesweep.sweeps.pilot import Forecast
     from rattlesweep.sweeps.plan import Plan
-    from rattlesweep.sweeps.run import Engine, Result
+    from rattlesweep.sweeps.run import Result
 
 
 @command("Sweeps", "rattlesweep init mine.yaml")

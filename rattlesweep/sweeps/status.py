@@ -48,7 +48,8 @@ class Status:
         so_far = " wanted so far" if self.decides and not self.done else ""
         lines = [
             f"{self.name} in {self.directory}: {data['runs']:,} of {data['wanted']:,} runs"
-            f"{so_far} ({share:.1f} %), {counted(data['files'], 'file')}, {data['bytes'] / 1e6:.1f} MB"
+            f"{so_far} ({share:.1f} %), {counted(data['files'], 'file')}, "
+            f"{data['bytes'] / 1e6:.1f} MB"
         ]
         for what in ("status", "types"):
             if data[what]:

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 
 from rattlesweep.arrays import Floats, Integers
-from rattlesweep.sweeps.arrow import build_table, write_parquet
+from rattlesweep.sweeps.arrow import build_table, read_parquet, write_parquet
 from rattlesweep.sweeps.cases import Case
 from rattlesweep.sweeps.columns import summary_schema
 from rattlesweep.sweeps.counts import Counts, columns_for
@@ -65,6 +65,12 @@ def summary_table(cases: Sequence[Case], counts: Counts) -> pa.Table:
         **counts.columns(),
     }
     return build_table(columns, summary_schema())
+
+
+def read_summary(stored: Stored) -> pa.Table:
+    """Return one row a case: ``summary.parquet``, or what the rows so far come to."""
+    path = stored.directory / "summary.parquet"
+    return read_parquet(path) if path.exists() else summarise(stored)
 
 
 def write_summary(stored: Stored, table: pa.Table) -> Path:

@@ -66,7 +66,9 @@ class Verified:
         lines += [f"problem: {problem}" for problem in self.problems[:TOLD]]
         if len(self.problems) > TOLD:
             lines.append(f"and {len(self.problems) - TOLD} more problems")
-        lines.append("no problem found" if not self.problems else counted(len(self.problems), "problem"))
+        lines.append(
+            "no problem found" if not self.problems else counted(len(self.problems), "problem")
+        )
         return "\n".join(lines)
 
 
