@@ -124,7 +124,9 @@ def parquet_file(path: Path) -> Iterator[pq.ParquetFile]:
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
             yield file
-    except (pa.ArrowException, OSError, EOFError) as error:
+    except MemoryError:
+        raise  # Arrow's own is an ArrowException too, and says nothing about the file
+    except (pa.ArrowException, OSError, EOFError, UnicodeDecodeError) as error:
         # Arrow raises OSError, without a number, for pages and footers that are not as they were.
         if isinstance(error, OSError) and error.errno is not None:
             raise OutputError(f"cannot read {path}: {reason(error)}") from error

@@ -82,6 +82,7 @@ def recovered(found: Mapping[int, Case], asked: Iterable[Case]) -> tuple[Case, .
 
     Files tell the numbers of some; the others fill the gaps in the order of the config.
     """
+    asked = list(asked)
     known = {case.key for case in found.values()}
     rest = iter([case for case in asked if case.key not in known])
     cases: list[Case] = []
@@ -90,6 +91,6 @@ def recovered(found: Mapping[int, Case], asked: Iterable[Case]) -> tuple[Case, .
         if case is None:
             break
         cases.append(replace(case, index=len(cases)))
-    if len(cases) <= max(found, default=-1):
+    if len(cases) <= max(found, default=-1) or not known <= {case.key for case in asked}:
         raise ConfigError("its files hold cases that the config does not ask for")
     return tuple(cases)
