@@ -21,7 +21,7 @@ from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.integrate.batch import available_threads
 from rattlesweep.sweeps.cost import case_costs
 from rattlesweep.sweeps.decide import Refining, Stopping, decides, decision
-from rattlesweep.sweeps.files import ABANDONED, explained, remove_temporaries
+from rattlesweep.sweeps.files import explained
 from rattlesweep.sweeps.job import Job, Keys, OutOfTime, Progress
 from rattlesweep.sweeps.local import local
 from rattlesweep.sweeps.locks import hold
@@ -178,8 +178,6 @@ def run_sweep(
     with hold(directory, share):
         if fresh:
             _start_over(directory)
-        for folder in (directory, directory / "runs", directory / "sessions"):
-            remove_temporaries(folder, 0.0 if shard is None else ABANDONED)
         stored = begin(plan, directory, base, share)
         plan = plan.with_cases(stored.cases)
         session = Session(directory, share, threads)
