@@ -19,7 +19,18 @@ from typing import Any
 
 import pyarrow.parquet as pq
 
-CHANGES = ("create", "write", "truncate", "fsync", "rename", "unlink", "mkdir", "rmdir", "lock", "link")
+CHANGES = (
+    "create",
+    "write",
+    "truncate",
+    "fsync",
+    "rename",
+    "unlink",
+    "mkdir",
+    "rmdir",
+    "lock",
+    "link",
+)
 READS = ("read", "list", "stat")
 # Which calls may fail with what. A full disk lets go of files; who may not write may look.
 MAY_FAIL = {

@@ -180,7 +180,9 @@ def test_faults_at_every_call(name, number, stride, tmp_path, record_property):
 @pytest.mark.parametrize("name", ["run", "refine"])
 def test_stopped_at_every_call(name, number, code, word, stride, tmp_path):
     def stopped(done: Ended) -> bool:
-        words = done.err.startswith(f"{word}; ") and "the same command resumes from there" in done.err
+        words = (
+            done.err.startswith(f"{word}; ") and "the same command resumes from there" in done.err
+        )
         return done.code == code and words and len(done.err.splitlines()) == 1
 
     at_every_call(name, tmp_path, CHANGES, stopped, stride, sent=number)
