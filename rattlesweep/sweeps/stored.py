@@ -31,6 +31,7 @@ from rattlesweep.sweeps.config.load import (
 )
 from rattlesweep.sweeps.config.schema import Classify, Config
 from rattlesweep.sweeps.files import explained, reason, replace_file
+from rattlesweep.sweeps.locks import FOLDER as LOCKS
 from rattlesweep.sweeps.locks import manifest_lock, others_at_work
 from rattlesweep.sweeps.provenance import command_line, machine, now, versions
 from rattlesweep.sweeps.rows import Runs, is_of_a_sweep
@@ -295,8 +296,10 @@ def examine(plan: Plan, directory: Path) -> Stored | None:
 
 def foreign_name(directory: Path) -> str | None:
     """Return the name of a file in a directory that is no part of a sweep; None if there is none,
-    or no such directory.
+    no such directory, or one in which a sweep has worked: figures may lie beside it.
     """
+    if (directory / LOCKS).is_dir():
+        return None
     ours = ("runs", "sessions", MANIFEST, SUMMARY)
     with explained(f"cannot read {directory}"):
         names = sorted(p.name for p in directory.iterdir()) if directory.is_dir() else []

@@ -150,7 +150,7 @@ def test_broken_off_again_and_again_moved_and_harmed(whole, tmp_path):
 
 def test_runs_that_failed_and_were_done_again(whole, tmp_path):
     failed = [RUNS]
-    for steps in (3000, 8000):
+    for steps in (1000, 3000):
         config = FULL | {"integrator": {"max_steps": steps}}
         result = sweep(tmp_path, config, retry_failed=True, engine=cut(7))
         assert result.retried == (failed[-1] if len(failed) > 1 else 0)
