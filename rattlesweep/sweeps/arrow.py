@@ -99,15 +99,20 @@ def write_parquet(table: pa.Table, path: Path, metadata: Mapping[str, str] | Non
     # Chunk borders would move page borders.
     table = table.combine_chunks().replace_schema_metadata(dict(metadata or {}) or None)
     with streamed_file(path) as file:
-        pq.write_table(
-            table,
-            file,
-            row_group_size=ROW_GROUP,
-            version="2.6",
-            compression="zstd",
-            use_dictionary=[name for name in table.schema.names if name in REPEATING],
-            write_page_checksum=True,
-        )
+        encode(table, file)
+
+
+def encode(table: pa.Table, sink: Any) -> None:
+    """Write a table as Parquet to a file that is open."""
+    pq.write_table(
+        table,
+        sink,
+        row_group_size=ROW_GROUP,
+        version="2.6",
+        compression="zstd",
+        use_dictionary=[name for name in table.schema.names if name in REPEATING],
+        write_page_checksum=True,
+    )
 
 
 @contextmanager

@@ -13,13 +13,12 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from rattlesweep.arrays import Floats, take
 from rattlesweep.durations import clock
 from rattlesweep.integrate.batch import available_threads
 from rattlesweep.integrate.status import Status
-from rattlesweep.sweeps.arrow import build_table
+from rattlesweep.sweeps.arrow import build_table, encode
 from rattlesweep.sweeps.block import columns_of, load_kernel, run_batch
 from rattlesweep.sweeps.cost import SEED, expected_cost, sample_keys
 from rattlesweep.sweeps.decide import decides
@@ -226,7 +225,7 @@ def _known(plan: Plan) -> Launches:
 
 def _encoded(table: pa.Table) -> int:
     sink = io.BytesIO()
-    pq.write_table(table, sink, compression="zstd")
+    encode(table, sink)
     return sink.tell()
 
 
