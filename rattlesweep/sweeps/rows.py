@@ -197,7 +197,7 @@ class Runs:
                 f"{path} has the columns of another version of rattlesweep; use another output"
             )
         for case in _cases(metadata, path):
-            if case.index >= len(cases) or cases[case.index].key != case.key:
+            if case.index >= len(cases) or cases[case.index] != case:
                 raise OutputError(
                     f"{path} numbers its cases in another way: case {case.index} is {case} there; "
                     "move it away, or use another output"
