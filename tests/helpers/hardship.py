@@ -163,7 +163,7 @@ def rows_of(directory: Path) -> pa.Table:
 
 
 def check_equal(directory: Path, expected: Path) -> None:
-    """Rows and summary are equal to the last bit, all is proved whole, and nothing else is there."""
+    """Rows and summary are equal to the last bit, all is whole, and nothing else is there."""
     assert same_bits(rows_of(directory), rows_of(expected))
     summaries = [(d / "summary.parquet").read_bytes() for d in (directory, expected)]
     assert summaries[0] == summaries[1]
@@ -206,9 +206,14 @@ def one_sentence(err: str) -> bool:
     return len(lines) == 1 and lines[0].startswith("error: ") and "internal error" not in err
 
 
-def wait_until(what: Callable[[], Any], seconds: float = 120) -> None:
-    """Wait for something to become true."""
+def wait_until(
+    what: Callable[[], Any],
+    seconds: float = 120,
+    process: subprocess.Popen[str] | None = None,
+) -> None:
+    """Wait for something to become true, which a process brings about that has not ended."""
     end = time.monotonic() + seconds
     while not what():
         assert time.monotonic() < end, f"not within {seconds} s"
+        assert process is None or process.poll() is None, process.communicate()
         time.sleep(0.005)

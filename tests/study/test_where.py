@@ -7,7 +7,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pytest
-from test_store import SCHEMA, random_columns
+from test_rows import SCHEMA, random_columns
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.analysis.where import parse_condition

@@ -97,6 +97,34 @@ def test_wanted_is_found_from_any_rows_in_any_order(name, done):
     assert len(waves) > 3
 
 
+@pytest.mark.parametrize("surplus", [0.3, 1.0])
+def test_values_that_nobody_asked_for_change_nothing(surplus):
+    """Whether a column bends is judged by the runs of the waves so far."""
+    axes = {"theta": {"linspace": [0.6, 0.95, 65]}, "phi": {"linspace": [0.02, 0.1, 65]}}
+    bodies = GRID | {"axes": axes, "refine": {"levels": 3, "by": "t_r", "tol": 0.1}}
+    plan = plan_of(TIMES, bodies=bodies, spin={"n_i": [-0.1], "omega_xy0": 0.01})
+    x, y = np.meshgrid(np.linspace(0, 1, 65), np.linspace(0, 1, 65), indexing="ij")
+    # A surface, found by trying some, on which it mattered.
+    dice = np.random.default_rng(30)
+    dice.uniform(2, 12, 3)
+    height, a, b = dice.random(3)
+    bump = np.exp(-((x - a) ** 2 + (y - b) ** 2) / dice.uniform(0.002, 0.05))
+    values = (1 + height * bump + 0.3 * (x + dice.random() * y > 1)).ravel()
+
+    def wanted(todo: Any) -> Any:
+        known = fresh(plan)
+        while (todo := todo | (known.wanted() & (known.code < 0))).any():
+            sample = np.nonzero(todo)[1]
+            rows = {"case": 0 * sample, "sample": sample, "t_r": values[sample]}
+            words = {"type": ["R"] * len(sample), "status": ["ok"] * len(sample)}
+            known.add(pa.table(rows | words))
+            todo = np.zeros_like(todo)
+        return known.wanted()
+
+    more = dice.random(plan.shape) < surplus
+    assert np.array_equal(wanted(more), wanted(np.zeros_like(more)))
+
+
 def without(config: dict[str, Any]) -> dict[str, Any]:
     """The config that leaves nothing out."""
     bodies = {k: v for k, v in config["bodies"].items() if k != "refine"}
@@ -135,19 +163,19 @@ def test_rows_that_cannot_be_read_are_an_error_and_no_fewer_runs(done, tmp_path,
     output = tmp_path / "out"
     with pytest.raises(Stop):
         sweeping.sweep(output, MAP, engine=cut(100, 4))
-    honest, calls = rows_module._read_all, [0]
+    honest, calls, at = rows_module._read_all, [0], [0]
 
     def failing(*args: Any, **options: Any) -> Any:
         calls[0] += 1
-        if calls[0] == at:
+        if calls == at:
             raise OSError(5, "Input/output error")
         return honest(*args, **options)
 
     files = len(open_stored(output).files())
     assert files > 1
     monkeypatch.setattr(rows_module, "_read_all", failing)
-    for at in range(1, 2 * files + 1):
-        calls[0] = 0
+    for number in range(1, 2 * files + 1):
+        calls[0], at[0] = 0, number
         with pytest.raises(OutputError, match=r"cannot read .*: Input/output error"):
             sweeping.sweep(output, MAP)
         assert not (output / "summary.parquet").exists()

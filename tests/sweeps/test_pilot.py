@@ -33,7 +33,9 @@ def small() -> Forecast:
 
 
 def test_it_says_what_the_plan_is_as_data_and_in_words(small):
-    assert (small.runs, small.threads, small.decides) == (2000, 2, None)
+    assert small.runs == 2000
+    assert small.threads == 2
+    assert small.decides is None
     assert 0 <= small.low <= small.seconds <= small.high
     assert 0 < small.longest
     assert small.share == max(small.seconds / 2, small.longest)

@@ -146,7 +146,7 @@ def test_a_file_is_whole_or_not_there(tmp_path):
         broken()
     assert path.read_bytes() == b"one"
     assert os.listdir(tmp_path) == ["a"]
-    with pytest.raises(OutputError, match="cannot write .*: No such file"):
+    with pytest.raises(OutputError, match=r"cannot write .*: No such file"):
         replace_file(tmp_path / "none" / "a", b"")
 
 

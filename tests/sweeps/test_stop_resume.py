@@ -1,4 +1,4 @@
-"""Stops that keep what is done, locks that die with their process, and progress that never falls."""
+"""Stops that keep what is done, locks that die with their process, progress that never falls."""
 
 from __future__ import annotations
 
