@@ -5,6 +5,7 @@ Each page of a file carries a checksum, which every reader here verifies.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -134,7 +135,7 @@ def parquet_file(path: Path) -> Iterator[pq.ParquetFile]:
     except (pa.ArrowException, OSError, EOFError, UnicodeDecodeError) as error:
         # Arrow raises OSError, without a number, for pages and footers that are not as they were.
         if isinstance(error, OSError) and error.errno is not None:
-            raise OutputError(f"cannot read {path}: {reason(error)}") from error
+            raise OutputError(f"cannot read {path}: {os.strerror(error.errno)}") from error
         raise DamagedError(f"{path} is damaged: {reason(error)}") from error
 
 

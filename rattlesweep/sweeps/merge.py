@@ -75,7 +75,8 @@ def merge(directories: Sequence[Path], output: Path) -> Merged:
         raise ConfigError(f"{output}: holds other files; give a new directory")
     with contextlib.ExitStack() as stack:
         for stored in sources:
-            stack.enter_context(hold(stored.directory))
+            if os.access(stored.directory, os.W_OK):  # nobody works in one that is read-only
+                stack.enter_context(hold(stored.directory))
         with explained(f"cannot write in {output}", folder=True):
             (output / "runs").mkdir(parents=True, exist_ok=True)
         stack.enter_context(hold(output))

@@ -78,7 +78,9 @@ class Child:
         code = self._nursery.code(self._number, seconds)
         assert code is not None, f"no end within {seconds} s"
         folder = self._nursery.folder
-        out, err = ((folder / f"{self._number}.{n}").read_text() for n in ("out", "err"))
+        paths = [folder / f"{self._number}.{name}" for name in ("out", "err")]
+        # Killed at once, it has not made them.
+        out, err = (path.read_text() if path.exists() else "" for path in paths)
         return Ended(code, out, err)
 
 
@@ -189,6 +191,8 @@ def check_whole(directory: Path, *expected: Path) -> int:
     good = np.zeros(len(rows), bool)
     for table in map(rows_of, expected):
         place = {key: k for k, key in enumerate(keys_of(table))}
+        if place.keys() >= {*keys} and same_bits(rows, table.take([place[key] for key in keys])):
+            return len(keys)
         for k, key in enumerate(keys):
             good[k] |= key in place and same_bits(rows.slice(k, 1), table.slice(place[key], 1))
     assert good.all(), [key for key, fine in zip(keys, good, strict=True) if not fine]

@@ -148,7 +148,7 @@ def at_every_call(
 SLOW = pytest.mark.slow
 
 
-@pytest.mark.parametrize("stride", [24, pytest.param(1, marks=SLOW)])
+@pytest.mark.parametrize("stride", [60, pytest.param(1, marks=SLOW)])
 @pytest.mark.parametrize("name", SCENES)
 def test_killed_at_every_call(name, stride, tmp_path, record_property):
     kills = at_every_call(name, tmp_path, CHANGES, lambda done: done.code == -9, stride)
@@ -160,7 +160,7 @@ def fails(done: Ended) -> bool:
     return done.code == 0 or (done.code == 1 and one_sentence(done.err))
 
 
-@pytest.mark.parametrize("stride", [40, pytest.param(1, marks=SLOW)])
+@pytest.mark.parametrize("stride", [90, pytest.param(1, marks=SLOW)])
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EIO], ids=errno.errorcode.get)
 @pytest.mark.parametrize("name", SCENES)
 def test_faults_at_every_call(name, number, stride, tmp_path, record_property):
@@ -172,7 +172,7 @@ def test_faults_at_every_call(name, number, stride, tmp_path, record_property):
     record_property("faults", count)
 
 
-@pytest.mark.parametrize("stride", [30, pytest.param(1, marks=SLOW)])
+@pytest.mark.parametrize("stride", [60, pytest.param(1, marks=SLOW)])
 @pytest.mark.parametrize(
     ("number", "code", "word"),
     [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")],
@@ -210,8 +210,7 @@ def test_the_counter_kills_and_lets_live(tmp_path):
 
 # -- the real program, at any instant ------------------------------------------------------------
 
-SETS = ("bodies.samples=100", "bodies.target={K_r: [0.02, 0.1], rel_tol: 0.1}",
-        "spin.n_i=[-0.3, -0.5]", "horizon={t: 300}")  # fmt: skip
+SETS = ("bodies.samples=1500", "bodies.target=", "spin.n_i=[-0.3, -0.5]", "horizon={t: 3000}")
 
 
 @SLOW
@@ -257,7 +256,7 @@ def test_the_program_killed_at_random_instants(tmp_path, record_property):
     subprocess.run([*command, whole], check=True, capture_output=True)
     seconds = time.monotonic() - began
     dice, counts = random.Random(2017), Counter[str]()
-    while counts["killed"] < 20:
+    while counts["killed"] < 10:
         process = subprocess.Popen([*command, output], stderr=subprocess.PIPE, text=True)
         try:
             # Nearly all of the time goes into loading: most instants are to fall after that.
@@ -267,7 +266,7 @@ def test_the_program_killed_at_random_instants(tmp_path, record_property):
             process.communicate()
             counts["killed"] += 1
             if output.exists():
-                counts["half"] += 0 < check_whole(output, whole) < 400
+                counts["half"] += 0 < check_whole(output, whole) < 3000
         else:
             assert process.returncode == 0, err
             check_equal(output, whole)
