@@ -202,11 +202,10 @@ def _measure(plan: Plan, launches: Launches, threads: int, most: int) -> _Pilot:
 
 
 def _together(parts: list[_Pilot]) -> _Pilot:
-    arrays = (
-        np.concatenate([getattr(p, name) for p in parts]) for name in ("steps", "cost", "cut")
-    )
     return _Pilot(
-        *arrays,
+        steps=np.concatenate([part.steps for part in parts]),
+        cost=np.concatenate([part.cost for part in parts]),
+        cut=np.concatenate([part.cut for part in parts]),
         rate=len(parts) / sum(1 / part.rate for part in parts),
         row_bytes=float(np.mean([part.row_bytes for part in parts])),
     )

@@ -121,11 +121,18 @@ class Stored:
 
         Raises
         ------
+        ConfigError
+            If there is no such column.
         OutputError
-            If a file cannot be read or is damaged, or has no such column.
+            If a file cannot be read or is damaged.
         """
         schema = self.schema
         if names is not None:
+            if unknown := [name for name in names if name not in schema.names]:
+                raise ConfigError(
+                    f"{self.directory}: its runs have no column {unknown[0]}; they have "
+                    f"{', '.join(schema.names)}"
+                )
             schema = pa.schema([self.schema.field(name) for name in names])
         tables = [schema.remove_metadata().empty_table(), *self.runs.batches(names)]
         return pa.concat_tables(tables).cast(schema)

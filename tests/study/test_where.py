@@ -9,8 +9,8 @@ import pyarrow.compute as pc
 import pytest
 from test_rows import SCHEMA, random_columns
 
-from rattlesweep.errors import ConfigError
 from rattlesweep.analysis.where import parse_condition
+from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.arrow import build_table
 
 

@@ -37,7 +37,7 @@ def test_it_says_what_the_plan_is_as_data_and_in_words(small):
     assert small.threads == 2
     assert small.decides is None
     assert 0 <= small.low <= small.seconds <= small.high
-    assert 0 < small.longest
+    assert small.longest > 0
     assert small.share == max(small.seconds / 2, small.longest)
     assert 0 < small.few < FEW_LIMIT
     assert json.loads(json.dumps(small.as_data(), allow_nan=False))["runs"] == 2000

@@ -363,3 +363,5 @@ def test_files_of_a_sweep_hold_what_the_memory_does(tmp_path):
     schema = open_stored(tmp_path).read().schema
     assert schema.equals(plan.schema, check_metadata=True)
     assert open_stored(tmp_path).read(["t_r"]).schema.names == ["t_r"]
+    with pytest.raises(ConfigError, match="its runs have no column t_R; they have case, sample"):
+        open_stored(tmp_path).read(["t_R"])
