@@ -15,7 +15,7 @@ import numpy as np
 from rattlesweep.analysis import style
 from rattlesweep.sweeps.block import finish_block, prepare_runs
 from rattlesweep.sweeps.plan import make_plan
-from rattlesweep.sweeps.config.load import parse_config
+from rattlesweep.sweeps.config.read import parse_config
 
 CONFIG = {
     "spin": {"n_i": -0.3, "omega_xy0": 0.01},

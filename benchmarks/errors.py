@@ -40,8 +40,8 @@ from rattlesweep.sweeps.error import (
     with_errors,
 )
 from rattlesweep.sweeps.plan import make_plan
-from rattlesweep.sweeps.config.integrator import Integrator
-from rattlesweep.sweeps.config.load import load_config
+from rattlesweep.sweeps.config.schema import Integrator
+from rattlesweep.sweeps.config.read import load_config
 from rattlesweep.sweeps.types import classify, sure_types
 
 if TYPE_CHECKING:

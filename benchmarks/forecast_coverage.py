@@ -16,7 +16,7 @@ import time
 from pathlib import Path
 
 from rattlesweep.sweeps.plan import make_plan
-from rattlesweep.sweeps.config.load import load_config
+from rattlesweep.sweeps.config.read import load_config
 from rattlesweep.sweeps.old.run import run_sweep
 from rattlesweep.sweeps.old.forecast import forecast
 

@@ -17,7 +17,7 @@ import numpy as np
 from rattlesweep.sweeps.block import finish_block, prepare_runs
 from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.decide import make_stages
-from rattlesweep.sweeps.config.load import parse_config
+from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.arrow import build_table
 from rattlesweep.sweeps.counts import Z95, Cells, wilson
 from rattlesweep.sweeps.columns import runs_schema
@@ -74,7 +74,7 @@ def main() -> None:
     for stop in STOPS:
         for size in options.sizes:
             found = [
-                stopped(CONFIG | {"stop": stop, "block_size": size, "seed": 100 + seed})
+                stopped(CONFIG | {"stop": stop, "seed": 100 + seed})
                 for seed in range(options.sweeps)
             ]
             samples = np.mean([cells.runs for cells in found], axis=0)

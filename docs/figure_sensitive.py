@@ -20,7 +20,7 @@ from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics.steady import growth, steady_modes
 from rattlesweep.sweeps.block import prepare_runs
 from rattlesweep.sweeps.plan import make_plan
-from rattlesweep.sweeps.config.load import load_config
+from rattlesweep.sweeps.config.read import load_config
 
 CONFIG = Path(__file__).resolve().parent.parent / "configs" / "quickstart.yaml"
 CASE, SAMPLE = 4, 99

@@ -21,7 +21,7 @@ from typing import Any
 import pyarrow as pa
 
 from rattlesweep.integrate.status import Status
-from rattlesweep.sweeps.config.load import config_json_schema
+from rattlesweep.sweeps.config.read import config_json_schema
 from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps import columns
 
@@ -31,7 +31,6 @@ EXAMPLES = {
     "name": "steady-kr-quick",
     "seed": 2017,
     "samples": 400,
-    "block_size": 1000,
     "psi": "pitch",
     "output": "out/steady-kr-quick",
     "record": ["energy", "contact"],

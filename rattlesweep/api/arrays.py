@@ -40,7 +40,7 @@ def body_columns(bodies: Bodies) -> dict[str, Floats]:
     if isinstance(bodies, Mapping) or is_frame(bodies):
         import pandas as pd
 
-        from rattlesweep.sweeps.bodies.table import columns_of
+        from rattlesweep.sweeps.bodies.table import frame_bodies
 
         try:
             frame = pd.DataFrame(bodies)
@@ -48,7 +48,7 @@ def body_columns(bodies: Bodies) -> dict[str, Floats]:
             raise ConfigError(
                 f"bodies: cannot be read as a table ({one_line(str(error))})"
             ) from None
-        return columns_of(frame, "bodies")[0]
+        return frame_bodies(frame).columns
     many: Any = bodies
     if isinstance(many, str) or not isinstance(many, Iterable):
         raise ConfigError(
@@ -87,7 +87,7 @@ def numbers(name: str, value: Any) -> Floats:
         bad |= np.abs(array) > 360
     if bad.any():
         found = int(np.argmax(bad)), wanted
-    elif (broken := check_value(name, array.ravel())) is not None:
+    elif name != "psi" and (broken := check_value(name, array.ravel())) is not None:
         # Of a rule that is not the limit of what can be computed, the words for Python.
         found = broken[0], broken[1] if "allowed" in broken[1] else wanted
     if found is not None:

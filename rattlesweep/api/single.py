@@ -186,11 +186,10 @@ def simulate(
             stacklevel=2,
         )
         dt_step = dt
-    from rattlesweep.integrate.compiling import listening
+    from rattlesweep.integrate.compile import listening
+    from rattlesweep.sweeps.bodies.table import TableBodies, launched_from
     from rattlesweep.sweeps.memory import integrate_plan
     from rattlesweep.sweeps.single import Launch, is_full_state, plan_of
-    from rattlesweep.sweeps.bodies.sources import TableBodies
-    from rattlesweep.sweeps.bodies.table import launched_from
 
     check_threads(threads)
     columns = body_columns(body)
@@ -205,8 +204,8 @@ def simulate(
     if state:
         columns |= launched_from(columns, "launch")
     launch = Launch(
-        # But for the surface, replaced by those of the rows.
-        Rattleback.kl() if "c" in columns else Rattleback.gh(),
+        # Replaced by the bodies and launches of the rows.
+        Rattleback.gh(),
         n_i=1.0, omega_xy0=1.0, psi=psi if isinstance(psi, str) else "relevant",
         model=model,
         integrator=_integrator(method, tol, dt_step),

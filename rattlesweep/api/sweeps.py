@@ -86,7 +86,7 @@ def sweep(
     >>> again.runs.t_r.round(2).tolist()
     [33.15, 33.15]
     """
-    from rattlesweep.integrate.compiling import listening
+    from rattlesweep.integrate.compile import listening
     from rattlesweep.sweeps.run import run_sweep
 
     check_threads(threads)
@@ -103,14 +103,14 @@ def _planned(
     config: Any, output: Path | None, keys: Mapping[str, Any]
 ) -> tuple[Plan, Path, Path | None, list[str]]:
     """The plan of a sweep, where it goes, where its table is looked for, and what is doubtful."""
-    from rattlesweep.sweeps.config.load import load_config, parse_config
+    from rattlesweep.sweeps.config.read import load_config, parse_config
     from rattlesweep.sweeps.plausible import checked_plan
 
     base: Path | None = None
     if is_frame(config):
-        from rattlesweep.sweeps.old.frame import keep_bodies
+        from rattlesweep.sweeps.frame import plan_frame
 
-        return keep_bodies(config, output, keys)
+        return plan_frame(config, output, keys)
     if keys:
         raise ConfigError(
             f"{next(iter(keys))}: is given beside a config; write it into the config, as only a "

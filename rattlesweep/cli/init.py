@@ -20,8 +20,7 @@ def init(config: Path) -> None:
     """
     from importlib.resources import files
 
-    from rattlesweep.sweeps.config import yamlfile
-    from rattlesweep.sweeps.config.load import parse_config
+    from rattlesweep.sweeps.config.read import parse_config, read_yaml
     from rattlesweep.sweeps.files import replace_file
 
     shown = one_line(str(config), 200)
@@ -32,11 +31,10 @@ def init(config: Path) -> None:
     text = (files("rattlesweep.sweeps.config") / "starter.yaml").read_text(encoding="utf-8")
     name = config.stem
     # A name that YAML would read as something else, such as a number, stands in quotes.
-    plain = yamlfile.parse(f"name: {name}")
-    quoted = name if plain.data == {"name": name} and not plain.problems else json.dumps(name)
+    data, _, problems = read_yaml(f"name: {name}")
+    quoted = name if data == {"name": name} and not problems else json.dumps(name)
     text = text.replace("name: NAME", f"name: {quoted}", 1).replace("NAME", name)
-    with_name = yamlfile.parse(text).data
-    parse_config(with_name)  # a name may be none of a directory
+    parse_config(read_yaml(text)[0])  # a name may be none of a directory
     replace_file(config, text.encode())
     click.echo(config)
     say(f"run it: rattlesweep validate {shown}, rattlesweep run {shown}")

@@ -10,6 +10,6 @@ from rattlesweep.cli.common import command, to_json
 @command("Study", "rattlesweep schema > rattlesweep.schema.json")
 def schema() -> None:
     """Print the JSON Schema of the config."""
-    from rattlesweep.sweeps.config.load import config_json_schema
+    from rattlesweep.sweeps.config.read import config_json_schema
 
     click.echo(to_json(config_json_schema()))

@@ -46,10 +46,10 @@ def slurm(
     the script checks its environment when it runs.
     """
     from rattlesweep.integrate.batch import available_threads
-    from rattlesweep.sweeps.plan import make_plan
-    from rattlesweep.sweeps.slurm import MOST_SHARDS, job_script
     from rattlesweep.sweeps.old.forecast import forecast
     from rattlesweep.sweeps.old.output import examine
+    from rattlesweep.sweeps.plan import make_plan
+    from rattlesweep.sweeps.slurm import MOST_SHARDS, job_script
 
     loaded = options.load_sweep(config, overrides, output)
     path = config.resolve()
@@ -59,8 +59,7 @@ def slurm(
         plan = examine(plan, directory, path.parent).plan
     if shards > plan.n_blocks:
         raise ConfigError(
-            f"--shards {shards}: is more than the {plan.n_blocks} blocks there are; take fewer, or "
-            "a smaller block_size"
+            f"--shards {shards}: is more than the {plan.n_blocks} blocks there are; take fewer"
         )
     if shards > MOST_SHARDS:
         say(f"note: Slurm takes arrays of {MOST_SHARDS} tasks unless MaxArraySize says otherwise")

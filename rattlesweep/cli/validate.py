@@ -20,7 +20,7 @@ from rattlesweep.errors import one_line
 def validate(config: Path, overrides: tuple[str, ...]) -> None:
     """Check a config without running it.
 
-    Prints how many runs it makes, or everything that is wrong, each with its line and column.
+    Prints how many runs it makes, or everything that is wrong, each with its line.
     """
     plan = options.planned(options.load_sweep(config, overrides), config)
     count = f"{len(plan.cases)} cases x {plan.samples} samples = {plan.runs} runs"

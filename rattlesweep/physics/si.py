@@ -1,4 +1,4 @@
-"""Bodies in SI units, as a CAD program exports them or a scale and a ruler tell them."""
+"""Bodies in SI units, from a CAD program or from a scale and a ruler."""
 
 from __future__ import annotations
 
@@ -18,14 +18,18 @@ if TYPE_CHECKING:
     from rattlesweep.arrays import Floats
 
 GRAVITY = 9.81
-"""In m/s^2."""
+"""Gravity on Earth, in m/s^2."""
 MAX_TILT = 1e-3
-"""Radians by which the principal axis may be off the vertical, as digits are exported."""
+"""Angle in radians by which the principal axis may be off the vertical, for rounded inputs."""
+LIMITS = {
+    "mass": (1e-9, 1e9, "kg"), "length": (1e-9, 1e6, "m"), "acceleration": (1e-6, 1e6, "m/s^2"),
+}  # fmt: skip
+"""Smallest and largest size of a quantity by its kind: beyond them products leave no digits."""
 
 
 @dataclass(frozen=True)
 class Units:
-    """The units of a body in SI units; arrays where they are of many bodies.
+    """The units of mass, length and time of a body, in SI units.
 
     Attributes
     ----------
@@ -48,7 +52,7 @@ class Units:
 
     @property
     def sizes(self) -> dict[str, tuple[float, str]]:
-        """Of each unit that rattlesweep writes, its size and the SI unit of that."""
+        """Size of each unit that rattlesweep writes, and the SI unit of that size."""
         m, a, g, t = self.mass, self.length, self.gravity, self.time
         return {
             "sqrt(a/g)": (t, "s"),
@@ -61,25 +65,43 @@ class Units:
 
 
 def number(value: float | str, kind: str, name: str) -> float:
-    """A number in SI units, or a text with a unit, of one of :data:`rattlesweep.units.KINDS`.
+    """Return a number in SI units, given as that or as text with a unit.
+
+    Parameters
+    ----------
+    value : float or str
+        The number, or a text such as ``"12 mm"``.
+    kind : str
+        One of :data:`rattlesweep.units.KINDS`.
+    name : str
+        What an error calls it.
 
     Raises
     ------
     ValueError
-        The text is no quantity of this kind; says so of `name`.
+        If the text is no quantity of this kind, or the number is beyond its limits.
     """
-    if not isinstance(value, str):
-        return float(value)
     try:
-        return quantity(value, kind)
+        found = quantity(value, kind) if isinstance(value, str) else float(value)
     except ValueError as error:
         raise ValueError(f"{name}: {value!r} {error}") from None
+    if sentence := beyond(found, kind):
+        raise ValueError(f"{name}: {found:g} {sentence}")
+    return found
+
+
+def beyond(value: float, kind: str) -> str:
+    """Return what is wrong with the size of a quantity, or "": zero and its sign do not matter."""
+    low, high, unit = LIMITS.get(kind, (0.0, math.inf, ""))
+    if value == 0 or not math.isfinite(value) or low <= abs(value) <= high:
+        return ""
+    return f"{unit} is out of range; from {low:g} to {high:g} {unit} is allowed"
 
 
 def principal(
     inertia: Floats, radii: Floats, axes_angle: Floats
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Principal moments, and the angle from their axes to those of curvature.
+    """Return the principal moments, and the angle from their axes to those of curvature.
 
     Parameters
     ----------
@@ -101,7 +123,7 @@ def principal(
     xx, yy, zz, xy = np.moveaxis(inertia, -1, 0)
     mean, half = (xx + yy) / 2, np.hypot((xx - yy) / 2, xy)
     larger = np.arctan2(2 * xy, xx - yy) / 2
-    # Where the second radius is the smaller one, its direction is a right angle on.
+    # If the second radius is the smaller one, its direction is a right angle further.
     smaller = axes_angle + np.where(radii[..., 0] <= radii[..., 1], 0.0, np.pi / 2)
     xi = np.remainder(smaller - larger, np.pi)
     return mean + half, mean - half, zz, np.where(xi > np.pi / 2, xi - np.pi, xi)
@@ -110,7 +132,7 @@ def principal(
 def parameters(
     mass: ArrayLike, inertia: ArrayLike, height: ArrayLike, radii: ArrayLike, axes_angle: ArrayLike
 ) -> dict[str, Floats]:
-    """``alpha, beta, gamma, theta, phi, xi`` of bodies; arguments as for :func:`principal`."""
+    """Return ``alpha, beta, gamma, theta, phi, xi``; arguments as for :func:`principal`."""
     mass, height, radii = (np.asarray(x, float) for x in (mass, height, radii))
     found = principal(np.asarray(inertia, float), radii, np.asarray(axes_angle, float))
     larger, smaller, vertical, xi = found
@@ -126,12 +148,12 @@ def parameters(
 
 
 def components(inertia: Sequence[float] | Sequence[Sequence[float]]) -> tuple[float, ...]:
-    """``I_xx, I_yy, I_zz, I_xy`` of a tensor, given as that, as three to six numbers or as matrix.
+    """Return ``I_xx, I_yy, I_zz, I_xy`` of a tensor, given as a matrix or three to six numbers.
 
     Raises
     ------
     ValueError
-        It is none of a body that can spin upright.
+        If no body that can spin upright has this tensor.
     """
     tensor = np.asarray(inertia, float)
     if tensor.ndim == 1 and 3 <= tensor.size <= 6:

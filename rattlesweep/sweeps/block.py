@@ -188,10 +188,10 @@ def _spread(outcome: Outcome, good: Flags) -> Outcome:
 def _inputs(launches: Launches) -> dict[str, Any]:
     columns = (
         dict(launches.carried)
-        | _named(launches, "case", "sample", "n_i", "omega_xy0", "psi", "n_c1")
+        | _named(launches, "case", "sample", "n_i", "omega_xy0", "psi", "n_c1", "n_0")
         | _named(launches.bodies, *PARAMETERS, "f_sd")
         | _named(launches.modes, "omega_p", "omega_r", "K_p", "K_r")
-        | _named(launches.gh, "n_0", "t_rgh")
+        | {"t_rgh": launches.gh.t_rgh}
     )
     for name in ("omega", "u"):
         if (vectors := getattr(launches.bodies, name)) is not None:

@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from rattlesweep.errors import ConfigError
-from rattlesweep.sweeps.config.load import override_config, resolved
+from rattlesweep.sweeps.config.read import override_config, resolved
 from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.locks import hold
 from rattlesweep.sweeps.stored import Stored, note_thresholds, open_stored

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rattlesweep.arrays import Floats, Integers
-from rattlesweep.sweeps.config.bodies import SdSource
+from rattlesweep.sweeps.config.schema import SdSource
 from rattlesweep.sweeps.launches import Launches, prepare
 from rattlesweep.sweeps.plan import Plan, make_plan
 

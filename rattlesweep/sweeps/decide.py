@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.columns import runs_schema
-from rattlesweep.sweeps.config.bodies import GridSource
-from rattlesweep.sweeps.config.schema import Config, Stop
+from rattlesweep.sweeps.config.schema import Config, GridSource, Stop
 from rattlesweep.sweeps.counts import codes, floats, wilson
 from rattlesweep.sweeps.types import TYPES, R
 

@@ -38,8 +38,7 @@ from rattlesweep.integrate.model import REDUCED, Model
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS, Tableau
 from rattlesweep.physics import full
-from rattlesweep.sweeps.config.integrator import Integrator
-from rattlesweep.sweeps.config.schema import Config
+from rattlesweep.sweeps.config.schema import Config, Integrator
 from rattlesweep.sweeps.launches import model_of
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -74,9 +75,9 @@ class Job:
     kernel_seconds: float = 0.0
     load_seconds: float = 0.0
     lost: int = 0  # runs that were under way when it was stopped
-    workers: int = 1  # blocks that are worked off at the same time
     waves: bool = False  # whether more may be wanted once this is done
     remarks: list[str] = field(default_factory=list)
+    resources: ExitStack = field(default_factory=ExitStack)  # what an engine keeps between waves
     _start: float = field(default_factory=time.monotonic)
     _begun: float | None = None
     _wanted: int = 0
@@ -207,3 +208,9 @@ class Job:
         if self.deadline is None or time.monotonic() < self.deadline:
             return False
         return some_done or (self._begun is not None and time.monotonic() >= self._begun + GRACE)
+
+
+Engine = Callable[[Job, Iterator[Keys]], Iterator[pa.Table]]
+"""Given blocks of keys, yields tables of rows, in any order and cut in any way.  What is thrown
+into it, such as a KeyboardInterrupt, it raises again after it has yielded the rows that are
+done."""

@@ -1,10 +1,10 @@
-"""Runs of a block before integration: bodies, launch, theory, horizon."""
+"""Runs before their integration: bodies, launches, theory, horizons, and the kernel's batch."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,32 +15,45 @@ from rattlesweep.integrate.batch import N_WINDOWS, Batch
 from rattlesweep.integrate.model import ELLIPSOID, FRICTION, FULL, MODELS, Model
 from rattlesweep.physics import full, launch, reduced, stone, theory
 from rattlesweep.physics.steady import settled_oscillation, steady_modes
-from rattlesweep.sweeps.bodies.sources import Bodies
-from rattlesweep.sweeps.columns import MEASURED
+from rattlesweep.sweeps.bodies.protocol import Bodies
 from rattlesweep.sweeps.config.schema import Config, Horizon
 from rattlesweep.sweeps.plan import Plan
 
-if TYPE_CHECKING:
-    from rattlesweep.sweeps.bodies.measured import Measured
-
-# A window is at least this many periods of the slower mode, so that it holds its largest
+# A window has at least this many periods of the slower mode, so that it contains the largest
 # amplitude; see the evidence in docs/types.md.
 WINDOW_PERIODS = 2.0
-# Within the first window, amplitudes are compared first after this many periods.
+# Within the first window, amplitudes are compared for the first time after this many periods.
 MARK_PERIODS = 8.0
-# A mode counts as one that decays if its amplitude falls by this share by the horizon.
+# A mode counts as decaying if its amplitude falls by this share until the horizon.
 LEAST_DECAY = 0.01
-# Up to this share from the initial spin its probes tell pitch from roll well enough for that.
+# The probes of the initial spin tell pitch from roll well enough up to this change of the spin.
 MOST_APART = 0.02
 
 
 @dataclass(frozen=True)
 class Launches:
-    """Runs that are ready to go; arrays over runs.
+    """Runs that are ready to be integrated; all arrays have one entry a run.
 
-    `gh` is the spin as Garcia and Hubbard have it; `t_end` the horizon, not finite where it cannot
-    be told; `second` the unit of time in seconds, None where it is not stored; `carried` columns
-    that the runs get from a table. `sigma` and `rolling` are None in a sweep without dissipation.
+    Attributes
+    ----------
+    case, sample : ndarray of int
+        Keys of the runs.
+    bodies : Bodies
+        Their bodies.
+    n_i, omega_xy0, psi : ndarray
+        Initial spin, size and direction of the initial oscillation.
+    modes : Modes
+        Small oscillations without spin.
+    gh : GarciaHubbard
+        The spin in Garcia and Hubbard's theory.
+    n_0 : ndarray
+        Spin that would hold all the energy of the launch.
+    n_c1 : ndarray
+        Bondi's threshold; NaN where there is none.
+    t_end : ndarray
+        Horizons; not finite where there is none.
+    sigma, rolling : ndarray or None
+        Dissipation; None in a sweep without.
     """
 
     case: Integers
@@ -51,26 +64,35 @@ class Launches:
     psi: Floats
     modes: theory.Modes
     gh: launch.GarciaHubbard
+    n_0: Floats
     n_c1: Floats
     t_end: Floats
-    second: Floats | None = None
-    carried: dict[str, NDArray[Any]] = field(default_factory=dict)
     sigma: Floats | None = None
     rolling: Floats | None = None
 
     @property
+    def second(self) -> Floats | None:
+        """``sqrt(a/g)`` in seconds, of bodies whose size is known."""
+        return self.bodies.second
+
+    @property
+    def carried(self) -> dict[str, NDArray[Any]]:
+        """Columns that the runs get from a table."""
+        return self.bodies.carried
+
+    @property
     def tapped(self) -> Flags:
-        """Which are launched without spin."""
+        """Whether a run is launched without spin."""
         return np.equal(self.n_i, 0.0)
 
     @property
     def spin_scale(self) -> Floats:
-        """What later spins are measured by: that of the launch, without one ``n_0``."""
-        return np.where(self.tapped, self.gh.n_0, np.abs(self.n_i))
+        """Spin that later spins are compared with: that of the launch, or ``n_0`` without one."""
+        return np.where(self.tapped, self.n_0, np.abs(self.n_i))
 
 
 def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
-    """Bodies, launches, theory and horizons of runs, in any order."""
+    """Return the launches of some runs, given by their keys in any order."""
     bodies = plan.source.bodies(plan.targets[case], sample)
     spin, state = plan.config.spin, plan.config.launch
     if state is not None and bodies.n_i is None:
@@ -78,27 +100,21 @@ def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
         n_i, omega_xy0, psi = launch.spin_and_oscillation(omega, u)
         bodies = replace(bodies, n_i=n_i, omega_xy0=omega_xy0, psi=psi, omega=omega, u=u)
 
-    def told(name: str) -> Floats:
-        """What the runs' rows in a table say, or else their cases."""
+    def value(name: str) -> Floats:
+        # A row of a table has its own, or else its case.
         own: Floats | None = getattr(bodies, name)
         return np.array([getattr(c, name) for c in plan.cases], float)[case] if own is None else own
 
-    n_i, omega_xy0 = told("n_i"), told("omega_xy0")
+    n_i, omega_xy0 = value("n_i"), value("omega_xy0")
     modes = theory.modes(bodies.alpha, bodies.beta, bodies.theta, bodies.phi, bodies.xi)
     if bodies.psi is not None:
         psi = bodies.psi
     else:
         psi = launch.direction(modes, n_i, spin.psi if spin is not None else "relevant")
-    horizon = plan.config.horizon
-    losses = (told("sigma"), told("rolling")) if plan.config.dissipation else None
-    found = with_theory(case, sample, bodies, n_i, omega_xy0, psi, modes, horizon, losses)
-    measured: Measured | None = getattr(plan.source, "measured", None)
-    if measured is None:
-        return found
-    names = {field.name for field in plan.extra}
-    carried = {name: of[sample] for name, of in measured.carried.items() if name in names}
-    second = measured.second if MEASURED[0].name in names else None
-    return replace(found, carried=carried, second=None if second is None else second[sample])
+    losses = (value("sigma"), value("rolling")) if plan.config.dissipation else None
+    return with_theory(
+        case, sample, bodies, n_i, omega_xy0, psi, modes, plan.config.horizon, losses
+    )
 
 
 def with_theory(
@@ -112,27 +128,33 @@ def with_theory(
     horizon: Horizon,
     losses: tuple[Floats, Floats] | None = None,
 ) -> Launches:
-    """Launches with what theory says of them; `losses` are ``sigma`` and ``rolling``."""
-    gh = launch.garcia_hubbard(bodies, modes, n_i, omega_xy0, psi)
-    if bodies.omega is not None and bodies.u is not None:
-        # The tilt has energy too.
-        gh = replace(gh, speed=_oscillation_speed(bodies, n_i, bodies.omega, bodies.u))
-    n_c1 = theory.bondi_threshold(bodies.alpha, bodies.beta, bodies.gamma, bodies.theta, bodies.phi)
+    """Return launches with their columns of theory; `losses` are ``sigma`` and ``rolling``."""
+    b = bodies
+    gh = launch.garcia_hubbard(b, modes, n_i, omega_xy0, psi)
+    n_0 = gh.n_0
+    if b.omega is not None and b.u is not None:
+        ix, iy, iz, *curvature = full.constants(b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi)
+        # The oscillation has the energy of the tilt too, here to second order.
+        p, q, x, y, _ = full.from_vectors(b.u.T, (b.omega - n_i[:, None] * b.u).T)
+        speed = np.sqrt(full.oscillation.py_func(p, q, x, y, ix, iy, *curvature) / iz)
+        gh = replace(gh, speed=speed)
+        n_0 = np.sqrt(2 * _energy(b, b.omega, b.u) / b.gamma)
+    n_c1 = theory.bondi_threshold(b.alpha, b.beta, b.gamma, b.theta, b.phi)
     sigma, rolling = losses or (None, None)
     if sigma is not None and rolling is not None:
-        # No spin stays beyond a threshold that dies.
+        # No spin stays above a threshold while it decays.
         n_c1 = np.where((sigma > 0) | (rolling > 0), np.nan, n_c1)
     t_end = np.full(len(n_i), np.inf)
     if horizon.t_rgh is not None:
-        # Without t_rGH, which is NaN, the other counts.
+        # A launch without t_rGH, which is NaN, has the others.
         t_end = np.fmin(t_end, horizon.t_rgh * gh.t_rgh)
     if horizon.t is not None:
         t_end = np.minimum(t_end, horizon.t)
     if horizon.t_decay is not None and sigma is not None:
         with np.errstate(divide="ignore"):
-            t_end = np.minimum(t_end, horizon.t_decay * bodies.gamma / sigma)
-    if bodies.t_end is not None:
-        t_end = np.where(np.isfinite(bodies.t_end), bodies.t_end, t_end)
+            t_end = np.minimum(t_end, horizon.t_decay * b.gamma / sigma)
+    if b.t_end is not None:
+        t_end = np.where(np.isfinite(b.t_end), b.t_end, t_end)
     return Launches(
         case=case,
         sample=sample,
@@ -142,25 +164,28 @@ def with_theory(
         psi=psi,
         modes=modes,
         gh=gh,
+        n_0=n_0,
         # Mirrored bodies spin steadily with n > 0.
-        n_c1=np.where(bodies.xi > 0, -n_c1, n_c1),
+        n_c1=np.where(b.xi > 0, -n_c1, n_c1),
         t_end=t_end,
         sigma=sigma,
         rolling=rolling,
     )
 
 
-def _oscillation_speed(bodies: Bodies, n_i: Floats, omega: Floats, u: Floats) -> Floats:
-    """As :func:`rattlesweep.physics.theory.oscillation_speed`, of full states."""
+def _energy(bodies: Bodies, omega: Floats, u: Floats) -> Floats:
+    """Return the energies of full states, above that of a body upright and at rest."""
     b = bodies
-    ix, iy, iz, *c = full.constants(b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi)
-    p, q, x, y, _ = full.from_vectors(u.T, (omega - n_i[:, None] * u).T)
-    speed: Floats = np.sqrt(full.oscillation.py_func(p, q, x, y, ix, iy, *c) / iz)
-    return speed
+    constants = full.constants(b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi)
+    # An ellipsoid with an infinite semi-axis is a paraboloid.
+    k = np.broadcast_to(stone.inverse_semi_axis(b.c), len(u))
+    rows = zip(*full.from_vectors(u.T, omega.T).tolist(), *np.array([*constants, k]).tolist(),
+               strict=True)  # fmt: skip
+    return np.array([stone.energy.py_func(*row) for row in rows], float)
 
 
 def model_of(config: Config) -> Model:
-    """The equations that a sweep integrates; the closed form has none."""
+    """Return the equations that a sweep integrates; the closed form has none."""
     if config.model != "full":
         return MODELS[config.model]
     surface = ELLIPSOID if config.bodies.ellipsoidal else FULL
@@ -169,15 +194,15 @@ def model_of(config: Config) -> Model:
 
 
 def make_batch(launches: Launches, model: str) -> Batch | None:
-    """Batch for a model; None for the closed form, of which nothing is integrated."""
+    """Return the batch of a model; None for the closed form, which needs no integration."""
     if model == "gh":
         return None
     return reduced_batch(launches) if model == "reduced" else full_batch(launches)
 
 
 def ending_early(batch: Batch, launches: Launches) -> Batch:
-    """A batch of the full dynamics whose runs end as soon as they are certain to be of type SS."""
-    n_0 = np.copysign(launches.gh.n_0, launches.n_i)
+    """Return a batch of the full dynamics whose runs end once they are certain to be of type SS."""
+    n_0 = np.copysign(launches.n_0, launches.n_i)
     rate = LEAST_DECAY / launches.t_end
     settled = settled_oscillation(batch.constants.T, n_0, launches.n_c1, rate)
     near = np.abs(n_0) <= (1 + MOST_APART) * np.abs(launches.n_i)
@@ -185,7 +210,7 @@ def ending_early(batch: Batch, launches: Launches) -> Batch:
 
 
 def full_batch(launches: Launches) -> Batch:
-    """Batch for the full dynamics."""
+    """Return the batch for the full dynamics."""
     b = launches.bodies
     if b.omega is None or b.u is None:
         y0 = launch.full_state(launches.n_i, launches.omega_xy0, launches.psi)
@@ -204,7 +229,7 @@ def full_batch(launches: Launches) -> Batch:
         more = [np.broadcast_to(stone.inverse_semi_axis(b.c), len(y0))]
     if sigma is not None and rolling is not None:
         more += [sigma, rolling, np.full(len(y0), stone.SMOOTHING)]
-        # Behind the state the work, none yet.
+        # The last component of the state is the work, none yet.
         y0 = np.concatenate([y0, np.zeros((len(y0), 1))], axis=1)
     oscillation = b.gamma * (launches.gh.n_0**2 - launches.n_i**2)
     return Batch(
@@ -223,7 +248,7 @@ def full_batch(launches: Launches) -> Batch:
 
 
 def reduced_batch(launches: Launches) -> Batch:
-    """Batch for the reduced dynamics; ``I_eff = I_zz`` as in Eq. def-n0."""
+    """Return the batch for the reduced dynamics; ``I_eff = I_zz`` as in Eq. def-n0."""
     b, m = launches.bodies, launches.modes
     e_p, e_r = reduced.mode_energies(
         b.alpha, b.beta, m.psi_p, m.psi_r, launches.omega_xy0, launches.psi
@@ -247,7 +272,7 @@ def reduced_batch(launches: Launches) -> Batch:
 
 
 def with_energies(batch: Batch, e_p0: float | None, e_r0: float | None) -> Batch:
-    """A batch of the reduced model with other energies of the launch, where they are given."""
+    """Return a batch of the reduced model with other initial energies, where they are given."""
     y0 = batch.y0.copy()
     for column, name, value in ((1, "e_p0", e_p0), (2, "e_r0", e_r0)):
         if value is None:
@@ -259,7 +284,7 @@ def with_energies(batch: Batch, e_p0: float | None, e_r0: float | None) -> Batch
 
 
 def _windows(t_end: Floats, slower: Floats) -> Floats:
-    """Lengths of windows: the horizon in equal parts, but none shorter than a few periods."""
+    """Return the lengths of windows: equal parts of the horizon of at least a few periods each."""
     # Not t_end / period: the reduced model has no oscillation, and so an infinite frequency here.
     parts = np.clip(np.floor(t_end * slower / (WINDOW_PERIODS * 2 * np.pi)), 1, N_WINDOWS)
     return np.where(np.isfinite(t_end), t_end / parts, 1.0)

@@ -14,7 +14,7 @@ import numpy as np
 import pyarrow as pa
 
 from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.sweeps.config.load import differences, fixed_part, resolved
+from rattlesweep.sweeps.config.read import differences, fixed_part, resolved
 from rattlesweep.sweeps.decide import decision
 from rattlesweep.sweeps.files import explained, streamed_file
 from rattlesweep.sweeps.locks import hold

@@ -196,8 +196,11 @@ def _measure(plan: Plan, launches: Launches, threads: int, most: int) -> _Pilot:
     table = build_table(columns, plan.schema)
     steps = np.ones(len(cost)) if outcome is None else outcome.n_steps.astype(float)
     cut = np.zeros(len(cost), bool) if outcome is None else outcome.status == Status.STEP_LIMIT
-    half = len(table) // 2
-    row_bytes = (_encoded(table) - _encoded(table.slice(0, half))) / (len(table) - half)
+    # Runs are drawn with replacement, and those that come again compress to nothing.
+    _, once = np.unique([launches.case, launches.sample], axis=1, return_index=True)
+    rows = table.take(pa.array(np.sort(once)))
+    half = len(rows) // 2
+    row_bytes = (_encoded(rows) - _encoded(rows.slice(0, half))) / (len(rows) - half)
     return _Pilot(np.maximum(steps, 1.0), cost, cut, float(steps.sum()) / seconds, row_bytes)
 
 

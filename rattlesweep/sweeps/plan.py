@@ -19,13 +19,13 @@ import pyarrow as pa
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics.launch import spin_and_oscillation
-from rattlesweep.sweeps.bodies.sources import Source, TableBodies, make_source
+from rattlesweep.sweeps.bodies.protocol import Source
+from rattlesweep.sweeps.bodies.sources import make_source
+from rattlesweep.sweeps.bodies.table import TableBodies
 from rattlesweep.sweeps.cases import Case
 from rattlesweep.sweeps.columns import STATE, runs_schema
-from rattlesweep.sweeps.config.bodies import SdSource
-from rattlesweep.sweeps.config.fields import TABLE
-from rattlesweep.sweeps.config.load import parse_config
-from rattlesweep.sweeps.config.schema import Config, Dissipation
+from rattlesweep.sweeps.config.read import parse_config
+from rattlesweep.sweeps.config.schema import TABLE, Config, Dissipation, SdSource
 
 MAX_RUNS = 10**9
 """Runs of a sweep; what is done of them is held as one byte each."""
@@ -109,9 +109,8 @@ def make_plan(config: Config, base: Path | None = None, source: Source | None = 
     extra: tuple[pa.Field, ...] = ()
     if isinstance(source, TableBodies) and source.has_launch:
         extra = STATE if source.has_state else ()
-        rows = source.bodies(np.nan, np.arange(source.samples))
-        assert rows.n_i is not None
-        _check_launches(config, bool(extra), rows.n_i, rows.t_end, " (row {} of the table)")
+        n_i, t_end = source.columns["n_i"], source.columns.get("t_end")
+        _check_launches(config, source.has_state, n_i, t_end, " (row {} of the table)")
     elif config.launch is not None:
         n_i, omega_xy0, _ = spin_and_oscillation(config.launch.omega, config.launch.u)
         launches = [(float(n_i), float(omega_xy0))]
@@ -125,8 +124,8 @@ def make_plan(config: Config, base: Path | None = None, source: Source | None = 
             "spin: missing; the table has no columns n_i and omega_xy0, so the config must "
             "give spin.n_i and spin.omega_xy0"
         )
-    if isinstance(source, TableBodies) and source.measured is not None:
-        extra += source.measured.fields
+    if isinstance(source, TableBodies):
+        extra += source.fields
     losses = config.dissipation.cases if config.dissipation else [(None, None)]
     combinations = product(targets, launches, losses)
     cases = tuple(
@@ -160,7 +159,7 @@ def _with_losses(config: Config, own: Mapping[str, float | str]) -> Config:
         return config
     try:
         data = config.model_dump() | {"dissipation": found.model_dump()}
-        return parse_config(data).placed(config.places)
+        return parse_config(data, like=config)
     except ConfigError as error:
         words = [f"bodies.path: with the table's columns: {line}" for line in error.messages]
         raise ConfigError(words) from None

@@ -22,7 +22,7 @@ from rattlesweep.integrate.batch import available_threads
 from rattlesweep.sweeps.cost import case_costs
 from rattlesweep.sweeps.decide import Refining, Stopping, decides, decision
 from rattlesweep.sweeps.files import explained
-from rattlesweep.sweeps.job import Job, Keys, OutOfTime, Progress
+from rattlesweep.sweeps.job import Engine, Job, OutOfTime, Progress
 from rattlesweep.sweeps.local import local
 from rattlesweep.sweeps.locks import hold
 from rattlesweep.sweeps.plan import Plan
@@ -39,11 +39,6 @@ from rattlesweep.sweeps.stored import (
 )
 from rattlesweep.sweeps.summary import summarise, write_summary
 from rattlesweep.sweeps.types import with_types
-
-Engine = Callable[[Job, Iterator[Keys]], Iterator[pa.Table]]
-"""Given blocks of keys, yields tables of rows, in any order and cut in any way.  What is thrown
-into it, such as a KeyboardInterrupt, it raises again after it has yielded the rows that are
-done."""
 
 
 @dataclass(frozen=True)
@@ -188,7 +183,8 @@ def run_sweep(
             job = Job(plan, threads, case_costs(plan), work.progress(report), deadline)
             job.waves = decide is not None
             work.find(retry_failed)
-            work.work_off(job, engine)
+            with job.resources:
+                work.work_off(job, engine)
             result.seconds = time.monotonic() - start
             work.close()
         except BaseException as error:

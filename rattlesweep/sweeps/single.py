@@ -1,4 +1,4 @@
-"""One run from Python or the command line, prepared as a sweep prepares its runs."""
+"""One run from Python or the command line, prepared in the way of a sweep."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import Batch
 from rattlesweep.physics.body import PARAMETERS, Rattleback
 from rattlesweep.sweeps.block import prepare_runs
-from rattlesweep.sweeps.bodies.sources import GridBodies, Source
-from rattlesweep.sweeps.config.load import parse_config
+from rattlesweep.sweeps.bodies.sources import GridBodies
+from rattlesweep.sweeps.bodies.table import TableBodies
+from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.launches import Launches, with_energies
 from rattlesweep.sweeps.plan import Plan, make_plan
@@ -21,14 +22,31 @@ from rattlesweep.sweeps.plan import Plan, make_plan
 
 @dataclass(frozen=True)
 class Launch:
-    """One run as it is asked for: what is launched, how, and what follows it.
+    """One run as a user asks for it.
 
-    The spin is given by `n_i`, `omega_xy0` and `psi` (``relevant``, which None stands for,
-    ``pitch``, ``roll`` or degrees), or by a full state: angular velocity `omega` in ``sqrt(g/a)``
-    and vertical unit vector `u` (None: upright), in components along the body's axes. `t_end` is
-    None for 5 t_rGH of the spin's own direction; `integrator` has keys of the config's. The reduced
-    model begins with the energies `e_p0` and `e_r0` of pitch and roll, in ``M g a``, None for the
-    launch's.
+    Attributes
+    ----------
+    body : Rattleback
+        The body.
+    n_i, omega_xy0 : float
+        Initial spin and size of the oscillation, in ``sqrt(g/a)``.
+    t_end : float, optional
+        Horizon in ``sqrt(a/g)``; None for 5 t_rGH of the spin's own direction.
+    psi : str or float, optional
+        Direction of the oscillation: ``relevant``, which is the default, ``pitch``, ``roll`` or
+        degrees.
+    model : str
+        ``full``, ``reduced`` or ``gh``.
+    integrator : mapping
+        Keys of the config's `integrator`.
+    e_p0, e_r0 : float, optional
+        Initial energies of pitch and roll in the reduced model, in ``M g a``; None for those of
+        the launch.
+    omega, u : sequence of float
+        A full state instead of `n_i`, `omega_xy0` and `psi`: angular velocity in ``sqrt(g/a)`` and
+        vertical unit vector (None: upright), components along the body's axes.
+    sigma, rolling : float
+        Dissipation.
     """
 
     body: Rattleback
@@ -47,12 +65,12 @@ class Launch:
 
     @property
     def surface(self) -> dict[str, Any]:
-        """The part of a config's `bodies` that says it."""
+        """Surface of the body, as keys of a config's `bodies`."""
         return {} if self.body.c is None else {"surface": "ellipsoid", "c": self.body.c}
 
     @property
     def config(self) -> dict[str, Any]:
-        """The part of a config that says it."""
+        """Launch, as keys of a config."""
         spin = {"n_i": self.n_i, "omega_xy0": self.omega_xy0, "psi": self.psi}
         if is_full_state(self.omega, self.u, spin):
             state = {"omega": self.omega, "u": self.u}
@@ -68,7 +86,7 @@ class Launch:
 
 
 def is_full_state(omega: Any, u: Any, spin: Mapping[str, Any]) -> bool:
-    """Whether a launch is a full state; refuses half of one, and one beside a spin."""
+    """Return whether a launch is a full state; refuse half of one, and one beside a spin."""
     if omega is None and u is None:
         return False
     if given := [name for name, value in spin.items() if value is not None]:
@@ -81,11 +99,16 @@ def is_full_state(omega: Any, u: Any, spin: Mapping[str, Any]) -> bool:
     return True
 
 
-def plan_of(launch: Launch, source: Source | None = None) -> Plan:
-    """A sweep of one body, or of the bodies of `source`, which may bring their own launches."""
+def plan_of(launch: Launch, source: TableBodies | None = None) -> Plan:
+    """Return the sweep of one body, or of the bodies, launches and dissipation of `source`."""
+    if source is None:
+        bodies = {"source": "preset", "name": "GH"} | launch.surface
+    else:
+        surface = {"surface": "ellipsoid"} if source.has_semi_axes else {}
+        bodies = {"source": "table", "path": "the table is in memory"} | surface
     config = parse_config(
         {
-            "bodies": {"source": "preset", "name": "GH"} | launch.surface,
+            "bodies": bodies,
             **launch.config,
             "model": launch.model,
             "horizon": {"t_rgh": 5.0} if launch.t_end is None else {"t": launch.t_end},
@@ -93,15 +116,17 @@ def plan_of(launch: Launch, source: Source | None = None) -> Plan:
             "dissipation": {"sigma": launch.sigma, "rolling": launch.rolling},
         }
     )
-    if source is None:
-        # The body itself, checked when it was made, in the preset's place.
-        names = [*PARAMETERS, *(["c"] if launch.surface else [])]
-        source = GridBodies({name: getattr(launch.body, name) for name in names}, {})
-    return make_plan(config, source=source)
+    if source is not None:
+        assert config.bodies.source == "table"
+        return make_plan(config, source=source.with_surface(config.bodies))
+    # The body itself, which was checked when it was made, takes the place of the preset.
+    names = [*PARAMETERS, *(["c"] if launch.surface else [])]
+    one = GridBodies({name: getattr(launch.body, name) for name in names}, {})
+    return make_plan(config, source=one)
 
 
 def single_run(launch: Launch) -> tuple[Config, Launches, Batch | None]:
-    """Config, launch and batch of one run: those of a sweep of one body; no batch for ``gh``."""
+    """Return config, launch and batch of one run, as a sweep has them; no batch for ``gh``."""
     plan = plan_of(launch)
     launches, batch = prepare_runs(plan, np.zeros(1, np.int64), np.zeros(1, np.int64))
     if batch is not None and launch.model == "reduced":

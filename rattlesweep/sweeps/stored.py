@@ -22,7 +22,7 @@ from rattlesweep.sweeps import columns
 from rattlesweep.sweeps.arrow import read_parquet
 from rattlesweep.sweeps.cases import Case, grown, recovered
 from rattlesweep.sweeps.columns import runs_schema
-from rattlesweep.sweeps.config.load import (
+from rattlesweep.sweeps.config.read import (
     differences,
     fixed_part,
     override_config,
@@ -310,7 +310,9 @@ def foreign_name(directory: Path) -> str | None:
     ours = ("runs", "sessions", MANIFEST, SUMMARY)
     with explained(f"cannot read {directory}"):
         names = sorted(p.name for p in directory.iterdir()) if directory.is_dir() else []
-    return next((name for name in names if name not in ours and not name.startswith(".")), None)
+    # Bodies from memory are kept before the sweep begins.
+    ours_too = (".", "bodies-")
+    return next((n for n in names if n not in ours and not n.startswith(ours_too)), None)
 
 
 def check_removable(directory: Path) -> None:

@@ -22,7 +22,7 @@ from rattlesweep.integrate.lanes.build import kernel
 from rattlesweep.physics import full, theory
 from rattlesweep.sweeps import block as blocks
 from rattlesweep.sweeps.plan import make_plan
-from rattlesweep.sweeps.config.load import parse_config
+from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.types import TYPES
 
 

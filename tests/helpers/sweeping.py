@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 from click.testing import CliRunner
 
 from rattlesweep import cli
-from rattlesweep.sweeps.config.load import load_config, parse_config
+from rattlesweep.sweeps.config.read import load_config, parse_config
 from rattlesweep.sweeps.plan import Plan, make_plan
 from rattlesweep.sweeps.run import run_sweep
 from rattlesweep.sweeps.stored import open_stored

@@ -179,7 +179,7 @@ def test_the_program_itself_shows_no_traceback(here):
     done = subprocess.run(
         [PROGRAM, "run", "c.yaml"], capture_output=True, text=True, timeout=60, check=False
     )
-    words = 'error: c.yaml:5:3: bodies.samples: "many" (text) is given here; write a whole number\n'
+    words = 'error: c.yaml:5: bodies.samples: "many" (text) is given here; write a whole number\n'
     assert (done.returncode, done.stdout, done.stderr) == (2, "", words)
 
 

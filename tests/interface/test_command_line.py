@@ -20,10 +20,10 @@ from rattlesweep.cli.common import types
 from rattlesweep.integrate.model import MODELS, WITH_TANGENT
 from rattlesweep.analysis.onerun.channels import choose
 from rattlesweep.analysis.onerun.figure import CURVES, SHOWN
-from rattlesweep.analysis.plots.registry import KINDS
+from rattlesweep.analysis.plots.kinds import KINDS
 from rattlesweep.sweeps.plan import make_plan
-from rattlesweep.sweeps.config.integrator import ACCURACIES
-from rattlesweep.sweeps.config.load import config_json_schema, parse_config
+from rattlesweep.sweeps.config.schema import ACCURACIES
+from rattlesweep.sweeps.config.read import config_json_schema, parse_config
 from rattlesweep.sweeps.columns import RECORD_PARTS
 
 HEAVY = {"numpy", "numba", "scipy", "pandas", "pyarrow", "pydantic", "tqdm", "matplotlib"}
@@ -59,7 +59,7 @@ def test_the_package_its_help_and_its_configs_load_nothing_heavy():
         from rattlesweep import cli
         cli.main(["--help"], standalone_mode=False)
         assert not {HEAVY} & set(sys.modules)
-        from rattlesweep.sweeps.config.load import load_config
+        from rattlesweep.sweeps.config.read import load_config
         load_config({str(CONFIGS / "quickstart.yaml")!r})
         assert not {HEAVY} - {{"pydantic"}} & set(sys.modules)
         # A function, and not the room of the same name.

@@ -7,7 +7,7 @@ from refusal import assert_refused
 from ruamel.yaml import YAML
 from sweeping import invoke
 
-from rattlesweep.sweeps.config.load import load_config, parse_config
+from rattlesweep.sweeps.config.read import load_config, parse_config
 from rattlesweep.sweeps.config.schema import Config
 
 

@@ -13,7 +13,7 @@ from sweeping import invoke
 
 import rattlesweep as rs
 from rattlesweep.sweeps.plan import make_plan
-from rattlesweep.sweeps.config.load import config_json_schema, load_config, parse_config
+from rattlesweep.sweeps.config.read import config_json_schema, load_config, parse_config
 from rattlesweep.sweeps.columns import RUNS, SUMMARY
 
 ROOT = Path(__file__).parents[2]

@@ -24,8 +24,7 @@ def sd(tmp_path_factory):
         "spin": {"n_i": [0.3, -0.3], "omega_xy0": 0.1},
         "horizon": {"t": 50},
         "record": ["energy", "windows"],
-        "block_size": 7,
-    }
+            }
     return rs.sweep(config, output=tmp_path_factory.mktemp("sd") / "out", threads=1)
 
 

@@ -20,7 +20,7 @@ from rattlesweep import cli
 from rattlesweep.analysis.onerun import figure as trajectory_figure
 from rattlesweep.analysis.onerun import files as trajectory_file
 from rattlesweep.analysis.onerun.course import Course
-from rattlesweep.analysis.onerun.observer import Observer
+from rattlesweep.analysis.onerun.course import Observer
 from rattlesweep.analysis.onerun.rows import Rows
 from rattlesweep.sweeps.single import Launch
 
@@ -103,12 +103,12 @@ def test_what_a_figure_shows(model: str):
     labels = [text.get_text() for text in axes[0].get_legend().get_texts()]
     assert len(axes) == {"full": 3, "reduced": 2, "gh": 1}[model]
     assert ("reduced model" in labels) == (model != "gh")
-    assert any("reversal" in label for label in labels)
+    assert any("turn" in label for label in labels)
     assert axes[-1].get_xlim() == (0, 2000)
     if model == "full":
         height = trajectory_figure.envelope(columns["omega_y"], 300)
         assert np.all(height >= np.abs(columns["omega_y"]) * (1 - 1e-12))
-        # Fig. 4: where the spin reverses omega_y is largest, omega_x has a local minimum.
+        # Fig. 5: where the spin reverses omega_y is largest, omega_x has a local minimum.
         assert abs(columns["t"][np.argmax(height)] - course.reversals[0]) < 20
         other = trajectory_figure.envelope(columns["omega_x"], 300)
         t = columns["t"]

@@ -44,7 +44,7 @@ SPIN = "spin: {n_i: [-0.3, 0.4], omega_xy0: [0.01, 0.1]}"
 CAPPED = "horizon: {t_rgh: 5, t: 2000}"
 GH = "bodies: {source: preset, name: GH}"
 SMALL = {
-    "sd": f"{SD}\n{SPIN}\n{CAPPED}\nblock_size: 10",
+    "sd": f"{SD}\n{SPIN}\n{CAPPED}",
     "free": "bodies: {source: sd, samples: 4}\nspin: {n_i: [-0.5, 0.1], omega_xy0: 0.01, psi: 30}\n"
     "horizon: {t: 500}\nrecord: [energy, contact, windows]",
     "unsteady": "bodies: {source: sd, samples: 4, target: {K_p: [0.2, 1.0]}}\n"

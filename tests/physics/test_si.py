@@ -90,6 +90,8 @@ def test_units_make_no_other_body():
         ({"inertia": (2e-4, 16e-4, 17e-4, 0, 1e-5)}, "the vertical is no principal axis: ixz and"),
         ({"radii": (0.005, 0.1)}, "radii: 0.005 m is not above the height 0.01 m"),
         ({"radii": (0.1, 0.1)}, "phi 0.1 is not below theta 0.1"),
+        ({"radii": (1e300, 0.1)}, r"radii: 1e\+300 m is out of range; from 1e-09 to 1e\+06 m is"),
+        ({"gravity": 1e30}, r"gravity: 1e\+30 m/s\^2 is out of range; from 1e-06 to 1e\+06 m/s"),
         ({"radii": (0.1,)}, "radii: two are needed, and not 1"),
         ({"inertia": (2e-4, 16e-4, 17e-4)}, "xi is 0 rad"),
     ],
@@ -129,13 +131,13 @@ def test_examples_are_what_they_are_for(kind):
 
 
 NO_LENGTH = {
-    "mm": "is no number with a unit; a length is needed, such as 12 mm",
+    "mm": "is not a number with a unit; a length is needed, such as 12 mm",
     "12": "has no unit; a length is needed, such as 12 mm",
-    "12 furlong": "has the unit furlong, which is none of kg",
+    "12 foo": "has the unit foo: 'foo' is not defined",
     "12 kg": "is a mass; a length is needed",
-    "12 mm^3": "is something else; a length is needed",
+    "12 mm^3": "is another quantity; a length is needed",
     "1,2 cm": "has 2 numbers; 1 is needed",
-    "nan m": "is no number with a unit",
+    "nan m": "is not a number with a unit",
 }
 
 
@@ -226,10 +228,10 @@ STONE --inertia '1,2 kg m^2' | has 2 numbers; 3, 4, 5 or 6 are needed
 --preset GH --c 2cm | --c has a unit, but the body has no size; give it
 STONE --c 2kg | --c 2kg: is a mass; a length is needed, such as 12 mm
 STONE --c 2mm | c 0.2 is not above theta 0.222222
-STONE --c tall | --c tall: is no number with a unit; a length is needed
+STONE --c tall | --c tall: is not a number with a unit; a length is needed
 --preset KL --sigma '1e-4 N m s' | --sigma has a unit, but the body has no size; give it with --height, --inertia, --mass, --radii, or a number in M a^2 sqrt(g/a)
 --preset KL --rolling 50um | or a number in a
-STONE --sigma '1e-4 N m' | --sigma 1e-4 N m: is something else; a torque per spin is needed, such as 1e-4 N m s
+STONE --sigma '1e-4 N m' | --sigma 1e-4 N m: is another quantity; a torque per spin is needed, such as 1e-4 N m s
 STONE --sigma '-1e-4 N m s' |  -0.0319
 """  # noqa: E501
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import pickle
 from decimal import Decimal
 from typing import Any
 
@@ -23,12 +24,13 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.sweeps.block import prepare_block
-from rattlesweep.sweeps.launches import prepare
+from rattlesweep.sweeps.bodies import sources, tablefile
 from rattlesweep.sweeps.bodies.philox import uniforms
-from rattlesweep.sweeps.bodies.quasi import APART, Sequence
 from rattlesweep.sweeps.bodies.sampler import draw_bodies
 from rattlesweep.sweeps.bodies.sources import CHUNK
-from rattlesweep.sweeps.config.load import parse_config, physics_hash
+from rattlesweep.sweeps.config.schema import Target
+from rattlesweep.sweeps.config.read import parse_config, physics_hash
+from rattlesweep.sweeps.launches import prepare
 
 SPIN = {"n_i": -0.1, "omega_xy0": 0.01}
 TABLE_I = {
@@ -55,16 +57,20 @@ def columns(bodies: Any) -> np.ndarray:
     return np.array([getattr(bodies, name) for name in PARAMETERS])
 
 
-def bodies_of(plan: Any, group: int = 0, samples: Any = None) -> np.ndarray:
+def bodies_of(plan: Any, target: float = math.nan, samples: Any = None) -> np.ndarray:
     """Parameters of a plan's bodies, of the shape (6, samples)."""
     some = np.arange(plan.samples) if samples is None else np.asarray(samples)
-    return columns(plan.source.bodies(group, some))
+    return columns(plan.source.bodies(target, some))
+
+
+def refusals(bodies: dict[str, Any], spin: Any = SPIN) -> list[str]:
+    with pytest.raises(ConfigError) as caught:
+        plan(bodies, spin).source.check_targets()
+    return caught.value.messages
 
 
 def refusal(bodies: dict[str, Any], spin: Any = SPIN) -> str:
-    with pytest.raises(ConfigError) as caught:
-        plan(bodies, spin).source.check_targets()
-    (line,) = caught.value.messages
+    (line,) = refusals(bodies, spin)
     assert "\n" not in line
     assert len(line) < 500
     return line
@@ -73,22 +79,23 @@ def refusal(bodies: dict[str, Any], spin: Any = SPIN) -> str:
 # -- random numbers ----------------------------------------------------------------------------
 
 words = st.integers(0, 2**63 - 1) | st.integers(0, 3) | st.integers(2**63 - 3, 2**63 - 1)
+signed = st.integers(-(2**63), 2**63 - 1)
 
 
 @settings(max_examples=200, deadline=None)
-@given(words, st.integers(0, 2**31), words, st.integers(0, 2**61) | st.integers(0, 3))
+@given(words, signed, words, st.integers(0, 2**61) | st.integers(0, 3))
 @example(0, 0, 0, 0)
-@example(2**63 - 1, 2**31, 2**63 - 1, 2**61)
-def test_the_bits_are_those_of_numpys_philox(seed, group, sample, draw):
+@example(2**63 - 1, -(2**63), 2**63 - 1, 2**61)
+def test_the_bits_are_those_of_numpys_philox(seed, word, sample, draw):
     # As one 256-bit integer: a list with numbers above 2^63 would become floats.
-    key, counter = seed + (group << 64), 2 * draw + (sample << 64)
+    key, counter = seed + (word % 2**64 << 64), 2 * draw + (sample << 64)
     generator = np.random.Generator(np.random.Philox(key=key, counter=counter))
-    assert uniforms(seed, group, sample, draw) == tuple(generator.random(8))
+    assert uniforms(seed, word, sample, draw) == tuple(generator.random(8))
 
 
 def test_draws_fill_the_ranges_uniformly_and_independently():
     n = 20_000
-    gamma, f_sd, theta, phi, xi, alpha, beta = draw_bodies(2017, 0, np.arange(n), RANGES)[0]
+    gamma, f_sd, theta, phi, xi, alpha, beta = draw_bodies(2017, np.arange(n), RANGES)[0]
     low, high = RANGES.T[:, :, None]
     unit = (np.array([gamma, f_sd, theta, phi, -np.degrees(xi)]) - low) / (high - low)
     assert 0 <= unit.min() <= unit.max() <= 1 + 1e-15
@@ -104,7 +111,7 @@ def test_draws_fill_the_ranges_uniformly_and_independently():
 
 def sobol(samples: Any, seed: int = 7) -> np.ndarray:
     """Points of the unit cube behind bodies that are drawn by a sequence."""
-    b = plan(drawn(20_000, draw="sobol"), seed=seed).source.bodies(0, np.asarray(samples))
+    b = plan(drawn(20_000, draw="sobol"), seed=seed).source.bodies(math.nan, np.asarray(samples))
     low, high = RANGES.T[:, :, None]
     points = (np.stack([b.gamma, b.f_sd, b.theta, b.phi, -np.degrees(b.xi)]) - low) / (high - low)
     points[4] = 1 - points[4]
@@ -120,12 +127,9 @@ def test_a_sequence_is_scipys_and_fills_every_cell_equally():
 
 
 def test_points_of_a_sequence_depend_on_seed_and_number_alone():
-    every = sobol(range(2 * APART + 50))
-    for samples in ([5], [0, 1, 9], [APART + 3, 3, 2 * APART + 10], [8000, 8001, 0, 1]):
+    every = sobol(range(2 * CHUNK + 50))
+    for samples in ([5], [0, 1, 9], [CHUNK + 3, 3, 2 * CHUNK + 10], [8000, 8001, 0, 1]):
         assert np.array_equal(sobol(samples), every[:, samples])
-    one = Sequence(5, 7)
-    late, early = one.points(np.array([8000])), one.points(np.array([8]))
-    assert np.array_equal(np.hstack([late, early]), Sequence(5, 7).points(np.array([8000, 8])))
     assert not np.array_equal(sobol([0, 1]), sobol([0, 1], seed=8))
     # The default way to draw is no part of the hash.
     hashes = [physics_hash(parse_config({"bodies": drawn(9, **draw), "spin": SPIN}))
@@ -141,8 +145,8 @@ def test_points_of_a_sequence_depend_on_seed_and_number_alone():
 )
 def test_targets_are_met(name, values):
     made = plan(drawn(100, target={name: values, "rel_tol": 2e-3}))
-    for group, value in enumerate(values):
-        b = made.source.bodies(group, np.arange(100))
+    for value in values:
+        b = made.source.bodies(value, np.arange(100))
         found = getattr(theory.modes(b.alpha, b.beta, b.theta, b.phi, b.xi), name)
         assert (np.abs(found - value) <= 2e-3 * value * (1 + 1e-12)).all()
         assert np.ptp(found) > 1e-3 * value
@@ -163,23 +167,63 @@ def test_cases_of_one_target_share_their_bodies():
 
 
 @pytest.mark.parametrize("target", [None, {"K_r": [0.03, 0.1], "rel_tol": 0.05}])
-def test_a_body_depends_on_seed_group_and_sample_alone(target):
+def test_a_body_depends_on_seed_target_and_sample_alone(target):
     """Not on the chunk in which it is drawn, nor on the order in which it is asked for."""
     n = CHUNK + 50
     config, rng = drawn(n, **({"target": target} if target else {})), np.random.default_rng(1)
-    for group in range(2 if target else 1):
-        fresh, whole = plan(config, seed=3), bodies_of(plan(config, seed=3), group)
+    for value in target["K_r"] if target else [math.nan]:
+        fresh, whole = plan(config, seed=3), bodies_of(plan(config, seed=3), value)
         for picks in ([n - 1], [0], rng.choice(n, 200)):
-            assert np.array_equal(bodies_of(fresh, group, picks), whole[:, picks])
-    first = bodies_of(plan(config, seed=3))
-    more = bodies_of(plan(config | {"samples": 2 * n}, seed=3), 0, np.arange(n))
-    assert np.array_equal(more, first)
-    assert not np.isin(bodies_of(plan(config | {"samples": 20}, seed=4)), first).any()
+            assert np.array_equal(bodies_of(fresh, value, picks), whole[:, picks])
+    more = bodies_of(plan(config | {"samples": 2 * n}, seed=3), value, np.arange(n))
+    assert np.array_equal(more, whole)
+    assert not np.isin(bodies_of(plan(config | {"samples": 20}, seed=4), value), whole).any()
+
+
+@pytest.mark.parametrize("draw", ["sobol", "saltelli"])
+def test_more_samples_leave_the_points_of_a_sequence(draw):
+    n = CHUNK + 48
+    few, more = (plan(drawn(size, draw=draw, c=[1.5, 3])) for size in (n, 2 * n))
+    assert np.array_equal(bodies_of(few), bodies_of(more, samples=np.arange(n)))
+
+
+def test_targets_in_front_or_between_leave_the_draws_of_the_others():
+    def of(*values: float, name: str = "K_r") -> dict[float, bytes]:
+        made = plan(drawn(40, target={name: values, "rel_tol": 0.05}))
+        return {value: bodies_of(made, value).tobytes() for value in values}
+
+    two, more = of(0.03, 0.1), of(0.02, 0.03, 0.05, 0.1)
+    assert all(more[value] == two[value] for value in two)
+    assert len(set(more.values())) == 4
+
+
+def test_the_two_coefficients_have_draws_of_their_own():
+    # Every body meets a target of such a tolerance, so that the first draws are compared.
+    ranges = np.array([[10, 12], [0.1, 0.12], [0.7, 0.8], [0.05, 0.06], [2.0, 2.1]])
+    firsts = []
+    for name, place in (("K_p", 2), ("K_r", 3)):
+        _, _, *shape, alpha, beta = draw_bodies(1, np.arange(3), ranges)[0]
+        value = float(theory.torque_coefficients(alpha, beta, *shape)[place][0])
+        aim = Target(**{name: [value], "rel_tol": 0.5})
+        firsts.append(draw_bodies(1, np.arange(3), ranges, aim, value))
+    assert [draws.tolist() for _, draws in firsts] == [[1, 1, 1]] * 2
+    assert not np.isin(firsts[0][0], firsts[1][0]).any()
+
+
+@pytest.mark.parametrize("draw", [{}, {"draw": "sobol"}, {"target": {"K_r": [0.1]}}])
+def test_a_source_is_pickled_without_what_it_has_drawn(draw):
+    made = plan(drawn(300, **draw))
+    fresh = pickle.dumps(made.source)
+    bodies = bodies_of(made, 0.1)
+    assert pickle.dumps(made.source) == fresh
+    there = pickle.loads(fresh).bodies(0.1, np.arange(300))
+    assert np.array_equal(columns(there), bodies)
 
 
 def test_a_body_does_not_depend_on_threads_or_blocks():
+    target = Target(K_r=[0.05], rel_tol=0.01)
     one, *others = (
-        draw_bodies(1, 2, np.arange(301), RANGES, 2, 0.05, 0.01, 10**6, threads=threads)
+        draw_bodies(1, np.arange(301), RANGES, target, 0.05, threads=threads)
         for threads in (1, 2, 3)
     )
     for other in others:
@@ -200,10 +244,10 @@ def test_an_impossible_target_says_how_close_the_ranges_get(name, value):
     line = refusal(drawn(10**6, target={name: [0.1, value], "max_draws": 20_000}))
     assert line.startswith(f"bodies.target.{name}: {value:g} was not met to 0.001 in 20000 draws")
     nearest = float(line.split("the nearest being ")[1].split(";")[0])
-    b = draw_bodies(0, 1, np.arange(200_000), RANGES)[0]
+    b = draw_bodies(0, np.arange(200_000), RANGES)[0]
     all_ = getattr(theory.modes(b[5], b[6], b[2], b[3], b[4]), name)
     # The nearest of 20,000 draws of one sample: of the order of the nearest of all.
-    assert abs(math.log(nearest / (all_.max() if value > 1 else all_.min()))) < 3
+    assert abs(math.log(nearest / (all_.max() if value > 1 else all_.min()))) < 5
     assert min(all_) < nearest < max(all_) * 1.5
 
 
@@ -215,7 +259,7 @@ def test_a_preset_is_one_body_with_what_was_replaced():
     made = plan(PRESET | {"overrides": {"theta": 0.82, "xi_deg": -2}})
     expected = [[gh.alpha], [gh.beta], [gh.gamma], [0.82], [gh.phi], [math.radians(-2)]]
     assert bodies_of(made).tolist() == expected
-    assert np.isnan(made.source.bodies(0, np.array([0])).f_sd).all()
+    assert np.isnan(made.source.bodies(math.nan, np.array([0])).f_sd).all()
 
 
 def test_a_grid_goes_through_its_axes_the_first_one_slowest():
@@ -225,13 +269,13 @@ def test_a_grid_goes_through_its_axes_the_first_one_slowest():
     grid = np.meshgrid([0.6, 0.7, 0.8, 0.9], [0.02, 0.036], np.radians([-1, -3]), indexing="ij")
     np.testing.assert_allclose(b[3:], [values.ravel() for values in grid], rtol=1e-15)
     assert (b[0] == 13.04).all()
-    assert np.array_equal(bodies_of(made, 0, [3, 9]), b[:, [3, 9]])
+    assert np.array_equal(bodies_of(made, samples=[3, 9]), b[:, [3, 9]])
 
 
 def test_a_grid_over_a_shell_dumbbell_body_remakes_its_inertia():
     base = {"gamma": 10, "f_sd": 0.1, "theta": 0.7, "phi": 0.05, "xi_deg": -3}
     axes = {"gamma": [8, 10], "f_sd": [0.1, 0.2], "minus_xi_deg": {"logspace": [0.01, 1, 3]}}
-    b = plan(GRID | {"base": base, "axes": axes}).source.bodies(0, np.arange(12))
+    b = plan(GRID | {"base": base, "axes": axes}).source.bodies(math.nan, np.arange(12))
     # The axes in the order in which a body lists its parameters.
     assert b.gamma.tolist() == [8.0] * 6 + [10.0] * 6
     assert b.f_sd.tolist() == ([0.1] * 3 + [0.2] * 3) * 2
@@ -317,9 +361,16 @@ BAD_TABLES = {
     "horizon of 0": (f"{HEAD},t_end\n{GH},0\n", "row 1: t_end is 0; it must be positive"),
     "empty launch": (f"{HEAD},n_i,omega_xy0\n{GH},,0.1\n", "row 1: n_i is empty; a finite"),
     "repeated": (f"{HEAD},theta\n{GH},0.7\n", "there are 2 columns theta; keep one of them"),
-    "a cell more in each row": (f"{HEAD}\n{GH},\n{GH},\n", "cannot be read as a table ("),
+    "a cell more in each row": (f"{HEAD}\n{GH},\n{GH},\n",
+                                "cannot be read as a table (Error tokenizing data. C error: Expected"),
     "no rows": (f"{HEAD}\n", "the table has no rows; give at least one body"),
-    "too many cells": (f"{HEAD}\n{GH}\n{GH},1,2,3\n", "cannot be read as a table ("),
+    "too many cells": (f"{HEAD}\n{GH}\n{GH},1,2,3\n", "fields in line 3, saw 9)"),
+    "underflow": (f"{HEAD},n_i,omega_xy0\n{GH},1,1e-150\n",
+                  "row 1: omega_xy0 is 1e-150; at least 1e-140 is allowed"),
+    "degrees": (f"{HEAD},n_i,omega_xy0,psi\n{GH},1,0.1,30\n",
+                "row 1: psi is 30; an angle from -2 pi to 2 pi in radians is allowed; a column in "
+                "degrees is called psi_deg"),
+    "many turns": (f"{HEAD},n_i,omega_xy0,psi_deg\n{GH},1,0.1,400\n", "row 1: psi_deg is 400; an"),
 }  # fmt: skip
 
 
@@ -340,6 +391,54 @@ def test_a_bad_table_is_told_by_its_row_and_what_is_none_by_its_name(name, tmp_p
     line = refusal(source)
     assert line.startswith("bodies.path: ")
     assert words in line
+
+
+def test_the_first_bad_rows_are_told_together(tmp_path):
+    rows_ = [GH, GH.replace("0.6429", "1.2"), GH, GH.replace("1.522", "0.5"), GH]
+    lines = refusals(table(tmp_path, "\n".join([HEAD, *rows_, *rows_])))
+    assert [line.split(": ")[2] for line in lines] == ["row 2", "row 4", "row 7", "row 9"]
+    assert "theta is 1.2" in lines[0]
+    assert "beta is 0.5" in lines[3]
+    many = "\n".join([f"{HEAD},n_i,omega_xy0", *[f"{GH},x,-1"] * 9])
+    *five, last = refusals(table(tmp_path, many))
+    assert [f"row {k}: n_i is 'x'" in line for k, line in enumerate(five, 1)] == [True] * 5
+    assert last.endswith("there are more bad rows")
+
+
+def test_a_table_that_is_too_large_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(tablefile, "MAX_ROWS", 5)
+    monkeypatch.setattr(tablefile, "MAX_COLUMNS", 7)
+    frame = pd.DataFrame([[float(x) for x in GH.split(",")]] * 6, columns=list(PARAMETERS))
+    wide = frame.iloc[:2].assign(a=1, b=2)
+    for large, words in ((frame, "the table has more than 5 rows"), (wide, "has 8 columns; at mo")):
+        large.to_parquet(tmp_path / "b.parquet")
+        assert words in refusal({"source": "table", "path": str(tmp_path / "b.parquet")})
+        assert words in refusal(table(tmp_path, large.to_csv(index=False)))
+        with pytest.raises(ConfigError, match=words):
+            rs.sweep(large, output=tmp_path / "out", spin=SPIN)
+
+
+def test_a_table_is_known_by_its_content(tmp_path):
+    """Not by the bytes of its file, but by all that goes into the runs."""
+    text = f"{HEAD},n_i,omega_xy0,name\n{GH},0.1,0.02,one\n{GH},0.2,0.02,\n"
+    csv = plan(table(tmp_path, text)).source
+    pd.read_csv(tmp_path / "b.csv").to_parquet(tmp_path / "b.parquet")
+    same = plan({"source": "table", "path": str(tmp_path / "b.parquet")}).source
+    assert csv.carried_names == same.carried_names == ("name",)
+    first = sources.content_hash(csv)
+    assert (
+        first == sources.content_hash(same) == sources.content_hash(pickle.loads(pickle.dumps(csv)))
+    )
+    for old, new in (("0.1", "0.3"), ("one", "two"), ("omega_xy0,name", "omega_xy0,label")):
+        other = plan(table(tmp_path, text.replace(old, new))).source
+        assert sources.content_hash(other) != first
+    assert sources.content_hash(plan(PRESET).source) == ""
+
+
+def test_directions_in_degrees(tmp_path):
+    text = f"{HEAD},n_i,omega_xy0,psi_deg\n{GH},0.1,0.02,30\n{GH},0.1,0.02,-90\n"
+    source = plan(table(tmp_path, text)).source
+    assert source.columns["psi"].tolist() == [math.radians(30), math.radians(-90)]
 
 
 def test_a_table_without_launch_needs_a_spin(tmp_path):

@@ -19,7 +19,7 @@ from test_invariance import Stop, cut
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps import rows as rows_module
 from rattlesweep.sweeps.block import compute, prepare_runs
-from rattlesweep.sweeps.config.load import parse_config, physics_hash
+from rattlesweep.sweeps.config.read import parse_config, physics_hash
 from rattlesweep.sweeps.counts import wilson
 from rattlesweep.sweeps.decide import FIRST, Refining, Stopping, decision, filled, strides
 from rattlesweep.sweeps.memory import integrate_plan, same_bits

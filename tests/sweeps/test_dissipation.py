@@ -20,7 +20,7 @@ from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.physics.theory import bondi_threshold
 from rattlesweep.sweeps.block import prepare_block
 from rattlesweep.sweeps.launches import model_of
-from rattlesweep.sweeps.config.load import parse_config, physics_hash
+from rattlesweep.sweeps.config.read import parse_config, physics_hash
 from rattlesweep.sweeps.old import sealed
 
 SIGMA, ROLLING = [0.0, 0.05, 0.2], [0.0, 1e-3]

@@ -22,7 +22,7 @@ from rattlesweep.analysis.onerun.course import Course
 from rattlesweep.analysis.onerun.replay import Replay, cause_of
 from rattlesweep.analysis.plots.fractions import UNSURE
 from rattlesweep.analysis.plots.layout import read_layout
-from rattlesweep.analysis.plots.registry import read_picture
+from rattlesweep.analysis.plots.kinds import choose_picture
 from rattlesweep.analysis.style import styled
 from rattlesweep.sweeps import error
 from rattlesweep.sweeps.block import (
@@ -424,7 +424,7 @@ def test_types_that_are_not_sure_are_hatched(marked, told):
     pale: dict[Path, list[float]] = {}
     for directory in (marked, told):
         with styled():
-            figure = read_picture(read_layout(directory), "fractions").figure()
+            figure = choose_picture(read_layout(directory), "fractions").figure()
         patches = [patch for axes in figure.axes for patch in axes.patches]
         pale[directory] = [p.get_height() for p in patches if p.get_hatch() == UNSURE["hatch"]]
     rows = rows_of(marked).to_pandas()

@@ -181,7 +181,7 @@ STEPS = {
     "samples too": (SMALL, changed(SMALL, spin=SPIN, bodies={"samples": 13})),
     "in samples, cases and targets": (
         AIMED,
-        changed(AIMED, bodies={"samples": 40, "target": TARGET | {"K_r": [0.1, 0.05]}}, spin=SPIN),
+        changed(AIMED, bodies={"samples": 40, "target": TARGET | {"K_r": [0.05, 0.1]}}, spin=SPIN),
     ),
     "of a sequence": (
         changed(SMALL, bodies={"draw": "sobol"}),

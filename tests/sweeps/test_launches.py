@@ -77,14 +77,31 @@ def test_tilted_states_reverse_when_mechanics_says(tilted):
         t_r, _ = oracle.first_zero(BODY, states[k], T_END, samples=12)
         assert runs.t_r[k] == pytest.approx(np.nan if t_r is None else t_r, rel=1e-8, nan_ok=True)
         assert runs.n_i[k] == pytest.approx(oracle.spin(states[k]), rel=1e-14)
-    # Theory counts the energy of the tilt: to second order, E = gamma n_0^2 / 2.
+    # All of the energy of the tilt counts.
     rest = oracle.energy(np.array([0, 0, -1.0, 0, 0, 0]), BODY)
     found = [oracle.energy(y, BODY) - rest for y in states]
-    np.testing.assert_allclose(0.5 * BODY["gamma"] * runs.n_0**2, found, rtol=0.03)
+    np.testing.assert_allclose(0.5 * BODY["gamma"] * runs.n_0**2, found, rtol=1e-10)
     # The last turns about the vertical, so that all of its oscillation is the tilt.
     assert runs.n_0.iloc[-1] > 1.1 * runs.n_i.iloc[-1]
     assert runs.omega_xy0.iloc[-1] < 1e-15
     assert (runs.t_rgh > 0).all()
+
+
+@pytest.mark.parametrize("body", [{}, {"phi": 0.01}, {"c": 2.0}])
+def test_n_0_is_the_spin_with_all_the_energy_of_a_state(body, tmp_path):
+    """The energy of the spin's translation too: a body of small curvature swings far out."""
+    c = {name: body[name] for name in ("c",) if name in body}
+    over = {"phi": body["phi"]} if "phi" in body else {}
+    bodies = {"source": "preset", "name": "GH", "overrides": over} | c
+    tilt = [0.0, 0.1, -math.sqrt(0.99)]
+    for u, omega in ((tilt, [0, 0, -0.3]), ([0, 0, -1], [0.02, 0.1, 0.2]), (tilt, [0.1, 0.2, 0])):
+        launch = {"omega": omega, "u": u}
+        config = {"launch": launch, "horizon": {"t": 1}, "record": ["energy"]}
+        run = rs.sweep({"bodies": bodies, **config}, output=tmp_path / str(omega)).runs.iloc[0]
+        assert run.n_0 == pytest.approx(math.sqrt(2 * run.energy_0 / run.gamma), rel=1e-14)
+    if over:
+        n_0 = rs.load(tmp_path / "[0, 0, -0.3]").runs.n_0[0]
+        assert n_0 == pytest.approx(0.954, abs=5e-4)
 
 
 def test_a_sweep_of_states_can_be_had_again(tilted, tmp_path):
@@ -192,10 +209,10 @@ def test_the_reduced_model_can_be_tapped():
     ("config", "words"),
     [
         ("spin: {n_i: [0.1, 0], omega_xy0: 0.1}", "horizon.t: missing; a launch without spin has"),
-        ("spin: {n_i: 0, omega_xy0: 0.1}\nhorizon: {t: 9}\nmodel: gh", "c.yaml:4:1: model: gh beg"),
+        ("spin: {n_i: 0, omega_xy0: 0.1}\nhorizon: {t: 9}\nmodel: gh", "c.yaml:4: model: gh beg"),
         ("launch: {omega: [0, 0, 1]}", "t_rgh times t_rGH is not a finite time in the only run"),
         ("launch: {omega: [1, 0, 0]}", "horizon.t: missing; a launch without spin has no t_rGH"),
-        ("launch: {omega: [0.1, 0, 1]}\nmodel: reduced", "c.yaml:3:1: model: reduced begins with"),
+        ("launch: {omega: [0.1, 0, 1]}\nmodel: reduced", "c.yaml:3: model: reduced begins with"),
     ],
 )  # fmt: skip
 def test_launches_that_cannot_be_are_refused(config, words, tmp_path, monkeypatch):

@@ -106,20 +106,27 @@ def test_commands_know_the_columns_of_a_table(tmp_path, monkeypatch):
     pd.testing.assert_frame_equal(rs.load("out").runs, runs)
 
 
-def test_a_directory_begun_without_the_columns_keeps_its_runs(tmp_path, monkeypatch):
-    """As one of an earlier version, which left out what it did not know."""
-    path, output = tmp_path / "t.csv", tmp_path / "out"
-    path.write_text(f"stone,{PLAIN}\ngrey,{ROW}\nred,{ROW}\n")
-    rest = {"spin": {"n_i": 0.3, "omega_xy0": [0.1, 0.2]}, "horizon": {"t": 20}, "block_size": 3}
-    with monkeypatch.context() as before:
-        before.setattr(table, "own_columns", lambda *_: table.Measured())
-        old = sweep(path, output, **rest)
-    assert "stone" not in old
-    first, last = sorted((output / "runs").iterdir())
-    stamp = first.stat().st_mtime_ns
-    last.unlink()
-    pd.testing.assert_frame_equal(sweep(path, output, **rest), old)
-    assert first.stat().st_mtime_ns == stamp
+def test_a_frame_is_swept_with_all_of_its_columns(tmp_path):
+    """Surface, dissipation, units and own columns, as from a file; the table is kept whole."""
+    frame = STONES.assign(
+        c_m=[0.02, np.nan, 0.05], sigma=[0.0, 0.01, 0.02], rolling_m=[0.0, 1e-6, 0.0]
+    )
+    made = rs.sweep(frame, output=tmp_path / "out")
+    runs = made.runs
+    assert runs.c.tolist() == pytest.approx([2.0, np.nan, 2.5], nan_ok=True)
+    assert runs.sigma.tolist() == [0.0, 0.01, 0.02]
+    assert runs["rolling"].tolist() == pytest.approx([0, 1e-6 / 0.012, 0], rel=1e-14)
+    kept = ["stone", "number", "hardness", "mass_kg", "height_m"]
+    pd.testing.assert_frame_equal(runs[kept], STONES[kept], check_dtype=False)
+    (file,) = (tmp_path / "out").glob("bodies-*.parquet")
+    source, again = table.frame_bodies(frame), table.read_bodies(str(file))
+    assert again.content_hash == source.content_hash
+    assert source.carried_names == ("stone", "number", "code", "hardness")
+    assert rs.sweep(frame, output=tmp_path / "out").runs.equals(runs)
+    # And in memory.
+    alone = rs.simulate(frame)
+    assert alone.t_r.equals(runs.t_r)
+    assert alone.sigma.equals(runs.sigma)
 
 
 def test_xi_in_degrees_and_the_unit_of_time_alone(tmp_path):
@@ -131,6 +138,25 @@ def test_xi_in_degrees_and_the_unit_of_time_alone(tmp_path):
     assert runs.xi[0] == -math.radians(1.72)
     assert runs.t_r_s[0] == pytest.approx(runs.t_r[0] * second, rel=1e-14)
     assert runs.n_i_rpm[0] == pytest.approx(0.3 / second * 30 / math.pi)
+
+
+def test_columns_are_carried_as_what_they_hold(tmp_path):
+    path = tmp_path / "t.csv"
+    path.write_text(
+        f"{PLAIN},whole,gaps,real,padded,words,height_m \n"
+        f"{ROW},+5 ,1,1.5,01,a b,0.02 \n{ROW},-7,,2,2,,0.02\n"
+    )
+    source = table.read_bodies(str(path))
+    assert source.carried_names == ("whole", "gaps", "real", "padded", "words")
+    held = {name: values.tolist() for name, values in source.carried.items()}
+    assert held.pop("height_m") == [0.02, 0.02]
+    assert held == {
+        "whole": [5, -7], "gaps": [1, None], "real": [1.5, 2.0], "padded": ["01", "2"],
+        "words": ["a b", None],
+    }  # fmt: skip
+    frame = pd.DataFrame([map(float, ROW.split(","))], columns=PLAIN.split(","))
+    frame["huge"] = np.uint64(2**63)
+    assert table.frame_bodies(frame).carried["huge"].tolist() == [2.0**63]
 
 
 SI = ",".join(name for name in STONES if name.endswith(("kg", "_m", "m2")))
@@ -146,6 +172,8 @@ BAD = {
                   "the column height_m is missing; n_i_rpm needs it"),
     "negative": (f"{SI}\n{SI_ROW}\n{SI_ROW.replace('1,0.01', '1,-0.01')}\n",
                  "row 2: height_m is -0.01; it must be positive"),
+    "another world": (f"{SI},gravity_m_s2\n{SI_ROW},1e30\n",
+                      "row 1: gravity_m_s2 is 1e+30; from 1e-06 to 1e+06 m/s^2 is allowed"),
     "impossible": (f"{SI}\n{SI_ROW.replace('17e-4', '27e-4')}\n", "row 1: no body has this inert"),
     "two spins": (f"{PLAIN},n_i,omega_xy0,n_i_rpm,height_m\n{ROW},0.1,0.1,60,0.01\n",
                   "row 1: n_i is 0.1, and n_i_rpm comes to 0.200607; keep one of the two"),

@@ -23,7 +23,7 @@ from rattlesweep.physics import full, stone
 from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.sweeps.block import prepare_block
 from rattlesweep.sweeps.launches import model_of
-from rattlesweep.sweeps.config.load import parse_config, physics_hash
+from rattlesweep.sweeps.config.read import parse_config, physics_hash
 from rattlesweep.sweeps.columns import runs_schema
 
 SPIN = {"n_i": [0.2], "omega_xy0": [0.05]}
@@ -35,7 +35,7 @@ ROW = "13.04,1.522,12.28,0.6429,0.036,-0.03"
 
 def c_of(bodies: dict[str, Any], **others: Any) -> Any:
     plan = plan_of({"bodies": bodies, "spin": SPIN, **others})
-    return plan.source.bodies(0, np.arange(plan.samples)).c
+    return plan.source.bodies(np.nan, np.arange(plan.samples)).c
 
 
 def test_a_paraboloid_is_as_it_was():
@@ -64,14 +64,14 @@ def test_drawn_bodies_have_semi_axes_from_their_range_and_stay_the_same_otherwis
     assert c_of(source | {"c": [1.5, 4]}, seed=1).tolist() != c.tolist()
     assert set(c_of(source | {"c": 3}).tolist()) == {3}
     if draw == "random":
-        whole, flat = (plan_of({"bodies": s, "spin": SPIN}).source.bodies(0, np.arange(300))
+        whole, flat = (plan_of({"bodies": s, "spin": SPIN}).source.bodies(np.nan, np.arange(300))
                        for s in (source | {"c": [1.5, 4]}, source))  # fmt: skip
         for name in PARAMETERS:
             assert np.array_equal(getattr(whole, name), getattr(flat, name))
     # Each target draws its own.
     aimed = {"source": "sd", "samples": 20, "target": {"K_r": [0.05, 0.1], "rel_tol": 0.05}}
     plan = plan_of({"bodies": aimed | {"c": [1, 2]}, "spin": SPIN})
-    first, second = (plan.source.bodies(group, np.arange(20)).c for group in (0, 1))
+    first, second = (plan.source.bodies(value, np.arange(20)).c for value in (0.05, 0.1))
     assert first.tolist() != second.tolist()
 
 

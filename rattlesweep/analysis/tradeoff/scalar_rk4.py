@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import cache
-from typing import Any
-
 import numpy as np
 
 from rattlesweep.arrays import Floats
 from rattlesweep.integrate.batch import Batch
-from rattlesweep.integrate.cache import cached
+from rattlesweep.integrate.compile import Kernel, load_kernel
 from rattlesweep.physics import full
 
 DT = 0.002
@@ -18,13 +14,13 @@ DT = 0.002
 
 @full.scalar
 def _moved(y, h, k):  # type: ignore[no-untyped-def]
-    """Component by component, ``y + h k``."""
+    """Return ``y + h k``, component by component."""
     return (y[0] + h * k[0], y[1] + h * k[1], y[2] + h * k[2], y[3] + h * k[3], y[4] + h * k[4])
 
 
 @full.scalar
 def rk4_step(y, body, dt):  # type: ignore[no-untyped-def]
-    """One step of the classical method for one run; `y` and `body` are tuples."""
+    """Return the state after one step of the classical method; `y` and `body` are tuples."""
     k1 = full.rhs(*(y + body))
     k2 = full.rhs(*(_moved(y, dt / 2, k1) + body))
     k3 = full.rhs(*(_moved(y, dt / 2, k2) + body))
@@ -49,20 +45,20 @@ def _reversals(y0, constants, t_end, dt, t_r):  # type: ignore[no-untyped-def]
             n = n1
 
 
-@cache
-def _compiled() -> Callable[..., Any]:
-    compiled: Callable[..., Any] = cached(
-        _reversals, fastmath=full.FASTMATH, error_model="numpy", nogil=True
-    )
-    return compiled
+def reversals() -> Kernel:
+    """Return the loop over runs, to be compiled."""
+    arguments = np.zeros((0, 5)), np.zeros((0, 6)), np.zeros(0), DT, np.zeros(0)
+    options = {"fastmath": full.FASTMATH, "error_model": "numpy", "nogil": True}
+    return Kernel(_reversals, arguments, options, (__file__,))
 
 
 def scalar_rk4(batch: Batch) -> Floats:
-    """Times of reversal by RK4 at dt 0.002 with the package's own equations.
+    """Return times of reversal by RK4 at dt 0.002 with the package's own equations.
 
     The spin's sign is looked at once a step and its zero interpolated linearly; nothing else is
     observed.
     """
     t_r = np.empty(len(batch))
-    _compiled()(batch.y0, batch.constants, batch.t_end, DT, t_r)
+    state, constants = map(np.ascontiguousarray, (batch.y0, batch.constants))
+    load_kernel(reversals)(state, constants, batch.t_end, DT, t_r)
     return t_r

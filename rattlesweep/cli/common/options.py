@@ -15,9 +15,9 @@ from rattlesweep.cli.common.output import say
 from rattlesweep.text import align
 
 if TYPE_CHECKING:
-    from rattlesweep.sweeps.single import Launch
-    from rattlesweep.sweeps.plan import Plan
     from rattlesweep.sweeps.config.schema import Config
+    from rattlesweep.sweeps.plan import Plan
+    from rattlesweep.sweeps.single import Launch
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
@@ -164,7 +164,7 @@ rows = Group(
 where = option(
     "--where",
     metavar="CONDITION",
-    help="Select runs by their columns: = != < <= > >=, in (...), is null, and, or, not.",
+    help="Select runs by a pandas query on their columns, as in 'type == \"SW\" and K_r < 0.005'.",
 )
 _which = (
     option("--case", type=int, help="Case of the run."),
@@ -221,7 +221,7 @@ def launched(
 
 def load_sweep(path: Path, overrides: tuple[str, ...], output: Path | None = None) -> Config:
     """The config of a sweep, with what the command line says instead."""
-    from rattlesweep.sweeps.config.load import load_config
+    from rattlesweep.sweeps.config.read import load_config
 
     loaded = load_config(path, overrides)
     return loaded if output is None else loaded.model_copy(update={"output": str(output)})

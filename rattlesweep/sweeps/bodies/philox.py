@@ -1,9 +1,10 @@
 """Counter-based random numbers: Philox 4x64-10 (Salmon et al., SC'11), compiled.
 
-A draw is a function of ``(seed, group, sample, draw)`` and of nothing else, so that every sample
-can be made again alone, in any thread and any block.  The bits are those of
-``numpy.random.Philox(key=(seed, group), counter=(2 draw, sample, 0, 0))``, whose objects are
-too slow to make one for every sample.
+A draw is a function of ``(seed, word, sample, draw)`` and of nothing else, so that every sample can
+be drawn again alone, in any thread and any block.  The word stands for the target of a sample
+(:func:`rattlesweep.sweeps.bodies.sampler.word_of`).  The bits are those of
+``numpy.random.Philox(key=(seed, word), counter=(2 draw, sample, 0, 0))``, whose objects take too
+long to create for every sample.
 """
 
 # mypy: disable-error-code="no-untyped-def"
@@ -24,7 +25,7 @@ _UNIT = 2.0**-53
 
 @njit(nogil=True)
 def _multiply(a, b):
-    """High and low words of a 64 by 64 bit product."""
+    """Return the high and the low word of a 64 by 64 bit product."""
     a_high, a_low = a >> _HALF, a & _LOW
     b_high, b_low = b >> _HALF, b & _LOW
     low = a_low * b_low
@@ -35,7 +36,7 @@ def _multiply(a, b):
 
 @njit(nogil=True)
 def philox(key0, key1, c0, c1, c2, c3):
-    """Four words for one counter (unsigned 64 bit each)."""
+    """Return four words for one counter (unsigned 64 bit each)."""
     for _ in range(10):
         high0, low0 = _multiply(_M0, c0)
         high1, low1 = _multiply(_M1, c2)
@@ -46,16 +47,16 @@ def philox(key0, key1, c0, c1, c2, c3):
 
 
 @njit(nogil=True)
-def uniforms(seed, group, sample, draw):
-    """Eight numbers in [0, 1), multiples of 2^-53.
+def uniforms(seed, word, sample, draw):
+    """Return eight numbers in [0, 1), multiples of 2^-53.
 
     NumPy raises its counter before it uses it, hence the 1 and the 2.
     """
-    s, g, k = np.uint64(seed), np.uint64(group), np.uint64(sample)
+    s, w, k = np.uint64(seed), np.uint64(word), np.uint64(sample)
     first = np.uint64(2) * np.uint64(draw)
     zero = np.uint64(0)
-    a = philox(s, g, first + np.uint64(1), k, zero, zero)
-    b = philox(s, g, first + np.uint64(2), k, zero, zero)
+    a = philox(s, w, first + np.uint64(1), k, zero, zero)
+    b = philox(s, w, first + np.uint64(2), k, zero, zero)
     return (
         float(a[0] >> _SHIFT) * _UNIT,
         float(a[1] >> _SHIFT) * _UNIT,

@@ -1,67 +1,58 @@
-"""Points that fill the ranges of bodies more evenly than random ones: scrambled Sobol' sequences.
+"""Scrambled Sobol' sequences, which fill the ranges of bodies more evenly than random points.
 
-A point is a function of the seed and the sample: sample ``k`` is the ``k``-th point of a sequence
-that is scrambled (Owen, J. Complexity 14, 466, 1998) by the seed.
+Sample ``k`` is the ``k``-th point of a sequence that the seed scrambles (Owen, J. Complexity 14,
+466, 1998), and so a function of the seed and its own number.
 """
 
 from __future__ import annotations
 
-import warnings
+from threading import Lock
 
 import numpy as np
 from scipy.stats import qmc
 
-from rattlesweep.arrays import Floats, Integers
-
-# Points that nobody asks for are made up to so long a gap, and skipped beyond.
-APART = 4096
+from rattlesweep.arrays import Floats
 
 
 class Sequence:
-    """A scrambled Sobol' sequence, from which points are taken by their numbers."""
+    """Points of the unit cube, taken by their numbers.
 
-    def __init__(self, dimensions: int, seed: int) -> None:
-        self._dimensions = dimensions
-        self._sequence = qmc.Sobol(dimensions, rng=np.random.default_rng((seed, 0)))
-
-    def points(self, numbers: Integers) -> Floats:
-        """Points of the unit cube, shape (dimensions, numbers); spans that follow are cheap."""
-        points = np.empty((self._dimensions, len(numbers)))
-        # A block may hold the end of one case and the start of the next.
-        step = np.diff(numbers)
-        edges = np.flatnonzero((step < 0) | (step > APART)) + 1
-        for place in np.split(np.arange(len(numbers)), edges):
-            if len(place):
-                first, last = int(numbers[place[0]]), int(numbers[place[-1]])
-                points[:, place] = self._span(first, last + 1)[:, numbers[place] - first]
-        return points
-
-    def _span(self, first: int, stop: int) -> Floats:
-        if first < self._sequence.num_generated:
-            self._sequence.reset()
-        if first > self._sequence.num_generated:
-            self._sequence.fast_forward(first - self._sequence.num_generated)
-        with warnings.catch_warnings():
-            # Of a first span whose length is no power of 2: all spans together are the sweep.
-            warnings.simplefilter("ignore", UserWarning)
-            span: Floats = self._sequence.random(stop - first).T
-        return span
-
-
-class Design(Sequence):
-    """Samples in groups about two points, for indices of sensitivity.
-
-    The first sample of a group is the one point, the second the other, and each of the rest the
-    first with one coordinate of the second.
+    Parameters
+    ----------
+    dimensions : int
+        Coordinates of a point.
+    seed : int
+        Seed of the scrambling.
+    group : int
+        1 for the plain sequence.  Otherwise samples come in groups of `group` about two points, for
+        indices of sensitivity: the first sample of a group is the one point, the second the other,
+        and each of the rest is the first point with one coordinate of the second.
     """
 
-    def __init__(self, dimensions: int, seed: int, group: int) -> None:
-        super().__init__(2 * dimensions, seed)
+    def __init__(self, dimensions: int, seed: int, group: int = 1) -> None:
         self._group = group
+        size = dimensions if group == 1 else 2 * dimensions
+        self._sobol = qmc.Sobol(size, rng=np.random.default_rng((seed, 0)))
+        self._lock = Lock()
 
-    def points(self, numbers: Integers) -> Floats:
-        """Points of the unit cube, shape (dimensions, numbers)."""
-        first, second = np.split(super().points(numbers // self._group), 2)
-        which = numbers % self._group
-        swapped = (which == 1) | (which == 2 + np.arange(len(first))[:, None])
-        return np.where(swapped, second, first)
+    def points(self, first: int, stop: int) -> Floats:
+        """Return the points with numbers from `first` up to `stop`, shape (dimensions, points)."""
+        if self._group == 1:
+            return self._sobol_points(first, stop)
+        group, place = np.divmod(np.arange(first, stop), self._group)
+        pairs = self._sobol_points(int(group[0]), int(group[-1]) + 1)[:, group - group[0]]
+        one, other = np.split(pairs, 2)
+        swapped = (place == 1) | (place == 2 + np.arange(len(one))[:, None])
+        return np.where(swapped, other, one)
+
+    def _sobol_points(self, first: int, stop: int) -> Floats:
+        count = stop - first
+        with self._lock:
+            if first < self._sobol.num_generated:
+                self._sobol.reset()
+            if first > self._sobol.num_generated:
+                self._sobol.fast_forward(first - self._sobol.num_generated)
+            # SciPy warns if the first points it is asked for are not a power of two.
+            asked = count if first else 1 << (count - 1).bit_length()
+            points: Floats = self._sobol.random(asked)[:count].T
+        return points

@@ -9,27 +9,36 @@ from typing import Any, cast
 
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
 
 from rattlesweep.arrays import Floats, Integers
+from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import available_threads
-from rattlesweep.integrate.cache import cached, specialise
-from rattlesweep.integrate.loading import loaded
+from rattlesweep.integrate.compile import Kernel, load_kernel
 from rattlesweep.integrate.task import Control, side_by_side
 from rattlesweep.physics import body, theory
 from rattlesweep.sweeps.bodies import philox
 from rattlesweep.sweeps.bodies.philox import uniforms
+from rattlesweep.sweeps.config.schema import Target
 
-# The formulas, compiled for scalars: one source for both uses.  The last calls the second by its
-# global name.
+# The formulas of `physics`, compiled for scalars: one source for both uses.
 _shell_dumbbell = njit(nogil=True)(body.shell_dumbbell)
-_hessian = njit(nogil=True)(theory.hessian)
-torque_coefficients = njit(nogil=True)(
-    specialise(theory.torque_coefficients, "torque_coefficients_scalar", hessian=_hessian)
-)
+register_jitable(nogil=True)(theory.hessian)
+torque_coefficients = njit(nogil=True)(theory.torque_coefficients)
+
+
+def word_of(coefficient: str, value: float) -> int:
+    """Return the second word of the Philox key of samples that are drawn for a target.
+
+    Without a target the word is 0.  With one it is the 64 bits of the value as a float; values are
+    positive, and the sign bit, set for ``K_p``, tells the two coefficients apart.  So a draw does
+    not depend on the other targets in the list.  The word is returned as a signed integer.
+    """
+    return int(np.float64(-value if coefficient == "K_p" else value).view(np.int64))
 
 
 def unit_to_ranges(u, ranges):
-    """``gamma, f_sd, theta, phi, xi`` at a point ``u`` of the unit cube, or at many."""
+    """Return ``gamma, f_sd, theta, phi, xi`` at a point ``u`` of the unit cube, or at many."""
     gamma = ranges[0, 0] + (ranges[0, 1] - ranges[0, 0]) * u[0]
     f_sd = ranges[1, 0] + (ranges[1, 1] - ranges[1, 0]) * u[1]
     theta = ranges[2, 0] + (ranges[2, 1] - ranges[2, 0]) * u[2]
@@ -44,28 +53,28 @@ _unit_to_ranges = njit(nogil=True)(unit_to_ranges)
 
 @njit(nogil=True)
 def body_at(u, ranges):
-    """``gamma, f_sd, theta, phi, xi, alpha, beta`` at a point ``u`` of the unit cube."""
+    """Return ``gamma, f_sd, theta, phi, xi, alpha, beta`` at a point ``u`` of the unit cube."""
     gamma, f_sd, theta, phi, xi = _unit_to_ranges(u, ranges)
     alpha, beta = _shell_dumbbell(gamma, f_sd)
     return gamma, f_sd, theta, phi, xi, alpha, beta
 
 
 def bodies_of(points: Floats, ranges: Floats) -> Floats:
-    """What `draw_bodies` gives at points of the unit cube, of as many dimensions as ranges."""
+    """Return the columns of :func:`draw_bodies` at points of the unit cube, one row a range."""
     gamma, f_sd, theta, phi, xi = cast("Any", unit_to_ranges)(points, ranges)
     c = [low + (high - low) * u for (low, high), u in zip(ranges[5:], points[5:], strict=True)]
     return np.stack([gamma, f_sd, theta, phi, xi, *body.shell_dumbbell(gamma, f_sd), *c])
 
 
 def _draw(
-    first, last, stop, seed, samples, group, ranges, which, target, rel_tol, max_draws,
+    first, last, stop, seed, samples, word, ranges, which, target, rel_tol, max_draws,
     out, draws, nearest,
 ):  # fmt: skip
-    """Fill ``out`` with what `body_at` gives for each sample.
+    """Draw the bodies of the samples from ``first`` up to ``last`` into the columns of ``out``.
 
     ``which`` is 0 for no target, 1 for K_p and 2 for K_r.  Where no draw meets the target ``draws``
-    is -1 and ``nearest`` holds the coefficient that came closest.  Works on the samples from
-    ``first`` up to ``last`` and gives up once ``stop[0]`` is set.
+    is -1 and ``nearest`` holds the coefficient that came closest.  Returns early once ``stop[0]``
+    is set.
     """
     for i in range(first, last):
         if stop[0]:
@@ -73,7 +82,7 @@ def _draw(
         best = np.inf
         draws[i] = -1
         for k in range(max_draws):
-            u = uniforms(seed, group, samples[i], k)
+            u = uniforms(seed, word, samples[i], k)
             drawn = body_at(u, ranges)
             if which > 0:
                 _, _, theta, phi, xi, alpha, beta = drawn
@@ -93,58 +102,82 @@ def _draw(
             break
 
 
-def sampler() -> tuple[Any, tuple[Any, ...]]:
-    """The sampler, not yet compiled, and arguments to call it with."""
+def sampler() -> Kernel:
+    """Return the sampler, to be compiled."""
     whole, real = np.zeros(0, dtype=np.int64), np.zeros(0)
-    return cached(_draw, also=(philox.__file__,), nogil=True), (
+    arguments = (
         0, 0, Control().flag, 0, whole, 0, np.zeros((5, 2)), 0, 0.0, 0.0, 0,
         np.zeros((7, 0)), whole, real,
     )  # fmt: skip
+    return Kernel(_draw, arguments, {"nogil": True}, (__file__, philox.__file__))
 
 
 def draw_bodies(
     seed: int,
-    group: int,
     samples: Integers,
     ranges: Floats,
-    which: int = 0,
-    target: float = 0.0,
-    rel_tol: float = 1e-3,
-    max_draws: int = 1,
+    target: Target | None = None,
+    value: float = np.nan,
     threads: int | None = None,
-) -> tuple[Floats, Integers, Floats]:
-    """Draw bodies of some samples; each depends on the seed, its group and its own number alone.
+) -> tuple[Floats, Integers]:
+    """Draw the bodies of some samples; each depends on the seed, the target's value and its number.
 
-    `group` is the place of the target in its list, `ranges`, of shape (5, 2) or (6, 2), are those
-    of ``gamma, f_sd, theta, phi``, minus ``xi`` in degrees and perhaps ``c``; `which` is 0 without
-    a target, 1 for ``K_p`` and 2 for ``K_r``. The threads that draw for a target are Python's,
-    since one of Numba's pools aborts the process when the integrator's kernel runs in another
-    thread at the same time.
+    The threads that draw for a target are Python's, since one of Numba's pools aborts the process
+    if the kernel of the integrator runs in another thread at the same time.
+
+    Parameters
+    ----------
+    seed : int
+        Seed of the sweep.
+    samples : ndarray of int
+        Numbers of the samples.
+    ranges : ndarray, shape (5, 2) or (6, 2)
+        Ranges of ``gamma, f_sd, theta, phi``, minus ``xi`` in degrees, and perhaps ``c``.
+    target : Target, optional
+        The coefficient to be met, and how closely; `value` is the one of its values to be met.
+    threads : int, optional
+        Threads that draw for a target; by default one for each processor.
 
     Returns
     -------
     bodies : ndarray, shape (7, samples) or (8, samples)
-        ``gamma, f_sd, theta, phi, xi, alpha, beta``, perhaps ``c``.
-    draws, nearest : ndarray
-        Draws used, -1 where the target was not met, and the coefficient nearest to it.
+        ``gamma, f_sd, theta, phi, xi, alpha, beta``, and perhaps ``c``.
+    draws : ndarray of int
+        Draws that each sample took.
+
+    Raises
+    ------
+    ConfigError
+        If a sample does not meet the target within ``target.max_draws`` draws.
     """
     out = np.full((2 + len(ranges), samples.size), np.nan)
     draws = np.zeros(samples.size, dtype=np.int64)
     nearest = np.full(samples.size, np.nan)
-    # Copies are of the types that it is compiled for, whatever is given.
+    word, aim = 0, (0, 0.0, 0.0, 1)
+    if target is not None:
+        word = word_of(target.name, value)
+        aim = (1 if target.name == "K_p" else 2, float(value), target.rel_tol, target.max_draws)
+    # The copies have the types that the sampler is compiled for.
     settings = (
-        seed, np.array(samples), group, np.array(ranges, dtype=float, order="C"), which,
-        float(target), float(rel_tol), max_draws, out, draws, nearest,
+        seed, np.array(samples, dtype=np.int64), word, np.array(ranges, dtype=float, order="C"),
+        *aim, out, draws, nearest,
     )  # fmt: skip
-    draw = loaded(sampler)
-    if which == 0:
+    draw = load_kernel(sampler)
+    if target is None:
         draw(0, samples.size, Control().flag, *settings)
-    else:
-        threads = threads or available_threads()
-        edges = np.linspace(0, samples.size, threads + 1).astype(int).tolist()
-        # In threads of their own: this one goes on hearing Ctrl-C.
-        side_by_side([partial(_part, draw, *ends, settings) for ends in pairwise(edges)], threads)
-    return out, draws, nearest
+        return out, draws
+    threads = threads or available_threads()
+    edges = np.linspace(0, samples.size, threads + 1).astype(int).tolist()
+    # This thread stays free to notice Ctrl-C.
+    side_by_side([partial(_part, draw, *ends, settings) for ends in pairwise(edges)], threads)
+    for place in np.flatnonzero(draws < 0):
+        raise ConfigError(
+            f"bodies.target.{target.name}: {value:g} was not met to {target.rel_tol:g} in "
+            f"{target.max_draws} draws of sample {samples[place]}, the nearest being "
+            f"{nearest[place]:.6g}; choose another target, wider ranges, a larger rel_tol "
+            "or more max_draws"
+        )
+    return out, draws
 
 
 def _part(draw: Any, first: int, last: int, settings: tuple[Any, ...], control: Control) -> None:

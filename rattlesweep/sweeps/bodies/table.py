@@ -1,221 +1,495 @@
-"""Read a table of bodies (CSV or Parquet) and check every row."""
+"""Bodies from the rows of a table: which columns count, which values are possible, what is carried.
+
+A row gives a body, by the parameters of the equations or in SI units by the columns of
+:data:`BODY`; perhaps a launch, as a spin and an oscillation or as a full state, a horizon, and its
+dissipation.  Other columns, such as the name of a stone, are carried along to the runs.
+"""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable
-from dataclasses import replace
+import hashlib
+import math
+from collections.abc import Iterable
+from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
-import pyarrow.parquet as pq
+import pyarrow.compute as pc
+from numpy.typing import NDArray
 
-from rattlesweep.arrays import Flags, Floats
+from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.errors import ConfigError, one_line
+from rattlesweep.physics import si
 from rattlesweep.physics.body import PARAMETERS, violations
 from rattlesweep.physics.launch import spin_and_oscillation
-from rattlesweep.sweeps.bodies.measured import (
-    BODY,
-    INPUT,
-    Measured,
-    own_columns,
-    refuse_row,
-    require,
-    without_units,
+from rattlesweep.sweeps import columns as known
+from rattlesweep.sweeps.arrow import build_table, write_parquet
+from rattlesweep.sweeps.bodies.protocol import Bodies
+from rattlesweep.sweeps.bodies.tablefile import read_table, table_of
+from rattlesweep.sweeps.columns import F64, I64, MEASURED, RUNS, STATE, TEXT
+from rattlesweep.sweeps.config.schema import (
+    MAX_SPEED,
+    MAX_TIME,
+    MIN_OSCILLATION,
+    TABLE,
+    TableSource,
+    unit,
 )
-from rattlesweep.sweeps.columns import MEASURED
-from rattlesweep.sweeps.config.fields import MAX_SPEED, MAX_TIME
-from rattlesweep.sweeps.config.schema import unit
+from rattlesweep.sweeps.files import explained
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 LAUNCH = ("n_i", "omega_xy0")
 OMEGA, U = ("omega_x", "omega_y", "omega_z"), ("u_x", "u_y", "u_z")
 LOSSES = ("sigma", "rolling")
-NULLABLE = ("t_end", "psi", "f_sd", "t_r", "c", "t_end_s", "c_m")
-COLUMNS = (*PARAMETERS, *LAUNCH, *OMEGA, *U, *NULLABLE[:5], *LOSSES)
-# Of an output table, both the full state and the spin it has are there; so far may they differ.
-SPIN_SLACK = 1e-9
+COLUMNS = (*PARAMETERS, *LAUNCH, *OMEGA, *U, "t_end", "psi", "f_sd", "c", *LOSSES)
+"""Columns that say what is run, without SI units."""
 
-# Of columns that are no body's: what is wrong with a value, and what is wanted.
-RULES: tuple[tuple[str, Callable[[Floats], Flags], str], ...] = (
-    *((name, lambda x: np.abs(x) > MAX_SPEED, f"at most {MAX_SPEED:g} is allowed")
-      for name in (*LAUNCH, *OMEGA, "sigma")),
-    *((name, lambda x: x <= 0, "it must be positive")
-      for name in ("t_end", *BODY, "gravity_m_s2")),
-    ("t_end", lambda t_end: t_end > MAX_TIME, f"at most {MAX_TIME:g} is allowed"),
-    *((name, lambda loss: loss < 0, "it must be at least 0") for name in LOSSES),
-    ("rolling", lambda rolling: rolling > 1, "at most 1 is allowed"),
+BODY = ("mass_kg", "height_m", "ixx_kg_m2", "iyy_kg_m2", "izz_kg_m2", "r1_m", "r2_m")
+"""Mass, height of the centre of mass, inertia about it, radii of curvature at the bottom."""
+BODY_DEFAULTS = {"ixy_kg_m2": 0.0, "axes_angle_deg": 0.0, "gravity_m_s2": si.GRAVITY}
+"""Product of inertia, angle from the x axis to the direction of r1, and gravity."""
+WITH_UNITS = {
+    "xi_deg": ("xi", ()), "psi_deg": ("psi", ()), "n_i_rpm": ("n_i", ("height_m",)),
+    "omega_xy0_rpm": ("omega_xy0", ("height_m",)), "t_end_s": ("t_end", ("height_m",)),
+    "c_m": ("c", ("height_m",)), "rolling_m": ("rolling", ("height_m",)),
+    "sigma_N_m_s": ("sigma", ("mass_kg", "height_m")),
+}  # fmt: skip
+"""Columns with units: what each stands for, and which other columns tell its scale."""
+INPUT = (*COLUMNS, "t_r", *BODY, *BODY_DEFAULTS, *WITH_UNITS)
+NULLABLE = ("t_end", "psi", "psi_deg", "f_sd", "t_r", "c", "t_end_s", "c_m")
+KEPT = {"mass_kg": "kg", "height_m": "m", "gravity_m_s2": "m/s^2"}
+"""Input columns that the runs keep, and their units."""
+
+RESULTS = {column.name for part in (*RUNS.values(), STATE, MEASURED) for column in part}
+TAKEN = {column.name for part in ("keys", "result", "observation") for column in RUNS[part]}
+"""Names of results that no input column may have."""
+
+# How far a column may differ from the same one with units, as an output table has both of spins.
+SLACK = 1e-9
+MOST_TOLD = 5
+NUMBER = r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*$"
+WHOLE, PADDED = r"^\s*[+-]?\d{1,18}\s*$", r"^\s*[+-]?0\d"
+
+POSITIVE = np.nextafter(0.0, 1.0)
+SIZES = {
+    "mass_kg": "mass", "height_m": "length", "r1_m": "length", "r2_m": "length",
+    "gravity_m_s2": "acceleration",
+}  # fmt: skip
+RULES: tuple[tuple[tuple[str, ...], float, float, str], ...] = (
+    ((*LAUNCH, *OMEGA, "sigma"), -MAX_SPEED, MAX_SPEED, f"at most {MAX_SPEED:g} is allowed"),
+    (("t_end", *BODY, "gravity_m_s2"), POSITIVE, np.inf, "it must be positive"),
+    (("t_end",), -np.inf, MAX_TIME, f"at most {MAX_TIME:g} is allowed"),
+    (LOSSES, 0, np.inf, "it must be at least 0"),
+    (("rolling",), -np.inf, 1, "at most 1 is allowed"),
+    (("psi",), -2 * np.pi, 2 * np.pi,
+     "an angle from -2 pi to 2 pi in radians is allowed; a column in degrees is called psi_deg"),
+    (("psi_deg",), -360, 360, "an angle from -360 to 360 degrees is allowed"),
+    *(((name,), low, high, f"from {low:g} to {high:g} {unit} is allowed")
+      for name, kind in SIZES.items() for low, high, unit in [si.LIMITS[kind]]),
 )  # fmt: skip
-# And where there is no full state, which may have no oscillation.
-SPIN_RULES = (("omega_xy0", lambda omega: omega <= 0, "it must be positive"),)
+"""Columns that are no parameters of bodies: the smallest and the largest value, and a sentence."""
+SPIN_RULES: tuple[tuple[tuple[str, ...], float, float, str], ...] = (
+    (("omega_xy0",), POSITIVE, np.inf, "it must be positive"),
+    (("omega_xy0",), MIN_OSCILLATION, np.inf,
+     f"at least {MIN_OSCILLATION:g} is allowed, as the square of a smaller one underflows"),
+)  # fmt: skip
+"""Rules of launches that are no full states, which may have no oscillation."""
 
-# Types of a Parquet file that are taken.
-NUMBERS = (pa.types.is_integer, pa.types.is_floating, pa.types.is_decimal, pa.types.is_string,
-           pa.types.is_large_string, pa.types.is_null)  # fmt: skip
-
-
-def check_value(name: str, values: Floats) -> tuple[int, str] | None:
-    """The place of the first value, of a flat array, that breaks a rule, and what is wanted."""
-    for column, is_wrong, wanted in (*RULES, *SPIN_RULES):
-        if column == name and (bad := is_wrong(values)).any():
-            return int(np.argmax(bad)), wanted
-    return None
+Problem = tuple[int, str]
 
 
-def read_table(path: str, base: Path | None = None) -> tuple[dict[str, Floats], Measured]:
+class TableBodies:
+    """Bodies from the rows of a table.
+
+    Parameters
+    ----------
+    columns : dict of ndarray
+        Columns by the names of :data:`COLUMNS`, all of one length: those of the parameters, and
+        perhaps others.
+    second, carried : ndarray and dict of ndarray, optional
+        As for :class:`rattlesweep.sweeps.bodies.protocol.Bodies`.
+    fields : tuple of pyarrow.Field
+        Fields of the columns that the runs have because of these two.
+    """
+
+    def __init__(
+        self,
+        columns: dict[str, Floats],
+        second: Floats | None = None,
+        carried: dict[str, NDArray[Any]] | None = None,
+        fields: tuple[pa.Field, ...] = (),
+    ) -> None:
+        self.columns, self.second = columns, second
+        self.carried, self.fields = carried or {}, fields
+        self.samples = len(columns["alpha"])
+        self.has_launch = "n_i" in columns
+        self.has_state = "u_x" in columns
+
+    @property
+    def carried_names(self) -> tuple[str, ...]:
+        """Names of the table's own columns, which have no meaning for the runs."""
+        return tuple(name for name in self.carried if name not in KEPT)
+
+    @property
+    def losses(self) -> dict[str, float | str]:
+        """Dissipation that the table gives: a number if all rows share it, else "table"."""
+        own = {name: np.unique(self.columns[name]) for name in LOSSES if name in self.columns}
+        return {name: float(v[0]) if len(v) == 1 else TABLE for name, v in own.items()}
+
+    @property
+    def has_semi_axes(self) -> bool:
+        """Whether some of the bodies are ellipsoids."""
+        return "c" in self.columns and bool(np.isfinite(self.columns["c"]).any())
+
+    @property
+    def config(self) -> dict[str, str]:
+        """The part `bodies` of the config of a sweep that keeps these bodies beside its runs."""
+        surface = {"surface": "ellipsoid"} if self.has_semi_axes else {}
+        # By its content: no other table is taken for it.
+        return {"source": "table", "path": f"bodies-{self.content_hash[:16]}.parquet"} | surface
+
+    @cached_property
+    def content_hash(self) -> str:
+        """Hash of all columns: other bodies, launches or carried values have another one."""
+        digest = hashlib.sha256()
+        for name, values in sorted((self.columns | self.carried).items()):
+            digest.update(f"{name}\0{values.dtype.kind}\0{len(values)}\0".encode())
+            if values.dtype.kind == "f":
+                # One NaN is as good as another.
+                digest.update(np.where(np.isnan(values), np.nan, values).tobytes())
+            elif values.dtype.kind == "i":
+                digest.update(values.tobytes())
+            else:
+                digest.update(repr(values.tolist()).encode())
+        return digest.hexdigest()
+
+    def bodies(self, target: float | Floats, sample: Integers) -> Bodies:
+        """Return the bodies of some runs; all cases have the same."""
+        columns = {name: values[sample] for name, values in self.columns.items()}
+        columns.setdefault("f_sd", np.full(len(sample), np.nan))
+        for name, parts in (("omega", OMEGA), ("u", U)) if self.has_state else ():
+            columns[name] = np.stack([columns.pop(part) for part in parts], axis=1)
+        return Bodies(
+            **columns,
+            second=None if self.second is None else self.second[sample],
+            carried={name: values[sample] for name, values in self.carried.items()},
+        )
+
+    def with_surface(self, source: TableSource) -> TableBodies:
+        """Return these bodies with the surface that a config gives them.
+
+        Raises
+        ------
+        ConfigError
+            If the config and the column ``c`` do not go together, or an ellipsoid cannot stand.
+        """
+        columns = dict(self.columns)
+        c = columns.pop("c", np.full(self.samples, np.nan))
+        if source.surface is None and source.c is None and self.has_semi_axes:
+            raise ConfigError(
+                "bodies.surface: missing; the table has a column c, so say ellipsoid, or "
+                "paraboloid to leave it out"
+            )
+        if source.ellipsoidal:
+            if source.c is not None:
+                c = np.where(np.isnan(c), source.c, c)
+            if np.isnan(c).all():
+                raise ConfigError(
+                    "bodies.c: missing; the table has no column c, so the config must give one"
+                )
+            columns["c"] = c
+            refuse("bodies.path", _impossible(columns, (*PARAMETERS, "c")))
+        return TableBodies(columns, self.second, self.carried, self.fields)
+
+
+def read_bodies(path: str, base: Path | None = None) -> TableBodies:
     """Read bodies from a CSV or Parquet file, or a directory of such, here or under `base`.
 
-    Whatever is wrong is a ConfigError that names the row.
-
-    Returns
-    -------
-    columns : dict
-        ``alpha .. xi``; ``n_i``, ``omega_xy0`` and ``psi`` where the table has a launch,
-        and ``omega_x .. u_z`` where it is a full state, which says the others; ``sigma`` and
-        ``rolling`` where it has them;
-        ``t_end`` where it has one, NaN for rows that have a ``t_r``: in an output table the
-        ``t_end`` of a run that reversed is its result, not its horizon.
-    measured : Measured
-        What else belongs to the rows.
+    Raises
+    ------
+    ConfigError
+        If it is no such table, with a line for each of the first bad rows.
     """
     where = f"bodies.path: {one_line(path, 200)}"
-    file = Path(path)
-    # os.path.exists, as a name that is too long is no error to it.
-    if not os.path.exists(file) and base is not None and os.path.exists(base / path):
-        file = base / path
-    if not os.path.exists(file):
-        raise ConfigError(f"{where}: no such file; give the path of a CSV or Parquet table")
-    try:
-        parquet = file.is_dir() or file.suffix.lower() in (".parquet", ".pq")
-        frame = _read_parquet(file, where) if parquet else _read_csv(file, where)
-    except ConfigError:
-        raise
-    except Exception as error:  # pandas and pyarrow raise many kinds
-        reason = one_line(str(error).split("\n")[0] or type(error).__name__, 200)
-        raise ConfigError(f"{where}: cannot be read as a table ({reason})") from None
-    columns, second = columns_of(frame, where)
-    found = own_columns(frame, (*COLUMNS, *INPUT), where)
-    more = () if second is None else MEASURED
-    return columns, replace(found, second=second, fields=(*found.fields, *more))
+    table = read_table(path, base, where)
+    names = set(table.column_names)
+    if not {"case", "sample"} <= names:  # an output table has results too
+        for name in table.column_names:
+            if name in TAKEN and name not in INPUT:
+                raise ConfigError(f"{where}: the column {name} has the name of a result; rename it")
+    return _bodies(table, where)
 
 
-def columns_of(frame: pd.DataFrame, where: str) -> tuple[dict[str, Floats], Floats | None]:
-    """Columns as :func:`read_table` gives them, and the unit of time in seconds where it is known.
+def frame_bodies(frame: pd.DataFrame, where: str = "bodies") -> TableBodies:
+    """Return the bodies of a DataFrame; `where` is what a ConfigError begins with."""
+    bodies = _bodies(table_of(frame, where), where)
+    if bodies.has_semi_axes:
+        refuse(where, _impossible(bodies.columns, (*PARAMETERS, "c")))
+    return bodies
 
-    `where` is what a complaint begins with.
+
+def keep_bodies(source: TableBodies, directory: Path) -> None:
+    """Keep bodies from memory in the directory of their sweep, where their config looks for them.
+
+    The table that is read from there has the same content.
     """
-    _check_repeats(frame.columns.tolist(), where)
-    if not len(frame):
+    if (path := directory / source.config["path"]).exists():
+        return
+    data = source.columns | source.carried
+    fields = [
+        f.with_nullable(True) for part in (*RUNS.values(), STATE, source.fields) for f in part
+    ]
+    # A directory with nothing else in it is known by the mark to be that of a sweep.
+    mark = {"rattlesweep.bodies": source.content_hash}
+    schema = pa.schema([f for f in fields if f.name in data])
+    with explained(f"cannot write in {directory}", folder=True):
+        directory.mkdir(parents=True, exist_ok=True)
+    write_parquet(build_table(data, schema), path, mark)
+
+
+# -- from columns to bodies --------------------------------------------------------------------
+
+
+def _bodies(table: pa.Table, where: str) -> TableBodies:
+    if not table.num_rows:
         raise ConfigError(f"{where}: the table has no rows; give at least one body")
-    columns = {}
-    for name in (name for name in (*COLUMNS, *INPUT) if name in frame.columns):
-        if (kind := frame[name].dtype).kind not in "iufO":
-            raise ConfigError(f"{where}: the column {name} is of type {kind}; numbers are wanted")
-        columns[name] = _numbers(frame[name], name, where)
-    _check_rows(columns, where)
-    columns, second = without_units(columns, where)
-    require(PARAMETERS, columns, where, f"{' '.join(PARAMETERS)} are wanted")
+    columns: dict[str, Floats] = {}
+    problems: list[Problem] = []
+    for name in (name for name in INPUT if name in table.column_names):
+        columns[name], bad = _numbers(table.column(name), name, where)
+        problems += bad
+    refuse(where, problems)
+    refuse(where, _out_of_range(columns))
+    second = _lose_units(columns, where)
+    _require(PARAMETERS, columns, where, f"{' '.join(PARAMETERS)} are wanted")
     state = [name for name in (*OMEGA, *U) if name in columns]
     if state:
-        require((*OMEGA, *U), state, where, f"a full state has {' '.join((*OMEGA, *U))}")
+        _require((*OMEGA, *U), state, where, f"a full state has {' '.join((*OMEGA, *U))}")
     lone = [name for name in LAUNCH if name in columns]
     if len(lone) == 1 and not state:
         raise ConfigError(
             f"{where}: {lone[0]} stands alone; give both n_i and omega_xy0, or neither"
         )
-    _check_rows(columns, where)
+    refuse(where, _impossible(columns, PARAMETERS) + _out_of_range(columns))
+    if "t_r" in columns and "t_end" in columns:
+        # In an output table the t_end of a run that reversed is its result, and not its horizon.
+        columns["t_end"] = np.where(np.isfinite(columns["t_r"]), np.nan, columns["t_end"])
+    carried, fields = _carried(table, columns)
     columns = {name: columns[name] for name in COLUMNS if name in columns}
-    reversal = columns.pop("t_r", None)
-    if reversal is not None and "t_end" in columns:
-        columns["t_end"] = np.where(np.isfinite(reversal), np.nan, columns["t_end"])
     if state:
         columns |= launched_from(columns, where)
-    if "n_i" not in columns or not np.isfinite(columns.get("psi", np.array(np.nan))).all():
+    if "n_i" not in columns or not np.isfinite(columns.get("psi", np.nan)).all():
         columns.pop("psi", None)
-    return columns, second
+    return TableBodies(columns, second, carried, fields if second is None else fields + MEASURED)
+
+
+def _numbers(column: pa.ChunkedArray, name: str, where: str) -> tuple[Floats, list[Problem]]:
+    """Return a column as numbers, NaN where it has none, and the cells that are wrong."""
+    if not (_is_text(column) or _is_number(column)):
+        raise ConfigError(
+            f"{where}: the column {name} is of type {column.type}; numbers are wanted"
+        )
+    try:
+        found = column.cast(F64, safe=False)
+    except pa.ArrowInvalid:  # spaces, or text that is no number
+        right = pc.match_substring_regex(column, NUMBER)
+        found = pc.if_else(right, pc.utf8_trim_whitespace(column), None).cast(F64)
+    values: Floats = found.to_numpy().astype(float, copy=False)
+    bad = ~np.isfinite(values)
+    if not bad.any():
+        return values, []
+    empty = column.is_null(nan_is_null=True).to_numpy()
+    if name in NULLABLE:
+        bad &= ~empty
+    cells = [(k, "empty" if empty[k] else repr(str(column[k].as_py())[:40])) for k in _first(bad)]
+    return values, [(k, f"{name} is {cell}; a finite number is needed") for k, cell in cells]
+
+
+def _is_text(column: pa.ChunkedArray) -> bool:
+    return bool(pa.types.is_string(column.type) or pa.types.is_large_string(column.type))
+
+
+def _is_number(column: pa.ChunkedArray) -> bool:
+    ours = (pa.types.is_integer, pa.types.is_floating, pa.types.is_decimal, pa.types.is_null)
+    return any(is_kind(column.type) for is_kind in ours)
+
+
+def _lose_units(columns: dict[str, Floats], where: str) -> Floats | None:
+    """Add the columns without units that follow from those with units.
+
+    Returns the unit of time in seconds, where it is known.
+    """
+    made: dict[str, tuple[str, Floats]] = {}
+    second: Any = None
+    if "height_m" in columns:
+        second = np.sqrt(columns["height_m"] / columns.get("gravity_m_s2", si.GRAVITY))
+    if columns.keys() & {*BODY[2:], "ixy_kg_m2", "axes_angle_deg"}:
+        _require(BODY, columns, where, f"a body in SI units has {' '.join(BODY)}")
+        full = {name: np.full(len(second), x) for name, x in BODY_DEFAULTS.items()} | columns
+        tensor = np.stack([full[f"i{x}_kg_m2"] for x in ("xx", "yy", "zz", "xy")], axis=1)
+        radii = np.stack([full["r1_m"], full["r2_m"]], axis=1)
+        angle = np.radians(full["axes_angle_deg"])
+        found = si.parameters(full["mass_kg"], tensor, full["height_m"], radii, angle)
+        made |= {name: ("the body in SI units", values) for name, values in found.items()}
+    for name, (plain, needed) in WITH_UNITS.items():
+        if name not in columns:
+            continue
+        _require(needed, columns, where, f"{name} needs it")
+        value = columns[name]
+        if name.endswith("_deg"):
+            value = np.radians(value)
+        elif name.endswith("_rpm"):
+            value = value * (np.pi / 30) * second
+        elif name == "t_end_s":
+            value = value / second
+        elif name == "sigma_N_m_s":
+            value = value / (columns["mass_kg"] * columns["height_m"] ** 2 / second)
+        else:
+            value = value / columns["height_m"]
+        made[plain] = name, value
+    problems: list[Problem] = []
+    for plain, (name, values) in made.items():
+        # The one without units counts, so that an output table gives the same runs again.
+        own = columns.setdefault(plain, values)
+        for k in _first(~np.isclose(values, own, rtol=SLACK, atol=0, equal_nan=True)):
+            problems.append((k, f"{plain} is {own[k]:g}, and {name} comes to {values[k]:g}; keep "
+                                "one of the two"))  # fmt: skip
+    refuse(where, problems)
+    return None if second is None else np.asarray(second)
 
 
 def launched_from(columns: dict[str, Floats], where: str) -> dict[str, Floats]:
-    """The launch that full states are, with ``u`` of length 1.
+    """Return the launches that full states come to, with ``u`` of length 1.
 
-    A row that is none, or says another spin beside, is refused in a line that begins with `where`.
+    Raises
+    ------
+    ConfigError
+        If a row is no state, or gives another spin beside it; begins with `where`.
     """
     omega, u = (np.stack([columns[x] for x in names], axis=1) for names in (OMEGA, U))
-    for row in range(len(u)):
+    problems: list[Problem] = []
+    length = np.fromiter(map(math.hypot, *u.T.tolist()), float, len(u))
+    for row in np.flatnonzero(~(np.abs(length - 1) < 1e-15) | ~(u[:, 2] < 0)).tolist():
         try:
             u[row] = unit(u[row].tolist())
         except ValueError as error:
-            raise ConfigError(f"{where}: row {row + 1}: u: {error}") from None
+            problems.append((row, f"u: {error}"))
+    refuse(where, problems)
     n_i, omega_xy0, psi = spin_and_oscillation(omega, u)
-    still = (omega == 0).all(axis=1) & (u[:, 2] == -1)
-    refuse_row(where, still, "the body stands upright and at rest; give it an angular velocity")
-    other = columns.get("n_i", n_i)
-    wrong = np.abs(other - n_i) > SPIN_SLACK * np.linalg.norm(omega, axis=1)
-    told = "n_i is {:g}, and the spin of the full state {:g}; leave n_i and omega_xy0 out"
-    refuse_row(where, wrong, told, other, n_i)
+    for row in _first((omega == 0).all(axis=1) & (u[:, 2] == -1)):
+        told = "the body stands upright and at rest; give it an angular velocity"
+        problems.append((row, told))
+    given = columns.get("n_i", n_i)
+    for row in _first(np.abs(given - n_i) > SLACK * np.linalg.norm(omega, axis=1)):
+        told = f"n_i is {given[row]:g}, and the spin of the full state {n_i[row]:g}"
+        problems.append((row, f"{told}; leave n_i and omega_xy0 out"))
+    refuse(where, problems)
     lengths = {name: u[:, k] for k, name in enumerate(U)}
     return {"n_i": n_i, "omega_xy0": omega_xy0, "psi": psi} | lengths
 
 
-def _read_csv(file: Path, where: str) -> pd.DataFrame:
-    # As text first, so that a wrong cell can be quoted with its row; the head as a row like any,
-    # as pandas renames columns that repeat, and moves all by one where rows have a cell more.
-    frame = pd.read_csv(file, header=None, dtype=str, skipinitialspace=True)
-    names = frame.iloc[0].tolist()
-    _check_repeats(names, where)
-    frame = frame.iloc[1:]
-    named = [name for name in names if isinstance(name, str) and name.strip()]
-    return pd.DataFrame({n: frame[names.index(n)] for n in named}, frame.index)
+def _carried(
+    table: pa.Table, numbers: dict[str, Floats]
+) -> tuple[dict[str, NDArray[Any]], tuple[pa.Field, ...]]:
+    """Return the columns that the runs keep of a table: words, whole numbers and other numbers.
+
+    `numbers` are the columns of input.
+    """
+    carried: dict[str, NDArray[Any]] = {}
+    fields: list[pa.Field] = []
+    for name, column in zip(table.column_names, table.columns, strict=True):
+        if name in KEPT:
+            carried[name] = numbers[name]
+            fields.append(known.required(name, F64, KEPT[name], "of the table of bodies"))
+        elif name not in INPUT and name not in RESULTS and (_is_text(column) or _is_number(column)):
+            kind = _kind(column)
+            if kind == F64:
+                carried[name] = _numbers(column, name, "")[0]
+            elif kind == TEXT or column.null_count:
+                values = column.to_pylist()
+                whole = [None if x is None else int(x) for x in values] if kind == I64 else values
+                carried[name] = np.array(whole, dtype=object)
+            else:
+                carried[name] = np.asarray(column).astype(np.int64)
+            fields.append(known.field(name, kind, "1", "column of the table of bodies"))
+    return carried, tuple(fields)
 
 
-def _read_parquet(file: Path, where: str) -> pd.DataFrame:
-    data = pq.ParquetDataset(file)
-    _check_repeats(data.schema.names, where)
-    names = []
-    for name in data.schema.names:
-        kind = data.schema.field(name).type
-        inner = kind.value_type if pa.types.is_dictionary(kind) else kind
-        # Text may hold numbers; pandas would make some of times, truth values and bytes too.
-        if any(is_kind(inner) for is_kind in NUMBERS):
-            names.append(name)
-        elif name in (*COLUMNS, *INPUT):
-            raise ConfigError(f"{where}: the column {name} is of type {kind}; numbers are wanted")
-    table = data.read(columns=names)
-    return pd.DataFrame({name: table.column(name).to_pandas() for name in names})
+def _kind(column: pa.ChunkedArray) -> pa.DataType:
+    """Return what the runs keep a column as; numbers with leading zeros are names, and so text."""
+    if not _is_text(column):
+        whole = pa.types.is_integer(column.type) and not pa.types.is_uint64(column.type)
+        return I64 if whole else F64
+    given = column.drop_null()
+
+    def fits(pattern: str) -> pa.Array:
+        return pc.match_substring_regex(given, pattern)
+
+    if not len(given) or not pc.all(fits(NUMBER)).as_py() or pc.any(fits(PADDED)).as_py():
+        return TEXT
+    return I64 if pc.all(fits(WHOLE)).as_py() else F64
 
 
-def _check_repeats(names: list[str], where: str) -> None:
-    for name in dict.fromkeys(names):
-        if names.count(name) > 1:
-            raise ConfigError(
-                f"{where}: there are {names.count(name)} columns {name}; keep one of them"
-            )
+# -- bad rows ----------------------------------------------------------------------------------
 
 
-def _numbers(series: pd.Series[str], name: str, where: str) -> Floats:
-    values = pd.to_numeric(series, errors="coerce").to_numpy(dtype=float)
-    bad = ~np.isfinite(values)
-    if name in NULLABLE:
-        bad &= ~series.isna().to_numpy()
-    if bad.any():
-        cells = [
-            "empty" if empty else repr(str(cell)[:40])
-            for cell, empty in zip(series, series.isna(), strict=True)
-        ]
-        refuse_row(where, bad, name + " is {}; a finite number is needed", cells)
-    return values
+def check_value(name: str, values: Floats) -> tuple[int, str] | None:
+    """Return the place of the first value that breaks a rule, and what is wanted."""
+    for names, low, high, wanted in (*RULES, *SPIN_RULES):
+        if name in names and (bad := (values < low) | (values > high)).any():
+            return int(np.argmax(bad)), wanted
+    return None
 
 
-def _check_rows(columns: dict[str, Floats], where: str) -> None:
-    worst: list[tuple[int, str]] = []
-    if all(name in columns for name in PARAMETERS):
-        worst += violations(**{name: columns[name] for name in PARAMETERS})
-    for name, is_wrong, wanted in RULES if "u_x" in columns else (*RULES, *SPIN_RULES):
-        # NaN, where it may stand, is no value, and breaks no rule.
-        if name in columns and (bad := is_wrong(columns[name])).any():
-            row = int(np.argmax(bad))
-            worst.append((row, f"{name} is {columns[name][row]:g}; {wanted}"))
-    if worst:
-        row, sentence = min(worst)
-        raise ConfigError(f"{where}: row {row + 1}: {sentence}")
+def refuse(where: str, problems: list[Problem]) -> None:
+    """Raise a ConfigError with a line for each of the first bad rows."""
+    first: dict[int, str] = {}
+    for row, sentence in problems:
+        first.setdefault(row, sentence)
+    lines = [f"{where}: row {row + 1}: {first[row]}" for row in sorted(first)]
+    if len(lines) > MOST_TOLD:
+        lines[MOST_TOLD:] = [f"{where}: there are more bad rows"]
+    if lines:
+        raise ConfigError(lines)
+
+
+def _first(bad: Flags) -> list[int]:
+    """Return the first bad rows, one more than are told."""
+    rows: list[int] = np.flatnonzero(bad)[: MOST_TOLD + 1].tolist()
+    return rows
+
+
+def _impossible(columns: dict[str, Floats], names: Iterable[str]) -> list[Problem]:
+    """Return the bodies that cannot exist, judged by some of their parameters, and why."""
+    bodies = {name: columns[name] for name in names}
+    rows, problems = np.arange(len(bodies["alpha"])), list[Problem]()
+    # Each time the first offender of each rule is found.
+    for _ in range(MOST_TOLD + 1):
+        found = list(violations(**{name: values[rows] for name, values in bodies.items()}))
+        if not found:
+            break
+        problems += [(int(rows[place]), sentence) for place, sentence in found]
+        rows = np.delete(rows, [place for place, _ in found])
+    return problems
+
+
+def _out_of_range(columns: dict[str, Floats]) -> list[Problem]:
+    """Return the values that break a rule of their column; NaN, where it may stand, breaks none."""
+    rules = RULES if "u_x" in columns else (*RULES, *SPIN_RULES)
+    return [
+        (row, f"{name} is {columns[name][row]:g}; {wanted}")
+        for names, low, high, wanted in rules
+        for name in names
+        if name in columns
+        for row in _first((columns[name] < low) | (columns[name] > high))
+    ]
+
+
+def _require(names: Iterable[str], there: Iterable[str], where: str, wanted: str) -> None:
+    for name in names:
+        if name not in there:
+            raise ConfigError(f"{where}: the column {name} is missing; {wanted}")

@@ -1,32 +1,43 @@
-"""The words of messages: what stands there, and what would be right."""
+"""Words of messages about configs and options: names of keys, values, and near misses."""
+
+from __future__ import annotations
 
 import difflib
 import json
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 from rattlesweep.errors import one_line
-from rattlesweep.sweeps.config.yamlfile import is_number
+
+Key = tuple[str | int, ...]
+"""Place of a value in nested data, such as ``("bodies", "ranges", "theta", 1)``."""
 
 # Longer words are no misspelling of anything here, and comparing them takes long.
 MAX_WORD = 40
-ALIKE = 0.6
+
+
+def dotted(key: Key) -> str:
+    """Return a key as people write it: ``bodies.ranges.theta[1]``."""
+    parts = (f"[{part}]" if isinstance(part, int) else f".{one_line(part)}" for part in key)
+    text = "".join(parts).removeprefix(".")
+    return text if len(text) <= 200 else f"{text[:120]}...{text[-77:]}"
 
 
 def quoted(text: str) -> str:
-    """`text` in double quotes, on one line."""
+    """Return `text` in double quotes, on one line."""
     return f'"{one_line(text)}"'
 
 
 def describe(value: Any) -> str:
-    """What a value is, to someone who wrote it in YAML."""
+    """Return words for a value of a YAML file."""
     if value is None:
         return "nothing (null)"
     if isinstance(value, bool):
         return f"{json.dumps(value)} (a truth value)"
     if isinstance(value, int | float):
-        return one_line(f"{value!r}")
+        return str(value) if isinstance(value, float) else one_line(f"{value:d}", 24)
     if isinstance(value, str):
         return f"{quoted(value)} (text)"
     if isinstance(value, list):
@@ -37,7 +48,7 @@ def describe(value: Any) -> str:
 
 
 def not_one_of(value: Any, names: Iterable[str]) -> str:
-    """Sentence for a word, or something else, that is none of `names`."""
+    """Return the sentence for a value that is none of `names`."""
     names = list(names)
     near = nearest(value, names) if isinstance(value, str) else None
     hint = f"did you mean {quoted(near)}?" if near else "choose one of them"
@@ -45,30 +56,11 @@ def not_one_of(value: Any, names: Iterable[str]) -> str:
     return f"{what} is not one of {', '.join(names)}; {hint}"
 
 
-def wrong_kind(value: Any, wanted: str) -> str:
-    """Sentence for a value of the wrong kind; text that looks like a number is a common one."""
-    if isinstance(value, str) and "number" in wanted:
-        if is_number(value):
-            return f"{quoted(value)} is text; remove the quotes"
-        if is_number(value.replace("_", "")):
-            return f"{quoted(value)} is text in YAML 1.2; write {value.replace('_', '')}"
-    if isinstance(value, int | float) and not isinstance(value, bool) and wanted == "text":
-        return f"{value!r} is a number; put it in quotes to make it text"
-    return f"{describe(value)} is given here; write {wanted}"
-
-
-def out_of_range(what: str, bound: str, limit: float) -> str:
-    """Sentence for a number beyond a limit, such as "above" 0 or "at most" 1."""
-    return f"{what} is out of range; it must be {bound} {limit:.15g}"
-
-
-def nearest(text: str, names: Iterable[str], alike: float = ALIKE) -> str | None:
-    """The one of `names` that was most likely meant, if any was."""
-    folded = {fold(name): name for name in names}
-    word = fold(text)
-    if word in folded:
-        return folded[word]
-    if near := difflib.get_close_matches(word, folded, 1, alike):
+def nearest(text: str, names: Iterable[str]) -> str | None:
+    """Return the one of `names` that `text` most likely misspells; None if there is none."""
+    folded = {_fold(name): name for name in names}
+    word = _fold(text)
+    if near := difflib.get_close_matches(word, folded, 1):
         return folded[near[0]]
     # Shortened or drawn out: "tolerance" for "tol", "omega" for "omega_xy0".
     drawn = [
@@ -76,9 +68,32 @@ def nearest(text: str, names: Iterable[str], alike: float = ALIKE) -> str | None
         for short, name in folded.items()
         if min(len(short), len(word)) >= 3 and (short.startswith(word) or word.startswith(short))
     ]
-    return drawn[0] if len(drawn) == 1 and alike == ALIKE else None
+    return drawn[0] if len(drawn) == 1 else None
 
 
-def fold(text: str) -> str:
-    """A word without what is often misspelt in it: capitals, dashes, underscores."""
+def _fold(text: str) -> str:
+    """Return a word without capitals, dashes and underscores, which are often misspelt."""
     return re.sub(r"[\W_]+", "", text[:MAX_WORD]).casefold()
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where the keys of a config stand: the line in `file`, or the ``--set`` text.
+
+    All are equal, so that the equality of configs does not depend on them.
+    """
+
+    file: str | None = field(default=None, compare=False)
+    origins: Mapping[Key, int | str | None] = field(default_factory=dict, compare=False)
+
+    def origin(self, key: Key) -> int | str | None:
+        """Return the place of a key, or of the nearest key around it."""
+        while key not in self.origins and key:
+            key = key[:-1]
+        return self.origins.get(key)
+
+    def line(self, key: Key, message: str) -> str:
+        """Return ``file:line: key: message``."""
+        origin = self.origin(key)
+        place = f"{self.file}:{origin}" if isinstance(origin, int) else origin
+        return ": ".join(part for part in (place, dotted(key), message) if part)

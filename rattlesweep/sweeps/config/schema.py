@@ -1,95 +1,551 @@
-"""What a sweep is, as frozen models. Units are M = a = g = 1: times in sqrt(a/g)."""
+"""Schema of a config as frozen pydantic models.  Units are M = a = g = 1: times in sqrt(a/g)."""
+
+# mypy: disable-error-code="valid-type"
+# Types that functions make are types to pydantic alone.
 
 import math
 import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import product
-from types import SimpleNamespace
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal, NamedTuple, Self, get_args
 
 from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
     Discriminator,
     Field,
+    PlainSerializer,
     PrivateAttr,
     Tag,
-    ValidationInfo,
-    field_validator,
     model_validator,
 )
 
 from rattlesweep.errors import ConfigError
-from rattlesweep.sweeps.config.bodies import GridSource, PresetSource, SdSource, TableSource
-from rattlesweep.sweeps.config.fields import (
-    MAX_SPEED,
-    MAX_TIME,
-    TABLE,
-    AngularVelocity,
-    Base,
-    OscillationNumbers,
-    SpinNumbers,
-    UnitVector,
-    check_one,
-    losses,
-    no_repeats,
-    word_or_number,
-)
-from rattlesweep.sweeps.config.integrator import Integrator
-from rattlesweep.sweeps.config.places import Places, Problem, dotted
+from rattlesweep.integrate.defaults import DT, MAX_STEPS, TOL
+from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.sweeps.config.messages import Key, Places, describe, dotted, not_one_of
 
-MAX_CASES = 100_000
+Clash = Iterator[tuple[str, str]]
+"""Keys, empty for the section, and what is wrong with them."""
+MAX_SPEED = 1e6
+"""Largest spin or oscillation in sqrt(g/a): 5e6 turns a second of a body of 1 cm."""
+MAX_TIME = 1e30
+"""Largest horizon in sqrt(a/g) or t_rGH, beyond any run; sums of such numbers stay finite."""
+MAX_AXIS, MAX_BODIES, MAX_CASES, MAX_SOBOL = 10**6, 10**12, 100_000, 2**30
+U_SLACK = 1e-3
+"""Largest distance of a typed unit vector's length from 1."""
+TABLE = "table"
+"""Word for values that stand in the rows of a table."""
+ELLIPSOIDS = ("KL",)
+"""Presets that are ellipsoids."""
 
-Bodies = Annotated[
-    SdSource | PresetSource | TableSource | GridSource, Field(discriminator="source")
-]
-Psi = Annotated[
-    Annotated[Literal["relevant", "pitch", "roll"], Tag("word")]
-    | Annotated[Annotated[float, Field(ge=-360, le=360)], Tag("number")],
-    Discriminator(word_or_number),
-]
-Record = Literal["energy", "contact", "windows", "lyapunov", "error", "reversals"]
+
+class Parameter(NamedTuple):
+    """Open interval of a body parameter, and its meaning."""
+
+    low: float
+    high: float
+    meaning: str
+
+
+PARAMETERS = {
+    "alpha": Parameter(1, 1e6, "I_xx / (M a^2) + 1, inertia about the x axis; no unit, > beta."),
+    "beta": Parameter(1, 1e6, "I_yy / (M a^2) + 1, inertia about the y axis; no unit, > 1."),
+    "gamma": Parameter(0, 1e6, "I_zz / (M a^2), inertia about the spin axis; no unit, above 0."),
+    "theta": Parameter(0, 1, "Larger curvature at the bottom times a; no unit, phi < theta < 1."),
+    "phi": Parameter(0, 1, "Smaller curvature at the bottom times a; no unit, 0 < phi < theta."),
+    "xi": Parameter(-math.pi / 2, 0, "Skew from inertia to curvature axes in radians; negative."),
+    "xi_deg": Parameter(-90, 0, "Skew from inertia to curvature axes in degrees; negative."),
+    "minus_xi_deg": Parameter(0, 90, "Skew angle times -1, in degrees; between 0 and 90."),
+    "c": Parameter(0, 1e9, "Vertical semi-axis of the ellipsoid over a; no unit, above theta."),
+    "f_sd": Parameter(0, 0.5, "I_yy / I_zz of a shell-dumbbell body; no unit, below 0.5."),
+}  # fmt: skip
+"""Parameters of bodies, in the symbols of Kondo and Nakanishi (2017).
+
+`rattlesweep.physics.body` checks how they go together.
+"""
+
+
+class Clashes(ValueError):
+    """Values that exclude each other: pairs of a key, empty for the section, and a sentence."""
+
+    def __init__(self, found: list[tuple[str, str]]) -> None:
+        super().__init__(found[0][1])
+        self.found = found
+
+
+class Base(BaseModel):
+    """Frozen, strict and closed model.
+
+    The text below a field is its description, in the JSON Schema too. A text that is exactly a
+    number is taken for it, since YAML 1.1 parsers such as PyYAML read ``1e-9`` as text.
+    """
+
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, strict=True, allow_inf_nan=False, use_attribute_docstrings=True
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _take_numbers(cls, data: Any) -> Any:
+        if not isinstance(data, dict):
+            return data
+        fields = ((name, field.annotation) for name, field in cls.model_fields.items())
+        texts = [name for name, kind in fields if str in (kind, *get_args(kind))]
+        return {k: v if k in texts else as_number(v) for k, v in data.items()}
+
+    @model_validator(mode="after")
+    def _check_clashes(self) -> Self:
+        if found := list(self._clashes()):
+            raise Clashes(found)
+        return self
+
+    def _clashes(self) -> Clash:
+        """Yield a key and a sentence for each value that does not go with the others."""
+        yield from ()
+
+    def _one_of(self, *names: str, needed: bool = True, both: bool = False) -> Clash:
+        """Yield a clash unless one key is given; `both` may be, or none if not `needed`."""
+        given = [name for name in names if getattr(self, name) is not None]
+        if len(given) > 1 and not both:
+            yield "", f"both {' and '.join(given)} are given; keep one of them"
+        if needed and not given:
+            more = ", or both" if both else ""
+            yield "", f"neither {' nor '.join(names)} is given; give one of them{more}"
+
+
+def as_number(value: Any) -> Any:
+    """Return the number that a text is, also inside lists; return all else unchanged."""
+    if isinstance(value, list):
+        return [as_number(item) for item in value]
+    for kind in (int, float) if isinstance(value, str) else ():
+        with suppress(ValueError):
+            return kind(value)
+    return value
+
+
+def is_number(value: Any) -> bool:
+    """Return whether a value is a number and no truth value."""
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def number(name: str) -> Any:
+    """Return the type of a body parameter."""
+    return Annotated[float, Field(gt=PARAMETERS[name].low, lt=PARAMETERS[name].high)]
+
+
+def parameter(name: str) -> Any:
+    """Return the type of a body parameter that may be left out."""
+    return Annotated[number(name) | None, Field(description=PARAMETERS[name].meaning)]
+
+
+PAIR: Any = Field(min_length=2, max_length=2)
+TRIPLE: Any = Field(min_length=3, max_length=3)
+
+
+class Spaced(Base):
+    """Values between two ends, which are values themselves."""
+
+    def values(self) -> list[float]:
+        """Return n values from low to high, in even steps or with a constant ratio."""
+        low, high, n = next(iter(self.__dict__.values()))
+        log = isinstance(self, Logspace)
+        if n != int(n) or not 1 <= n <= MAX_AXIS:
+            raise ValueError(f"n is {n:g}; it must be a whole number from 1 to {MAX_AXIS}")
+        if log and (low == 0 or not 0 < high / low < math.inf):
+            raise ValueError(f"no constant ratio leads from {low:g} to {high:g}; give other ends")
+        # Neighbours closer than this may round to one number.
+        close = abs(high - low) <= 4 * (n - 1) * math.ulp(max(abs(low), abs(high)))
+        if low != high if n == 1 else close:
+            words = f"{n:.0f} values from {low!r} to {high!r} cannot be spaced so that all differ"
+            raise ValueError(f"{words}; give fewer, or equal ends with n = 1")
+        shares = [i / (n - 1) for i in range(1, int(n) - 1)]
+        if log:
+            inner = [low * math.pow(high / low, share) for share in shares]
+        else:
+            inner = [low + (high - low) * share for share in shares]
+        return [low, *inner, high][: int(n)]
+
+
+class Linspace(Spaced):
+    """Evenly spaced values."""
+
+    linspace: Annotated[list[float], TRIPLE] = Field(description="[low, high, n], ends included.")
+
+
+class Logspace(Spaced):
+    """Values with a constant ratio."""
+
+    logspace: Annotated[list[float], TRIPLE] = Field(description="[low, high, n], ends included.")
+
+
+def no_repeats(values: list[Any]) -> list[Any]:
+    """Return the values; raise if one stands twice."""
+    for value, count in Counter(values).items():
+        if count > 1:
+            raise ValueError(f"{value} is repeated; give each value once")
+    return values
+
+
+def _as_list(value: Any) -> Any:
+    if is_number(value):
+        return [value]
+    if isinstance(value, dict) and value.keys() & {"linspace", "logspace"}:
+        return (Logspace if "logspace" in value else Linspace).model_validate(value).values()
+    if not isinstance(value, list):
+        raise ValueError(f"{describe(value)} is given here; write a number or a list of numbers")
+    return value
+
+
+def several(item: Any) -> Any:
+    """Return the metadata of a list of distinct numbers, given as one, some, or spaced ones."""
+    many = Annotated[list[item], Field(min_length=1, json_schema_extra={"uniqueItems": True})]
+    given = item | many | Linspace | Logspace
+    return (
+        Field(min_length=1),
+        BeforeValidator(_as_list, json_schema_input_type=given),
+        AfterValidator(no_repeats),
+    )
+
+
+def _check_order(ends: list[float]) -> list[float]:
+    low, high = ends
+    if low > high:
+        raise ValueError(f"the range [{low:g}, {high:g}] is reversed; write [{high:g}, {low:g}]")
+    return ends
+
+
+def interval(name: str, item: Any = None) -> Any:
+    """Return the type of a range of a body parameter, with ends of a type."""
+    words = Field(description=f"Range [low, high]. {PARAMETERS[name].meaning}")
+    item = item or number(name)
+    return Annotated[list[item], PAIR, AfterValidator(_check_order), words]
+
+
+def _word_or_number(value: Any) -> str:
+    return "<word>" if isinstance(value, str) else "<number>"
+
+
+def losses(most: float) -> Any:
+    """Return the type of one or several numbers up to a limit, or of the word table."""
+    item = Annotated[float, Field(ge=0, le=most)]
+    return Annotated[
+        Annotated[list[item], *several(item), Tag("<number>")]
+        | Annotated[Literal["table"], Tag("<word>")],
+        Discriminator(_word_or_number),
+        AfterValidator(lambda x: x[0] if isinstance(x, list) and len(x) == 1 else x),
+        PlainSerializer(lambda value: value),
+    ]
+
+
+Speed = Annotated[float, Field(ge=-MAX_SPEED, le=MAX_SPEED)]
+Unsigned = Annotated[Speed, AfterValidator(lambda spin: spin + 0.0)]  # a zero has no sign
+Spins = Annotated[list[Unsigned], *several(Unsigned)]
+# The square of a smaller one underflows.
+MIN_OSCILLATION = 1e-140
+Oscillation = Annotated[float, Field(ge=MIN_OSCILLATION, le=MAX_SPEED)]
+Oscillations = Annotated[list[Oscillation], *several(Oscillation)]
+Positive = Annotated[float, Field(gt=0)]
+Targets = Annotated[list[Positive], *several(Positive)]
+Time = Annotated[float, Field(gt=0, le=MAX_TIME)]
+C = Annotated[float, Field(gt=PARAMETERS["c"].low, lt=PARAMETERS["c"].high)]
+Preset = Literal["GH", "KL"]
+
+
+class SdRanges(Base):
+    """Ranges that shell-dumbbell bodies are drawn from; the paper's Table I unless given."""
+
+    gamma: interval("gamma") = [5.0, 15.0]
+    f_sd: interval("f_sd") = [0.05, 0.15]
+    theta: interval("theta") = [0.6, 0.95]
+    phi: interval("phi") = [0.01, 0.1]
+    # Drawn from (low, high]: zero may bound the skew angle, but is never drawn.
+    minus_xi_deg: interval("minus_xi_deg", Annotated[float, Field(ge=0, lt=90)]) = [0.0, 6.0]
+
+    def _clashes(self) -> Clash:
+        (_, _, theta, phi, skew) = self.ends()
+        if phi[1] >= theta[0]:
+            span = f"phi goes up to {phi[1]:g} and theta down to {theta[0]:g}"
+            yield "phi", f"phi >= theta is possible, as {span}; the ranges must not meet"
+        if skew[1] == 0:
+            yield "minus_xi_deg", "only xi = 0 is left, which never reverses; raise the end"
+
+    def ends(self) -> list[list[float]]:
+        """Return the ranges in the order of the fields, in which bodies are drawn."""
+        return [getattr(self, name) for name in type(self).model_fields]
+
+
+class Target(Base):
+    """Bodies are redrawn until their torque coefficient lies close to one of these values."""
+
+    K_r: Targets | None = None
+    """Targets of the rolling coefficient K_r, no unit; one case for each."""
+    K_p: Targets | None = None
+    """Targets of the pitching coefficient K_p, no unit; one case for each."""
+    rel_tol: float = Field(default=1e-3, gt=0, le=0.5)
+    """Largest relative distance from the target, no unit."""
+    max_draws: int = Field(default=1_000_000, ge=1, le=2**62)
+    """Draws after which a sample is given up."""
+
+    def _clashes(self) -> Clash:
+        yield from self._one_of("K_r", "K_p")
+
+    @property
+    def name(self) -> Literal["K_r", "K_p"]:
+        """The coefficient that has targets."""
+        return "K_p" if self.K_r is None else "K_r"
+
+    @property
+    def values(self) -> list[float]:
+        """The targets."""
+        return self.K_r or self.K_p or []
+
+
+class Surfaced(Base):
+    """Bodies with a surface."""
+
+    surface: Literal["paraboloid", "ellipsoid"] | None = None
+    """What the bottom is: a paraboloid or an ellipsoid, of the same curvatures at its lowest point.
+    Unless given an ellipsoid where c is, or where the preset is one."""
+
+    @property
+    def ellipsoidal(self) -> bool:
+        """Whether the bodies are ellipsoids."""
+        return self.has_c if self.surface is None else self.surface == "ellipsoid"
+
+    @property
+    def has_c(self) -> bool:
+        """Whether a vertical semi-axis is given, or the preset has one."""
+        if isinstance(self, GridSource):
+            return bool(self.c or self.axes.c) or self.base.preset in ELLIPSOIDS
+        preset = self.name if isinstance(self, PresetSource) else None
+        return getattr(self, "c", None) is not None or preset in ELLIPSOIDS
+
+    def _clashes(self) -> Clash:
+        if self.surface == "paraboloid" and getattr(self, "c", None) is not None:
+            yield "c", "c is given, and a paraboloid has none; take surface: ellipsoid"
+        # A table may have a column c.
+        if self.surface == "ellipsoid" and not (self.has_c or isinstance(self, TableSource)):
+            yield "surface", "an ellipsoid needs c, its vertical semi-axis over a; give c: 2"
+
+
+class SdSource(Surfaced):
+    """Shell-dumbbell bodies, drawn at random from ranges."""
+
+    source: Literal["sd"]
+    """Draw shell-dumbbell bodies at random."""
+    samples: int = Field(default=1000, ge=1, le=MAX_BODIES)
+    """Bodies per case."""
+    ranges: SdRanges = Field(default_factory=lambda: SdRanges())
+    """Where the parameters are drawn from, uniformly."""
+    draw: Literal["random", "sobol", "saltelli"] = "random"
+    """random: each body by itself; sobol: by a scrambled Sobol' sequence, whose points fill the
+    ranges more evenly, so that shares and means come closer with as many samples; saltelli: seven
+    at a time, eight if c has a range, that differ in one parameter each, for `rattlesweep
+    sensitivity`."""
+    target: Target | None = None
+    """Keep only bodies with this torque coefficient; null: keep all."""
+    c: (
+        Annotated[
+            list[C],
+            PAIR,
+            BeforeValidator(
+                lambda c: [c, c] if is_number(c) else c,
+                json_schema_input_type=C | Annotated[list[C], PAIR],
+            ),
+            AfterValidator(_check_order),
+        ]
+        | None
+    ) = Field(None, description=f"A number, or a range [low, high]. {PARAMETERS['c'].meaning}")
+
+    def _clashes(self) -> Clash:
+        yield from super()._clashes()
+        if self.draw != "random" and self.samples > MAX_SOBOL:
+            yield "draw", f"the sequence has {MAX_SOBOL} points; take fewer samples, or random"
+        if self.draw != "random" and self.target:
+            yield (
+                "target",
+                "only random draws can meet a target; leave it out, or take draw: random",
+            )
+
+    @property
+    def drawn(self) -> tuple[str, ...]:
+        """Names of the parameters that are drawn from a range, in their order."""
+        varies = self.c is not None and self.c[0] < self.c[1]
+        return (*SdRanges.model_fields, *(["c"] if varies else []))
+
+    @property
+    def group(self) -> int:
+        """Samples that saltelli draws together: two points, and one for each parameter."""
+        return 2 + len(self.drawn)
+
+
+class Overrides(Base):
+    """Parameters of a body; those that replace a preset's."""
+
+    alpha: parameter("alpha") = None
+    beta: parameter("beta") = None
+    gamma: parameter("gamma") = None
+    theta: parameter("theta") = None
+    phi: parameter("phi") = None
+    xi: parameter("xi") = None
+    xi_deg: parameter("xi_deg") = None
+
+    def _clashes(self) -> Clash:
+        yield from self._one_of("xi", "xi_deg", needed=False)
+
+    def given(self) -> dict[str, float]:
+        """Return the parameters that are given, with xi in radians."""
+        values = self.model_dump(exclude_none=True, exclude={"preset"})
+        if "xi_deg" in values:
+            values["xi"] = math.radians(values.pop("xi_deg"))
+        return values
+
+
+class PresetSource(Surfaced):
+    """One body of the literature, perhaps with parameters replaced."""
+
+    source: Literal["preset"]
+    """Use one named body."""
+    name: Preset
+    """GH: the body of Garcia and Hubbard (1988); KL: that of Kane and Levinson (1982)."""
+    overrides: Overrides = Field(default_factory=lambda: Overrides())
+    """Parameters that replace the preset's."""
+    c: parameter("c") = None
+
+
+class TableSource(Surfaced):
+    """Bodies from the rows of a table, in its order."""
+
+    source: Literal["table"]
+    """Read bodies from a table."""
+    path: str = Field(min_length=1, pattern=r"^[^\x00]*$")
+    """CSV or Parquet file with columns alpha beta gamma theta phi xi (radians), and optionally
+    n_i omega_xy0 t_end, which replace spin and horizon row by row, or a full state instead of
+    n_i omega_xy0: omega_x omega_y omega_z u_x u_y u_z; sigma and rolling replace those of
+    dissipation."""
+    c: C | None = Field(None, description=f"Of rows without a c. {PARAMETERS['c'].meaning}")
+
+
+class GridBase(Overrides):
+    """The body whose parameters are varied: a preset, six parameters, or a shell-dumbbell body."""
+
+    preset: Preset | None = None
+    """GH: the body of Garcia and Hubbard (1988); KL: that of Kane and Levinson (1982)."""
+    f_sd: parameter("f_sd") = None
+
+    def _clashes(self) -> Clash:
+        yield from super()._clashes()
+        inertia = {"f_sd"} if self.f_sd is not None else {"alpha", "beta"}
+        wanted = set() if self.preset else inertia | {"gamma", "theta", "phi", "xi"}
+        if more := sorted(self.given().keys() - wanted):
+            yield more[0], "goes with neither preset nor f_sd; leave it out"
+        if missing := [name for name in PARAMETERS if name in wanted - self.given().keys()]:
+            yield "", f"{', '.join(missing)} missing; give preset, or alpha beta gamma theta phi xi"
+
+
+def axis(name: str) -> Any:
+    """Return the type of an axis of a body parameter."""
+    item, words = number(name), Field(description=PARAMETERS[name].meaning)
+    return Annotated[Annotated[list[item], *several(item)] | None, words]
+
+
+class Axes(Base):
+    """Parameters that vary: every combination is a body, and the first one varies slowest."""
+
+    alpha: axis("alpha") = None
+    beta: axis("beta") = None
+    gamma: axis("gamma") = None
+    f_sd: axis("f_sd") = None
+    theta: axis("theta") = None
+    phi: axis("phi") = None
+    xi: axis("xi") = None
+    xi_deg: axis("xi_deg") = None
+    minus_xi_deg: axis("minus_xi_deg") = None
+    c: axis("c") = None
+
+    def _clashes(self) -> Clash:
+        if not self.given():
+            yield "", "no parameter varies; give at least one axis"
+        yield from self._one_of("xi", "xi_deg", "minus_xi_deg", needed=False)
+        if (bodies := math.prod(map(len, self.given().values()))) > MAX_BODIES:
+            yield "", f"the grid has {bodies} bodies; at most {MAX_BODIES} are possible"
+
+    def given(self) -> dict[str, list[float]]:
+        """Return the axes that are given."""
+        return {name: values for name, values in self if values is not None}
+
+
+class Refine(Base):
+    """A coarse grid first, then, level by level, only what lies between runs that differ."""
+
+    levels: int = Field(default=4, ge=1, le=16)
+    """Halvings from the coarse grid, every 2^levels-th value, to the finest, which the axes and the
+    spins are; fewer along axes of few values."""
+    by: Literal["type", "t_r", "n_end", "t_end", "n_steps", "energy_drift", "n_departure",
+                "amp_growth", "lyapunov", "contact_ratio_max", "n_reversals"] = "type"  # fmt: skip
+    """What must not differ within a cell: type, or besides it a column with numbers, such as t_r,
+    which must not bend there."""
+    tol: float = Field(default=0.05, gt=0, lt=1)
+    """How far a number may lie off the line through its neighbours, relative; not for type."""
+
+
+class GridSource(Surfaced):
+    """Every combination of some parameters' values, the others fixed."""
+
+    source: Literal["grid"]
+    """Vary parameters over a grid."""
+    base: GridBase
+    """The body whose parameters are varied."""
+    axes: Axes
+    """Which parameters vary, over which values."""
+    refine: Refine | None = None
+    """Leave out runs between others of one type; null: every combination is run."""
+    c: Annotated[list[C], *several(C)] | None = Field(
+        None, description=f"A number, or an axis, which varies fastest. {PARAMETERS['c'].meaning}"
+    )
+
+    def _clashes(self) -> Clash:
+        yield from super()._clashes()
+        for name in {"alpha", "beta", "f_sd"} & self.axes.given().keys():
+            if (self.base.f_sd is None) == (name == "f_sd"):
+                yield "axes", f"{name} cannot vary over this base; f_sd stands for alpha and beta"
+        if self.c and self.axes.c is not None:
+            yield "c", "c is an axis of axes too; keep one of them"
+        if self.c and len(self.c) > 1 and self.refine:
+            yield "c", "refine takes the axes of axes alone; write axes: {c: ...}"
+
+    @property
+    def varying(self) -> dict[str, list[float]]:
+        """The values of each axis in their order, `c` behind the others where it is one."""
+        own = {} if self.c is None or len(self.c) == 1 else {"c": self.c}
+        return self.axes.given() | own
 
 
 class Spin(Base):
     """How bodies are launched. Every n_i is combined with every omega_xy0."""
 
-    n_i: SpinNumbers
+    n_i: Spins
     """Initial spins in sqrt(g/a); positive is the unsteady direction, negative the steady, 0 a tap,
     which needs horizon.t. A number, a list, {linspace: [low, high, n]} or {logspace: [low, high,
     n]}."""
-    omega_xy0: OscillationNumbers
+    omega_xy0: Oscillations
     """Initial sizes of the oscillation's angular velocity in sqrt(g/a)."""
-    psi: Psi = "relevant"
+    psi: Annotated[
+        Annotated[Literal["relevant", "pitch", "roll"], Tag("<word>")]
+        | Annotated[Annotated[float, Field(ge=-360, le=360)], Tag("<number>")],
+        Discriminator(_word_or_number),
+    ] = "relevant"
     """Direction of the oscillation: the relevant mode (pitch for n_i >= 0, roll for n_i < 0), the
     pitch mode, the roll mode, or an angle from the x axis in degrees."""
 
 
-U_SLACK = 1e-3
-"""How far the length of a unit vector may be from 1, as digits are typed."""
-
-
-class State(Base):
-    """A full state that all bodies are launched from, in components along the body's axes."""
-
-    omega: AngularVelocity
-    """Angular velocity [x, y, z] in sqrt(g/a)."""
-    u: UnitVector = Field(default=[0.0, 0.0, -1.0])
-    """Vertical unit vector [x, y, z], upwards; [0, 0, -1] is upright."""
-
-    @field_validator("u")
-    @classmethod
-    def _stands(cls, u: list[float]) -> list[float]:
-        return unit(u)
-
-    @model_validator(mode="after")
-    def _moves(self) -> "State":
-        if not any(self.omega) and not any(self.u[:2]):
-            raise ValueError("the body stands upright and at rest; give it an angular velocity")
-        return self
-
-
 def unit(u: Sequence[float]) -> list[float]:
-    """A vertical vector of length 1 exactly; one that is none, or no launch's, is refused."""
+    """Return u normalised; raise if it is not a unit vector or does not point upwards."""
     length = math.hypot(*u)
     if not abs(length - 1) <= U_SLACK:
         raise ValueError(
@@ -100,25 +556,40 @@ def unit(u: Sequence[float]) -> list[float]:
             f"u_z is {u[2]:g}; it must be negative, as the body's z axis points down, and "
             "[0, 0, -1] is upright"
         )
-    # One that is so to rounding keeps its bits.
+    # A vector that is normalised to rounding keeps its bits.
     return list(u) if abs(length - 1) < 1e-15 else [component / length for component in u]
+
+
+class State(Base):
+    """A full state that all bodies are launched from, in components along the body's axes."""
+
+    omega: Annotated[list[Speed], TRIPLE]
+    """Angular velocity [x, y, z] in sqrt(g/a)."""
+    u: Annotated[list[Annotated[float, Field(ge=-2, le=2)]], TRIPLE, AfterValidator(unit)] = [
+        0,
+        0,
+        -1,
+    ]
+    """Vertical unit vector [x, y, z], upwards; [0, 0, -1] is upright."""
+
+    def _clashes(self) -> Clash:
+        if not any(self.omega) and not any(self.u[:2]):
+            yield "", "the body stands upright and at rest; give it an angular velocity"
 
 
 class Horizon(Base):
     """When a run ends that has not reversed. Where several are given, the smallest counts."""
 
-    t_rgh: float | None = Field(default=None, gt=0, le=MAX_TIME)
+    t_rgh: Time | None = None
     """In units of t_rGH, the reversal time of Garcia and Hubbard in the spin's direction."""
-    t: float | None = Field(default=None, gt=0, le=MAX_TIME)
+    t: Time | None = None
     """A time in sqrt(a/g)."""
-    t_decay: float | None = Field(default=None, gt=0, le=MAX_TIME)
+    t_decay: Time | None = None
     """In units of gamma/sigma, in which dissipation.sigma takes an upright spin down to 1/e; for
     runs with sigma 0 the others count."""
 
-    @model_validator(mode="after")
-    def _one_at_least(self) -> "Horizon":
-        check_one(self, "t_rgh", "t", needed=self.t_decay is None, both=True)
-        return self
+    def _clashes(self) -> Clash:
+        yield from self._one_of("t_rgh", "t", needed=self.t_decay is None, both=True)
 
 
 class Dissipation(Base):
@@ -127,14 +598,14 @@ class Dissipation(Base):
     wherever there is one.
     """
 
-    sigma: losses(MAX_SPEED) = 0.0  # type: ignore[valid-type]
+    sigma: losses(MAX_SPEED) = 0.0
     """Torque -sigma omega about the centre of mass, in M a^2 sqrt(g/a)."""
-    rolling: losses(1) = 0.0  # type: ignore[valid-type]
+    rolling: losses(1) = 0.0
     """Lever of the rolling resistance, in a: a moment of so much times the normal force against the
     angular velocity in the plane."""
 
     def values(self, name: str) -> list[float | None]:
-        """Values of one of the two, in their order; None stands for those of a table."""
+        """Return the values of one of the two in their order; None stands for a table's."""
         value: Any = getattr(self, name)
         return [None] if value == TABLE else value if isinstance(value, list) else [value]
 
@@ -151,7 +622,7 @@ class Dissipation(Base):
         return "viscous" if any(self.values("sigma")) or self.sigma == TABLE else ""
 
     def __bool__(self) -> bool:
-        """Whether there is any."""
+        """Return whether there is any."""
         return bool(self.kind)
 
 
@@ -171,7 +642,7 @@ class Classify(Base):
 
     @property
     def thresholds(self) -> dict[str, float]:
-        """What decides between types of runs that are stored."""
+        """The thresholds between types of stored runs."""
         return self.model_dump(exclude={"early"})
 
 
@@ -183,129 +654,201 @@ class Stop(Base):
     t_r: float | None = Field(default=None, gt=0, lt=1)
     """Half the width of the 95 % interval of the mean t_r of type R, relative to it."""
 
-    @model_validator(mode="after")
-    def _one_at_least(self) -> "Stop":
-        check_one(self, "fraction", "t_r", both=True)
-        return self
+    def _clashes(self) -> Clash:
+        yield from self._one_of("fraction", "t_r", both=True)
 
 
-def _is_plain(config: Any) -> bool:
-    """Whether, as far as is known, bodies are paraboloids and lose nothing."""
-    return not config.dissipation and not (config.bodies and config.bodies.ellipsoidal)
+ACCURACIES = {
+    "draft": ("dop853", 1e-6),
+    "standard": ("dop853", TOL),
+    "reference": ("verner98", 1e-12),
+}
+"""Words for the accuracy of runs, with a method and its tol.
+
+The description of the key `accuracy` has the errors that ``rattlesweep tradeoff`` finds for the
+bodies, launches and horizons of ``configs/tradeoff.yaml``; they do not depend on the machine.
+"""
 
 
-def _has_goal(config: Any) -> bool:
-    """Whether, as far as is known, an error of t_r is asked for."""
-    return getattr(getattr(config, "integrator", None), "goal", None) is not None
+class AccuracyGoal(Base):
+    """The error that the results may have."""
+
+    t_r: float = Field(ge=1e-12, le=1e-3)
+    """Relative error of the times of reversal. Each run is integrated as tightly as it takes until
+    its own estimate is below that; where none is, its t_r_error stays larger."""
+
+
+def _check_method(method: str) -> str:
+    if method not in METHODS:
+        raise ValueError(not_one_of(method, METHODS))
+    return method
+
+
+class Integrator(Base):
+    """How states move: with error control (tol) or in steps of one size (dt)."""
+
+    method: Annotated[str, AfterValidator(_check_method)] = Field(
+        default="dop853", json_schema_extra={"enum": [*METHODS]}
+    )
+    """Name of the method."""
+    accuracy: (
+        Annotated[
+            Annotated[Literal["draft", "standard", "reference"], Tag("<word>")]
+            | Annotated[AccuracyGoal, Tag("<goal>")],
+            Discriminator(lambda value: "<word>" if isinstance(value, str) else "<goal>"),
+        ]
+        | None
+    ) = None
+    """Instead of method and tol, which are then those measured to give this accuracy: draft: dop853
+    at tol 1e-06, median error of t_r 1e-07, 99 % of runs within 8e-06; standard: dop853 at tol
+    1e-09, median error of t_r 9e-11, 99 % of runs within 8e-09; reference: verner98 at tol 1e-12,
+    median error of t_r 2e-14, 99 % of runs within 1e-12. Or instead of tol the error that t_r may
+    have, {t_r: 1.0e-6}; implies record: [error]."""
+    tol: float | None = Field(default=None, ge=1e-15, le=1e-2)
+    """Error allowed per step relative to the oscillation, no unit; for adaptive methods only, which
+    take 1e-09 unless given."""
+    dt: float | None = Field(default=None, gt=0)
+    """Size of a step in sqrt(a/g); for methods of fixed step only, which take 0.002 unless
+    given."""
+    max_steps: int = Field(default=MAX_STEPS, ge=1, le=2**62)
+    """Steps after which a run is given up."""
+
+    @property
+    def goal(self) -> float | None:
+        """Relative error that t_r may have, if the config asks for one."""
+        return self.accuracy.t_r if isinstance(self.accuracy, AccuracyGoal) else None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _spell_out(cls, data: Any) -> Any:
+        """Write method, tol and dt out, so that configs of one meaning are equal."""
+        if not isinstance(data, dict):
+            return data
+        unset = [key for key in ("accuracy", "tol", "dt") if key in data and data[key] is None]
+        data = {key: value for key, value in data.items() if key not in unset}
+        word, method = data.get("accuracy"), data.get("method", "dop853")
+        given = data.keys() & {"method", "tol", "dt"}
+        if isinstance(word, str) and word in ACCURACIES and not given:
+            del data["accuracy"]
+            data["method"], data["tol"] = ACCURACIES[word]
+        elif word is None and isinstance(method, str) and method in METHODS:
+            adaptive = METHODS[method].adaptive
+            data = {("tol" if adaptive else "dt"): (TOL if adaptive else DT)} | data
+        return data
+
+    def _clashes(self) -> Clash:
+        adaptive = METHODS[self.method].adaptive
+        if isinstance(self.accuracy, str):
+            word = self.accuracy
+            yield "accuracy", f"{word} is a method and its tol; leave out method, tol and dt"
+        elif self.accuracy and not adaptive:
+            yield "accuracy", f"{self.method} has steps of one size; choose another method"
+        elif self.accuracy:
+            for key, value in (("tol", self.tol), ("dt", self.dt)):
+                if value is not None:
+                    yield key, "accuracy stands in its place; keep one of the two"
+        elif adaptive and self.dt is not None:
+            yield "dt", f"{self.method} chooses its own steps and takes no dt; leave it out"
+        elif not adaptive and self.tol is not None:
+            yield "tol", f"{self.method} has steps of one size and takes no tol; leave it out"
+
+
+Bodies = Annotated[
+    SdSource | PresetSource | TableSource | GridSource, Field(discriminator="source")
+]
+Record = Literal["energy", "contact", "windows", "lyapunov", "error", "reversals"]
+
+
+def _check_name(name: str) -> str:
+    if not name.strip() or name in (".", ".."):
+        raise ValueError("the name is empty or dots only; write a word")
+    if not name.isprintable() or "/" in name or "\\" in name:
+        raise ValueError("the name has a slash or a control character; write a plain word")
+    return name
 
 
 class Config(Base):
     """A sweep: which bodies, launched how, integrated with what, and written where."""
 
-    name: str = "sweep"
-    """Name of the sweep; also of its directory in out/."""
+    name: Annotated[str, AfterValidator(_check_name)] = "sweep"
+    """Name of the sweep; also of its directory in out/. Unless given, the name of the file."""
     seed: int = Field(default=0, ge=0, le=2**63 - 1)
     """All draws depend on this, the case and the sample."""
     bodies: Bodies
     """Where parameter sets come from."""
     stop: Stop | None = None
-    """Cases are given more samples, in whole blocks, until each has enough or all of
+    """Cases are given more samples, some at a time, until each has enough or all of
     `bodies.samples`; null: all at once."""
     launch: State | None = None
     """The full state that bodies are launched from, instead of a spin."""
-    spin: Spin | None = Field(default=None, validate_default=True)
+    spin: Spin | None = None
     """How bodies are launched; null where launch is given, or a table says it row by row."""
     model: Literal["full", "reduced", "gh"] = "full"
-    """full: all six variables; reduced: the three of the simplified dynamics; gh: the closed form
-    of Garcia and Hubbard, without integration."""
+    """full: the five variables that are integrated; reduced: the three of the simplified dynamics;
+    gh: the closed form of Garcia and Hubbard, without integration."""
     horizon: Horizon = Field(default_factory=lambda: Horizon(t_rgh=5.0))
     """When runs end that do not reverse."""
-    dissipation: Dissipation = Field(default_factory=lambda: Dissipation(), validate_default=True)
+    dissipation: Dissipation = Field(default_factory=lambda: Dissipation())
     """What takes energy from the bodies of the full model."""
     integrator: Integrator = Field(default_factory=lambda: Integrator())
     """How states move."""
     classify: Classify = Field(default_factory=lambda: Classify())
     """Thresholds between types of runs."""
-    record: list[Record] = Field(
-        default_factory=list, validate_default=True, json_schema_extra={"uniqueItems": True}
+    record: Annotated[list[Record], AfterValidator(no_repeats)] = Field(
+        default_factory=list, json_schema_extra={"uniqueItems": True}
     )
     """Extra columns; each costs time. With reversals runs go on behind their first one, to the
     horizon."""
-    block_size: int = Field(default=4_000, ge=1, le=200_000)
-    """Runs per block, that is, per output file."""
     output: str | None = Field(default=None, min_length=1, pattern=r"^[^\x00]*$")
     """Directory; null: out/<name>."""
 
     _places: Places = PrivateAttr(default_factory=Places)
 
-    rules = (
-        ("name", lambda c: not c.name.strip() or c.name in (".", ".."),
-         "the name is empty or dots only; write a word"),
-        ("name", lambda c: not c.name.isprintable() or "/" in c.name or "\\" in c.name,
-         "the name has a slash or a control character; write a plain word"),
-        ("stop", lambda c: c.stop and c.bodies and c.bodies.source != "sd",
-         "bodies of source {bodies.source} are no samples of which there could be more; leave it "
-         "out, or take source: sd"),
-        ("stop", lambda c: c.stop and getattr(c.bodies, "draw", None) == "saltelli",
-         "samples of draw: saltelli come seven at a time, and say less than as many others of when "
-         "there are enough; leave it out, or take draw: sobol"),
-        ("spin", lambda c: c.spin and c.launch,
-         "spin and launch are both given; keep one of them"),
-        ("spin", lambda c: c.spin is None and c.launch is None and c.bodies
-         and c.bodies.source != "table",
-         "missing; bodies of source {bodies.source} need a spin with n_i and omega_xy0, or a "
-         "launch with omega and u"),
-        *(("dissipation", lambda c, name=name: getattr(c.dissipation, name) == TABLE and c.bodies
-           and c.bodies.source != "table",
-           f"{name} is that of a table, and the bodies are of source {{bodies.source}}; give a "
-           "number, or several")
-          for name in Dissipation.model_fields),
-        ("dissipation", lambda c: c.horizon and c.horizon.t_decay is not None
-         and not any(c.dissipation.values("sigma"))
-         and not (c.bodies and c.bodies.source == "table"),
-         "horizon.t_decay is in units of gamma/sigma, and sigma is 0; give sigma, or another "
-         "horizon"),
-        ("dissipation", lambda c: c.dissipation and c.model and c.model != "full",
-         "the model {model} conserves energy; take model: full, or leave it out"),
-        ("integrator", lambda c: c.integrator.goal is not None and c.model == "gh",
-         "the model gh is a closed form whose t_r has no error to limit; leave accuracy out"),
-        ("classify", lambda c: c.classify.early and c.model and c.model != "full",
-         "early is for the model full, and the model {model} has no stable spin by which a run "
-         "could be certain to be SS; leave early out"),
-        ("classify", lambda c: c.classify.early and not _is_plain(c),
-         "early is for paraboloids without dissipation; leave it out"),
-        *(("record", lambda c, goal=goal: "reversals" in c.record
-           and (_has_goal(c) if goal else "error" in c.record),
-           f"{goal or 'error'} compares runs at their first reversal, behind which reversals "
-           "follows them; keep one of the two")
-          for goal in ("integrator.accuracy of t_r", "")),
-        *(("record", lambda c, word=word: word in c.record and c.classify and c.classify.early,
-           f"{word} {what} of a run up to its horizon, and classify.early ends runs before; leave "
-           "one of them out")
-          for word, what in (("lyapunov", "is the exponent"), ("reversals", "are those"))),
-        ("record", lambda c: "lyapunov" in c.record and not _is_plain(c),
-         "lyapunov is for paraboloids without dissipation; leave it out"),
-    )  # fmt: skip
+    def _clashes(self) -> Clash:
+        bodies, model, lost, early = self.bodies, self.model, self.dissipation, self.classify.early
+        goal, record, table = self.integrator.goal, self.record, bodies.source == "table"
+        plain = not lost and not bodies.ellipsoidal
+        target = bodies.target if isinstance(bodies, SdSource) else None
+        if self.stop and not isinstance(bodies, SdSource):
+            yield "stop", f"bodies of source {bodies.source} are all there are; take source: sd"
+        if self.stop and isinstance(bodies, SdSource) and bodies.draw == "saltelli":
+            yield "stop", "samples of draw: saltelli are not independent; take draw: sobol"
+        if self.spin and self.launch:
+            yield "spin", "spin and launch are both given; keep one of them"
+        elif not (self.spin or self.launch or table):
+            yield "spin", "the key is missing; give n_i and omega_xy0, or a launch with omega and u"
+        lists: dict[str, Sequence[Any]] = {"targets": target.values if target else [0]}
+        lists |= {"n_i": self.spin.n_i, "omega_xy0": self.spin.omega_xy0} if self.spin else {}
+        lists |= {name: lost.values(name) for name in Dissipation.model_fields} if lost else {}
+        if (cases := math.prod(map(len, lists.values()))) > MAX_CASES:
+            yield "spin", f"{cases} cases ({' x '.join(lists)}); at most {MAX_CASES} are possible"
+        for name in Dissipation.model_fields:
+            if getattr(lost, name) == TABLE and not table:
+                yield "dissipation", f"{name} is that of a table, and there is none; give a number"
+        if self.horizon.t_decay and not any(lost.values("sigma")) and not table:
+            yield "dissipation", "horizon.t_decay is in units of gamma/sigma; give sigma"
+        if lost and model != "full":
+            yield "dissipation", f"the model {model} conserves energy; take model: full"
+        if goal and model == "gh":
+            yield "integrator", "the model gh is a closed form without error; leave accuracy out"
+        if early and model != "full":
+            yield "classify", f"early is for the model full and not for {model}; leave early out"
+        if early and not plain:
+            yield "classify", "early is for paraboloids without dissipation; leave early out"
+        if "lyapunov" in record and not plain:
+            yield "record", "lyapunov is for paraboloids without dissipation; leave it out"
+        if "reversals" in record and (goal or "error" in record):
+            what = "integrator.accuracy of t_r" if goal else "error"
+            yield "record", f"{what} is for the first reversal alone; leave it or reversals out"
+        for word in [word for word in record if early and word in ("lyapunov", "reversals")]:
+            yield "record", f"classify.early ends runs before their horizon; leave it or {word} out"
 
-    @field_validator("spin", "dissipation")
-    @classmethod
-    def _few_enough(cls, value: Any, info: ValidationInfo) -> Any:
-        known = {**info.data, str(info.field_name): value}
-        target, spin = getattr(known.get("bodies"), "target", None), known.get("spin")
-        lost: Dissipation = known.get("dissipation") or Dissipation()
-        names = {"targets": target.values if target else [0]}
-        names |= {} if spin is None else {"n_i": spin.n_i, "omega_xy0": spin.omega_xy0}
-        names |= {name: lost.values(name) for name in ("sigma", "rolling")} if lost else {}
-        if (cases := math.prod(map(len, names.values()))) > MAX_CASES:
-            most = f"at most {MAX_CASES} are possible"
-            raise ValueError(f"{cases} cases ({' x '.join(names)}); {most}")
-        return value
-
-    @field_validator("record")
-    @classmethod
-    def _in_order(cls, record: list[str], info: ValidationInfo) -> list[str]:
-        found = no_repeats(record) + ["error"] * _has_goal(SimpleNamespace(**info.data))
-        return [name for name in get_args(Record) if name in found]
+    @model_validator(mode="after")
+    def _order_record(self) -> Self:
+        """Put the words of `record` in order, with those that are implied."""
+        found = {*self.record, *(["error"] if self.integrator.goal else [])}
+        self.__dict__["record"] = [name for name in get_args(Record) if name in found]
+        return self
 
     @property
     def parts(self) -> list[str]:
@@ -318,18 +861,17 @@ class Config(Base):
         return [*self.record, *(name for name, there in own.items() if there)]
 
     @property
-    def places(self) -> Places:
-        """Where the keys stand in the file that was read."""
-        return self._places
+    def directory(self) -> str:
+        """Where results go: `output`, or the default made from the name."""
+        return self.output or f"out/{self.name}"
 
-    def placed(self, places: Places) -> "Config":
-        """Remember where the keys stand; returns the config itself."""
-        self._places = places
-        return self
+    def line(self, key: Key, message: str) -> str:
+        """Return ``file:line: key: message``, without the file for Python data."""
+        return self._places.line(key, message)
 
     @contextmanager
     def locating(self) -> Iterator[None]:
-        """Give the messages of a ConfigError from inside the places of the keys they begin with."""
+        """Put file and line before messages of a ConfigError that begin with a dotted key."""
         try:
             yield
         except ConfigError as error:
@@ -337,13 +879,7 @@ class Config(Base):
 
     def _located(self, line: str) -> str:
         name, _, message = line.partition(": ")
-        parts = re.findall(r"\w+", name)
-        key = tuple(int(part) if part.isdigit() else part for part in parts)
+        key = tuple(int(part) if part.isdigit() else part for part in re.findall(r"\w+", name))
         if not key or dotted(key) != name or key[0] not in type(self).model_fields:
             return line
-        return self._places.line(Problem(key, message))
-
-    @property
-    def directory(self) -> str:
-        """Where results go: `output`, or the default made from the name."""
-        return self.output or f"out/{self.name}"
+        return self.line(key, message)

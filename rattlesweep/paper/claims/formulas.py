@@ -1,0 +1,368 @@
+"""Claims about formulas (T1 to T3, T6 to T8, S9), measured without any run.
+
+What a claim says is computed a second way wherever the package itself uses the formula in question:
+torque coefficients from their definition by eigenvectors, growth rates from the linearised full
+dynamics.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from rattlesweep.api import modes
+from rattlesweep.arrays import Floats
+from rattlesweep.paper.claims.claim import EXACT, Count, Made, Measured, every
+from rattlesweep.paper.figures.fig3 import drawn_bodies
+from rattlesweep.physics import full, reduced, steady, theory
+from rattlesweep.physics.body import Rattleback, shell_dumbbell
+from rattlesweep.sweeps.config.schema import SdRanges
+
+# Random bodies on which formulas are tried.
+SAMPLES = 2000
+
+
+def sd_bodies(samples: int, seed: int = 2017) -> tuple[Floats, ...]:
+    """Return ``alpha, beta, gamma, theta, phi, xi`` of random bodies of the set SD."""
+    return drawn_bodies(0, samples, SdRanges(), seed)
+
+
+def wide_bodies(samples: int, seed: int = 2017) -> tuple[Floats, ...]:
+    """Return bodies far beyond the set SD: any inertia, any skew angle, nearly any surface."""
+    rng = np.random.default_rng(seed)
+    largest = 10 ** rng.uniform(-1, 2, samples)
+    alpha, beta = shell_dumbbell(largest, rng.uniform(0.01, 0.49, samples))
+    # I_xx - I_yy < I_zz < I_xx + I_yy; the shell-dumbbell bodies are at the upper end.
+    gamma = alpha - beta + (largest - (alpha - beta)) * rng.uniform(0, 1, samples)
+    theta = rng.uniform(0.05, 0.99, samples)
+    phi = theta * 10 ** rng.uniform(-3, -0.01, samples)
+    return alpha, beta, gamma, theta, phi, -np.radians(rng.uniform(0.01, 89.99, samples))
+
+
+# --- T1 -----------------------------------------------------------------------------------------
+
+# Numbers of the body GH as the paper prints them, angles in degrees, and their decimals.
+PRINTED = {"K_p": (0.553, 3), "K_r": (0.0967, 4), "omega_p": (1.44, 2), "omega_r": (0.602, 3),
+           "psi_p": (-17, 0), "psi_r": (88, 0)}  # fmt: skip
+# Half a unit in the last digit with which Table I gives GH; xi in degrees.
+ROUNDING = {"alpha": 5e-3, "beta": 5e-4, "theta": 5e-5, "phi": 5e-5, "xi": np.radians(5e-3)}
+
+
+def gh_numbers(body: Rattleback) -> dict[str, float]:
+    """Return the numbers of :data:`PRINTED` of a body."""
+    found = modes(body)
+    values = {name: float(getattr(found, name)) for name in PRINTED}
+    return values | {name: float(np.degrees(values[name])) for name in ("psi_p", "psi_r")}
+
+
+def as_printed(found: dict[str, float]) -> list[bool]:
+    """Return which of the numbers round to the printed ones."""
+    return [round(found[name], digits) == value for name, (value, digits) in PRINTED.items()]
+
+
+def garcia_hubbard(_: Made) -> Measured:
+    """Measure T1: the numbers of the body GH, and of all bodies that Table I rounds to it."""
+    body = Rattleback.gh()
+    found, corners = gh_numbers(body), []
+    for signs in product((-1, 1), repeat=len(ROUNDING)):
+        moved = {
+            name: getattr(body, name) + sign * half
+            for sign, (name, half) in zip(signs, ROUNDING.items(), strict=True)
+        }
+        corners.append(gh_numbers(replace(body, **moved)))
+    ends = {n: (min(c[n] for c in corners), max(c[n] for c in corners)) for n in PRINTED}
+    within = [
+        ends[name][0] < value + 0.5 * 10.0**-digits and ends[name][1] > value - 0.5 * 10.0**-digits
+        for name, (value, digits) in PRINTED.items()
+    ]
+    # 0.03 rad is 1.719 degrees, which Table I would print as 1.72.
+    other = gh_numbers(replace(body, xi=-0.03))
+    five = [ok for name, ok in zip(PRINTED, as_printed(found), strict=True) if name != "K_r"]
+    return [every(within), every(as_printed(other)), every(five)], {
+        **found, "value": found["K_r"], "low": ends["K_r"][0], "high": ends["K_r"][1],
+        "other": other["K_r"],
+    }  # fmt: skip
+
+
+# --- T2 -----------------------------------------------------------------------------------------
+
+
+def by_definition(body: tuple[Floats, ...]) -> dict[str, Floats]:
+    """Return torque coefficients from eigenvectors, by Eqs. (33) [kp-1] and (35) [kr-1].
+
+    Matrices and ``numpy.linalg.eigh``; nothing of :mod:`rattlesweep.physics.theory`.
+    """
+    alpha, beta, _, theta, phi, xi = body
+    turn = xi + np.pi / 2
+    cos, sin = np.cos(turn), np.sin(turn)
+    rotation = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)
+    stiff = np.stack([1 / theta, 1 / phi], -1)[..., None] * np.eye(2)
+    gamma_hat = rotation @ stiff @ np.swapaxes(rotation, -1, -2)
+    root = np.sqrt(np.stack([alpha, beta], -1))
+    hat = (gamma_hat - np.eye(2)) / (root[..., :, None] * root[..., None, :])
+    squares, kets = np.linalg.eigh((hat + np.swapaxes(hat, -1, -2)) / 2)
+    epsilon = np.array([[0.0, 1.0], [-1.0, 0.0]])
+    # J^-1/2 epsilon J^1/2 H, and the same with J^-1/2 twice, as Eq. (38) [k-diff] prints it.
+    operator = (epsilon * root[..., None, :] / root[..., :, None]) @ hat
+    printed = (epsilon / (root[..., None, :] * root[..., :, None])) @ hat
+    brackets = np.einsum("...ij,...ik,...kj->...j", kets, operator, kets)
+    return {
+        "K_p": brackets[..., 1],
+        "K_r": -brackets[..., 0],
+        "ratio": squares[..., 1] / squares[..., 0],
+        "trace": np.trace(operator, axis1=-2, axis2=-1),
+        "printed": np.trace(printed, axis1=-2, axis2=-1),
+        # How much rounding is magnified where the frequencies nearly meet.
+        "magnified": squares[..., 1] / (squares[..., 1] - squares[..., 0]),
+    }
+
+
+def identities(_: Made, samples: int = SAMPLES) -> Measured:
+    """Measure T2: the ratio, the difference and the signs of the torque coefficients."""
+    pairs = zip(sd_bodies(samples), wide_bodies(samples), strict=True)
+    body = alpha, beta, _gamma, theta, phi, xi = tuple(map(np.concatenate, pairs))
+    found = by_definition(body)
+    closed = -0.5 * np.sin(2 * xi) * (1 / beta - 1 / alpha) * (1 / phi - 1 / theta)
+    difference = found["K_p"] - found["K_r"]
+    off = {
+        "ratio": found["K_p"] - found["K_r"] * found["ratio"],
+        "difference": difference - closed,
+        "trace": difference - found["trace"],
+    }
+    scale = found["K_p"] * found["magnified"]
+    largest = {name: float(np.max(np.abs(values) / scale)) for name, values in off.items()}
+    signs = found["K_p"] * found["K_r"] > 0
+    printed = float(np.max(np.abs(found["printed"] / difference)))
+    checks = [largest["ratio"] < EXACT, largest["difference"] < EXACT, every(signs),
+              abs(printed - 1) < EXACT]  # fmt: skip
+    return checks, {
+        **largest, "value": max(largest.values()), "positive": np.mean(signs),
+        "bodies": len(alpha), "printed": printed,
+    }  # fmt: skip
+
+
+# --- T3 -----------------------------------------------------------------------------------------
+
+
+def extrapolated(values: Floats) -> Floats:
+    """Return the limit of a sequence whose argument is halved, by Richardson's extrapolation."""
+    first = 2 * values[1:] - values[:-1]
+    second = (4 * first[1:] - first[:-1]) / 3
+    return np.asarray(second[-1])
+
+
+def limits(_: Made, samples: int = SAMPLES) -> Measured:
+    """Measure T3: long curvature to zero, short curvature to one."""
+    alpha, beta, _gamma, theta, phi, _xi = sd_bodies(samples)
+    xi = -(2.0**-26)
+    lever = -xi * (1 / beta - 1 / alpha)
+    small = 2.0 ** -np.arange(12, 18)[:, None]
+    flat = theory.modes(alpha, beta, theta, small, xi)
+    tall = theory.modes(alpha, beta, 1 - small, phi, xi)
+    pairs = (
+        (small * flat.K_p, lever),
+        (flat.K_r, lever * alpha / beta * (1 / theta - 1)),
+        (tall.K_p, lever * (1 / phi - 1)),
+        (tall.K_r / small, lever * alpha / beta),
+    )
+    off = [float(np.max(np.abs(extrapolated(values) / limit - 1))) for values, limit in pairs]
+    return [value < 1e-8 for value in off], {"off": off, "value": max(off), "bodies": samples}
+
+
+# --- T6: the ellipsoid x^2/c^2 + y^2/b^2 + z^2/a^2 = 1, a = 1, whole or its lower half ------------
+
+# Depth of the centre of mass below the middle, and height of the centre above the bottom: also the
+# least c^2 at which the body stands upright, since its curvature, height/c^2, must be below 1.
+CENTRE = {"whole": 0.0, "half": 3 / 8}
+
+
+def shapes(kind: str, samples: int, seed: int = 2017) -> tuple[Floats, Floats]:
+    """Return ``b^2`` and ``c^2`` of bodies that stand upright, ``b > c``: a grid and random ones.
+
+    Distances from both borders run from 1e-6 to 1e4 of the border itself, as far as doubles tell
+    the two frequencies apart.
+    """
+    steps = 10.0 ** np.linspace(-6, 4, max(2, int(np.sqrt(samples))))
+    grid = [axis.ravel() for axis in np.meshgrid(steps, steps)]
+    rng = np.random.default_rng(seed)
+    first, second = (np.append(axis, 10.0 ** rng.uniform(-6, 4, samples)) for axis in grid)
+    c2 = (1 - CENTRE[kind]) * (1 + first)
+    return c2 * (1 + second), c2
+
+
+def ellipsoid(kind: str, b2: Floats, c2: Floats) -> dict[str, Floats]:
+    """Return parameters of a uniform ellipsoid or of its lower half: mean squares are a fifth."""
+    height = 1 - CENTRE[kind]
+    vertical = 1 / 5 - CENTRE[kind] ** 2
+    return {
+        "alpha": (b2 / 5 + vertical) / height**2 + 1,
+        "beta": (c2 / 5 + vertical) / height**2 + 1,
+        # The surface has the curvatures 1/c^2 and 1/b^2 at the bottom.
+        "theta": height / c2,
+        "phi": height / b2,
+    }
+
+
+def square_difference(kind: str, b2: Floats, c2: Floats) -> Floats:
+    """Return ``omega_p0^2 - omega_r0^2`` in closed form, a positive number times ``b^2 - c^2``."""
+    if kind == "whole":
+        # f(s) = 5 (s - 1)/(s + 6)
+        return 35 * (b2 - c2) / ((b2 + 6) * (c2 + 6))
+    # f(s) = (25/16) (8 s - 5)/(4 s + 9)
+    return 25 / 16 * 92 * (b2 - c2) / ((4 * b2 + 9) * (4 * c2 + 9))
+
+
+def ellipsoids(_: Made, samples: int = SAMPLES) -> Measured:
+    """Measure T6: pitch faster than roll for uniform ellipsoids and their lower halves."""
+    excess, off = [], []
+    for kind in CENTRE:
+        b2, c2 = shapes(kind, samples)
+        found = theory.modes(**ellipsoid(kind, b2, c2), xi=0.0)
+        pitch, roll = found.omega_p0**2, found.omega_r0**2
+        excess.append(pitch / roll - 1)
+        off.append(np.abs(pitch - roll - square_difference(kind, b2, c2)) / pitch)
+    more, formula = np.concatenate(excess), float(np.concatenate(off).max())
+    return [every(more > 0), formula < EXACT], {
+        "shapes": len(more), "value": float(more.min()), "formula": formula,
+    }  # fmt: skip
+
+
+# --- T7 -----------------------------------------------------------------------------------------
+
+
+def growth_slopes(body: tuple[Floats, ...]) -> tuple[Floats, Floats]:
+    """Return derivatives at ``n = 0`` of the growth rates of pitch and roll, in the full dynamics.
+
+    First-order perturbation of the linear system: ``w M'(0) v / (w v)``, with the left and right
+    eigenvectors ``w, v``; ``M`` is of second degree in ``n``.
+    """
+    constants = full.constants(*body)
+    at_rest = steady.matrix(constants, 0.0)
+    change = (steady.matrix(constants, 1.0) - steady.matrix(constants, -1.0)) / 2
+    values, right = np.linalg.eig(at_rest)
+    left = np.linalg.inv(right)
+    slopes = np.einsum("...ji,...ik,...kj->...j", left, change, right).real
+    order = np.argsort(-values.imag, axis=-1)
+    ranked = np.take_along_axis(slopes, order, -1)
+    return ranked[..., 0], ranked[..., 1]
+
+
+def prs(state: Floats, ratio: Floats) -> Floats:
+    """Return Moffatt and Tokieda's field (Eq. (75) [toki-prs]) at ``(P, R, S)``, shape (3, ...)."""
+    p, r, s = state
+    return np.stack([ratio * p * s, -r * s, r**2 - ratio * p**2])
+
+
+def moffatt_tokieda(body: tuple[Floats, ...], seed: int = 2017) -> float:
+    """Return the largest relative distance of the reduced system from Moffatt and Tokieda's.
+
+    With ``n = S``, ``E_p = (I/2) P^2``, ``E_r = (I/2) R^2``, ``t = (2/K_r) tau`` and ``lambda`` the
+    squared ratio of the frequencies, at random states.
+    """
+    alpha, beta, gamma, theta, phi, xi = body
+    found = theory.modes(alpha, beta, theta, phi, xi)
+    state = np.random.default_rng(seed).normal(size=(3, len(alpha)))
+    p, r, s = state
+    rates = reduced.rhs.py_func(s, gamma / 2 * p**2, gamma / 2 * r**2, found.K_p, found.K_r, gamma)
+    spin, pitch, roll = (2 / found.K_r * np.asarray(rate) for rate in rates)
+    mapped = np.stack([pitch / (gamma * p), roll / (gamma * r), spin])
+    wanted = prs(state, (found.omega_p / found.omega_r) ** 2)
+    return float(np.max(np.abs(mapped - wanted) / np.linalg.norm(wanted, axis=0)))
+
+
+def slow_spin(_: Made, samples: int = SAMPLES) -> Measured:
+    """Measure T7: growth rates at small spin, and the system of Moffatt and Tokieda."""
+    off = []
+    for body in (sd_bodies(samples), wide_bodies(samples)):
+        alpha, beta, _gamma, theta, phi, xi = body
+        found = theory.modes(alpha, beta, theta, phi, xi)
+        magnified = found.omega_p**2 / (found.omega_p**2 - found.omega_r**2)
+        pitch, roll = growth_slopes(body)
+        # Near zero K_r the slope is what is left of larger terms: measured against K_p.
+        for rest in (pitch - found.K_p / 2, roll + found.K_r / 2):
+            off.append(float(np.max(np.abs(rest) / (found.K_p * magnified))))
+    field = moffatt_tokieda(sd_bodies(samples))
+    return [value < EXACT for value in (*off, field)], {
+        "off": off, "field": field, "value": max(*off, field), "bodies": samples,
+    }  # fmt: skip
+
+
+# --- T8 -----------------------------------------------------------------------------------------
+
+
+def reversal_times(_: Made, samples: int = SAMPLES) -> Measured:
+    """Measure T8: Garcia and Hubbard's times by the skew angle, and their ratio."""
+    alpha, beta, _gamma, theta_, phi, xi = body = sd_bodies(samples)
+    n_i, n_0 = 0.1, 0.11
+
+    def times(xi: Any) -> Floats:
+        """Return t_rGH+ and t_rGH- (Eqs. (56) [trgh-p] and (58) [trgh-m]), shape (2, samples)."""
+        found = theory.modes(alpha, beta, theta_, phi, xi)
+        both = np.log((n_0 + n_i) / (n_0 - n_i)) / (n_0 * np.stack([found.K_p, found.K_r]))
+        return np.asarray(both)
+
+    small, largest = 2.0**-20, np.radians(SdRanges().minus_xi_deg[1])
+    limit = times(-small) * small
+    slope = float(np.abs(np.log2(times(-2 * small) / times(-small)) + 1).max())
+    exact = by_definition(body)
+    unsteady, in_steady = times(xi)
+    off = np.abs(in_steady / unsteady / exact["ratio"] - 1) / exact["magnified"]
+    far = times(-largest) * largest / limit
+    return [slope < 1e-6, float(off.max()) < EXACT], {
+        "value": slope, "slope": slope, "ratio": float(off.max()), "bodies": samples,
+        "far": (float(far.min()), float(far.max())),
+    }  # fmt: skip
+
+
+# --- S9 -----------------------------------------------------------------------------------------
+
+# Spins at which stability is asked for, in thresholds, and whether there is any, after Bondi.
+NEAR = ((0.1, False), (0.5, False), (1 - 1e-5, False), (1 + 1e-5, True))
+FAR = ((1.5, True), (4.0, True))
+ANGLES = (0.01, 1.0, 6.0, 20.0, 45.0, 70.0, 89.0)
+
+
+def contradictions(body: tuple[Floats, ...], spins: tuple[tuple[float, bool], ...]) -> Count:
+    """Count how often eigenvalues contradict Bondi's threshold, at the skew angles ``ANGLES``.
+
+    ``spins`` are in thresholds, each with whether the steady spin should be stable there; bodies
+    without a threshold should be unstable at any spin.
+    """
+    alpha, beta, gamma, theta, phi, _ = body
+    threshold = theory.bondi_threshold(alpha, beta, gamma, theta, phi)
+    exists = np.isfinite(threshold)
+    wrong = 0
+    for angle, (factor, stable) in product(ANGLES, spins):
+        constants = full.constants(alpha, beta, gamma, theta, phi, -np.radians(angle))
+        with_one = fastest(constants[:, exists], factor * threshold[exists]) < 0
+        without = fastest(constants[:, ~exists], -factor) < 0
+        wrong += int(np.count_nonzero(with_one != stable) + np.count_nonzero(without))
+    return Count(wrong, len(alpha) * len(ANGLES) * len(spins))
+
+
+def fastest(constants: Floats, n: Any) -> Floats:
+    """Return the growth rate of the fastest mode of the steady spin."""
+    growth: Floats = np.linalg.eigvals(steady.matrix(constants, n)).real.max(axis=-1)
+    return growth
+
+
+def bondi(_: Made, samples: int = SAMPLES) -> Measured:
+    """Measure S9: Bondi's threshold and the exact steady solution."""
+    body, wide = sd_bodies(samples), wide_bodies(samples)
+    trials = product((body, wide), (NEAR, FAR))
+    sd_near, sd_far, near, far = (contradictions(*trial) for trial in trials)
+    spins = np.random.default_rng(2017).normal(size=2 * samples).tolist()
+    both = np.concatenate([full.constants(*body), full.constants(*wide)], axis=1)
+    moved = max(
+        max(map(abs, full.rhs.py_func(0.0, 0.0, 0.0, 0.0, spin, *constants)))
+        for spin, constants in zip(spins, both.T.tolist(), strict=True)
+    )
+    checks = [not sd_near.hits + near.hits and moved == 0, not sd_far.hits, not far.hits]
+    return checks, {
+        "sd": sd_near + sd_far, "near": near, "far": far, "moved": moved,
+        "value": far.hits / far.total, "angles": ", ".join(map("{:g}".format, ANGLES)),
+        "bodies": samples,
+    }  # fmt: skip

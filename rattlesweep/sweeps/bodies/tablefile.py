@@ -1,0 +1,112 @@
+"""Read a table of bodies, from a CSV file, Parquet or a DataFrame, into Arrow columns."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from rattlesweep.errors import ConfigError, one_line
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+MAX_ROWS, MAX_COLUMNS = 10**7, 1000
+LONGEST_LINE, PIECE = 1 << 20, 1 << 24
+
+
+def read_table(path: str, base: Path | None, where: str) -> pa.Table:
+    """Read a CSV file, a Parquet file, or a directory of such, given here or under `base`.
+
+    All columns of a CSV are text.  The rows of a directory of runs are in the order of cases and
+    samples, however they are spread over its files.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such table, or if it is too large; begins with `where`.
+    """
+    file = Path(path)
+    # os.path.exists returns False for a name that is too long.
+    if not os.path.exists(file) and base is not None:
+        file = base / path
+    if not os.path.exists(file):
+        raise ConfigError(f"{where}: no such file; give the path of a CSV or Parquet table")
+    if not (file.is_dir() or file.is_file()):
+        raise ConfigError(f"{where}: is no regular file; give a CSV or Parquet table")
+    try:
+        if file.is_dir() or file.suffix.lower() in (".parquet", ".pq"):
+            return _read_parquet(file, where)
+        return _read_csv(file, where)
+    except ConfigError:
+        raise
+    except Exception as error:  # pandas and pyarrow raise many kinds
+        reason = one_line(str(error).split("\n")[0] or type(error).__name__, 200)
+        raise ConfigError(f"{where}: cannot be read as a table ({reason})") from None
+
+
+def _read_csv(file: Path, where: str) -> pa.Table:
+    import pandas as pd
+
+    # First what can be told at once of a large file.
+    with open(file, "rb") as data:
+        head, rows = data.readline(LONGEST_LINE), 0
+        if len(head) == LONGEST_LINE:
+            raise ValueError("its first line does not end")
+        while rows <= MAX_ROWS and (piece := data.read(PIECE)):
+            rows += piece.count(b"\n")
+    _check_size([str(k) for k in range(head.count(b",") + 1)], rows, where)
+    # As text, so that a wrong cell can be quoted; and the names as a row like any other, since
+    # pandas renames columns that repeat, and shifts all columns if rows have a cell more.
+    frame = pd.read_csv(file, header=None, dtype=str, skipinitialspace=True)
+    names = frame.iloc[0].fillna("").str.strip()
+    frame = frame.iloc[1:, (names != "").to_numpy()]
+    return table_of(frame.set_axis(names[names != ""].tolist(), axis=1), where)
+
+
+def _read_parquet(file: Path, where: str) -> pa.Table:
+    data = pq.ParquetDataset(file)
+    _check_size(data.schema.names, 0, where)
+    _check_size([], sum(part.count_rows() for part in data.fragments), where)
+    table = data.read()
+    if file.is_dir() and {"case", "sample"} <= set(table.column_names):
+        table = table.sort_by([("case", "ascending"), ("sample", "ascending")])
+    return _plain(table)
+
+
+def table_of(frame: pd.DataFrame, where: str) -> pa.Table:
+    """Return a DataFrame as Arrow columns; a column of mixed types becomes text."""
+    _check_size([str(name) for name in frame.columns], len(frame), where)
+    try:
+        table = pa.Table.from_pandas(frame, preserve_index=False)
+    except (pa.ArrowException, TypeError, ValueError):
+        mixed = {name: "str" for name in frame.columns if frame[name].dtype == object}
+        table = pa.Table.from_pandas(frame.astype(mixed), preserve_index=False)
+    return _plain(table)
+
+
+def _plain(table: pa.Table) -> pa.Table:
+    """Return a table whose columns of categories are columns of their values."""
+    kinds = {f.name: f.type.value_type for f in table.schema if pa.types.is_dictionary(f.type)}
+    columns = zip(table.column_names, table.columns, strict=True)
+    return pa.table({name: c.cast(kinds[name]) if name in kinds else c for name, c in columns})
+
+
+def _check_size(names: list[str], rows: int, where: str) -> None:
+    if len(names) > MAX_COLUMNS:
+        raise ConfigError(
+            f"{where}: the table has {len(names)} columns; at most {MAX_COLUMNS} can be read, so "
+            "leave out what the sweep does not need"
+        )
+    if rows > MAX_ROWS:
+        raise ConfigError(
+            f"{where}: the table has more than {MAX_ROWS} rows; divide it into several sweeps"
+        )
+    for name in dict.fromkeys(names):
+        if names.count(name) > 1:
+            raise ConfigError(
+                f"{where}: there are {names.count(name)} columns {one_line(name)}; keep one of them"
+            )

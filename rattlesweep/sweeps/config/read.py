@@ -1,0 +1,500 @@
+"""Configs: read them, check them, compare them."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from numbers import Integral, Real
+from pathlib import Path
+from typing import Any, get_args
+
+from pydantic import BaseModel, ValidationError
+from ruamel.yaml import YAML
+from ruamel.yaml.error import MarkedYAMLError
+from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+
+from rattlesweep.errors import ConfigError, one_line
+from rattlesweep.sweeps.config.messages import (
+    Key,
+    Places,
+    describe,
+    dotted,
+    nearest,
+    not_one_of,
+    quoted,
+)
+from rattlesweep.sweeps.config.schema import Clashes, Config, Dissipation, as_number
+
+# Larger files are refused at once; they take seconds to parse.
+MAX_BYTES, MAX_VALUES, MAX_DEPTH = 250_000, 20_000, 30
+# Problems told in full; the rest is counted.
+MAX_TOLD = 20
+
+Problem = tuple[int | str | None, Key, str]
+"""Line or ``--set`` text, key, and sentence."""
+
+
+def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Config:
+    """Read a config file (YAML 1.2); without a name, it is named after the file.
+
+    `overrides` are ``KEY=VALUE`` texts with dotted keys and YAML values, such as
+    ``bodies.samples=10``; they replace values of the file, and later ones earlier ones.
+    A ConfigError has everything that is wrong, one line each: ``file:line: key: sentence``.
+    """
+    file = one_line(os.fspath(path), 200)
+    data, lines, problems = read_yaml(_read_text(path, file))
+    if data is None and not problems:
+        raise ConfigError(f"{file}:1: the file is empty; it needs at least bodies and spin")
+    if data is None:
+        raise ConfigError(f"{file}:{problems[0][0]}: {problems[0][2]}")
+    if not isinstance(data, dict):
+        raise ConfigError(f"{file}:1: {describe(data)} is found; write key: value lines")
+    stem = "".join(c if c.isprintable() and c != "\\" else "_" for c in Path(path).stem)
+    return _check(data, overrides, Places(file, {(): 1, **lines}), problems, stem)
+
+
+def parse_config(data: Mapping[str, Any], like: Config | None = None) -> Config:
+    """Check a config given as Python data; its keys have the places of those of `like`.
+
+    Tuples count as lists, and NumPy's numbers as Python's. A ConfigError has everything that is
+    wrong, one line each: ``key: sentence``.
+    """
+    config = override_config(data, ())
+    if like is not None:
+        config._places = like._places
+    return config
+
+
+def override_config(data: Mapping[str, Any], overrides: Sequence[str]) -> Config:
+    """Check a config given as Python data, with some keys replaced by ``KEY=VALUE`` texts."""
+    plain = _plain(data, ())
+    if not isinstance(plain, dict):
+        raise ConfigError(f"{describe(plain)} is given for a config; give a dict")
+    return _check(plain, overrides, Places(None, {}), [])
+
+
+def config_json_schema() -> dict[str, Any]:
+    """Return the JSON Schema (draft 2020-12) of a config."""
+    schema = Config.model_json_schema()
+    # This keyword belongs to OpenAPI and not to JSON Schema.
+    del schema["properties"]["bodies"]["discriminator"]
+    schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
+    schema["title"] = "rattlesweep config"
+    for model in (schema, *schema["$defs"].values()):
+        for key in model["properties"].values():
+            key["description"] = " ".join(key["description"].split())
+    return schema
+
+
+def resolved(config: Config) -> dict[str, Any]:
+    """Return the config as plain data that JSON can hold, with all defaults filled in."""
+    return config.model_dump(mode="json", exclude_none=True) | {"output": config.directory}
+
+
+def fixed_part(data: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the part of a resolved config that determines the numbers of a run with a given key.
+
+    The lists of cases, the number of samples and what decides which runs there are, are left out,
+    since a sweep may grow in them; so are the limit of steps, which runs that end do not notice,
+    and the thresholds between types. Of the dissipation its kind stays, which chooses the kernel.
+    """
+    part = {key: value for key, value in data.items() if key not in ("name", "output", "stop")}
+    # A table is known by what it holds, wherever it lies.
+    part["bodies"] = _without(data["bodies"], "samples", "refine", "path")
+    if target := part["bodies"].get("target"):
+        name = "K_p" if "K_p" in target else "K_r"
+        part["bodies"]["target"] = {"coefficient": name, **_without(target, name)}
+    if "spin" in data:
+        part["spin"] = _without(data["spin"], "n_i", "omega_xy0")
+    part["integrator"] = _without(data["integrator"], "max_steps")
+    part["classify"] = {"early": data["classify"]["early"]}
+    part["dissipation"] = {"kind": Dissipation.model_validate(data["dissipation"]).kind}
+    return part
+
+
+def physics_hash(config: Config) -> str:
+    """Return the SHA-256, in hex, of the :func:`fixed_part` of a config."""
+    part = fixed_part(resolved(config))
+    text = json.dumps(part, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def differences(a: dict[str, Any], b: dict[str, Any]) -> list[str]:
+    """Return dotted keys in which two resolved configs differ, each with both values."""
+    left, right = _flat(a), _flat(b)
+    return [
+        f"{key}: {left.get(key, 'not set')} against {right.get(key, 'not set')}"
+        for key in {**left, **right}
+        if left.get(key) != right.get(key)
+    ]
+
+
+def _without(data: Mapping[str, Any], *names: str) -> dict[str, Any]:
+    return {key: value for key, value in data.items() if key not in names}
+
+
+def _flat(data: Any, prefix: str = "") -> dict[str, str]:
+    if not isinstance(data, dict) or (not data and prefix):
+        return {prefix: json.dumps(data)}
+    flat: dict[str, str] = {}
+    for key, value in data.items():
+        flat |= _flat(value, f"{prefix}.{key}" if prefix else str(key))
+    return flat
+
+
+# -- files and Python data -------------------------------------------------------------------------
+
+
+def _read_text(path: str | os.PathLike[str], file: str) -> str:
+    try:
+        with Path(path).open("rb") as stream:
+            raw = stream.read(MAX_BYTES + 1)
+    except FileNotFoundError:
+        raise ConfigError(f"{file}: there is no such file; give the path of a config") from None
+    except IsADirectoryError:
+        raise ConfigError(f"{file}: is a directory; give the path of a config in it") from None
+    except (OSError, ValueError) as error:
+        reason = one_line(getattr(error, "strerror", None) or str(error))
+        raise ConfigError(f"{file}: cannot be read ({reason}); give a readable file") from None
+    if len(raw) > MAX_BYTES:
+        size = f"{MAX_BYTES // 1000} kB"
+        raise ConfigError(f"{file}: is larger than {size}; put long lists of bodies into a table")
+    try:
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = raw.count(b"\n", 0, error.start) + 1
+        byte = f"byte 0x{raw[error.start]:02x}"
+        raise ConfigError(f"{file}:{line}: {byte} is not UTF-8; save the file as UTF-8") from None
+
+
+def read_yaml(text: str) -> tuple[Any, dict[Key, int], list[Problem]]:
+    """Return the data of a YAML text, the line of each key and list item, and its problems.
+
+    The nodes of the document are converted here, as ruamel.yaml's objects stop at the first
+    repeated key and turn some words into dates.
+    """
+    try:
+        # The pure parser: the C one follows YAML 1.1.
+        root = YAML(typ="safe", pure=True).compose(text)
+    except MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        words = " ".join(str(error.problem or error.context).split())
+        words = words.replace("'<stream end>'", "the end of the text")
+        if "'\\t'" in words:
+            message = "a tab is found where YAML requires spaces; indent with spaces"
+        elif "another document" in words:
+            message = "a second YAML document begins; keep one document in the file"
+        else:
+            message = f"not valid YAML ({words}); check indentation, brackets and quotes"
+        return None, {}, [(mark.line + 1 if mark else 1, (), message)]
+    except RecursionError:
+        return None, {}, [(1, (), "the values are nested too deeply; a config has 5 levels")]
+    except Exception as error:
+        # A forbidden character; on malformed text also ValueError, OverflowError, IndexError ...
+        place = getattr(error, "position", 0)
+        found = f"U+{ord(text[place]):04X}" if place else type(error).__name__
+        message = f"not valid YAML ({found} while reading it); check for unusual characters"
+        return None, {}, [(text.count("\n", 0, place) + 1, (), message)]
+    lines: dict[Key, int] = {}
+    problems: list[Problem] = []
+    count = 0
+
+    def convert(node: Node, key: Key) -> Any:
+        nonlocal count
+        count += 1
+        line = node.start_mark.line + 1
+        if count > MAX_VALUES or len(key) > MAX_DEPTH:
+            raise ConfigError([str(line)])
+        if not str(node.tag).startswith("tag:yaml.org,2002:"):
+            problems.append((line, key, "tags (!name) are not supported; remove it"))
+        if isinstance(node, SequenceNode):
+            for index, item in enumerate(node.value):
+                lines[(*key, index)] = item.start_mark.line + 1
+            return [convert(item, (*key, index)) for index, item in enumerate(node.value)]
+        if not isinstance(node, MappingNode):
+            return _scalar(str(node.tag), node.value)
+        data: dict[str, Any] = {}
+        for name, value in node.value:
+            line = name.start_mark.line + 1
+            if not isinstance(name, ScalarNode):
+                problems.append((line, key, "a list or mapping is a key here; write a name"))
+                continue
+            child = (*key, name.value)
+            if name.value in data:
+                first = f"first in line {lines[child]}"
+                problems.append((line, child, f"the key is repeated ({first}); keep one"))
+                continue
+            lines[child] = line
+            data[name.value] = convert(value, child)
+        return data
+
+    try:
+        return None if root is None else convert(root, ()), lines, problems
+    except ConfigError as error:
+        message = f"more than {MAX_VALUES} values or {MAX_DEPTH} levels; put long lists in a table"
+        return None, {}, [(int(str(error)), (), message)]
+
+
+def _scalar(tag: str, text: str) -> Any:
+    """Return the value of a scalar; what YAML knows beside words and numbers stays text."""
+    kind = tag.rpartition(":")[2]
+    if kind == "null":
+        return None
+    if kind == "bool":
+        return text.lower() in ("true", "yes", "on", "y")
+    if kind == "int" and text.lstrip("+-")[:2] in ("0o", "0x", "0b"):
+        return int(text.replace("_", ""), 0)
+    if kind == "float" and text.lower().lstrip("+-") in (".inf", ".nan"):
+        return float(text.replace(".", ""))
+    return as_number(text) if kind in ("int", "float") else text
+
+
+def _plain(value: Any, key: Key) -> Any:
+    """Return Python data as a config file would give it."""
+    if len(key) > MAX_DEPTH:
+        # Data that holds itself has no end.
+        raise ConfigError(f"{dotted(key[:1])}: is nested too deeply; a config has 5 levels")
+    if isinstance(value, Mapping):
+        return {str(name): _plain(item, (*key, str(name))) for name, item in value.items()}
+    if isinstance(value, list | tuple) or type(value).__name__ == "ndarray":
+        return [_plain(item, (*key, index)) for index, item in enumerate(value)]
+    if isinstance(value, bool):
+        return value
+    # NumPy's numbers are registered as these.
+    if isinstance(value, Integral):
+        return int(value)
+    return float(value) if isinstance(value, Real) else value
+
+
+# -- checking --------------------------------------------------------------------------------------
+
+
+def _check(
+    data: dict[str, Any],
+    overrides: Sequence[str],
+    places: Places,
+    problems: list[Problem],
+    name: str | None = None,
+) -> Config:
+    """Return the config, or raise a ConfigError with everything that is wrong."""
+    origins = dict(places.origins)
+    places = Places(places.file, origins)
+    refused = [line for text in overrides for line in _override(data, origins, text)]
+    if name is not None:
+        data.setdefault("name", name)
+    found = list(problems)
+    try:
+        config = Config.model_validate(data)
+        config._places = places
+    except ValidationError as error:
+        found += _problems(error, data, places)
+    if not found and not refused:
+        return config
+    # In the order of the file; those of settings come last.
+    found.sort(key=lambda one: one[0] if isinstance(one[0], int) else bool(one[0]) * MAX_BYTES)
+    told = [Places(places.file, {key: origin}).line(key, text) for origin, key, text in found]
+    lines = list(dict.fromkeys([*told, *refused]))
+    if (more := len(lines) - MAX_TOLD) > 0:
+        head = f"{places.file}: " if places.file else ""
+        lines = [*lines[:MAX_TOLD], f"{head}and {more} more; fix these first"]
+    raise ConfigError(lines)
+
+
+def _override(data: dict[str, Any], origins: dict[Key, int | str | None], text: str) -> list[str]:
+    """Put one ``KEY=VALUE`` into `data`; return what is wrong with it."""
+    origin = f"--set {one_line(text, 100)}"
+    name, equals, value = text.partition("=")
+    key: Key = tuple(name.strip().split("."))
+    if not equals or not all(key):
+        return [f"{origin}: is not KEY=VALUE; write it as in bodies.samples=10"]
+    parsed, _, problems = read_yaml(value)
+    if problems:
+        return [f"{origin}: {dotted(key)}: {problems[0][2]}"]
+    here = data
+    for depth, part in enumerate(key[:-1], start=1):
+        if here.get(str(part)) is None:
+            here[str(part)] = {}
+            origins[key[:depth]] = origin
+        here = here[str(part)]
+        if not isinstance(here, dict):
+            return [f"{origin}: {dotted(key[:depth])} is not a mapping; set it as a whole"]
+    here[str(key[-1])] = parsed
+    for old in [old for old in origins if old[: len(key)] == key]:
+        del origins[old]
+    origins[key] = origin
+    return []
+
+
+def _problems(error: ValidationError, data: Any, places: Places) -> Iterator[Problem]:
+    """Yield what pydantic found wrong with `data`, one plain sentence each."""
+    errors = [(*_walk(one, data), one) for one in error.errors(include_url=False)]
+    wrong = [key for key, _, _ in errors]
+    unknown = [key for key, _, one in errors if one["type"] == "extra_forbidden"]
+    found = [
+        (*sentence, one["type"] == "missing")
+        for key, models, one in errors
+        for sentence in _sentences(key, models, one, data)
+    ]
+    # Defaults of these would clash themselves.
+    if not {key[:1] for key in wrong} & {(), ("launch",), ("dissipation",)}:
+        found += [((key,), sentence, True) for key, sentence in _root_clashes(data, wrong)]
+    for key, sentence, missing in found:
+        siblings = [str(other[-1]) for other in unknown if other[:-1] == key[:-1]]
+        # A missing key may be there under a misspelt name.
+        if not (missing and nearest(str(key[-1]), siblings)):
+            yield places.origin(key), key, sentence
+
+
+def _root_clashes(data: Any, wrong: list[Key]) -> list[tuple[str, str]]:
+    """Return the sections that exclude each other, without the keys that are wrong themselves.
+
+    Pydantic checks them against each other only once each of them is right.
+    """
+    rest = json.loads(json.dumps(data, default=str))
+    for _ in range(3):
+        for key in wrong:
+            *outer, last = [part for part in key if isinstance(part, str)] or [""]
+            here = value_at(rest, outer)
+            if isinstance(here, dict):
+                here.pop(last, None)
+        try:
+            Config.model_validate(rest)
+        except ValidationError as error:
+            errors = error.errors(include_url=False)
+            wrong = [_walk(one, rest)[0] for one in errors]
+            if wrong == [()] and isinstance(clash := errors[0]["ctx"]["error"], Clashes):
+                return clash.found
+    return []
+
+
+def value_at(data: Any, key: Sequence[str | int]) -> Any:
+    """Return the value at a key of nested data; None if there is none."""
+    try:
+        for part in key:
+            data = data[part]
+    except (TypeError, KeyError, IndexError):
+        return None
+    return data
+
+
+def _walk(error: Any, data: Any) -> tuple[Key, list[type[BaseModel]]]:
+    """Return the key of an error, and the models that may stand there, or around a wrong key.
+
+    Pydantic's location has tags of unions too, and places in lists that are made of other data.
+    """
+    models: list[type[BaseModel]] = [Config]
+    key: Key = ()
+    extra = error["type"] == "extra_forbidden"
+    for place, part in enumerate(error["loc"]):
+        if extra and place == len(error["loc"]) - 1:
+            return (*key, str(part)), models
+        if place == 1 and key == ("bodies",):
+            models = [model for model in models if part in _sources([model])]
+        elif isinstance(part, str) and not part.startswith("<"):
+            fields = [model.model_fields.get(part) for model in models]
+            models = [inner for field in fields if field for inner in _models(field.annotation)]
+            key = (*key, part)
+        elif isinstance(part, int) and isinstance(value_at(data, key), list):
+            key = (*key, part)
+    return key, models
+
+
+def _models(annotation: Any) -> list[type[BaseModel]]:
+    """Return the models inside unions and annotations."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for inner in get_args(annotation) for model in _models(inner)]
+
+
+def _sources(models: list[type[BaseModel]]) -> list[str]:
+    """Return the words by which a key `source` chooses among models."""
+    fields = [model.model_fields.get("source") for model in models]
+    return [word for field in fields if field for word in get_args(field.annotation)]
+
+
+_WANTED = {
+    "float": "a number", "bool": "true or false", "int": "a whole number", "string": "text",
+    "list": "a list", "dict": "a mapping", "model": "a mapping",
+}  # fmt: skip
+_LIMITS = {
+    "greater_than": ("gt", "above"),
+    "greater_than_equal": ("ge", "at least"),
+    "less_than": ("lt", "below"),
+    "less_than_equal": ("le", "at most"),
+}
+
+
+def _sentences(
+    key: Key, models: list[type[BaseModel]], error: Any, data: Any
+) -> Iterator[tuple[Key, str]]:
+    """Yield the keys and sentences of one error."""
+    kind, value, context = error["type"], error["input"], error.get("ctx", {})
+    sources = _sources(models)
+    if kind == "value_error" and isinstance(context["error"], Clashes):
+        for name, sentence in context["error"].found:
+            yield ((*key, name) if name else key), sentence
+    elif kind == "value_error":
+        yield key, str(context["error"])
+    elif kind == "extra_forbidden":
+        yield key, _unknown(key, models, data)
+    elif kind == "missing" and key == ("bodies",):
+        yield key, "the key is missing; say with it where parameter sets come from"
+    elif kind == "missing":
+        yield key, "the key is missing; add it"
+    elif kind == "union_tag_not_found" and sources and isinstance(value, dict):
+        if near := nearest("source", map(str, value)):
+            yield (*key, near), f'unknown key {quoted(near)}; did you mean "source"?'
+        else:
+            yield (*key, "source"), f"the key is missing; it must be one of {', '.join(sources)}"
+    elif kind == "union_tag_invalid" and sources and isinstance(value, dict):
+        yield (*key, "source"), not_one_of(value["source"], sources)
+    elif kind == "literal_error":
+        choices = context["expected"].replace(" or ", ", ").split(", ")
+        yield key, not_one_of(value, [choice.strip("'") for choice in choices])
+    elif kind in _LIMITS:
+        name, bound = _LIMITS[kind]
+        yield key, f"{describe(value)} is out of range; it must be {bound} {context[name]:.15g}"
+    elif kind in ("too_short", "too_long"):
+        bound, limit = ("least", "min_length") if kind == "too_short" else ("most", "max_length")
+        count = context["actual_length"]
+        yield key, f"the list has {count} values; give at {bound} {context[limit]}"
+    elif kind == "string_too_short":
+        yield key, "the text is empty; write at least one character"
+    elif kind == "finite_number":
+        yield key, f"{value} is not a finite number; write one below 1.8e308"
+    elif kind == "string_type" and isinstance(value, int | float) and not isinstance(value, bool):
+        yield key, f"{describe(value)} is a number; put it in quotes to make it text"
+    else:
+        wanted = _WANTED.get(kind.split("_")[0], "what the schema allows")
+        if key[-1:] == ("accuracy",):
+            wanted = "draft, standard, reference or {t_r: 1.0e-6}"
+        yield key, f"{describe(value)} is given here; write {wanted}"
+
+
+def _unknown(key: Key, models: list[type[BaseModel]], data: Any) -> str:
+    """Return the sentence for an unknown key: what it may have been meant to be."""
+    word, names = str(key[-1]), [name for model in models for name in model.model_fields]
+    source = value_at(data, ("bodies", "source"))
+    homes = [where for where, name in _sections(Config, source, "") if name == word]
+    unknown = f"unknown key {quoted(word)}"
+    if near := nearest(word, names):
+        return f"{unknown}; did you mean {quoted(near)}?"
+    if 0 < len(homes) <= 3:
+        where = " or ".join(f"under {home}" if home else "at the top level" for home in homes)
+        return f"{unknown} here; it belongs {where}"
+    return (
+        f"{unknown}; the keys allowed here are {', '.join(names)}"
+        if names
+        else f"{unknown}; remove it"
+    )
+
+
+def _sections(model: type[BaseModel], source: Any, path: str) -> Iterator[tuple[str, str]]:
+    """Yield the section and the name of each key of a config with bodies of a `source`."""
+    for name, field in model.model_fields.items():
+        yield path, name
+        inside = _models(field.annotation)
+        for inner in [one for one in inside if source in _sources([one])] or inside:
+            yield from _sections(inner, source, f"{path}.{name}".removeprefix("."))
