@@ -424,10 +424,8 @@ class TableSource(Surfaced):
     source: Literal["table"]
     """Read bodies from a table."""
     path: str = Field(min_length=1, pattern=r"^[^\x00]*$")
-    """CSV or Parquet file with columns alpha beta gamma theta phi xi (radians), and optionally
-    n_i omega_xy0 t_end, which replace spin and horizon row by row, or a full state instead of
-    n_i omega_xy0: omega_x omega_y omega_z u_x u_y u_z; sigma and rolling replace those of
-    dissipation."""
+    """CSV or Parquet file, or a directory of Parquet files, with a body in each row; other columns
+    replace spin, horizon and dissipation row by row."""
     c: C | None = Field(None, description=f"Of rows without a c. {PARAMETERS['c'].meaning}")
 
 
