@@ -88,7 +88,7 @@ class Forecast:
             f"the longest run takes up to {_time(self.longest)}",
         ]
         if self.share is not None:
-            lines.append(f"a share takes about {_time(self.share)}")
+            lines.append(f"a shard takes about {_time(self.share)}")
         if self.few >= FEW_LIMIT:
             lines.append(
                 f"one run in a hundred takes {100 * self.few:.0f} % of the time: t_rGH goes to "
