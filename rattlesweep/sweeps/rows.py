@@ -80,7 +80,7 @@ class Runs:
 
     def files(self) -> list[Path]:
         """Return the files in the order of their names; none where there is no folder."""
-        with explained(f"cannot read {self.folder}"):
+        with explained(f"cannot read {self.folder}", folder=True):
             try:
                 return sorted(path for path in self.folder.iterdir() if _is_ours(path))
             except FileNotFoundError:

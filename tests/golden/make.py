@@ -11,9 +11,9 @@ import tempfile
 from pathlib import Path
 
 import pyarrow.parquet as pq
+from rattlesweep.sweeps.old.content_hash import content_hash
 
 import rattlesweep as rs
-from rattlesweep.sweeps.old.content_hash import content_hash
 
 HERE = Path(__file__).parent
 

@@ -21,8 +21,8 @@ from theory_mp import growth_exact
 from rattlesweep.integrate.lanes.build import kernel
 from rattlesweep.physics import full, theory
 from rattlesweep.sweeps import block as blocks
-from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.config.read import parse_config
+from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.types import TYPES
 
 

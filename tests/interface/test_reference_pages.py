@@ -10,7 +10,6 @@ import pytest
 from ruamel.yaml import YAML
 from sweeping import invoke
 
-import rattlesweep as rs
 from rattlesweep.sweeps.config.read import load_config, parse_config
 from rattlesweep.sweeps.plan import make_plan
 

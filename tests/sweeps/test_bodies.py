@@ -28,8 +28,8 @@ from rattlesweep.sweeps.bodies import sources, tablefile
 from rattlesweep.sweeps.bodies.philox import uniforms
 from rattlesweep.sweeps.bodies.sampler import draw_bodies
 from rattlesweep.sweeps.bodies.sources import CHUNK
-from rattlesweep.sweeps.config.schema import Target
 from rattlesweep.sweeps.config.read import parse_config, physics_hash
+from rattlesweep.sweeps.config.schema import Target
 from rattlesweep.sweeps.launches import prepare
 
 SPIN = {"n_i": -0.1, "omega_xy0": 0.01}

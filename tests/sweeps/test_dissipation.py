@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import sweeping
+from rattlesweep.sweeps.old import sealed
 from refusal import assert_refused
 from sweeping import changed, content_hash, invoke, plan_of, proved
 
@@ -19,9 +20,8 @@ from rattlesweep.physics import full, steady
 from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.physics.theory import bondi_threshold
 from rattlesweep.sweeps.block import prepare_block
-from rattlesweep.sweeps.launches import model_of
 from rattlesweep.sweeps.config.read import parse_config, physics_hash
-from rattlesweep.sweeps.old import sealed
+from rattlesweep.sweeps.launches import model_of
 
 SIGMA, ROLLING = [0.0, 0.05, 0.2], [0.0, 1e-3]
 # The kernel that knows all of it, as in test_stones.

@@ -11,18 +11,18 @@ import numpy as np
 import pandas as pd
 import pytest
 import sweeping
+from rattlesweep.sweeps.old.merge import merge
+from rattlesweep.sweeps.shards import Shard
 from refusal import assert_refused
 from sweeping import content_hash, invoke, proved, rows
 
 import rattlesweep as rs
+from rattlesweep.analysis.onerun.course import Course
+from rattlesweep.analysis.onerun.replay import Replay
 from rattlesweep.errors import OutputError
 from rattlesweep.integrate.batch import most_threads
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import PARAMETERS
-from rattlesweep.analysis.onerun.course import Course
-from rattlesweep.analysis.onerun.replay import Replay
-from rattlesweep.sweeps.shards import Shard
-from rattlesweep.sweeps.old.merge import merge
 
 SETS = (
     "bodies.samples=12", "bodies.target={K_r: [0.0041, 0.02], rel_tol: 0.1}",

@@ -11,20 +11,27 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pytest
 import sweeping
+from rattlesweep.sweeps.old import pilot
+from rattlesweep.sweeps.old.forecast import forecast
+from rattlesweep.sweeps.old.retype import retype
+from rattlesweep.sweeps.old.status import describe, status_of
+from rattlesweep.sweeps.old.store import Store
+from rattlesweep.sweeps.shards import Shard
 from sweeping import content_hash, invoke, proved
 
+from rattlesweep.analysis.onerun.course import Course
+from rattlesweep.analysis.onerun.replay import Replay, cause_of
+from rattlesweep.analysis.plots.fractions import UNSURE
+from rattlesweep.analysis.plots.kinds import choose_picture
+from rattlesweep.analysis.plots.layout import read_layout
+from rattlesweep.analysis.style import styled
 from rattlesweep.integrate.batch import Batch, Control, Outcome, integrate
 from rattlesweep.integrate.model import FULL, MODELS
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import DOP853, METHODS
 from rattlesweep.physics import full
-from rattlesweep.analysis.onerun.course import Course
-from rattlesweep.analysis.onerun.replay import Replay, cause_of
-from rattlesweep.analysis.plots.fractions import UNSURE
-from rattlesweep.analysis.plots.layout import read_layout
-from rattlesweep.analysis.plots.kinds import choose_picture
-from rattlesweep.analysis.style import styled
 from rattlesweep.sweeps import error
+from rattlesweep.sweeps.arrow import build_table
 from rattlesweep.sweeps.block import (
     Interrupted,
     columns_of,
@@ -33,16 +40,9 @@ from rattlesweep.sweeps.block import (
     prepare_runs,
     run_batch,
 )
-from rattlesweep.sweeps.plan import Plan
-from rattlesweep.sweeps.shards import Shard
-from rattlesweep.sweeps.old import pilot
-from rattlesweep.sweeps.old.forecast import forecast
-from rattlesweep.sweeps.old.retype import retype
-from rattlesweep.sweeps.old.status import describe, status_of
-from rattlesweep.sweeps.summary import closing_table
-from rattlesweep.sweeps.old.store import Store
-from rattlesweep.sweeps.arrow import build_table
 from rattlesweep.sweeps.columns import RUNS, runs_schema
+from rattlesweep.sweeps.plan import Plan
+from rattlesweep.sweeps.summary import closing_table
 from rattlesweep.sweeps.types import SS, SW, UNCLASSIFIED, R, sure_types
 
 SETS = (

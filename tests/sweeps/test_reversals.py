@@ -14,8 +14,8 @@ from refusal import assert_refused
 from sweeping import invoke
 
 import rattlesweep as rs
-from rattlesweep.analysis.plots.layout import read_layout
 from rattlesweep.analysis.plots.kinds import choose_picture
+from rattlesweep.analysis.plots.layout import read_layout
 from rattlesweep.sweeps.counts import Moments
 
 CONFIG: dict[str, Any] = {

@@ -35,7 +35,7 @@ from sweeping import (
 )
 
 import rattlesweep as rs
-from rattlesweep.cli.common import progress
+from rattlesweep import progress
 from rattlesweep.sweeps.arrow import same_schema
 from rattlesweep.sweeps.columns import runs_schema, summary_schema
 from rattlesweep.sweeps.config.read import parse_config
@@ -253,7 +253,7 @@ def test_quiet_says_nothing_and_the_table_goes_to_standard_output(tmp_path):
     assert "112.09" in loud.stdout
     assert len(loud.stdout.splitlines()) == 3
     assert re.fullmatch(
-        r"2 runs in \S+, 0 of them from before; .* runs a second\n"
+        r"2 runs in \S+, all of them done now in .* s\n"
         r"see them: rattlesweep plot \S+, rattlesweep report \S+\n",
         loud.stderr,
     )
@@ -271,14 +271,14 @@ def clock(monkeypatch):
 
 
 def test_without_a_terminal_there_is_at_most_one_line_a_minute(clock, capfd):
-    with progress.Meter(quiet=False) as meter:
+    with progress.Bar.of_command() as meter:
         for tick in range(6001):
             clock[0] = tick / 10
             meter(Progress(tick / 6000, tick, 6000, clock[0], 600 - clock[0]))
     lines = capfd.readouterr().err.splitlines()
     assert len(lines) == 10
-    assert lines[0] == "10.0 %, 600/6000 runs, 1:00, 9:00 left"
-    with progress.Meter(quiet=True) as meter:
+    assert lines[0] == "10.0 %, 600 of 6,000 runs, 1:00, 9:00 left"
+    with progress.Bar.of_command(quiet=True) as meter:
         clock[0] = 1e6
         meter(Progress(0.5, 1, 2, 1e6, None))
     assert capfd.readouterr().err == ""
@@ -289,15 +289,15 @@ def test_a_terminal_gets_a_bar_with_the_time_left(monkeypatch):
     termios.tcsetwinsize(slave, (25, 100))
     with os.fdopen(slave, "w") as terminal, os.fdopen(master, "rb", buffering=0) as screen:
         monkeypatch.setattr(sys, "stderr", terminal)
-        with progress.Meter() as meter:
+        with progress.Bar.of_command() as meter:
             meter(Progress(0.25, 250, 1000, 3.0, 9.0))
             time.sleep(0.2)  # a bar that is drawn too often is not
             meter(Progress(1.0, 1000, 1000, 12.0, 0.0))
         drawn = b""
-        while b"1000/1000" not in drawn and select.select([screen], [], [], 60)[0]:
+        while b"1,000 of 1,000" not in drawn and select.select([screen], [], [], 60)[0]:
             drawn += screen.read(65536)
     shown = drawn.decode(errors="ignore")
-    assert re.search(r" 25%\|.*\| 250/1000 runs, 0:03, 0:09 left", shown)
+    assert re.search(r" 25%\|.*\| 250 of 1,000 runs, 0:03, 0:09 left", shown)
     assert re.search(r"100%\|.*\| 1000/1000 runs, 0:12", shown)
 
 

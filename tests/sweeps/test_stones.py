@@ -22,9 +22,9 @@ from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics import full, stone
 from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.sweeps.block import prepare_block
-from rattlesweep.sweeps.launches import model_of
-from rattlesweep.sweeps.config.read import parse_config, physics_hash
 from rattlesweep.sweeps.columns import runs_schema
+from rattlesweep.sweeps.config.read import parse_config, physics_hash
+from rattlesweep.sweeps.launches import model_of
 
 SPIN = {"n_i": [0.2], "omega_xy0": [0.05]}
 GH = {"source": "preset", "name": "GH"}

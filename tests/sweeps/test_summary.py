@@ -218,4 +218,4 @@ def test_closing_table():
     )
     assert two.split()[:3] == ["11", "-", "-"]
     assert len({len(line) for line in (head, one, two)}) == 1
-    assert len(head) <= 104
+    assert len(head) <= 130
