@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 from click.testing import CliRunner
 
 from rattlesweep import cli
+from rattlesweep.integrate.batch import Batch
+from rattlesweep.sweeps.block import prepare_runs
 from rattlesweep.sweeps.plan import Plan, make_plan
 from rattlesweep.sweeps.config.read import load_config, parse_config
+from rattlesweep.sweeps.launches import Launches
 from rattlesweep.sweeps.run import run_sweep
-from rattlesweep.sweeps.old.content_hash import content_hash
-from rattlesweep.sweeps.old.verify import verify
+from rattlesweep.sweeps.stored import open_stored
+from rattlesweep.sweeps.verify import verify
 
 ROOT = Path(__file__).parents[2]
 CONFIGS = ROOT / "configs"
@@ -49,9 +56,9 @@ def start(*args: Any, **kwargs: Any) -> subprocess.Popen[str]:
 
 
 def begin(output: Path, *sets: str, **kwargs: Any) -> subprocess.Popen[str]:
-    """A sweep of 6000 runs in 12 blocks, some seconds long, in a process of its own."""
+    """A sweep of 6000 runs, some seconds long, in a process of its own."""
     chosen = ("bodies.samples=1500", "bodies.target={K_r: [0.02, 0.1], rel_tol: 0.1}",
-              "spin.n_i=[-0.3, -0.5]", "block_size=500", *sets)  # fmt: skip
+              "spin.n_i=[-0.3, -0.5]", *sets)  # fmt: skip
     args = [part for text in chosen for part in ("--set", text)]
     return start("run", CONFIGS / "quickstart.yaml", "--output", output, *args, **kwargs)
 
@@ -74,6 +81,13 @@ def plan_of(config: str | Path | dict[str, Any], *sets: str, **changes: Any) -> 
     return make_plan(load_config(CONFIGS / config, sets))
 
 
+def prepared(plan: Plan) -> tuple[Launches, Batch]:
+    """Return launches and batch of all runs of a plan."""
+    launches, batch = prepare_runs(plan, *np.divmod(np.arange(plan.runs), plan.samples))
+    assert batch is not None
+    return launches, batch
+
+
 def sweep(output: Path, config: str | Path | dict[str, Any], *sets: str, **options: Any) -> Any:
     """Run such a plan without the command; `options` are those of `run_sweep`."""
     return run_sweep(plan_of(config, *sets), output, **options)
@@ -83,9 +97,9 @@ def sweep(output: Path, config: str | Path | dict[str, Any], *sets: str, **optio
 
 
 def rows(output: Path) -> pd.DataFrame:
-    """All runs in the order of their blocks."""
-    parts = [pd.read_parquet(path) for path in sorted((output / "runs").glob("*.parquet"))]
-    return pd.concat(parts, ignore_index=True)
+    """All runs in the order of their keys."""
+    parts = [pd.read_parquet(path) for path in (output / "runs").glob("*.parquet")]
+    return pd.concat(parts).sort_values(["case", "sample"], ignore_index=True)
 
 
 def manifest(output: Path) -> dict[str, Any]:
@@ -99,6 +113,13 @@ def proved(output: Path, recompute: int = 0) -> str:
     problems = verify(output, recompute=recompute, seed=1).problems
     assert problems == [], problems
     return content_hash(output)
+
+
+def content_hash(output: Path) -> str:
+    """Hash of all rows in the order of their keys, however they lie in files."""
+    sink = pa.BufferOutputStream()
+    pq.write_table(open_stored(output).read().combine_chunks(), sink)
+    return hashlib.sha256(sink.getvalue()).hexdigest()
 
 
 def tree(directory: Path) -> dict[str, bytes]:

@@ -17,19 +17,18 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy import stats
 from scipy.stats import qmc
-from sweeping import content_hash, rows
+from sweeping import prepared, rows
 
 import rattlesweep as rs
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import PARAMETERS
-from rattlesweep.sweeps.block import prepare_block
 from rattlesweep.sweeps.bodies import sources, tablefile
 from rattlesweep.sweeps.bodies.philox import uniforms
 from rattlesweep.sweeps.bodies.sampler import draw_bodies
 from rattlesweep.sweeps.bodies.sources import CHUNK
-from rattlesweep.sweeps.config.schema import Target
 from rattlesweep.sweeps.config.read import parse_config, physics_hash
+from rattlesweep.sweeps.config.schema import Target
 from rattlesweep.sweeps.launches import prepare
 
 SPIN = {"n_i": -0.1, "omega_xy0": 0.01}
@@ -157,8 +156,7 @@ def test_targets_are_met(name, values):
 def test_cases_of_one_target_share_their_bodies():
     spin = {"n_i": [-0.1, -0.5], "omega_xy0": [0.001, 0.1]}
     made = plan(drawn(7, target={"K_r": [0.03, 0.1], "rel_tol": 0.05}), spin)
-    launches, _ = prepare_block(made, made.block(0))
-    cases = columns(launches.bodies).T.reshape(8, 7, 6)
+    cases = columns(prepared(made)[0].bodies).T.reshape(8, 7, 6)
     assert (cases.reshape(2, 4, 7, 6) == cases[::4, None]).all()
     assert not np.isin(cases[0], cases[4]).any()
     # Targets first, then spins, then oscillations: the order of the config.
@@ -185,6 +183,22 @@ def test_more_samples_leave_the_points_of_a_sequence(draw):
     n = CHUNK + 48
     few, more = (plan(drawn(size, draw=draw, c=[1.5, 3])) for size in (n, 2 * n))
     assert np.array_equal(bodies_of(few), bodies_of(more, samples=np.arange(n)))
+
+
+@pytest.mark.parametrize("semi_axis", [{}, {"c": [1.5, 4]}], ids=["seven", "eight with c"])
+def test_samples_of_a_group_differ_in_one_parameter_each(semi_axis):
+    """Saltelli's design: a point, another, and each parameter of the first taken from the other."""
+    names = ["gamma", "f_sd", "theta", "phi", "xi", *semi_axis]
+    n, group = len(names), len(names) + 2
+    made = plan(drawn(group * 512, draw="saltelli", **semi_axis))
+    assert made.config.bodies.group == group
+    b = made.source.bodies(math.nan, np.arange(group * 40))
+    values = np.array([getattr(b, name) for name in names]).reshape(n, 40, group)
+    first, second, others = values[:, :, 0], values[:, :, 1], values[:, :, 2:]
+    assert (first != second).all()
+    for k in range(n):
+        for p in range(n):
+            assert np.array_equal(others[p, :, k], (second if p == k else first)[p])
 
 
 def test_targets_in_front_or_between_leave_the_draws_of_the_others():
@@ -220,7 +234,7 @@ def test_a_source_is_pickled_without_what_it_has_drawn(draw):
     assert np.array_equal(columns(there), bodies)
 
 
-def test_a_body_does_not_depend_on_threads_or_blocks():
+def test_a_body_does_not_depend_on_threads_or_neighbours():
     target = Target(K_r=[0.05], rel_tol=0.01)
     one, *others = (
         draw_bodies(1, np.arange(301), RANGES, target, 0.05, threads=threads)
@@ -228,15 +242,13 @@ def test_a_body_does_not_depend_on_threads_or_blocks():
     )
     for other in others:
         assert [part.tobytes() for part in other] == [part.tobytes() for part in one]
-    # A block may end one case and begin the next, and `verify` asks for runs here and there.
-    made = plan(drawn(33, target={"K_r": [0.01, 0.1], "rel_tol": 0.1}), block_size=7)
-    whole = prepare(made, *np.divmod(np.arange(66), 33))
+    # Whichever runs are asked for together, and in whatever order.
+    made = plan(drawn(33, target={"K_r": [0.01, 0.1], "rel_tol": 0.1}))
+    whole = prepared(made)[0]
     order = np.random.default_rng(5).permutation(66)
     mixed = prepare(made, *np.divmod(order, 33))
     assert np.array_equal(columns(mixed.bodies), columns(whole.bodies)[:, order])
     assert np.array_equal(mixed.gh.t_rgh, whole.gh.t_rgh[order])
-    blocks = [prepare_block(made, made.block(k))[0].bodies for k in range(made.n_blocks)]
-    assert np.array_equal(np.hstack([columns(b) for b in blocks]), columns(whole.bodies))
 
 
 @pytest.mark.parametrize(("name", "value"), [("K_r", 5.0), ("K_p", 1e-9)])
@@ -478,22 +490,21 @@ def test_an_output_table_is_a_valid_input_and_gives_the_same_results(psi, tmp_pa
         "horizon": {"t_rgh": 3},
     }
 
-    def again(name: str, path: Any, horizon: dict[str, float]) -> pd.DataFrame:
-        config = {"bodies": {"source": "table", "path": str(path)}, "horizon": horizon}
-        sweeping.sweep(tmp_path / name, config)
-        return rows(tmp_path / name)
-
     sweeping.sweep(tmp_path / "first", data)
     first, runs = rows(tmp_path / "first"), tmp_path / "first" / "runs"
     had = first.t_r.notna().to_numpy()
     assert 0 < had.sum() < len(first) == 24
     assert (first.t_end[had] == first.t_r[had]).all()
+
+    def again(name: str, horizon: dict[str, float]) -> pd.DataFrame:
+        config = {"bodies": {"source": "table", "path": str(runs)}, "horizon": horizon}
+        sweeping.sweep(tmp_path / name, config)
+        return rows(tmp_path / name)
+
     same = [c for c in first.columns if c not in ("case", "sample")]
-    for name, path in (("folder", runs), ("file", runs / "block-000000.parquet")):
-        other = again(name, path, {"t_rgh": 3})
-        pd.testing.assert_frame_equal(first[same], other[same], check_exact=True)
-    assert content_hash(tmp_path / "folder") == content_hash(tmp_path / "file")
+    other = again("again", {"t_rgh": 3})
+    pd.testing.assert_frame_equal(first[same], other[same], check_exact=True)
     # With a shorter horizon in the config, only rows that have a t_r are cut.
-    cut = again("short", runs, {"t": 10})
+    cut = again("short", {"t": 10})
     assert (cut.t_end[had] <= 10).all()
     assert np.array_equal(cut.t_end[~had], first.t_end[~had])

@@ -11,17 +11,15 @@ import pandas as pd
 import pytest
 import sweeping
 from refusal import assert_refused
-from sweeping import changed, content_hash, invoke, plan_of, proved
+from sweeping import changed, content_hash, invoke, plan_of, prepared, proved
 
 import rattlesweep as rs
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import full, steady
 from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.physics.theory import bondi_threshold
-from rattlesweep.sweeps.block import prepare_block
-from rattlesweep.sweeps.launches import model_of
 from rattlesweep.sweeps.config.read import parse_config, physics_hash
-from rattlesweep.sweeps.old import sealed
+from rattlesweep.sweeps.launches import model_of
 
 SIGMA, ROLLING = [0.0, 0.05, 0.2], [0.0, 1e-3]
 # The kernel that knows all of it, as in test_stones.
@@ -87,7 +85,7 @@ def test_kernels_are_by_what_some_run_has_and_hashes_by_values():
 def test_a_horizon_in_units_of_the_decay():
     def ends(sigma: list[float], **horizon: float) -> Any:
         plan = plan_of(GH, dissipation={"sigma": sigma}, horizon=horizon)
-        return pytest.approx(prepare_block(plan, plan.block(0))[0].t_end.tolist())
+        return pytest.approx(prepared(plan)[0].t_end.tolist())
 
     gamma = rs.Rattleback.gh().gamma
     assert ends([0.01, 0.1], t_decay=5) == [500 * gamma, 50 * gamma]
@@ -238,21 +236,6 @@ def test_grows_by_more_values(swept, tmp_path):
         sweeping.sweep(tmp_path, CONFIG | {"dissipation": {"sigma": 0.2}})
 
 
-def test_manifests_that_do_not_tell_cases_apart(tmp_path):
-    """As written before there could be several values."""
-    few = CONFIG | {"dissipation": {"sigma": 0.2, "rolling": 1e-3}, "horizon": {"t": 20}}
-    sweeping.sweep(tmp_path, few)
-    path = tmp_path / "manifest.json"
-    manifest = sealed.load(path.read_bytes())
-    for case in manifest["cases"]:
-        assert (case.pop("sigma"), case.pop("rolling")) == (0.2, 1e-3)
-    path.write_bytes(sealed.dump(manifest))
-    (tmp_path / "summary.parquet").unlink()
-    assert rs.load(tmp_path).summary.sigma.tolist() == [0.2, 0.2]
-    assert sweeping.sweep(tmp_path, few).resumed_runs == 12
-    proved(tmp_path)
-
-
 def test_refines_over_it(tmp_path):
     axes = {"minus_xi_deg": {"linspace": [0.5, 4, 9]}}
     whole = changed(CONFIG, bodies={"axes": axes}, spin={"n_i": 0.3})
@@ -287,7 +270,7 @@ def test_what_all_rows_share_is_that_of_the_config(tmp_path):
     # A column counts in the place of the config's number, and another key with it.
     rows = table(tmp_path, f"{HEAD},sigma", f"{ROW},0.1", f"{ROW},0.2")
     both = plan_of(rows, dissipation={"sigma": 7, "rolling": [0, 0.01]})
-    launches, _ = prepare_block(both, both.block(0))
+    launches, _ = prepared(both)
     assert launches.sigma.tolist() == [0.1, 0.2, 0.1, 0.2]
     assert launches.rolling.tolist() == [0, 0, 0.01, 0.01]
     none = plan_of(table(tmp_path, f"{HEAD},sigma", f"{ROW},0")).config
@@ -302,7 +285,7 @@ def test_tables_in_si_units(tmp_path):
         tmp_path, f"{head},c_m,sigma_N_m_s,rolling_m", f"{body},0.02,1e-4,5e-5", f"{body},,0,0",
         surface="ellipsoid",
     ))  # fmt: skip
-    launches, _ = prepare_block(plan, plan.block(0))
+    launches, _ = prepared(plan)
     kl = rs.Rattleback.kl()
     assert launches.bodies.c[0] == pytest.approx(kl.c, rel=1e-15)
     assert np.isnan(launches.bodies.c[1])

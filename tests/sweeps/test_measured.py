@@ -85,11 +85,11 @@ def test_commands_know_the_columns_of_a_table(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     STONES.to_csv("stones.csv", index=False)
     Path("c.yaml").write_text(
-        "bodies: {source: table, path: stones.csv}\nblock_size: 2\noutput: out\n"
+        "bodies: {source: table, path: stones.csv}\noutput: out\n"
     )
     assert invoke("run", "c.yaml", "-q").exit_code == 0
     runs = rs.load("out").runs
-    chosen = ("--where", "stone = 'grey' and number < 8", "--points", "2")
+    chosen = ("--where", "stone == 'grey' and number < 8", "--points", "2")
     for command in (
         ("replay", "out", *chosen), ("verify", "out", "--recompute", 3), ("status", "out"),
         ("plan", "c.yaml", "--budget", "0.1s"),

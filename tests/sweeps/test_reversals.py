@@ -14,8 +14,8 @@ from refusal import assert_refused
 from sweeping import invoke
 
 import rattlesweep as rs
+from rattlesweep.analysis.plots.kinds import choose_picture
 from rattlesweep.analysis.plots.layout import read_layout
-from rattlesweep.analysis.plots.registry import read_picture
 from rattlesweep.sweeps.counts import Moments
 
 CONFIG: dict[str, Any] = {
@@ -118,7 +118,7 @@ def test_a_map_of_the_shipped_config(tmp_path):
     counts = rs.load(out).runs.n_reversals
     assert sorted(pd.read_csv(data).n_reversals_mean) == sorted(counts)
     assert counts.max() > 1
-    shown = read_picture(read_layout(out), "reversals")
+    shown = choose_picture(read_layout(out), "reversals")
     figure = shown.figure()
     mesh = figure.axes[0].collections[-1].get_array()
     assert np.array_equal(np.sort(mesh.ravel()), np.sort(counts))
@@ -129,7 +129,7 @@ def test_a_map_of_the_shipped_config(tmp_path):
     assert "not run yet" in [text.get_text() for text in shown.figure().legends[0].get_texts()]
     # Numbers up to 5 have a colour each, larger ones may share one, and every number has one.
     for most in (6, 300):
-        shown.moments["n_reversals"] = count = Moments(64)
+        shown.counted.means["n_reversals"] = count = Moments(64)
         count.add(np.arange(2), np.array([0.0, most]))
         labels = [text.get_text() for text in shown.figure().axes[-1].get_yticklabels()]
         assert labels[:6] == [str(k) for k in range(6)]

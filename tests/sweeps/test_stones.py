@@ -11,7 +11,7 @@ import pytest
 import stone_oracle
 from refusal import assert_refused
 from scipy.optimize import brentq
-from sweeping import invoke, plan_of, proved
+from sweeping import invoke, plan_of, prepared, proved
 from test_stone import kl_state, random_bodies
 
 import rattlesweep as rs
@@ -21,10 +21,9 @@ from rattlesweep.integrate.model import FRICTION
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics import full, stone
 from rattlesweep.physics.body import PARAMETERS
-from rattlesweep.sweeps.block import prepare_block
-from rattlesweep.sweeps.launches import model_of
-from rattlesweep.sweeps.config.read import parse_config, physics_hash
 from rattlesweep.sweeps.columns import runs_schema
+from rattlesweep.sweeps.config.read import parse_config, physics_hash
+from rattlesweep.sweeps.launches import model_of
 
 SPIN = {"n_i": [0.2], "omega_xy0": [0.05]}
 GH = {"source": "preset", "name": "GH"}
@@ -225,8 +224,7 @@ def kernel_of_everything(bodies, states, losses, t_end, tol=1e-13):
             [*shape, stone.inverse_semi_axis(body["c"]), sigma, rolling, stone.SMOOTHING]
         )
     plan = plan_of({"bodies": GH | {"c": 2}, "spin": SPIN, "dissipation": {"rolling": 1}})
-    _, like = prepare_block(plan, plan.block(0))
-    assert like is not None
+    _, like = prepared(plan)
     n = len(y0)
     batch = type(like)(
         **{name: np.repeat(values, n, axis=0) for name, values in vars(like).items()}
