@@ -112,7 +112,7 @@ def test_a_sweep_of_states_can_be_had_again(tilted, tmp_path):
     page = ("--output", tmp_path / "page.html")
     for command in (
         ("verify", directory, "--recompute", 7), ("classify", directory), ("status", directory),
-        ("show", "--from", directory, "--case", 0, "--sample", 0, *page),
+        ("show", directory, "--case", 0, "--sample", 0, *page),
         ("replay", directory, "--where", "u_x > -1 and omega_z < 1", "--points", 2),
     ):  # fmt: skip
         assert invoke(*command).exit_code == 0, command
@@ -229,7 +229,7 @@ def test_a_row_without_spin_needs_a_horizon(tmp_path, monkeypatch):
     Path("c.yaml").write_text("bodies: {source: table, path: t.csv}\n")
     assert_refused(invoke("run", "c.yaml"), 2, "horizon.t: missing; a launch without spin (row 2")
     assert invoke("run", "c.yaml", "--set", "horizon.t=60", "-q").exit_code == 0
-    assert rs.load("out/sweep").runs.t_end.tolist() == [50, 60]
+    assert rs.load("out/c").runs.t_end.tolist() == [50, 60]
 
 
 @pytest.mark.parametrize(

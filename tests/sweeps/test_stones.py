@@ -126,7 +126,7 @@ REFUSED: dict[str, tuple[dict[str, Any], dict[str, Any], str]] = {
     "another loss": ({}, {"dissipation": {"air": 1}}, 'dissipation.air: unknown key "air"'),
     "reduced model": ({}, SIGMA | {"model": "reduced"},
                       "dissipation: the model reduced conserves energy; take model: full"),
-    "early ends": ({}, SIGMA | {"classify": {"early": True}}, f"classify: early {ALONE}"),
+    "early ends": ({}, SIGMA | {"classify": {"early": True}}, "classify: early is for paraboloids without dissipation"),
     "exponents of an ellipsoid": ({"c": 2}, {"record": ["lyapunov"]}, f"record: lyapunov {ALONE}"),
     "exponents with losses": ({}, SIGMA | {"record": ["lyapunov"]}, f"record: lyapunov {ALONE}"),
 }  # fmt: skip
