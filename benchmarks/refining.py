@@ -12,14 +12,15 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 from matplotlib.colors import ListedColormap
+from rattlesweep.sweeps.old.stored import open_stored
 from scipy.ndimage import label as islands
 
 from rattlesweep.analysis import style
 from rattlesweep.analysis.boundaries import boundaries
-from rattlesweep.analysis.plots.map import CELLS, CODES, inferred
-from rattlesweep.sweeps.decide import Refining
+from rattlesweep.analysis.fill import fill
+from rattlesweep.analysis.plots.map import CELLS, CODES
 from rattlesweep.sweeps.config.read import override_config, resolved
-from rattlesweep.sweeps.old.stored import open_stored
+from rattlesweep.sweeps.decide import Refining
 
 LEVELS = (2, 3, 4, 5)
 
@@ -63,7 +64,9 @@ def main() -> None:
         missed, off, most, count = np.zeros(shape, bool), 0, 0, 0
         for k in range(shape[1]):
             part = np.where(done[:, k], code[:, k], CODES["missing"]).T
-            found, times = inferred(part, np.where(done[:, k], ratio[:, k], np.nan).T)
+            known = done[:, k].T
+            found = fill(part, known)
+            times = fill(np.where(known, ratio[:, k].T, np.nan), known)
             missed[:, k] = (found != code[:, k].T).T
             number, _ = islands(missed[:, k], np.ones((3, 3)))
             sizes = np.bincount(number[number > 0]) if number.any() else np.zeros(1, int)

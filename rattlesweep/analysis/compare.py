@@ -1,72 +1,215 @@
-"""How two directories of the same runs differ: as text, and as a figure."""
+"""How far two directories of the same runs differ: one join, a table, and a figure."""
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from rattlesweep.analysis import style
-from rattlesweep.sweeps.old.compare import COARSE, FINE, HIGHEST, LOWEST, Comparison
+from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.sweeps.config.read import differences, fixed_part, resolved
+from rattlesweep.sweeps.files import replace_file
+from rattlesweep.sweeps.stored import Stored, open_stored
 from rattlesweep.text import align
 
-DPI = 150
+DPI, MOST_LISTED = 150, 10
 DIFFERENCE = r"$|\Delta t_r|/t_r$"
-NO_ERRORS = "no errors stored; add record: [error]"
-# Columns of the table, with their headings.
-_TABLE = {
-    "n_i": "n_i", "omega_xy0": "omega_xy0", "runs": "runs", "reversing": "both R",
-    "equal": "equal", "median": "median", "p99": "99 %", "worst": "worst", "beyond": "beyond",
-    "types": "types", "types_sure": "sure", "not_ok": "not ok",
-}  # fmt: skip
-_RUNS = {
-    "case": "case", "sample": "sample", "type_a": "type A", "type_b": "type B", "t_r_a": "t_r A",
-    "t_r_b": "t_r B", "relative": "|dt_r|/t_r", "over_errors": "over errors",
-    "type_sure_a": "sure A", "type_sure_b": "sure B",
-}  # fmt: skip
-_FORMS = {
-    "n_i": ".4g", "omega_xy0": ".4g", "t_r_a": ".10g", "t_r_b": ".10g", "over_errors": ".3g",
-}  # fmt: skip
+# What makes runs the same; another machine may draw it with other last digits.
+_RUN = ["alpha", "beta", "gamma", "theta", "phi", "xi", "n_i", "omega_xy0"]
+_LISTED = ["case", "sample", "type_a", "type_b", "t_r_a", "t_r_b", "relative", "over_errors",
+           "type_sure_a", "type_sure_b"]  # fmt: skip
+_EXACT = {"n_i": ".4g", "omega_xy0": ".4g", "t_r_a": ".10g", "t_r_b": ".10g"}
 
 
-def as_text(result: Comparison, most_cases: int) -> str:
-    """All of it to be read, of many cases the first."""
-    return "\n".join(_lines(result, most_cases))
+@dataclass
+class Comparison:
+    """How two directories of the same runs differ.
+
+    `runs` has a row for each run of both: ``case``, ``sample``, ``t_r``, ``type``, ``status``,
+    ``t_r_error`` and ``type_sure`` with the suffixes ``_a`` and ``_b``, ``dt_r`` (b less a),
+    ``relative`` (to the mean of both), ``over_errors`` (to the root of the sum of the squares of
+    both errors), ``differs`` (types), ``sure`` (of both types) and ``not_ok`` (one of them).
+    """
+
+    sides: tuple[Stored, Stored]
+    differ: list[str]  # in what else: settings, versions, processors
+    missing: list[int]  # runs that each directory lacks
+    errors: list[bool]  # whether each has t_r_error and type_sure
+    runs: pd.DataFrame
+
+    def row(self, runs: pd.DataFrame) -> dict[str, Any]:
+        """Count some of the runs; None is what is not known.
+
+        ``beyond`` are runs whose times differ by more than both errors together.
+        """
+        relative, known = runs.relative.dropna(), all(self.errors)
+
+        def quantile(share: float) -> float | None:
+            found = np.quantile(relative, share, method="inverted_cdf") if len(relative) else None
+            return None if found is None else float(found)
+
+        return {
+            "runs": len(runs),
+            "reversing": len(relative),
+            "equal": int((relative == 0).sum()),
+            "median": quantile(0.5),
+            "p99": quantile(0.99),
+            "worst": quantile(1.0),
+            "beyond": int((runs.over_errors > 1).sum()) if known else None,
+            "types": int(runs.differs.sum()),
+            "types_sure": int((runs.differs & runs.sure).sum()) if known else None,
+            "not_ok": int(runs.not_ok.sum()),
+        }
+
+    def disagree(self, allowed: float) -> bool:
+        """Tell whether a larger share is beyond both errors, or types that are sure differ."""
+        total = self.row(self.runs)
+        beyond, sure = total["beyond"] or 0, total["types_sure"] or 0
+        return bool(beyond > allowed * total["reversing"] or sure > 0)
+
+    def data(self) -> dict[str, Any]:
+        """Return all of it as JSON can hold it."""
+        runs = self.runs
+        beyond = runs[runs.over_errors > 1] if all(self.errors) else runs[:0]
+        types = runs[runs.differs].sort_values("sure", ascending=False, kind="stable")
+        listed = {
+            "differing_times": runs[runs.relative > 0].nlargest(MOST_LISTED, "relative"),
+            "beyond_errors": beyond.nlargest(MOST_LISTED, "over_errors"),
+            "differing_types": types.head(MOST_LISTED),
+        }
+        return {
+            "directories": [str(side.directory) for side in self.sides],
+            "differ": self.differ,
+            "missing": self.missing,
+            "errors_stored": self.errors,
+            "total": self.row(runs),
+            "cases": [self.sides[0].cases[int(own["case"].iloc[0])].dump() | self.row(own)
+                      for _, own in runs.groupby("case")],
+        } | {
+            name: rows[_LISTED].astype(object)
+            .replace([np.nan, np.inf], None).to_dict("records") for name, rows in listed.items()
+        }  # fmt: skip
+
+    def write_runs(self, path: Path) -> None:
+        """Write the differences of all runs to a .csv or .parquet file, whole or not at all."""
+        csv, buffer = path.suffix.lower() == ".csv", io.BytesIO()
+        (self.runs.to_csv if csv else self.runs.to_parquet)(buffer, index=False)
+        replace_file(path, buffer.getvalue())
 
 
-def _lines(result: Comparison, most_cases: int) -> Iterator[str]:
-    for name, directory, rows in zip("AB", result.directories, result.rows, strict=True):
-        missing = result.planned - rows
-        yield (
-            f"{name}  {directory}: "
-            + (f"{missing} of " if missing else "all ")
-            + (f"{result.planned} runs" + (" are missing" if missing else ""))
+def compare(a: Path, b: Path) -> Comparison:
+    """Compare the runs that two directories both have.
+
+    Raises
+    ------
+    ConfigError
+        They are not of the same runs, apart from how these were integrated and what was recorded.
+    OutputError
+        One of them has no runs.
+    """
+    one, other = sides = open_stored(a), open_stored(b)
+
+    def refused(what: str) -> ConfigError:
+        return ConfigError(
+            f"{other.directory}: its runs are not those of {one.directory} ({what}); only "
+            "directories of the same runs can be compared"
         )
-    for words in result.differ:
-        yield f"   {words}"
-    yield ""
-    table = [["case", "target", *_TABLE.values()]]
-    for case in [*result.cases[:most_cases], {"case": "all"} | result.row(result.total)]:
-        targets = [f"{name}={case[name]:.4g}" for name in ("K_p", "K_r") if name in case]
-        cells = [_cell(case.get(name), name) for name in _TABLE]
-        table.append([str(case["case"]), *(targets or ["-"]), *cells])
-    yield align(table)
-    if (more := len(result.cases) - most_cases) > 0:
+
+    if changes := differences(_same_runs(one), _same_runs(other)):
+        raise refused("; ".join(changes[:3]))
+    frames, errors = [], ["t_r_error" in side.schema.names for side in sides]
+    for side, has in zip(sides, errors, strict=True):
+        names = ["case", "sample", *_RUN, "t_r", "type", "status"]
+        rows = side.read([*names, *(["t_r_error", "type_sure"] if has else [])]).to_pandas()
+        if rows.empty:
+            raise OutputError(f"{side.directory} holds no runs yet")
+        frames.append(rows if has else rows.assign(t_r_error=np.nan, type_sure=None))
+    runs = frames[0].merge(frames[1], on=["case", "sample"], suffixes=("_a", "_b"))
+    for name in _RUN:
+        x, y = runs.pop(f"{name}_a").to_numpy(float), runs.pop(f"{name}_b").to_numpy(float)
+        if len(wrong := np.flatnonzero(~np.isclose(x, y, rtol=1e-9, atol=1e-12, equal_nan=True))):
+            k = int(wrong[0])
+            where = f"case {runs['case'][k]}, sample {runs['sample'][k]}"
+            raise refused(f"{where}: {name}: {x[k]:.10g} against {y[k]:.10g}")
+    ok = (runs.status_a == "ok") & (runs.status_b == "ok")
+    dt_r = (runs.t_r_b - runs.t_r_a).where(ok)
+    error = np.hypot(runs.t_r_error_a, runs.t_r_error_b)
+    runs = runs.assign(
+        dt_r=dt_r,
+        relative=dt_r.abs() / ((runs.t_r_a + runs.t_r_b) / 2),
+        # Any difference is beyond errors of 0, but no difference is not.
+        over_errors=(dt_r.abs() / error).mask((error == 0) & (dt_r == 0), 0.0),
+        differs=ok & (runs.type_a != runs.type_b),
+        sure=runs.type_sure_a.eq(True) & runs.type_sure_b.eq(True),
+        not_ok=~ok,
+    )
+    missing = [len(side.cases) * side.samples - len(rows)
+               for side, rows in zip(sides, frames, strict=True)]  # fmt: skip
+    return Comparison(sides, differences(_settings(one), _settings(other)), missing, errors, runs)
+
+
+def _same_runs(side: Stored) -> dict[str, Any]:
+    """Return what determines which runs there are, however they are integrated."""
+    how = ("integrator", "record", "classify")
+    data = {k: v for k, v in fixed_part(resolved(side.config)).items() if k not in how}
+    # A table may have moved; what it says is compared row by row.
+    data["bodies"] = {k: v for k, v in data["bodies"].items() if k != "path"}
+    cases = [str(case) for case in side.cases]
+    return data | {"cases": cases, "samples": side.samples}
+
+
+def _settings(side: Stored) -> dict[str, Any]:
+    """Return what else can make a difference."""
+    config, manifest = resolved(side.config), side.manifest
+    settings = {"integrator": config["integrator"], "record": config["record"]}
+    settings["classify"] = side.thresholds.model_dump(mode="json")
+    return settings | {"versions": manifest["versions"], "cpu": manifest["machine"].get("cpu")}
+
+
+def as_text(found: Comparison, most_cases: int) -> str:
+    """Return all of it to be read, of many cases the first."""
+    return "\n".join(_lines(found, most_cases))
+
+
+def _lines(found: Comparison, most_cases: int) -> Iterator[str]:
+    data = found.data()
+    for name, side, missing in zip("AB", found.sides, data["missing"], strict=True):
+        planned = len(side.cases) * side.samples
+        some = (
+            f"{missing:,} of {planned:,} runs are missing" if missing else f"all {planned:,} runs"
+        )
+        yield f"{name}  {side.directory}: {some}"
+    yield from (f"   {words}" for words in found.differ)
+    shown = [*data["cases"][:most_cases], {"case": "all"} | data["total"]]
+    yield "\n" + _table(shown)
+    if (more := len(data["cases"]) - most_cases) > 0:
         yield f"{more} more cases are in --json"
-    without = [n for n, stored in zip("AB", result.errors, strict=True) if not stored]
+    without = [n for n, stored in zip("AB", found.errors, strict=True) if not stored]
     if without:
-        yield f"{' and '.join(without)}: {NO_ERRORS}"
-    for title, runs in (("t_r that differ most", result.times),
-                        ("types that differ", result.types)):  # fmt: skip
-        if runs:
-            names = [name for name in _RUNS if any(run[name] is not None for run in runs)]
+        yield f"{' and '.join(without)}: no errors stored; add record: [error]"
+    for name, title in (
+        ("differing_times", "t_r that differ most, by their relative difference"),
+        ("beyond_errors", "t_r that differ by more than both errors, by that ratio"),
+        ("differing_types", "types that differ, those that both are sure of first"),
+    ):
+        if data[name]:
             yield f"\n{title} (`rattlesweep replay DIR --case CASE --sample SAMPLE` follows one)"
-            listed = [[_cell(run[name], name) for name in names] for run in runs]
-            yield align([[_RUNS[name] for name in names], *listed])
+            yield _table(data[name])
+
+
+def _table(rows: list[dict[str, Any]]) -> str:
+    """Lay rows out under their keys, without keys that none has."""
+    names = [k for k in dict.fromkeys(k for row in rows for k in row)
+             if any(row.get(k) is not None for row in rows)]  # fmt: skip
+    return align([names, *([_cell(row.get(k), k) for k in names] for row in rows)])
 
 
 def _cell(value: Any, name: str) -> str:
@@ -74,64 +217,50 @@ def _cell(value: Any, name: str) -> str:
         return "-"
     if isinstance(value, bool):
         return "yes" if value else "no"
-    if value == 0:
-        return "0"
-    return format(value, _FORMS.get(name, ".1e")) if isinstance(value, float) else str(value)
+    return format(value, _EXACT.get(name, ".2g")) if isinstance(value, float) else str(value)
 
 
-def save(result: Comparison, path: Path) -> None:
+def save(found: Comparison, path: Path) -> None:
     """Write the figure to an .svg, .png or .pdf file."""
     with style.styled():
-        style.save(draw(result), [path], DPI)
+        style.save(draw(found), [path], DPI)
 
 
-def draw(result: Comparison) -> Figure:
-    """Runs by relative difference, and where both have errors against these too."""
-    errors = bool(result.plane.any())
-    figure = style.new_figure(8.4 if errors else 5.2, 3.9)
-    panels: Any = figure.subplots(1, 2 if errors else 1, squeeze=False)[0]
-    edges = 10.0 ** np.linspace(LOWEST, HIGHEST, (HIGHEST - LOWEST) * COARSE + 1)
-    counts = result.total.histogram.reshape(-1, FINE // COARSE).sum(axis=1)
-    _histogram(panels[0], edges, counts, result.total.counts)
-    if errors:
-        _against_errors(panels[1], edges, result)
-    for axes in panels:
-        style.light_grid(axes)
-    words = " against ".join(str(directory) for directory in result.directories)
-    figure.suptitle(words, fontsize="medium").set_parse_math(False)
-    return figure
-
-
-def _histogram(axes: Any, edges: Any, counts: Any, total: dict[str, int]) -> None:
-    seen = np.flatnonzero(counts)
-    if len(seen):
-        first, last = seen[0], seen[-1] + 1
-        axes.stairs(counts[first:last], edges[first : last + 1], fill=True, color=style.BLUE)
-        axes.set_xscale("log")
-        # The few runs that differ widely are what one looks for.
-        axes.set_yscale("log")
-        axes.set_ylim(bottom=0.7)
+def draw(found: Comparison) -> Figure:
+    """Draw runs by relative difference, and against their errors where both have them."""
+    total, relative = found.row(found.runs), found.runs.relative
+    relative = relative[relative > 0]
+    y = relative.to_numpy()
+    x = y / found.runs.over_errors[relative.index].to_numpy()
+    kept = np.isfinite(x) & (x > 0)
+    against = all(found.errors) and bool(kept.any())
+    figure = style.new_figure(8.4 if against else 5.2, 3.9)
+    panels: Any = figure.subplots(1, 2 if against else 1, squeeze=False)[0]
+    axes = panels[0]
+    if len(y):
+        axes.hist(y, 10 ** np.arange(np.floor(np.log10(y.min())), 1.1, 0.1), color=style.BLUE)
+        axes.set(xscale="log", yscale="log", ylim=(0.7, None))  # the few that differ most are seen
     else:
         axes.set_axis_off()
         axes.text(0.5, 0.5, "no run differs in t_r", transform=axes.transAxes, ha="center")
-    axes.set_xlabel(DIFFERENCE)
-    axes.set_ylabel("runs")
     equal = f", {total['equal']:,} of them equally" if total["equal"] else ""
+    axes.set(xlabel=DIFFERENCE, ylabel="runs")
     axes.set_title(f"{total['reversing']:,} runs reverse in both{equal}", fontsize="medium")
-
-
-def _against_errors(axes: Any, edges: Any, result: Comparison) -> None:
-    plane, total = result.plane, result.total.counts
-    shown = axes.pcolormesh(edges, edges, np.where(plane, plane, np.nan).T, norm=LogNorm(),
-                            rasterized=True)  # fmt: skip
-    axes.figure.colorbar(shown, ax=axes, label="runs")
-    ends = [edges[[at.min(), at.max() + 1]] for at in np.nonzero(plane)]
-    low, high = min(e[0] for e in ends), max(e[1] for e in ends)
-    axes.plot([low, high], [low, high], **style.THEORY)
-    axes.set_xlim(*ends[0])
-    axes.set_ylim(*ends[1])
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    axes.set_xlabel("both errors / $t_r$ (dashed: as large as the difference)")
-    axes.set_ylabel(DIFFERENCE)
-    axes.set_title(f"{total['beyond']:,} runs beyond both errors", fontsize="medium")
+    if against:
+        axes, x, y = panels[1], x[kept], y[kept]
+        edges = [
+            10 ** np.linspace(np.log10(0.7 * v.min()), np.log10(1.5 * v.max()), 60) for v in (x, y)
+        ]
+        counts, *_ = np.histogram2d(x, y, edges)
+        shown = axes.pcolormesh(*edges, np.where(counts, counts, np.nan).T, norm=LogNorm(),
+                                rasterized=True)  # fmt: skip
+        figure.colorbar(shown, ax=axes, label="runs")
+        axes.plot(edges[0], edges[0], **style.THEORY, scaley=False)
+        axes.set(xscale="log", yscale="log", ylim=(edges[1][0], edges[1][-1]), ylabel=DIFFERENCE,
+                 xlabel="both errors / $t_r$ (dashed: as large as the difference)")  # fmt: skip
+        axes.set_title(f"beyond both errors: {total['beyond']:,}", fontsize="medium")
+    for axes in panels:
+        style.light_grid(axes)
+    words = " against ".join(str(side.directory) for side in found.sides)
+    figure.suptitle(words, fontsize="medium").set_parse_math(False)
+    return figure

@@ -6,14 +6,16 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 
+from rattlesweep.analysis.fill import FEWEST, fill
+from rattlesweep.analysis.plots.layout import Axis, Layout
 from rattlesweep.errors import ConfigError
-from rattlesweep.analysis.plots.layout import Axis, Layout, iter_rows
-from rattlesweep.sweeps.config.schema import PARAMETERS
-from rattlesweep.sweeps.config.messages import not_one_of
-from rattlesweep.sweeps.provenance import package_version
 from rattlesweep.sweeps.columns import RUNS, TEXT
+from rattlesweep.sweeps.config.messages import not_one_of
+from rattlesweep.sweeps.config.schema import PARAMETERS
+from rattlesweep.sweeps.provenance import package_version
 
 if TYPE_CHECKING:
     import xarray
@@ -22,13 +24,33 @@ KEYS = ("case", "sample")
 UNITS = "mass M, height of the centre of mass at rest a and gravity g are 1"
 
 
-def make_dataset(layout: Layout, columns: Sequence[str] | None = None) -> xarray.Dataset:
-    """The runs along the axes of their sweep: these columns, or all that hold one value a run.
+def make_dataset(
+    layout: Layout, columns: Sequence[str] | None = None, *, fill_refined: bool = False
+) -> xarray.Dataset:
+    """Return the runs along the axes of their sweep.
 
-    Dimensions are targets, ``n_i`` and ``omega_xy0`` where the config has them, ``sigma`` and
-    ``rolling`` of several values, then the axes of a grid of bodies, or ``sample`` where bodies are
-    drawn or from a table.  What is not stored yet, or not chosen, is missing: NaN in numbers, which
-    whole ones then become, and no text in words.
+    Parameters
+    ----------
+    layout : Layout
+        Of the sweep; runs that its condition does not choose are missing.
+    columns : sequence of str, optional
+        Columns of ``runs``, by default all that hold one value a run.
+    fill_refined : bool
+        Whether the points that a refined grid has left out are filled
+        (:func:`rattlesweep.analysis.fill.fill`).
+
+    Returns
+    -------
+    xarray.Dataset
+        Dimensions are the target, ``n_i`` and ``omega_xy0`` where the config has them, ``sigma``
+        and ``rolling`` of several values, then the axes of a grid of bodies, or ``sample`` where
+        bodies are drawn or from a table. What is missing is NaN in numbers, which whole ones then
+        become, and an empty text.
+
+    Raises
+    ------
+    ConfigError
+        xarray is not installed, or a column is none or holds several values a run.
     """
     try:
         import xarray
@@ -36,28 +58,45 @@ def make_dataset(layout: Layout, columns: Sequence[str] | None = None) -> xarray
         raise ConfigError(
             f"to_xarray needs xarray ({error}); install it with `pip install 'rattlesweep[xarray]'`"
         ) from None
-    fields = {column.name: column for column in layout.manifest.schema}
-    chosen = _chosen(fields, layout, columns)
+    fields = {column.name: column for column in layout.stored.schema}
+    single = [name for name, column in fields.items() if not pa.types.is_list(column.type)]
+    for name in columns or ():
+        if name not in fields:
+            raise ConfigError(f"columns: {not_one_of(name, single)}")
+        if name not in single:
+            raise ConfigError(f"columns: {name} holds several values a run; .read() has it")
+    # An axis is a coordinate already.
+    axes = {name for name in layout.axes if name not in layout.targets} | set(KEYS)
+    chosen = [name for name in (single if columns is None else columns) if name not in axes]
+
     wanted = [*KEYS, *chosen]
-    rows = list(iter_rows(layout, wanted))
-    table = pa.Table.from_batches(rows, None if rows else pa.schema([fields[n] for n in wanted]))
+    batches = list(layout.rows(wanted))
+    table = pa.concat_tables(
+        [
+            pa.schema([fields[name] for name in wanted]).empty_table(),
+            *(pa.Table.from_batches([rows]).select(wanted) for rows in batches),
+        ]
+    )
+    cells = [layout.cells(rows, layout.axes.values()) for rows in batches]
+    place = np.concatenate([np.zeros(0, np.int64), *cells])
     coordinates: dict[str, Any] = {axis.name: _coordinate(axis) for axis in layout.axes.values()}
     shape = tuple(layout.lengths.values())
-    place = np.zeros(len(table), np.int64)
-    if layout.axes:
-        cells = [layout.cells(part, layout.axes.values()) for part in table.to_batches()]
-        place = np.concatenate([place[:0], *cells])
     if not layout.grid:
-        samples = layout.manifest.samples
+        samples = layout.stored.samples
         coordinates["sample"] = ("sample", np.arange(samples), _attributes(fields["sample"]))
-        shown = place >= 0
-        place = np.where(shown, place * samples + table.column("sample").to_numpy(), -1)
+        place = np.where(place >= 0, place * samples + table.column("sample").to_numpy(), -1)
         shape = (*shape, samples)
+    shown = place >= 0
+    known = np.isin(np.arange(np.prod(shape)), place[shown]).reshape(shape)
     dims = tuple(coordinates)
     variables = {}
     for name in chosen:
         values = _spread(table.column(name), place, shape)
-        # Beside an axis of targets the coefficient of each body, which is near its target.
+        if fill_refined and layout.refined:
+            if values.dtype.kind in "iu":
+                values = values.astype(float)
+            values = fill(values, known, [n >= FEWEST for n in shape])
+        # Beside an axis of targets stands the coefficient of each body, which is near its target.
         own = f"{name}_body" if name in dims else name
         variables[own] = (dims, values, _attributes(fields[name]))
     return xarray.Dataset(
@@ -68,23 +107,9 @@ def make_dataset(layout: Layout, columns: Sequence[str] | None = None) -> xarray
             "source": f"rattlesweep {package_version()}",
             "comment": UNITS,
             "references": "Kondo and Nakanishi, Phys. Rev. E 95, 062207 (2017)",
-            "config_hash": layout.manifest.config_hash,
+            "config_hash": layout.stored.hash,
         },
     )
-
-
-def _chosen(
-    fields: dict[str, pa.Field], layout: Layout, columns: Sequence[str] | None
-) -> list[str]:
-    """Columns that become variables: an axis is a coordinate already."""
-    single = [name for name, column in fields.items() if not pa.types.is_list(column.type)]
-    for name in columns or ():
-        if name not in fields:
-            raise ConfigError(f"columns: {not_one_of(name, single)}")
-        if name not in single:
-            raise ConfigError(f"columns: {name} holds several values a run; .read() has it")
-    axes = {name for name in layout.axes if name not in layout.targets} | set(KEYS)
-    return [name for name in (single if columns is None else columns) if name not in axes]
 
 
 def _coordinate(axis: Axis) -> tuple[str, Any, dict[str, str]]:
@@ -101,9 +126,10 @@ def _attributes(column: pa.Field) -> dict[str, str]:
 
 
 def _spread(column: pa.ChunkedArray, place: Any, shape: tuple[int, ...]) -> Any:
-    """Values in their places, of shape `shape`; the others are missing."""
+    """Return values in their places, of shape `shape`; the others are missing."""
     shown = place >= 0
-    values = column.to_pandas()[shown].set_axis(place[shown]).reindex(np.arange(np.prod(shape)))
+    values: pd.Series[Any] = column.to_pandas()[shown].set_axis(place[shown])
+    values = values.reindex(np.arange(np.prod(shape)))
     if column.type == TEXT:
         return values.fillna("").to_numpy(str).reshape(shape)
     # Whole numbers stay so unless any is missing.

@@ -1,4 +1,4 @@
-"""All derived quantities of one body, with units and words."""
+"""Derive all quantities of one body, with units and words."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from rattlesweep.units import SI
 
 FREQUENCY, TIME = "sqrt(g/a)", "sqrt(a/g)"
 SPINS = ("n_c1", "n_i", "n_0")
-"""Quantities that people tell in turns a minute."""
+"""Quantities that are given in turns a minute."""
 SI_NAMES = ("mass", "height", "inertia", "radii")
 UNIT_OF = {"t_end": TIME, "sigma": "M a^2 sqrt(g/a)", "rolling": "a"}
-"""Units of what is no spin among the options that may be in SI units."""
+"""Units of the options that may be in SI units and are no spins."""
 
 
 class Quantity(NamedTuple):
@@ -33,7 +33,7 @@ class Quantity(NamedTuple):
 
 
 def make_body(given: dict[str, Any]) -> Rattleback:
-    """Body from the options of the command line; None stands for not given."""
+    """Return the body of the options of the command line; None stands for not given."""
     given = {name: value for name, value in given.items() if value is not None}
     if isinstance(given.get("c"), SI) and "height" not in given:
         raise ConfigError(
@@ -72,7 +72,7 @@ def make_body(given: dict[str, Any]) -> Rattleback:
 
 
 def _from_si(given: dict[str, Any], preset: str | None, measured: set[str]) -> Rattleback:
-    """Body from the options in SI units."""
+    """Return the body of options in SI units."""
     given = given | ({} if preset is None else {"preset": preset})
     others = [name for name in given if name not in {*SI_NAMES, "axes_angle", "z_up", "c"}]
     if others:
@@ -93,7 +93,7 @@ def _options(names: Iterable[str]) -> str:
 
 
 def in_units_of(units: Units | None, given: dict[str, Any]) -> dict[str, Any]:
-    """Spins, times and losses in the units of a body; SI units are for one given in such."""
+    """Return spins, times and losses in the units of a body, which SI units need to have a size."""
     found = dict(given)
     for name, value in given.items():
         if isinstance(value, SI):
@@ -121,7 +121,7 @@ def _check(n_i: float, omega_xy0: float, sigma: float, rolling: float) -> None:
 def derived(
     body: Rattleback, n_i: float, omega_xy0: float, sigma: float = 0.0, rolling: float = 0.0
 ) -> list[Quantity]:
-    """Everything theory says of a body and a launch along the relevant mode."""
+    """Return everything theory says of a body and a launch along the relevant mode."""
     _check(n_i, omega_xy0, sigma, rolling)
     b, m = body, theory.modes(body.alpha, body.beta, body.theta, body.phi, body.xi)
     psi = direction(m, n_i, "relevant")

@@ -11,7 +11,6 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from ruamel.yaml import YAML
 
-from rattlesweep.durations import clock
 from rattlesweep.sweeps.config.schema import Linspace, Logspace
 
 # Larger vector pictures are shown as PNG, or a page of seven would pass 5 MB.
@@ -21,7 +20,7 @@ LONG = 8
 
 
 def render(template: str, **values: Any) -> bytes:
-    """A page; `values` are the names that its template uses, `title` among them."""
+    """Return a page; `values` are the names that its template uses, `title` among them."""
     return _environment().get_template(template).render(values).encode()
 
 
@@ -34,12 +33,12 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"thousands": "{:,}".format, "percent": percent, "seconds": _seconds}
+    environment.filters |= {"thousands": "{:,}".format, "percent": percent}
     return environment
 
 
 def percent(part: int, whole: int) -> str:
-    """A share in per cent; a few of many do not read as none, nor all but a few as all."""
+    """Return a share in per cent; a few of many do not read as none, nor nearly all as all."""
     value = 100 * part / whole
     if part and value < 0.1:
         return "< 0.1 %"
@@ -48,18 +47,14 @@ def percent(part: int, whole: int) -> str:
     return f"{value:.1f} %"
 
 
-def _seconds(value: float) -> str:
-    return f"{value:.1f} s" if value < 600 else clock(value)
-
-
 def source(svg: bytes, png: bytes) -> str:
-    """A picture as the address of an image; the smaller kind if the vectors are many."""
+    """Return a picture as the address of an image; the smaller kind if the vectors are many."""
     kind, data = ("svg+xml", svg) if len(svg) <= MOST_SVG else ("png", png)
     return f"data:image/{kind};base64,{base64.b64encode(data).decode('ascii')}"
 
 
 def config_yaml(config: Mapping[str, Any]) -> str:
-    """YAML text of a resolved config; long lists of evenly spaced numbers become axes."""
+    """Return the YAML of a resolved config; long lists of evenly spaced numbers become axes."""
     yaml: Any = YAML(typ="safe", pure=True)
     # What holds no other mapping or list stands in one line, but the whole; keys in their order.
     nested = any(isinstance(value, Mapping | list) for value in config.values())
@@ -72,7 +67,7 @@ def config_yaml(config: Mapping[str, Any]) -> str:
 
 
 def _shaped(value: Any) -> Any:
-    """As a person would write it: axes as such, whole counts."""
+    """Return a value as a person would write it: axes as such, whole counts."""
     if isinstance(value, list):
         return _axis(value) or value
     if isinstance(value, Mapping):

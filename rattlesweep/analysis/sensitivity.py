@@ -1,8 +1,15 @@
-"""Which parameter matters: as text, and as a figure."""
+"""Which parameter matters: indices of Sobol' over the ranges that bodies are drawn from.
+
+First-order indices are the share of a variance that goes with one parameter alone, total ones the
+share that would be left if all others were known. Both come from runs that differ in one parameter
+(``draw: saltelli``), by `scipy.stats.sobol_indices` (Saltelli et al., Comput. Phys. Commun. 181,
+259, 2010).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -11,19 +18,140 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from rattlesweep.analysis import style
-from rattlesweep.sweeps.old.sensitivity import QUANTITIES, Indices, Sensitivity
+from rattlesweep.analysis.plots.panels import legend_above
+from rattlesweep.arrays import Floats
+from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.sweeps.config.schema import SdSource
+from rattlesweep.sweeps.stored import open_stored
+from rattlesweep.sweeps.types import TYPES
 from rattlesweep.text import align
 
-DPI = 150
-MOST_CASES = 6
-"""Cases in a figure."""
+TIMES = ("t_r", "log10 t_r")
+QUANTITIES = (*TIMES, *(f"P({name})" for name in TYPES))
+FEWEST = 64
+"""Values from which on there are indices."""
+MOST_MISSING = 0.1
+"""Share of groups that may lack a value: the others would be another population than the ranges."""
+REPLICATES, SEED = 300, 20170427
+DPI, MOST_CASES = 150, 6
 _SPIN = ("n_i", "omega_xy0")
 _INDICES = {"first": ("first order", style.BLUE), "total": ("total", style.ORANGE)}
-_TITLES = {"t_r": "$t_r$", "log10 t_r": r"$\log\,t_r$"}
+
+
+@dataclass
+class Sensitivity:
+    """Indices of a sweep.
+
+    Attributes
+    ----------
+    rows : list of dict
+        By ``case``, ``of`` (one of `QUANTITIES`) and ``parameter``: ``used`` and ``left_out`` runs,
+        ``first`` and ``total`` with the ends ``_low`` and ``_high`` of their 95 % intervals
+        (bootstrap).
+    notes : list of str
+        Quantities that have no indices, and why.
+    """
+
+    directory: Path
+    parameters: tuple[str, ...]
+    cases: list[dict[str, Any]]
+    rows: list[dict[str, Any]] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+    def data(self) -> dict[str, Any]:
+        """Return all of it as JSON can hold it."""
+        return {"directory": str(self.directory), "cases": self.cases, "indices": self.rows,
+                "notes": self.notes}  # fmt: skip
+
+
+def sensitivity(directory: Path) -> Sensitivity:
+    """Compute the indices of the runs that are on disk.
+
+    Raises
+    ------
+    ConfigError
+        The bodies are not drawn from ranges by ``draw: saltelli``.
+    OutputError
+        No quantity of any case has indices; the message says why.
+    """
+    stored = open_stored(directory)
+    bodies = stored.config.bodies
+    if not isinstance(bodies, SdSource):
+        raise ConfigError(
+            f"{directory}: its bodies are not drawn from ranges (source: {bodies.source}), so no "
+            "share of a variance goes with any; indices need source: sd"
+        )
+    if bodies.draw != "saltelli":
+        raise ConfigError(
+            f"{directory}: its bodies were drawn one by one (draw: {bodies.draw}), and indices "
+            "need some that differ in one parameter; run the sweep with bodies.draw: saltelli"
+        )
+    cases = [case.dump() for case in stored.cases]
+    found = Sensitivity(directory, bodies.drawn, cases)
+    frame = stored.read(["case", "sample", "t_r", "type", "status"]).to_pandas()
+    group = bodies.group
+    for case, runs in frame.groupby("case"):
+        kind = runs.type.where(runs.status == "ok")
+        t_r = runs.t_r.where(kind == "R").to_numpy()
+        values = {"t_r": t_r, "log10 t_r": np.log10(t_r)}
+        for name in TYPES:
+            values[f"P({name})"] = (kind == name).where(kind.notna(), np.nan).to_numpy(float)
+        sample = runs["sample"].to_numpy()
+        shape = group, int(sample.max()) // group + 1
+        done = np.zeros(shape, bool)
+        done[sample % group, sample // group] = True
+        for of, y in values.items():
+            f = np.full(shape, np.nan)
+            f[sample % group, sample // group] = y
+            f = f[:, done.all(axis=0)]
+            whole = np.isfinite(f).all(axis=0)
+            used = 1 << int(whole.sum()).bit_length() >> 1  # SciPy takes powers of two
+            if used < FEWEST or whole.mean() < 1 - MOST_MISSING:
+                found.notes.append(
+                    f"case {case}, {of}: none, as {whole.sum():,} of {whole.size:,} groups of runs "
+                    f"have all values; at least {FEWEST} must, and {1 - MOST_MISSING:.0%}, or the "
+                    "others would be another population than the ranges"
+                )
+                continue
+            f = f[:, np.flatnonzero(whole)[:used]]
+            if np.ptp(f[:2]) == 0:
+                continue  # it does not vary
+            head = {"case": int(case), "of": of, "used": f.size,
+                    "left_out": done.all(axis=0).sum().item() * group - f.size}  # fmt: skip
+            for name, index in zip(bodies.drawn, _indices(f), strict=True):
+                found.rows.append(head | {"parameter": name} | index)
+    if not found.rows:
+        why = found.notes[0] if found.notes else "nothing varies"
+        raise OutputError(f"{directory}: no quantity has indices; {why}; it takes more runs")
+    return found
+
+
+def _indices(f: Floats) -> list[dict[str, Any]]:
+    """Return the indices of each parameter with their intervals, from drawing groups again.
+
+    `f` are values at points A, at points B, and at those of A with one parameter of B each.
+    """
+    from scipy.stats import sobol_indices
+
+    def estimate(f: Floats) -> Floats:
+        design: Any = {"f_A": f[:1], "f_B": f[1:2], "f_AB": f[2:, None]}
+        found = sobol_indices(func=design, n=f.shape[1])
+        return np.array([np.ravel(found.first_order), np.ravel(found.total_order)])
+
+    random, n = np.random.default_rng(SEED), f.shape[1]
+    with np.errstate(divide="ignore", invalid="ignore"):  # some drawn again may not vary
+        again = [estimate(f[:, random.integers(0, n, n)]) for _ in range(REPLICATES)]
+    value, (low, high) = estimate(f), np.nanquantile(again, [0.025, 0.975], axis=0)
+    parts = {"": value, "_low": low, "_high": high}
+    return [
+        {name + end: float(part[k, j]) for k, name in enumerate(_INDICES)
+         for end, part in parts.items()}
+        for j in range(len(f) - 2)
+    ]  # fmt: skip
 
 
 def as_text(found: Sensitivity, most_cases: int) -> str:
-    """A table of indices with their intervals, of many cases the first."""
+    """Return a table of indices with their intervals, of many cases the first."""
     return "\n".join(_lines(found, most_cases))
 
 
@@ -34,30 +162,25 @@ def _lines(found: Sensitivity, most_cases: int) -> Iterator[str]:
             continue
         said = found.cases[case]
         head = [str(case), *(f"{said[k]:.4g}" if k in said else "-" for k in _SPIN)]
-        one = rows[0]
-        for index in ("first", "total"):
-            if not np.isnan(getattr(one, index)):
-                by = {row.parameter: _cell(row, index) for row in rows}
-                cells = [by.get(name, "-") for name in found.parameters]
-                table.append([*head, of, str(one.used), str(one.left_out), index, *cells])
+        for index in _INDICES:
+            cells = ["{:.2f} ({:.2f} {:.2f})".format(*_values(row, index)) for row in rows]
+            counts = [str(rows[0]["used"]), str(rows[0]["left_out"])]
+            table.append([*head, of, *counts, index, *cells])
     yield align(table)
-    yield "in brackets intervals of 95 %; left out: runs without a value, which did not reverse or"
-    yield "failed, and those drawn together with them"
-    if found.draw != "saltelli":
-        yield "no total indices: they take a sweep with bodies.draw: saltelli"
+    yield "in brackets intervals of 95 %; left out: runs in groups without all values (t_r has one"
+    yield "only where the spin reverses), and those beyond a power of two"
+    yield from found.notes[: 2 * most_cases]
     if (more := len(found.cases) - most_cases) > 0:
         yield f"{more} more cases are in --json"
 
 
-def _grouped(found: Sensitivity) -> Iterator[tuple[int, str, list[Indices]]]:
-    keys = list(dict.fromkeys((row.case, row.of) for row in found.rows))
-    for key in keys:
-        yield *key, [row for row in found.rows if (row.case, row.of) == key]
+def _grouped(found: Sensitivity) -> Iterator[tuple[int, str, list[dict[str, Any]]]]:
+    for case, of in dict.fromkeys((row["case"], row["of"]) for row in found.rows):
+        yield case, of, [row for row in found.rows if (row["case"], row["of"]) == (case, of)]
 
 
-def _cell(row: Indices, index: str) -> str:
-    value, low, high = (getattr(row, index + end) for end in ("", "_low", "_high"))
-    return f"{value:.2f} ({low:.2f} {high:.2f})"
+def _values(row: dict[str, Any], index: str) -> tuple[float, ...]:
+    return tuple(row[index + end] for end in ("", "_low", "_high"))
 
 
 def save(found: Sensitivity, path: Path) -> None:
@@ -67,36 +190,34 @@ def save(found: Sensitivity, path: Path) -> None:
 
 
 def draw(found: Sensitivity) -> Figure:
-    """A panel for each case and quantity: bars for each parameter, with their intervals."""
-    names = [of for of in QUANTITIES if any(row.of == of for row in found.rows)]
-    cases = list(dict.fromkeys(row.case for row in found.rows))[:MOST_CASES]
-    figure = style.new_figure(1.2 + 2.0 * len(names), 1.0 + 1.9 * len(cases))
+    """Draw a panel for each case and quantity: bars for each parameter, with their intervals."""
+    names = [of for of in QUANTITIES if any(row["of"] == of for row in found.rows)]
+    cases = list(dict.fromkeys(row["case"] for row in found.rows))[:MOST_CASES]
+    figure = style.new_figure(max(4.0, 1.2 + 2.0 * len(names)), 1.2 + 1.9 * len(cases))
     panels: Any = figure.subplots(len(cases), len(names), squeeze=False, sharex=True, sharey=True)
     shown = {(case, of): rows for case, of, rows in _grouped(found)}
+    symbols = [style.symbol(name) for name in found.parameters]
     for line, case in zip(panels, cases, strict=True):
         for axes, of in zip(line, names, strict=True):
-            _bars(axes, shown.get((case, of), []), found.parameters)
+            rows = shown.get((case, of), [])
+            for k, (index, (_, colour)) in enumerate(_INDICES.items()):
+                for j, row in enumerate(rows):
+                    value, low, high = _values(row, index)
+                    ends = [[max(0.0, value - low)], [max(0.0, high - value)]]
+                    axes.bar(j + 0.38 * k - 0.19, value, 0.36, color=colour, yerr=ends,
+                             error_kw={"linewidth": 0.9})  # fmt: skip
+            if not rows:
+                words = "does not vary,\nor too few\nhave a value"
+                axes.text(0.5, 0.4, words, transform=axes.transAxes, ha="center", fontsize="small")
+            axes.set_xticks(range(len(symbols)), symbols)
+            style.light_grid(axes)
         said = found.cases[case]
-        words = [style.value_text(k, said[k]) for k in _SPIN if k in said]
-        line[0].set_ylabel("\n".join(words) or f"case {case}")
+        lines = [style.value_text(k, said[k]) for k in _SPIN if k in said]
+        line[0].set_ylabel("\n".join(lines) or f"case {case}")
     for axes, of in zip(panels[0], names, strict=True):
-        axes.set_title(_TITLES.get(of, of), fontsize="medium")
+        axes.set_title({"t_r": "$t_r$", "log10 t_r": r"$\log\,t_r$"}.get(of, of), fontsize="medium")
     low, high = panels[0, 0].get_ylim()
     panels[0, 0].set_ylim(max(low, -0.2), min(high, 1.4))
     handles = [Patch(color=colour, label=words) for words, colour in _INDICES.values()]
-    figure.legend(handles=handles, loc="outside upper right", ncols=2)
+    legend_above(figure, handles, 1.2)
     return figure
-
-
-def _bars(axes: Any, rows: list[Indices], names: tuple[str, ...]) -> None:
-    for k, (index, (_, colour)) in enumerate(_INDICES.items()):
-        for row in rows:
-            value, low, high = (getattr(row, index + end) for end in ("", "_low", "_high"))
-            if np.isfinite(value):
-                at = names.index(row.parameter) + 0.38 * k - 0.19
-                ends = [[max(0.0, value - low)], [max(0.0, high - value)]]
-                axes.bar(at, value, 0.36, color=colour, yerr=ends, error_kw={"linewidth": 0.9})
-    if not rows:
-        axes.text(0.5, 0.5, "too few, or does\nnot vary", transform=axes.transAxes, ha="center")
-    axes.set_xticks(range(len(names)), [style.symbol(name) for name in names])
-    style.light_grid(axes)

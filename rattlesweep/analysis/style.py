@@ -1,4 +1,4 @@
-"""How every picture looks: colours and shapes that all can tell apart, symbols, files."""
+"""How every picture looks: colours and shapes that all can tell apart, symbols, units, files."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from matplotlib.mathtext import MathTextParser
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.files import replace_file
 
-# Okabe and Ito's colours, which the colour-blind tell apart.
+# Okabe and Ito's colours, which the colour-blind can tell apart.
 BLUE, VERMILION, GREEN = "#0072B2", "#D55E00", "#009E73"
 PURPLE, ORANGE, SKY, BLACK = "#CC79A7", "#E69F00", "#56B4E9", "#000000"
 INK, GREY, FAINT = "#222222", "#555555", "#e4e4e4"
 """Theory, remarks, and the lines of a grid."""
-FAILED, MISSING = BLACK, "#FFFFFF"
+FAILED, MISSING, NO_REVERSAL = BLACK, "#FFFFFF", "#D0D0D0"
 
 
 class Mark(NamedTuple):
-    """How a kind of run is drawn: it has a shape and a hatch besides its colour."""
+    """How a type of run is drawn: it has a shape and a hatch besides its colour."""
 
     colour: str
     marker: str
@@ -39,40 +39,33 @@ TYPE_STYLE = {
     "R": Mark(BLUE, "o", "", "R: reverses"),
     "SW": Mark(ORANGE, "s", "////", "SW: wobbles"),
     "unclassified": Mark("#666666", "x", "....", "unclassified"),
-    "SS": Mark(GREEN, "^", "\\\\\\\\", "SS: spins on"),
+    "SS": Mark(GREEN, "^", "\\\\\\\\", "SS: steady spinning"),
     "D": Mark(PURPLE, "v", "xxxx", "D: dies"),
 }
 SERIES = ((BLUE, "o"), (VERMILION, "s"), (GREEN, "^"), (PURPLE, "D"), (ORANGE, "v"), (SKY, "P"),
           (BLACK, "X"), ("#8A8A8A", "*"))  # fmt: skip
-"""Colours and shapes of curves, in the order in which they are taken."""
+"""Colours and shapes of curves, in the order in which they are used."""
 THEORY: dict[str, Any] = {"color": INK, "linestyle": (0, (4, 2)), "linewidth": 1.1}
 
 RATE, TIME = r"$\sqrt{g/a}$", r"$\sqrt{a/g}$"
-UNITS = {"1": "", "sqrt(a/g)": TIME, "sqrt(g/a)": RATE, "rad": "rad"}
-"""Units of columns as formulas."""
+UNITS = {
+    "": "", "1": "", "sqrt(a/g)": TIME, "sqrt(g/a)": RATE, "rad": "rad", "deg": "degrees",
+    "a": "$a$", "M g a": "$M g a$", "M g": "$M g$", "M a^2 sqrt(g/a)": r"$M a^2 \sqrt{g/a}$",
+}  # fmt: skip
+"""Units as tables write them, and as formulas."""
+# Symbols and units of what a config varies and of the columns that have a symbol.
 SYMBOLS = {
-    "K_p": ("$K_p$", ""),
-    "K_r": ("$K_r$", ""),
-    "n_i": ("$n_i$", RATE),
-    "omega_xy0": (r"$\omega_{xy0}$", RATE),
-    "alpha": (r"$\alpha$", ""),
-    "beta": (r"$\beta$", ""),
-    "gamma": (r"$\gamma$", ""),
-    "theta": (r"$\theta$", ""),
-    "phi": (r"$\varphi$", ""),
-    "xi": (r"$\xi$", "rad"),
-    "xi_deg": (r"$\xi$", "degrees"),
-    "minus_xi_deg": (r"$-\xi$", "degrees"),
-    "f_sd": ("$f_{sd}$", ""),
-    "c": ("$c$", "$a$"),
-    "sigma": (r"$\sigma$", r"$M a^2 \sqrt{g/a}$"),
-    "rolling": ("$l$", "$a$"),
-    "t_rgh": ("$t_{rGH}$", TIME),
-    "n_0": ("$n_0$", RATE),
-    "n_c1": ("$n_{c1}$", RATE),
-    "omega_p": (r"$\omega_p$", RATE),
-    "omega_r": (r"$\omega_r$", RATE),
-}
+    "K_p": ("$K_p$", ""), "K_r": ("$K_r$", ""), "n_i": ("$n_i$", "sqrt(g/a)"),
+    "omega_xy0": (r"$\omega_{xy0}$", "sqrt(g/a)"), "alpha": (r"$\alpha$", ""),
+    "beta": (r"$\beta$", ""), "gamma": (r"$\gamma$", ""), "theta": (r"$\theta$", ""),
+    "phi": (r"$\varphi$", ""), "xi": (r"$\xi$", "rad"), "xi_deg": (r"$\xi$", "deg"),
+    "minus_xi_deg": (r"$-\xi$", "deg"), "f_sd": ("$f_{sd}$", ""), "c": ("$c$", "a"),
+    "sigma": (r"$\sigma$", "M a^2 sqrt(g/a)"), "rolling": ("$l$", "a"),
+    "t_r": ("$t_r$", "sqrt(a/g)"), "t_rgh": ("$t_{rGH}$", "sqrt(a/g)"),
+    "n_reversals": ("number of turns", ""), "ratio": (r"$t_r/t_{rGH}$", ""),
+    "n_0": ("$n_0$", "sqrt(g/a)"), "n_c1": ("$n_{c1}$", "sqrt(g/a)"),
+    "omega_p": (r"$\omega_p$", "sqrt(g/a)"), "omega_r": (r"$\omega_r$", "sqrt(g/a)"),
+}  # fmt: skip
 
 RC: dict[str, Any] = {
     "font.size": 9,
@@ -92,12 +85,12 @@ RC: dict[str, Any] = {
 FORMATS: dict[str, dict[str, Any]] = {
     "svg": {"Date": None}, "png": {"Software": None}, "pdf": {"CreationDate": None},
 }  # fmt: skip
-"""What a figure is written as, without what differs from time to time."""
+"""Formats of figures, with the metadata that would change from one writing to the next."""
 
 
 @contextmanager
 def styled(style: Path | None = None) -> Iterator[None]:
-    """Matplotlib's settings for our pictures, with those of a style file on top."""
+    """Use Matplotlib's settings for our pictures, with those of a style file on top."""
     settings: Any = RC | ({} if style is None else dict(_read_style(style)))
     with mpl.rc_context():
         mpl.rcdefaults()
@@ -106,7 +99,7 @@ def styled(style: Path | None = None) -> Iterator[None]:
 
 
 class _Refusal(logging.Handler):
-    """Makes what Matplotlib only logs, such as an unknown key, an error."""
+    """Raise what Matplotlib only logs, such as an unknown key."""
 
     def emit(self, record: logging.LogRecord) -> None:
         raise ValueError(record.getMessage())
@@ -127,20 +120,20 @@ def _read_style(path: Path) -> Any:
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """A figure of a size in inches; without pyplot: no window, nothing that outlives it."""
+    """Return a figure of a size in inches, made without pyplot: no window, no global state."""
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
 
 def light_grid(axes: Any) -> None:
-    """Faint lines behind the data, and no frame above and on the right."""
+    """Draw faint lines behind the data, and no frame above and on the right."""
     axes.grid(visible=True, color=FAINT, linewidth=0.6)
     axes.spines[["top", "right"]].set_visible(False)
 
 
 def encode(figure: Figure, kind: str, dpi: float) -> bytes:
-    """Bytes of a figure as one of `FORMATS`; equal figures give equal bytes."""
+    """Return the bytes of a figure as one of `FORMATS`; equal figures give equal bytes."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format=kind, dpi=dpi, metadata=FORMATS[kind])
     return buffer.getvalue()
@@ -153,7 +146,7 @@ def save(figure: Figure, paths: Sequence[Path], dpi: float) -> None:
 
 
 def formula_error(text: str) -> str | None:
-    """Why Matplotlib cannot read the formulas in a text, in a few words; None if it can."""
+    """Return why Matplotlib cannot read the formulas in a text; None if it can."""
     if is_math_text(text):
         try:
             MathTextParser("path").parse(text)
@@ -162,17 +155,18 @@ def formula_error(text: str) -> str | None:
     return None
 
 
-def label(name: str) -> str:
-    """Symbol of a quantity, with its unit."""
-    symbol, unit = SYMBOLS[name]
-    return f"{symbol} ({unit})" if unit else symbol
-
-
 def symbol(name: str) -> str:
-    """Symbol of a quantity."""
-    return SYMBOLS[name][0]
+    """Return the symbol of a quantity; its name if it has none."""
+    return SYMBOLS[name][0] if name in SYMBOLS else name
+
+
+def label(name: str, unit: str | None = None) -> str:
+    """Return the symbol of a quantity with its unit in brackets, as every axis shows it."""
+    unit = SYMBOLS.get(name, ("", ""))[1] if unit is None else unit
+    shown = UNITS.get(unit, unit)
+    return f"{symbol(name)} ({shown})" if shown else symbol(name)
 
 
 def value_text(name: str, value: float) -> str:
-    """Such as ``n_i = -0.1``."""
+    """Return a text such as ``n_i = -0.1``."""
     return f"{symbol(name)} = {value:.4g}".replace("-", "−")

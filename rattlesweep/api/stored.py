@@ -41,11 +41,11 @@ class Sweep:
     """
 
     def __init__(self, directory: str | Path) -> None:
-        from rattlesweep.sweeps.old.stored import open_stored
+        from rattlesweep.sweeps.stored import open_stored
 
         self.directory = Path(directory)
         self._stored = open_stored(self.directory)
-        self.manifest: dict[str, Any] = self._stored.manifest.dump()
+        self.manifest: dict[str, Any] = self._stored.manifest
         self._files: tuple[Any, ...] = ()
         self._columns: dict[str, pa.ChunkedArray] = {}
 
@@ -57,13 +57,8 @@ class Sweep:
     @property
     def summary(self) -> pd.DataFrame:
         """One row a case, with units in ``attrs``; of a sweep under way, of its blocks so far."""
-        from rattlesweep.sweeps.summary import summarise
         from rattlesweep.sweeps.counts import columns_for
-
-        store, manifest = self._stored.store, self._stored.manifest
-        if store.summary_path.exists():
-            return to_frame(store.read_summary())
-        return to_frame(summarise(store, manifest.cases, columns_for(manifest.config)))
+        return to_frame(self._stored.summary())
 
     def read(
         self, columns: Sequence[str] | str | None = None, where: str | None = None
@@ -78,7 +73,7 @@ class Sweep:
         columns : str or sequence of str, optional
             Columns of ``runs``, in this order; by default all.
         where : str, optional
-            A condition as in ``rattlesweep plot --where``: ``"type = 'SW' and K_r < 0.005"``.
+            A pandas query, as of ``rattlesweep plot --where``: ``'type == "SW" and K_r < 0.005'``.
 
         Returns
         -------
@@ -96,43 +91,44 @@ class Sweep:
         """
         import pyarrow as pa
 
-        from rattlesweep.analysis.where import parse_condition
+        from rattlesweep.analysis.where import parse_where
         from rattlesweep.sweeps.config.messages import not_one_of
 
-        schema = self._stored.manifest.schema
+        schema = self._stored.schema
         names = schema.names if columns is None else columns
         names = [names] if isinstance(names, str) else list(names)
         for name in names:
             if name not in schema.names:
                 raise ConfigError(f"columns: {not_one_of(str(name), schema.names)}")
-        condition = None if where is None else parse_condition(where, schema, "where")
+        condition = None if where is None else parse_where(where, schema, "where")
         needed = dict.fromkeys((*names, *(condition.columns if condition else ())))
         found = self._cached(list(needed), schema)
         fields = pa.schema([schema.field(name) for name in needed])
         table = pa.Table.from_arrays([found[name] for name in needed], schema=fields)
         if condition is not None:
-            table = table.filter(condition.expression)
+            kept = [condition.filter(rows) for rows in table.to_batches()]
+            table = pa.Table.from_batches(kept, table.schema)
         return to_frame(table.select(names))
 
     def _cached(self, names: list[str], schema: pa.Schema) -> dict[str, pa.ChunkedArray]:
         """Columns of all blocks in place, read anew where files have changed."""
         import pyarrow as pa
 
-        store = self._stored.store
-        indices = store.block_indices()
-        stats = [(index, store.block_path(index).stat()) for index in indices]
+        stats = [(path.name, path.stat()) for path in self._stored.files()]
         files = tuple((i, s.st_ino, s.st_mtime_ns, s.st_size) for i, s in stats)
         if files != self._files:
             self._files, self._columns = files, {}
         if absent := [name for name in names if name not in self._columns]:
-            wanted = pa.schema(map(schema.field, absent))
-            tables = [store.read_block(index).table(absent) for index in indices]
-            table = pa.concat_tables([wanted.empty_table(), *tables])
+            table = self._stored.read(absent)
             self._columns |= dict(zip(absent, table.columns, strict=True))
         return self._columns
 
     def to_xarray(
-        self, columns: Sequence[str] | None = None, *, where: str | None = None
+        self,
+        columns: Sequence[str] | None = None,
+        *,
+        where: str | None = None,
+        fill: bool = False,
     ) -> xarray.Dataset:
         """Runs along what varies: one dimension for each axis of the sweep.
 
@@ -144,6 +140,9 @@ class Sweep:
             Columns of ``runs``; by default all that hold one value a run.
         where : str, optional
             A condition as for :meth:`read`; other runs are missing.
+        fill : bool
+            Whether the points that ``bodies.refine`` has left out are filled from the nearest runs,
+            numbers by linear interpolation between them.
 
         Returns
         -------
@@ -163,13 +162,16 @@ class Sweep:
         from rattlesweep.analysis.dataset import make_dataset
         from rattlesweep.analysis.plots.layout import read_layout
 
-        return make_dataset(read_layout(self.directory).chosen(where), columns)
+        return make_dataset(
+            read_layout(self.directory).chosen(where), columns, fill_refined=fill
+        )
 
     def plot(
         self,
         kind: str | None = None,
         *,
         x: str | None = None,
+        quantity: str | None = None,
         select: Mapping[str, Any] | Sequence[str] = (),
         where: str | None = None,
         path: str | Path | None = None,
@@ -180,10 +182,12 @@ class Sweep:
         Parameters
         ----------
         kind : str, optional
-            ``fractions``, ``times``, ``ratio``, ``map``, ``distribution`` or ``scatter``; by
-            default what suits the sweep.
+            ``fractions``, ``times``, ``ratio``, ``map``, ``reversals``, ``distribution`` or
+            ``scatter``; by default what suits the sweep.
         x : str, optional
             What goes along the abscissa: something that varies, or a column for a scatter.
+        quantity : str, optional
+            The column that a map or a distribution shows.
         select : mapping or sequence of str
             Only these values, such as ``{"n_i": [-0.3, -0.5], "theta": "0.6:0.7"}``.
         where : str, optional
@@ -203,8 +207,8 @@ class Sweep:
         >>> import rattlesweep as rs
         >>> figure = rs.load("out/gh").plot("distribution", path="distribution.svg")
         """
+        from rattlesweep.analysis.plots.kinds import choose_picture
         from rattlesweep.analysis.plots.layout import read_layout
-        from rattlesweep.analysis.plots.registry import read_picture
         from rattlesweep.analysis.style import FORMATS, encode, save, styled
 
         for name in looks:
@@ -219,7 +223,10 @@ class Sweep:
             select = [select]
         with styled():
             layout = read_layout(self.directory)
-            figure = read_picture(layout, kind, x=x, select=select, where=where).figure(**looks)
+            picture = choose_picture(
+                layout, kind, x=x, quantity=quantity, select=select, where=where
+            )
+            figure = picture.figure(**looks)
             if path is not None:
                 save(figure, [Path(path)], 150.0)
         # A figure that is none of pyplot's is shown by no notebook unless it says how.
@@ -322,14 +329,13 @@ class Sweep:
         return Page(target)
 
     def __repr__(self) -> str:
-        """Name the directory and how far it is."""
-        return f"<Sweep {self.directory}: {self.manifest['runs']} runs, {self.manifest['state']}>"
+        """Name the directory and how many runs it holds."""
+        return f"<Sweep {self.directory}: {self._stored.count()} runs>"
 
     def _repr_html_(self) -> str:
         """What a notebook shows: the same, and the first cases of the summary."""
         head = html.escape(
-            f"{self.manifest['name']}: {self.manifest['runs']:,} runs in {self.directory}, "
-            f"{self.manifest['state']}"
+            f"{self.manifest['name']}: {self._stored.count():,} runs in {self.directory}"
         )
         summary = self.summary.dropna(axis="columns", how="all")
         table = summary.to_html(max_rows=10, index=False, float_format=lambda x: f"{x:.5g}")

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from pathlib import Path
 
 import click
 from click import argument, option
 
-from rattlesweep.cli.common import Meter, command, options, probe, say, to_json
+from rattlesweep.cli.common import command, options, probe, say, to_json
 from rattlesweep.cli.common.output import DONE, FAILED, MOST_ROWS
 
 
@@ -36,18 +35,17 @@ def compare(
     are compared. Differences of t_r are relative to the mean of both.
 
     In the table, "beyond" counts runs whose t_r differ by more than sqrt(e_A^2 + e_B^2), where e
-    is t_r_error, and "sure" counts differing types of which both directories are sure (type_sure).
-    Both need record: [error]. Exits with 1 if a larger share than --allow is beyond, or if types
-    that are sure differ, and with 0 else; without stored errors always with 0.
+    is t_r_error, and "types_sure" counts differing types of which both directories are sure
+    (type_sure). Both need record: [error]. Exits with 1 if a larger share than --allow is beyond,
+    or if types that are sure differ, and with 0 else; without stored errors always with 0.
     """
     from rattlesweep.analysis.compare import as_text, save
-    from rattlesweep.sweeps.old.compare import compare as compared
-    from rattlesweep.sweeps.old.compare import rows_file
+    from rattlesweep.analysis.compare import compare as compared
 
     probe(figure, data)
-    with Meter() as meter, ExitStack() as files:
-        write = {} if data is None else {"write": files.enter_context(rows_file(data))}
-        result = compared(a, b, report=meter.counting("runs"), **write)
+    result = compared(a, b)
+    if data is not None:
+        result.write_runs(data)
     if figure is not None:
         save(result, figure)
     click.echo(to_json(result.data()) if as_json else as_text(result, MOST_ROWS))

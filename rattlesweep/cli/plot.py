@@ -17,7 +17,7 @@ from rattlesweep.cli.common import command, options, say, types
     "rattlesweep plot out/steady --kind ratio --select n_i=-0.1,-0.3 --output ratio.pdf",
     "rattlesweep plot out/steady --kind scatter --x K_r --ylim 10,1e4",
     "rattlesweep plot out/map-theta-spin --select theta=0.84:0.99 --select n_i=-0.45:0",
-    "rattlesweep plot out/steady --kind times --where \"type = 'R' and t_r < 2 * t_rgh\"",
+    "rattlesweep plot out/steady --kind times --where 'type == \"R\" and t_r < 2 * t_rgh'",
 )
 @options.directory
 @option("--kind", type=types.KINDS, help="What to draw; times are t_r, and ratio is t_r/t_rGH. By "
@@ -25,6 +25,8 @@ from rattlesweep.cli.common import command, options, say, types
 @option("--x", metavar="NAME", help="Quantity along the abscissa: something that the config "
         "varies, such as n_i, or any column of the runs, such as K_p or n_0, for a scatter of "
         "t_r.")  # fmt: skip
+@option("--quantity", metavar="COLUMN", help="Any numeric column of the runs that a map shows as "
+        "colours (the mean of a cell), or a distribution as a histogram.")  # fmt: skip
 @option("--select", metavar="NAME=VALUES", multiple=True, help="Only these values, as in "
         "n_i=-0.3,-0.5 or theta=0.6:0.7; may be repeated.")  # fmt: skip
 @options.where
@@ -44,6 +46,7 @@ def plot(
     directory: Path,
     kind: str | None,
     x: str | None,
+    quantity: str | None,
     select: tuple[str, ...],
     where: str | None,
     dpi: float,
@@ -56,12 +59,14 @@ def plot(
 
     Works at any time, even while the sweep is running. Prints the paths of what it writes.
     """
+    from rattlesweep.analysis.plots.kinds import choose_picture
     from rattlesweep.analysis.plots.layout import read_layout
-    from rattlesweep.analysis.plots.registry import read_picture
     from rattlesweep.analysis.style import save, styled
 
     with styled(style):
-        picture = read_picture(read_layout(directory), kind, x=x, select=select, where=where)
+        picture = choose_picture(
+            read_layout(directory), kind, x=x, quantity=quantity, select=select, where=where
+        )
         name = picture.name
         paths = list(output) or [directory / f"{name}.{ending}" for ending in ("svg", "png")]
         figure = picture.figure(**looks)

@@ -23,12 +23,11 @@ def sensitivity(directory: Path, figure: Path | None, as_json: bool) -> None:
 
     Prints Sobol' indices by case, with 95 % intervals (bootstrap): first-order ones, the share of
     the variance that goes with a parameter alone, and total ones, the share that would be left if
-    all others were known. Total ones need bodies.draw: saltelli in the sweep's config; otherwise
-    only first-order ones are estimated, from means in bins. Those of t_r and log10 t_r are of the
-    runs that reverse, those of P(R), P(SS), ... of all.
+    all others were known. They need bodies.draw: saltelli in the sweep's config. Those of t_r and
+    log10 t_r are told where nearly all runs reverse, those of P(R), P(SS), ... always.
     """
     from rattlesweep.analysis.sensitivity import as_text, save
-    from rattlesweep.sweeps.old.sensitivity import sensitivity as told
+    from rattlesweep.analysis.sensitivity import sensitivity as told
 
     probe(figure)
     found = told(directory)

@@ -18,9 +18,9 @@ from click.testing import CliRunner
 from rattlesweep import cli
 from rattlesweep.integrate.batch import Batch
 from rattlesweep.sweeps.block import prepare_runs
-from rattlesweep.sweeps.plan import Plan, make_plan
 from rattlesweep.sweeps.config.read import load_config, parse_config
 from rattlesweep.sweeps.launches import Launches
+from rattlesweep.sweeps.plan import Plan, make_plan
 from rattlesweep.sweeps.run import run_sweep
 from rattlesweep.sweeps.stored import open_stored
 from rattlesweep.sweeps.verify import verify

@@ -20,7 +20,7 @@ from rattlesweep.cli.common import types
 from rattlesweep.integrate.model import MODELS, WITH_TANGENT
 from rattlesweep.analysis.onerun.channels import choose
 from rattlesweep.analysis.onerun.figure import CURVES, SHOWN
-from rattlesweep.analysis.plots.registry import KINDS
+from rattlesweep.analysis.plots.kinds import KINDS
 from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.config.schema import ACCURACIES
 from rattlesweep.sweeps.config.read import config_json_schema, parse_config

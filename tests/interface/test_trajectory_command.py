@@ -20,7 +20,7 @@ from rattlesweep import cli
 from rattlesweep.analysis.onerun import figure as trajectory_figure
 from rattlesweep.analysis.onerun import files as trajectory_file
 from rattlesweep.analysis.onerun.course import Course
-from rattlesweep.analysis.onerun.observer import Observer
+from rattlesweep.analysis.onerun.course import Observer
 from rattlesweep.analysis.onerun.rows import Rows
 from rattlesweep.sweeps.single import Launch
 
@@ -103,7 +103,7 @@ def test_what_a_figure_shows(model: str):
     labels = [text.get_text() for text in axes[0].get_legend().get_texts()]
     assert len(axes) == {"full": 3, "reduced": 2, "gh": 1}[model]
     assert ("reduced model" in labels) == (model != "gh")
-    assert any("reversal" in label for label in labels)
+    assert any("turn" in label for label in labels)
     assert axes[-1].get_xlim() == (0, 2000)
     if model == "full":
         height = trajectory_figure.envelope(columns["omega_y"], 300)

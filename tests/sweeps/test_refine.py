@@ -18,7 +18,7 @@ from sweeping import content_hash, plan_of, proved
 from rattlesweep.errors import ConfigError
 from rattlesweep.analysis.plots.layout import read_layout
 from rattlesweep.analysis.plots.map import CODES
-from rattlesweep.analysis.plots.registry import read_picture
+from rattlesweep.analysis.plots.kinds import choose_picture
 from rattlesweep.sweeps.decide import make_stages, strides
 from rattlesweep.sweeps.config.read import parse_config, physics_hash
 from rattlesweep.sweeps.old.verify import verify
@@ -57,7 +57,7 @@ def refined(tmp_path_factory) -> Path:
 
 
 def picture(output: Path) -> Any:
-    return read_picture(read_layout(output), "map")
+    return choose_picture(read_layout(output), "map")
 
 
 def test_a_fraction_of_the_runs_gives_the_same_map(full, refined):

@@ -15,8 +15,8 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.cache import specialise
 from rattlesweep.physics import full, reduced
 from rattlesweep.physics.attitude import quaternion
-from rattlesweep.sweeps.config.messages import not_one_of
 from rattlesweep.sweeps.columns import ENERGY, FORCE, RATE, TIME
+from rattlesweep.sweeps.config.messages import not_one_of
 
 if TYPE_CHECKING:
     from rattlesweep.integrate.follow.trajectory import Samples
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
 
 def _arrays(function: Any) -> Callable[..., Any]:
-    """The same formula for arrays: the scalar function's own code with NumPy's square root.
+    """Return the formula for arrays: the scalar function's own code with NumPy's square root.
 
-    What it calls is done so too, whether by its name or by that of its module.
+    What it calls is replaced likewise, whether by its name or by that of its module.
     """
     formula = function.py_func
     names = formula.__code__.co_names
@@ -46,7 +46,7 @@ def _arrays(function: Any) -> Callable[..., Any]:
 
 
 class Formulas(NamedTuple):
-    """A model's own formulas, for arrays."""
+    """Formulas of a model, for arrays."""
 
     spin: Callable[..., Any]
     energy: Callable[..., Any]
@@ -56,17 +56,17 @@ class Formulas(NamedTuple):
 
 @cache
 def formulas(model: Model) -> Formulas:
-    """Spin, energy (what is conserved of it), contact force and point, components first."""
+    """Return spin, energy (what is conserved of it), contact force and point."""
     touch = model.touch or model.contact
     return Formulas(*map(_arrays, (model.spin, model.energy, model.contact, touch)))
 
 
 @dataclass(frozen=True)
 class View:
-    """Quantities of a run at the same times, worked out when they are first asked for.
+    """Quantities of a run at the same times, computed when they are first asked for.
 
-    ``equations`` are those integrated, None for the closed form, with their ``constants`` and the
-    launch's energy; ``samples`` are theirs, ``beside`` of the reduced model at the same times.
+    `equations` are those integrated, None for the closed form, with their `constants` and the
+    launch's energy; `samples` are theirs, `beside` those of the reduced model.
     """
 
     model: str
@@ -79,7 +79,7 @@ class View:
 
     @property
     def _own(self) -> Formulas | None:
-        """Formulas of the run's model; the closed form has none."""
+        """Formulas of the run's model; None for the closed form."""
         return None if self.equations is None else formulas(self.equations)
 
     @cached_property
@@ -198,7 +198,7 @@ FULL, BOTH, ALL = ("full",), ("full", "reduced"), ("full", "reduced", "gh")
 def _components(
     names: str, unit: str, words: str, of: Callable[[View], Any], needs: str = ""
 ) -> Iterator[Channel]:
-    """Channels of the components of a quantity of the full model; ``{}`` is their last letter."""
+    """Make channels of the components of a quantity; ``{}`` is their last letter."""
     for k, name in enumerate(names.split()):
         part = partial(lambda view, k: of(view)[k], k=k)
         yield Channel(name, unit, words.format(name[-1]), FULL, part, needs)
@@ -246,7 +246,7 @@ CHANNELS: dict[str, Channel] = {
 
 
 def choose(names: Iterable[str], model: str) -> tuple[Channel, ...]:
-    """Channels by name; refuses what is unknown, twice there, or not of the model, and nothing."""
+    """Return channels by name; unknown, repeated or foreign ones, or none, are a ConfigError."""
     names = list(names)
     own = [channel.name for channel in CHANNELS.values() if model in channel.models]
     for name in names:

@@ -3,40 +3,94 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
+from rattlesweep.analysis.onerun.channels import View, choose, formulas
+from rattlesweep.analysis.onerun.rows import Rows
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
+from rattlesweep.integrate.batch import PLATEAU_SHARE
 from rattlesweep.integrate.follow.trajectory import Follower, Samples
 from rattlesweep.integrate.model import REDUCED
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import DOP853, METHODS
 from rattlesweep.physics.body import PARAMETERS
-from rattlesweep.analysis.onerun.channels import View, choose, formulas
-from rattlesweep.analysis.onerun.observer import Observer
-from rattlesweep.analysis.onerun.rows import Rows
-from rattlesweep.sweeps.single import Launch, single_run
 from rattlesweep.sweeps.launches import model_of, reduced_batch, with_energies
+from rattlesweep.sweeps.single import Launch, single_run
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from rattlesweep.integrate.batch import Batch
-    from rattlesweep.sweeps.launches import Launches
     from rattlesweep.sweeps.config.schema import Config
+    from rattlesweep.sweeps.launches import Launches
 
 # A run that is ready to be integrated, as :func:`single_run` makes it of a launch and
 # :meth:`rattlesweep.analysis.onerun.replay.Replay.prepare` of a stored run.
 PreparedRun: TypeAlias = "tuple[Config, Launches, Batch | None]"
 # Rows that are in memory at once.
 CHUNK = 8192
-# Of the reduced model beside: its errors are then far below its own distance from the full one.
+# Tolerance of the reduced model beside: its errors are far below its distance from the full one.
 BESIDE_TOL = 1e-10
+
+
+@dataclass
+class Observer:
+    """Turns and contact forces of a run, from its launch and its accepted steps as they come."""
+
+    plateau: float
+    """Modulus of the launch's spin, in ``sqrt(g/a)``; of a launch without spin, ``n_0``."""
+    zeros: list[float] = field(default_factory=list)
+    """Times of all zeros of the spin so far, kept by whoever finds them."""
+    reversals: list[float] = field(default_factory=list)  # the first zero of each turn
+    normal_min: float = math.inf  # least normal force in M g
+    friction_max: float = 0.0  # largest ratio of the tangential force to it
+    lifts: float = math.nan  # when the first is first negative; NaN if never
+    slips: float = math.nan  # when the second is first above 1; NaN if never
+    # The last time beyond the share PLATEAU_SHARE of the plateau, and the sign of the spin then.
+    _last: tuple[float, float] = (0.0, 0.0)
+
+    def spin(self, t: Floats, n: Floats) -> None:
+        """Look at spins."""
+        far = np.abs(n) > PLATEAU_SHARE * self.plateau
+        t = np.concatenate([[self._last[0]], t[far]])
+        side = np.concatenate([[self._last[1]], np.sign(n[far])])
+        for k in np.flatnonzero(side[1:] * side[:-1] < 0):
+            first = bisect_right(self.zeros, t[k])
+            self.reversals += self.zeros[first : first + 1]
+        self._last = float(t[-1]), float(side[-1])
+
+    def forces(self, t: Floats, normal: Floats, tangential: Floats) -> None:
+        """Look at contact forces."""
+        ratio = np.divide(tangential, normal, out=np.zeros(len(t)), where=normal > 0)
+        if not self.lifts <= t[0] and (normal < 0).any():
+            self.lifts = float(t[np.argmax(normal < 0)])
+        if not self.slips <= t[0] and (ratio > 1).any():
+            self.slips = float(t[np.argmax(ratio > 1)])
+        self.normal_min = min(self.normal_min, float(normal.min()))
+        self.friction_max = max(self.friction_max, float(ratio.max()))
+
+    @property
+    def warning(self) -> str:
+        """One sentence on what the model does that no real body would; empty if nothing."""
+        if math.isfinite(self.lifts):
+            return (
+                f"contact would be lost at t = {self.lifts:.4g}, where the normal force becomes "
+                f"negative (least: {self.normal_min:.2g} M g); the model keeps the body on the "
+                "plane all the same"
+            )
+        if math.isfinite(self.slips):
+            return (
+                "rolling without slip needs a coefficient of friction above 1 from "
+                f"t = {self.slips:.4g} (largest: {self.friction_max:.3g})"
+            )
+        return ""
 
 
 class _ClosedForm:
@@ -50,7 +104,7 @@ class _ClosedForm:
         self.zeros = [t_rgh] if t_rgh <= self.t else []
 
     def at(self, times: Floats) -> Samples:
-        """Times alone."""
+        """Return the times alone."""
         nothing = np.zeros((len(times), 0))
         return Samples(times, nothing, nothing)
 
@@ -58,9 +112,21 @@ class _ClosedForm:
 class Course:
     """A trajectory under way: iterate to get it chunk by chunk, stop whenever you like.
 
-    ``channels`` are names of :data:`rattlesweep.analysis.onerun.channels.CHANNELS`, which become the
-    columns, ``rows`` the times at which they are wanted.  ``watch`` is called with the share that
-    is done, every few thousand steps.  Times are in ``sqrt(a/g)``.
+    Parameters
+    ----------
+    run : Launch or tuple
+        What is integrated.
+    channels : sequence of str
+        Names of :data:`rattlesweep.analysis.onerun.channels.CHANNELS`, which become the columns.
+    rows : Rows
+        Times at which they are wanted, in ``sqrt(a/g)``.
+    watch : callable, optional
+        Called with the share that is done, every few thousand steps.
+
+    Attributes
+    ----------
+    zeros, reversals : list of float
+        Times of all zeros of the spin so far, and of the first zero of each turn.
     """
 
     def __init__(
@@ -72,9 +138,9 @@ class Course:
         watch: Callable[[float], None] | None = None,
     ) -> None:
         energies = (run.e_p0, run.e_r0) if isinstance(run, Launch) else (None, None)
-        config, self.launches, batch = single_run(run) if isinstance(run, Launch) else run
+        config, launches, batch = single_run(run) if isinstance(run, Launch) else run
         # The launch and what theory says of it, as arrays over this one run.
-        launches, self.model = self.launches, str(config.model)
+        self.launches, self.model = launches, str(config.model)
         # What is integrated; None for the closed form.
         self.equations = None if batch is None else model_of(config)
         self.channels = choose(channels, self.model)
@@ -90,10 +156,10 @@ class Course:
                               "give t_end")  # fmt: skip
         if rows.steps and batch is None:
             raise ConfigError("steps: the model gh takes none; give points or dt")
-        # Of the pitch up to the horizon; 0 for a model without them.
+        # Periods of the pitch up to the horizon; 0 for a model without them.
         pitch = float(launches.modes.omega_p[0]) / (2 * math.pi)
         self.periods = t_end * pitch if self.model == "full" else 0.0
-        # Of the rows; None for the accepted steps.
+        # Times of the rows; None for the accepted steps.
         self.times = rows.up_to(t_end, self.periods)
         self._start = rows.from_time or 0.0
         needs = {channel.needs for channel in self.channels}
@@ -111,7 +177,7 @@ class Course:
         self._follower: Follower | _ClosedForm
         if batch is None or self.equations is None:
             self._follower = _ClosedForm(launches)
-            # Their spin has one zero and goes through it for good.
+            # Its spin has one zero and goes through it for good.
             self.observer.reversals += self._follower.zeros
         else:
             self._follower = Follower(
@@ -124,7 +190,6 @@ class Course:
                 look=self._look,
                 watch=None if watch is None else lambda t: watch(min(1.0, t / t_end)),
             )
-        # Of the spin so far: times of all zeros, and of the first ones of its reversals.
         self.zeros = self.observer.zeros = self._follower.zeros
         self.reversals = self.observer.reversals
         self._view = partial(View, self.model, self.equations, launches, self.constants,
@@ -150,14 +215,14 @@ class Course:
         return self._follower.n_steps
 
     def __iter__(self) -> Iterator[dict[str, Floats]]:
-        """Columns by name, at most :data:`CHUNK` rows at a time."""
+        """Yield columns by name, at most :data:`CHUNK` rows at a time."""
         for samples in self._samples():
             beside = None if self._beside is None else self._beside.at(samples.t)
             view = self._view(samples, beside)
             yield {channel.name: channel.of(view) for channel in self.channels}
 
     def columns(self) -> dict[str, Floats]:
-        """Integrate the whole run: its columns in memory."""
+        """Integrate the whole run and return its columns."""
         chunks = list(self)
         return {
             c.name: np.concatenate([np.zeros(0), *(chunk[c.name] for chunk in chunks)])
@@ -171,8 +236,7 @@ class Course:
             found = follower.launch()
             while found.t.size or not follower.ended:
                 early = int(np.searchsorted(found.t, self._start))
-                if early < len(found.t):
-                    # What was not asked for has no rows.
+                if early < len(found.t):  # what was not asked for has no rows
                     yield Samples(found.t[early:], found.y[early:], found.extra[early:])
                 found = follower.steps()
             return
@@ -193,8 +257,7 @@ class Course:
             return
         formula = formulas(self.equations)
         columns = np.ascontiguousarray(y.T)
-        # A run that goes wrong overflows.
-        with np.errstate(all="ignore"):
+        with np.errstate(all="ignore"):  # a run that goes wrong overflows
             self.observer.spin(t, formula.spin(*columns))
             if self.model != "reduced":
                 self.observer.forces(t, *formula.force(*columns, *self.constants))
@@ -209,7 +272,7 @@ class Trajectory:
     table : pandas.DataFrame
         One column per channel; NaN where a channel has no finite value.
     reversals : ndarray
-        Times of the reversals up to ``t_end``, in ``sqrt(a/g)``: the spin has gone from beyond a
+        Times of the turns up to ``t_end``, in ``sqrt(a/g)``: the spin has gone from beyond a
         quarter of the launch's spin to beyond a quarter on the other side, and the time is that of
         its first zero on the way.
     zeros : ndarray
@@ -237,7 +300,7 @@ class Trajectory:
 
 
 def collect(course: Course) -> Trajectory:
-    """The whole trajectory in memory."""
+    """Integrate the whole trajectory into memory."""
     import pandas as pd  # half a second, which commands need not wait for
 
     table = pd.DataFrame(course.columns())

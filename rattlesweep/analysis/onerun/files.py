@@ -1,4 +1,4 @@
-"""A trajectory written as it comes: Parquet or CSV, in bounded memory."""
+"""Write a trajectory as it comes: Parquet or CSV, in bounded memory."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ import pyarrow.csv as pcsv
 import pyarrow.parquet as pq
 
 from rattlesweep.analysis.onerun.course import Course
-from rattlesweep.sweeps.files import streamed_file
-from rattlesweep.sweeps.provenance import package_version
 from rattlesweep.sweeps.arrow import build_table
 from rattlesweep.sweeps.columns import F64, field
+from rattlesweep.sweeps.files import streamed_file
+from rattlesweep.sweeps.provenance import package_version
 
 # A table of more rows is not printed whole, but only so many rows from either end.
 MOST_PRINTED, ENDS = 10_000, 20
@@ -25,7 +25,7 @@ GROUP = 1 << 16
 
 
 def schema(course: Course) -> pa.Schema:
-    """Columns with unit and description; the file's own metadata say which run it is."""
+    """Return the columns with unit and description; the metadata say which run it is."""
     about = course.body | course.launch | {
         "model": course.model, "t_end": course.t_end, "rattlesweep": package_version(),
         "integrator": course.integrator,
@@ -65,15 +65,15 @@ def write_csv(course: Course, write: Callable[[bytes], Any]) -> None:
 
 
 def write_ends(course: Course, write: Callable[[bytes], Any]) -> bool:
-    """As :func:`write_csv`, but of a long table the first and the last rows alone.
+    """Write as :func:`write_csv` does, but only the first and the last rows of a long table.
 
-    Says whether rows are left out; a line of dots, which no reader takes for a row, stands there.
+    Returns whether rows are left out; a line of dots, which no reader takes for a row, says so.
     """
     columns = schema(course)
     times = course.times
     cut = times is not None and len(times) > MOST_PRINTED
     if times is not None and cut:
-        # Rows that are not shown need not be worked out.
+        # Rows that are not shown need not be computed.
         course.times = np.concatenate([times[:ENDS], times[len(times) - ENDS : len(times)]])
     head, rows = columns.empty_table(), columns.empty_table()
     for chunk in course:
@@ -97,7 +97,7 @@ def _lines(table: pa.Table) -> bytes:
 
 
 def save(course: Course, path: Path) -> None:
-    """Integrate and write a file, which appears whole or not at all."""
+    """Integrate and write a file, whole or not at all."""
     with streamed_file(path) as file:
         if path.suffix.lower() == ".csv":
             write_csv(course, file.write)

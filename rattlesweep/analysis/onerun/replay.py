@@ -10,17 +10,18 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from rattlesweep.analysis.onerun.course import Course, PreparedRun
+from rattlesweep.analysis.where import parse_where
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.integrate.model import MODELS
-from rattlesweep.analysis.onerun.course import Course, PreparedRun
-from rattlesweep.analysis.where import parse_condition
 from rattlesweep.sweeps.block import run_batch
-from rattlesweep.sweeps.error import PARTED, Estimated
-from rattlesweep.sweeps.memory import differing_rows
-from rattlesweep.sweeps.launches import Launches, make_batch, prepare
 from rattlesweep.sweeps.config.schema import Config
-from rattlesweep.sweeps.old.stored import open_stored
 from rattlesweep.sweeps.counts import is_sensitive
+from rattlesweep.sweeps.decide import decides
+from rattlesweep.sweeps.error import PARTED, Estimated
+from rattlesweep.sweeps.launches import Launches, make_batch, prepare
+from rattlesweep.sweeps.memory import differing_rows
+from rattlesweep.sweeps.stored import open_stored
 
 
 @dataclass(frozen=True)
@@ -47,21 +48,20 @@ class StoredRun:
         return f"case {self.case}, sample {self.sample}"
 
     @property
+    def sensitive(self) -> bool:
+        """Whether its ``t_r`` is known to few digits only."""
+        return None not in (self.t_r, self.t_r_error) and is_sensitive(self.t_r_error, self.t_r)
+
+    @property
     def proof(self) -> str:
         """What :meth:`Replay.prove` and :meth:`check` have shown, in one line."""
         if self.status != "ok":
             return f"{self.name}: status {self.status} as stored, bit for bit"
-        t_r = "no reversal" if self.t_r is None else f"t_r {self.t_r!r}{self._error}"
+        error = "" if None in (self.t_r, self.t_r_error) else f" +- {self.t_r_error:.2g}"
+        error += " (sensitive)" if self.sensitive else ""
+        t_r = "no reversal" if self.t_r is None else f"t_r {self.t_r!r}{error}"
         doubt = " (not sure)" if self.type_sure is False else ""
         return f"{self.name}: {t_r} and type {self.type}{doubt} as stored, bit for bit"
-
-    @property
-    def _error(self) -> str:
-        """What is known of the error of ``t_r``."""
-        if self.t_r is None or self.t_r_error is None:
-            return ""
-        sensitive = " (sensitive)" if is_sensitive(self.t_r_error, self.t_r) else ""
-        return f" +- {self.t_r_error:.2g}{sensitive}"
 
     def check(self, course: Course) -> None:
         """Compare a followed trajectory with the stored row, bit for bit.
@@ -69,6 +69,11 @@ class StoredRun:
         The first zero of its spin is ``t_r``; where the run ends at the stored ``t_end`` without
         one, its number of steps is ``n_steps``, or one more behind an early end, which a step was
         to go beyond by less than a rounding error.
+
+        Raises
+        ------
+        OutputError
+            They differ.
         """
         if course.model not in MODELS or self.status != "ok":
             return
@@ -87,58 +92,59 @@ class StoredRun:
 
 
 class Replay:
-    """An output directory, whole or still running, whose runs can be had again.
+    """An output directory, whole or still running, whose runs can be integrated again.
 
     What is wrong with a request is a ConfigError; what is not stored yet, damaged, or comes out
-    otherwise than stored an OutputError.
+    otherwise than stored is an OutputError.
     """
 
     def __init__(self, directory: Path) -> None:
         self._stored = open_stored(directory)
-        self._store, self._plan = self._stored.store, self._stored.plan
+        self.directory = directory
         self.config: Config = self._stored.config
-        there = self._stored.manifest.schema.names
+        there = self._stored.schema.names
         self._fields = [part.name for part in fields(StoredRun) if part.name in there]
 
     def find(self, case: int, sample: int) -> StoredRun:
-        """The run of a case and a sample."""
-        plan, store = self._plan, self._store
+        """Return the run of a case and a sample."""
+        stored = self._stored
         for name, value, count in (
-            ("case", case, len(plan.cases)), ("sample", sample, plan.samples)
+            ("case", case, len(stored.cases)), ("sample", sample, stored.samples)
         ):  # fmt: skip
             if not 0 <= value < count:
-                raise ConfigError(f"{name} {value}: {store.directory} has the {name}s 0 to "
-                                  f"{count - 1}")  # fmt: skip
-        place = plan.place(case, sample)
-        if place is None:
-            raise OutputError(
-                f"case {case}, sample {sample} is not stored: {plan.stages_by} has left it out of "
-                f"{store.directory}"
-            )
-        index = plan.block_of(place)
-        path = store.block_path(index)
-        if not path.exists():
-            raise OutputError(f"case {case}, sample {sample} is not stored yet: {path} is missing")
-        table = store.read_block(index).table(self._fields)
-        mine = (pc.field("case") == case) & (pc.field("sample") == sample)
-        found = self._runs(table.filter(mine))
+                raise ConfigError(
+                    f"{name} {value}: {self.directory} has the {name}s 0 to {count - 1}"
+                )
+        found = self._runs(self._row(case, sample, self._fields))
         if not found:
-            raise OutputError(f"case {case}, sample {sample} is not stored yet: {path} lacks it")
+            key = decides(self.config)
+            why = f": {key} has left it out, or it is still to come" if key else " yet"
+            raise OutputError(
+                f"case {case}, sample {sample} is not stored{why} in {self.directory}"
+            )
         return found[0]
 
     def where(self, text: str, first: int) -> list[StoredRun]:
-        """The first runs, in their order, for which a condition is true; at least one."""
-        condition = parse_condition(text, self._stored.manifest.schema)
-        columns = list(dict.fromkeys((*self._fields, *condition.columns)))
+        """Return the first runs, in their order, for which a condition is true; at least one."""
+        where = parse_where(text, self._stored.schema)
+        names = list(dict.fromkeys((*self._fields, *where.columns)))
         found: list[StoredRun] = []
-        for batch in self._store.iter_batches(columns):
-            table = pa.Table.from_batches([batch]).filter(condition.expression)
-            found += self._runs(table.slice(0, first - len(found)).select(self._fields))
+        for rows in self._stored.batches(names):
+            chosen = pa.Table.from_batches([where.filter(rows)])
+            found += self._runs(chosen.slice(0, first - len(found)).select(self._fields))
             if len(found) == first:
                 break
         if not found:
-            raise ConfigError(f"--where {text}: no stored run of {self._store.directory} is so")
+            raise ConfigError(f"--where {text}: {self.directory} stores no such run")
         return found
+
+    def _row(self, case: int, sample: int, names: Sequence[str] | None = None) -> pa.Table:
+        """Return the row of a run; empty if it is not stored."""
+        mine = (pc.field("case") == case) & (pc.field("sample") == sample)
+        for rows in self._stored.batches(names):
+            if len(found := pa.Table.from_batches([rows]).filter(mine)):
+                return found
+        return pa.table({name: [] for name in names or self._fields})
 
     def _runs(self, table: pa.Table) -> list[StoredRun]:
         early = self.config.classify.early
@@ -151,7 +157,7 @@ class Replay:
         where: str | None = None,
         first: int | None = None,
     ) -> list[StoredRun]:
-        """Runs by case and sample, or the first by a condition: as the command line has them."""
+        """Return runs by case and sample, or the first by a condition, as the command line does."""
         if where is not None:
             if case is not None or sample is not None:
                 raise ConfigError("--where and --case, --sample are both given; keep one way")
@@ -164,16 +170,18 @@ class Replay:
 
     def prove(self, run: StoredRun, threads: int | None = 1) -> None:
         """Integrate a run as the sweep did, and compare its whole row bit for bit."""
-        place = np.array([self._plan.place(run.case, run.sample)])
-        for _, _, names in differing_rows(self._stored, place, threads):
+        thresholds = self._stored.thresholds
+        plan = self._stored.plan
+        plan = replace(plan, config=plan.config.model_copy(update={"classify": thresholds}))
+        for _, _, names in differing_rows(plan, self._row(run.case, run.sample), threads):
             raise OutputError(
                 f"{run.name} comes out otherwise than stored, in {', '.join(names[:6])}"
                 f"{' and others' if len(names) > 6 else ''}; see rattlesweep verify"
             )
 
     def cause(self, run: StoredRun) -> str:
-        """Why a run is sensitive, in a line with its numbers; empty if it is not, or not told."""
-        if run.t_r is None or run.t_r_error is None or not is_sensitive(run.t_r_error, run.t_r):
+        """Return why a run is sensitive, in a line with its numbers; empty if it is not."""
+        if not run.sensitive:
             return ""
         launches = self._launches(run)
         batch = make_batch(launches, self.config.model)
@@ -184,10 +192,10 @@ class Replay:
         return f"{run.name}: {cause_of(found, swing, float(launches.n_i[0]))}"
 
     def _launches(self, run: StoredRun) -> Launches:
-        return prepare(self._plan, np.array([run.case]), np.array([run.sample]))
+        return prepare(self._stored.plan, np.array([run.case]), np.array([run.sample]))
 
     def prepare(self, run: StoredRun, t_end: float | None = None) -> PreparedRun:
-        """The run for a :class:`Course`, to ``t_end`` in ``sqrt(a/g)`` or the sweep's horizon."""
+        """Return the run for a :class:`Course`, to ``t_end`` or the sweep's horizon."""
         launches = self._launches(run)
         if t_end is not None:
             if not (np.isfinite(t_end) and t_end > 0):
@@ -202,7 +210,7 @@ class Replay:
 
 
 def cause_of(found: Estimated, swing: float, n_i: float) -> str:
-    """Why the error of the only run of an outcome is large: what its companion did.
+    """Return why the error of the only run of an outcome is large: what its companion did.
 
     `swing` is how long the spin takes to swing once; docs/sensitive.md tells of each kind.
     """
@@ -236,9 +244,9 @@ def cause_of(found: Estimated, swing: float, n_i: float) -> str:
 def targets(
     path: Path | None, runs: Sequence[StoredRun], option: str, *, printed: bool = False
 ) -> list[Path | None]:
-    """A file for each run: the path with ``{case}`` and ``{sample}`` filled in.
+    """Return a file for each run: the path with ``{case}`` and ``{sample}`` filled in.
 
-    ``printed`` says whether runs without a file are printed, which is for one run only.
+    `printed` tells whether runs without a file are printed, which is for one run only.
     """
     advice = "name files by run, such as run-{case}-{sample}"
     if path is None:

@@ -1,4 +1,4 @@
-"""Which rows a trajectory has."""
+"""Choose the rows of a trajectory."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from rattlesweep.errors import ConfigError
 
 @dataclass(frozen=True)
 class EvenTimes:
-    """``start + step * k / parts`` for ``k`` from 0 to ``count - 1``, made as they are sliced out.
+    """Times ``start + step * k / parts`` for ``k`` from 0 to ``count - 1``, made when sliced.
 
     None of them is after ``last``, by rounding.
     """
@@ -39,7 +39,7 @@ Times: TypeAlias = EvenTimes | Floats
 
 @dataclass(frozen=True)
 class Rows:
-    """One way to choose the rows; without any, so many in a period of the pitch.
+    """One way to choose the rows; by default so many in a period of the pitch.
 
     Times are in ``sqrt(a/g)``.
     """
@@ -48,17 +48,21 @@ class Rows:
     dt: float | None = None  # one every dt
     steps: bool = False  # one per accepted step
     times: Any = None  # increasing times from 0 to the horizon
-    from_time: float | None = None  # of the first row where they are even; none is before
+    from_time: float | None = None  # the first row where they are even; none is before
     # Without any of these: rows in a period of the pitch, and how many at least and at most.
     per_period: int = 20
     least: int = 2001
     most: int | None = None
 
     def up_to(self, t_end: float, periods: float) -> Times | None:
-        """Times of the rows up to a horizon, in ``sqrt(a/g)``; None for the accepted steps.
+        """Return the times of the rows up to a horizon; None for the accepted steps.
 
-        ``periods`` are those of the pitch up to there, 0 for a model without them.  Refuses more
-        than one way, and what makes no increasing times.
+        `periods` are those of the pitch up to there, 0 for a model without them.
+
+        Raises
+        ------
+        ConfigError
+            More than one way is chosen, or one that makes no increasing times.
         """
         ways = {"points": self.points, "dt": self.dt, "steps": self.steps or None,
                 "times": self.times}  # fmt: skip
@@ -75,9 +79,22 @@ class Rows:
         if self.times is not None:
             if self.from_time is not None:
                 raise ConfigError("times and from_time are both given; keep one of them")
-            return _checked(self.times, t_end)
+            times = np.array(self.times, dtype=float, ndmin=1)
+            if times.ndim != 1 or not times.size or not np.all(np.isfinite(times)):
+                raise ConfigError("times: a list of finite numbers is needed")
+            if times[0] < 0 or times[-1] > t_end or np.any(np.diff(times) <= 0):
+                raise ConfigError(
+                    f"times: they must increase, from 0 at least to t_end = {t_end:g}"
+                )
+            return times
         if self.dt is not None:
-            return _spaced(self.dt, start, t_end)
+            if not (math.isfinite(self.dt) and self.dt > 0):
+                raise ConfigError(f"dt {self.dt:g}: the distance of two rows must be positive")
+            # A last row at the horizon, also where rounding has dt * k just above it.
+            count = math.floor((t_end - start) / self.dt * (1 + 1e-15)) + 1
+            while start + self.dt * (count - 1) > t_end:
+                count -= 1
+            return EvenTimes(count, self.dt, start=start)
         points = self.points
         if points is None:
             periods *= (t_end - start) / t_end
@@ -86,22 +103,3 @@ class Rows:
         if points < 2:
             raise ConfigError(f"points {points}: at least 2 are wanted, the first and the last")
         return EvenTimes(points, t_end - start, points - 1, start, t_end)
-
-
-def _checked(times: Any, t_end: float) -> Floats:
-    array = np.array(times, dtype=float, ndmin=1)
-    if array.ndim != 1 or not array.size or not np.all(np.isfinite(array)):
-        raise ConfigError("times: a list of finite numbers is needed")
-    if array[0] < 0 or array[-1] > t_end or np.any(np.diff(array) <= 0):
-        raise ConfigError(f"times: they must increase, from 0 at least to t_end = {t_end:g}")
-    return array
-
-
-def _spaced(dt: float, start: float, t_end: float) -> EvenTimes:
-    if not (math.isfinite(dt) and dt > 0):
-        raise ConfigError(f"dt {dt:g}: the distance of two rows must be positive")
-    # A last row at the horizon, also where rounding has dt * k just above it.
-    count = math.floor((t_end - start) / dt * (1 + 1e-15)) + 1
-    while start + dt * (count - 1) > t_end:
-        count -= 1
-    return EvenTimes(count, dt, start=start)

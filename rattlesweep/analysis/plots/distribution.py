@@ -1,94 +1,141 @@
-"""How reversal times are distributed about the theory, and how many runs never reverse."""
+"""How reversal times are distributed about the theory, or any column, and how many runs do what."""
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 from matplotlib.ticker import MaxNLocator
 
-from rattlesweep.analysis.plots.counts import Counted
-from rattlesweep.analysis.plots.layout import Layout
 from rattlesweep.analysis.plots.panels import BESIDE, plain_ticks
-from rattlesweep.analysis.style import FAILED, THEORY, TYPE_STYLE, Mark
+from rattlesweep.analysis.plots.picture import Picture
+from rattlesweep.analysis.plots.scatter import WIDE
+from rattlesweep.analysis.style import BLUE, FAILED, THEORY, TYPE_STYLE, Mark, label
+from rattlesweep.arrays import Floats
 from rattlesweep.sweeps.counts import codes, floats
 
-# Edges of t_r/t_rGH: 40 a decade.
-EDGES = 10.0 ** (np.arange(-80, 81) / 40)
+# As few and as many bins as a histogram of some runs and of very many can do with.
+FEWEST, MOST = 8, 150
+RATIO = "ratio"
 
 
-class Distribution(Counted):
-    """Runs of type R by ``t_r/t_rGH`` between `EDGES`, and all runs by type."""
+class Distribution(Picture):
+    """A histogram of ``t_r/t_rGH`` of type R, or of a column of all runs, and all runs by type.
+
+    Bins follow the data (Freedman and Diaconis); they are equal on a logarithmic axis where values
+    are positive and spread widely, or are times. Counts have bins around whole numbers.
+    """
 
     name = "distribution"
-    caption = "All runs together: reversal times about the theory, and types."
+    takes_quantity = True
 
-    def __init__(self, layout: Layout, x: str | None) -> None:
-        super().__init__(layout, x)
-        self.histogram = np.zeros(len(EDGES) - 1, np.int64)
+    @property
+    def caption(self) -> str:  # type: ignore[override]
+        """What is shown."""
+        if self.quantity is None:
+            return "All runs together: times of the first reversal about the theory, and types."
+        return f"All runs together: {self.quantity}, and types."
 
-    def add(self, rows: pa.RecordBatch) -> None:
-        """Count more rows."""
-        super().add(rows)
-        t_r, t_rgh = floats(rows.column("t_r")), floats(rows.column("t_rgh"))
-        timed = (codes(rows.column("type"), ("R",)) == 0) & (t_rgh > 0) & np.isfinite(t_r)
-        timed &= self.layout.cells(rows, self.axes) >= 0
-        # What lies outside is counted at the edge.
-        place = np.searchsorted(EDGES, t_r[timed] / t_rgh[timed], "right") - 1
-        np.add.at(self.histogram, np.clip(place, 0, len(EDGES) - 2), 1)
+    @cached_property
+    def values(self) -> Floats:
+        """Values of all runs that have one."""
+        names = ("t_r", "t_rgh") if self.quantity is None else (self.quantity,)
+        found = [np.empty(0)]
+        for rows in self.layout.rows(["case", "sample", "type", "status", *names]):
+            kept = codes(rows.column("status"), ("ok",)) == 0
+            kept &= self.layout.cells(rows, self.axes) >= 0
+            own = floats(rows.column(names[0]))
+            if self.quantity is None:
+                t_rgh = floats(rows.column("t_rgh"))
+                kept &= (codes(rows.column("type"), ("R",)) == 0) & (t_rgh > 0)
+                own = np.divide(own, t_rgh, out=np.full(len(own), np.nan), where=t_rgh > 0)
+            found.append(own[kept & np.isfinite(own)])
+        return np.concatenate(found)
+
+    def logarithmic(self) -> bool:
+        """Tell whether the abscissa is logarithmic."""
+        low, high = self.values.min(initial=np.inf), self.values.max(initial=0.0)
+        return bool(low > 0 and (self.quantity is None or high > WIDE * low))
+
+    @cached_property
+    def edges(self) -> Floats:
+        """Borders of the bins."""
+        v = self.values
+        if not len(v):
+            return np.array([0.0, 1.0])
+        log = self.logarithmic()
+        v = np.log(v) if log else v
+        low, high = float(v.min()), float(v.max())
+        if self.quantity is not None and not log and (v == np.round(v)).all() and high - low < MOST:
+            return np.arange(low, high + 2) - 0.5
+        if high - low <= 1e-12 * max(abs(low), abs(high), 1e-300):
+            low, high = low - 0.1 * (abs(low) or 1.0), high + 0.1 * (abs(high) or 1.0)
+            edges = np.linspace(low, high, 4)
+        else:
+            quarter = float(np.subtract(*np.percentile(v, [75, 25])))
+            width = 2 * (quarter or (high - low)) / np.cbrt(len(v))
+            edges = np.linspace(low, high, int(np.clip((high - low) / width, FEWEST, MOST)) + 1)
+        edges = np.exp(edges) if log else edges
+        # Rounding must leave no value outside.
+        edges[0], edges[-1] = min(edges[0], self.values.min()), max(edges[-1], self.values.max())
+        return edges
 
     def size(self) -> tuple[float, float]:
-        """Of two panels."""
+        """Return the size of two panels."""
         return 8.0, 3.6
 
     def table(self) -> pa.Table:
-        """The histogram."""
-        return pa.table({"ratio_low": EDGES[:-1], "ratio_high": EDGES[1:], "runs": self.histogram})
+        """Return the histogram."""
+        name = self.quantity or RATIO
+        counts = np.histogram(self.values, self.edges)[0]
+        return pa.table(
+            {f"{name}_low": self.edges[:-1], f"{name}_high": self.edges[1:], "runs": counts}
+        )
 
     def draw(self, figure: Any, log: bool | None) -> None:
-        """The histogram, its ordinate logarithmic if asked for, and beside it bars of the types."""
+        """Draw the histogram, its ordinate logarithmic if asked for, and bars of the types."""
         main, side = figure.subplots(1, 2, width_ratios=(2.6, 1))
-        self._histogram(main)
+        mark = TYPE_STYLE["R"] if self.quantity is None else Mark(BLUE, "", "", "")
+        if len(self.values):
+            counts, edges = self.table().column("runs").to_numpy(), self.edges
+            main.stairs(counts, edges, fill=True, facecolor=mark.colour, linewidth=0)
+            if self.logarithmic():
+                main.set_xscale("log")
+                ends = float(edges[0]), float(edges[-1])
+                if self.quantity is None:  # theory's 1 in sight
+                    ends = min(ends[0], 0.95), max(ends[1], 1.05)
+                plain_ticks(main, "x", ends)
+                main.set_xlim(*ends)
+        else:
+            words = "no run reverses" if self.quantity is None else "no run has a value"
+            main.text(0.5, 0.5, words, transform=main.transAxes, ha="center")
+            main.set_xticks([])
         if log:
             main.set_yscale("log")
         else:
             main.yaxis.set_major_locator(MaxNLocator(integer=True))
-        main.axvline(1, **THEORY)
-        main.set_xlabel(r"$t_r/t_{rGH}$ of runs that reverse (dashed: theory)")
+        if self.quantity is None:
+            main.axvline(1, **THEORY)
+            main.set_xlabel(f"{label(RATIO)} of runs that reverse (dashed: theory)")
+        else:
+            main.set_xlabel(label(self.quantity, self.unit))
         main.set_ylabel("runs")
-        self._types(side)
-        for axes in (main, side):
-            axes.spines[["top", "right"]].set_visible(False)
 
-    def _histogram(self, axes: Any) -> None:
-        seen = np.flatnonzero(self.histogram)
-        if not len(seen):
-            axes.text(0.5, 0.5, "no run reverses", transform=axes.transAxes, ha="center")
-            axes.set_xticks([])
-            return
-        # Two empty bins on either side, and the theory's 1 in sight.
-        first = max(min(seen[0], len(EDGES) // 2) - 2, 0)
-        last = min(max(seen[-1], len(EDGES) // 2) + 3, len(EDGES) - 1)
-        own = TYPE_STYLE["R"]
-        axes.stairs(self.histogram[first:last], EDGES[first : last + 1], fill=True,
-                    facecolor=own.colour, hatch=own.hatch, linewidth=0)  # fmt: skip
-        axes.set_xscale("log")
-        plain_ticks(axes, "x", (float(EDGES[first]), float(EDGES[last])))
-        axes.set_xlim(EDGES[first], EDGES[last])
-
-    def _types(self, axes: Any) -> None:
         totals = {name: int(part.sum()) for name, part in self.cells.types.items()}
         if self.cells.failed.any():
             totals["failed"] = int(self.cells.failed.sum())
         for at, (name, total) in enumerate(totals.items()):
-            mark = TYPE_STYLE.get(name, Mark(FAILED, "", "", ""))
-            axes.barh(at, total, facecolor=mark.colour, hatch=mark.hatch, height=0.62, linewidth=0)
-            axes.annotate(f"{total:,}", (total, at), xytext=(4, 0), textcoords="offset points",
+            own = TYPE_STYLE.get(name, Mark(FAILED, "", "", ""))
+            side.barh(at, total, facecolor=own.colour, hatch=own.hatch, height=0.62, linewidth=0)
+            side.annotate(f"{total:,}", (total, at), xytext=(4, 0), textcoords="offset points",
                           va="center", fontsize="small")  # fmt: skip
-        axes.set_label(BESIDE)
-        axes.set_yticks(range(len(totals)), list(totals))
-        axes.invert_yaxis()
-        axes.set_xlim(0, 1.35 * max(totals.values()))
-        axes.set_xticks([])
-        axes.set_xlabel("runs by type")
+        side.set_label(BESIDE)
+        side.set_yticks(range(len(totals)), list(totals))
+        side.invert_yaxis()
+        side.set_xlim(0, 1.35 * max(1, *totals.values()))
+        side.set_xticks([])
+        side.set_xlabel("runs by type")
+        for axes in (main, side):
+            axes.spines[["top", "right"]].set_visible(False)

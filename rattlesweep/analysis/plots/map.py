@@ -1,37 +1,39 @@
-"""Maps over two axes: which type each cell is, and how long its reversal takes."""
+"""Maps over two axes: the type of each cell, its reversal time, reversals, or any column."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.colors import BoundaryNorm, ListedColormap, LogNorm, Normalize
 from matplotlib.patches import Patch
 
-from rattlesweep.arrays import Floats, Integers
-from rattlesweep.errors import ConfigError
 from rattlesweep.analysis.boundaries import Boundaries, boundaries
-from rattlesweep.analysis.plots.bondi import threshold
-from rattlesweep.analysis.plots.counts import Counted
+from rattlesweep.analysis.fill import FEWEST, fill
 from rattlesweep.analysis.plots.layout import Axis, Layout
 from rattlesweep.analysis.plots.panels import (
-    Panel,
     draw_panels,
     entry,
     legend_above,
     plain_ticks,
     scale_axis,
 )
-from rattlesweep.analysis.style import FAILED, MISSING, TYPE_STYLE, label
-from rattlesweep.sweeps.config.schema import GridSource
+from rattlesweep.analysis.plots.picture import Picture
+from rattlesweep.analysis.plots.scatter import WIDE
+from rattlesweep.analysis.style import FAILED, MISSING, NO_REVERSAL, TYPE_STYLE, label
+from rattlesweep.arrays import Flags, Floats, Integers
+from rattlesweep.errors import ConfigError
+from rattlesweep.physics.theory import bondi_threshold
+from rattlesweep.sweeps.bodies.sources import make_source
+from rattlesweep.sweeps.config.read import parse_config, resolved
 
 # From this many values on along both sides, a grid is a map.
 SIDE = 8
-# Points along each axis at which theory is known.
+# Points along each axis at which theory is evaluated.
 FINE = 500
-# Neither the grey of a type nor the white of what is missing.
-NO_REVERSAL = "#D0D0D0"
 # A dark line with a light rim is seen on every colour.
 LINES: tuple[dict[str, Any], ...] = (
     {"colors": "#FFFFFF", "linewidths": 2.8, "zorder": 5.5},
@@ -40,8 +42,7 @@ LINES: tuple[dict[str, Any], ...] = (
 BONDI_LABEL = r"Bondi's threshold, $|n_i| = |n_{c1}|$"
 GROWTH = "growth"
 BALANCE_LABEL = "growth at the launch balances damping"
-BALANCE: dict[str, Any] = {"color": "#000000", "linestyle": "--", "linewidth": 1.3}
-# Ratios beyond these are drawn in the end colours; within them most of a map lies.
+# Values beyond these percentiles are drawn in the end colours; within them most of a map lies.
 TAILS = (0.5, 99.5)
 # What a cell is: its most common type, or none of them.
 CELLS = {
@@ -50,16 +51,27 @@ CELLS = {
     "missing": (MISSING, "not run yet"),
 }
 CODES = {name: code for code, name in enumerate(CELLS)}
+# So many numbers of reversals have a colour each; beyond, a colour is for more and more of them.
+SINGLE = 6
+REVERSALS = "n_reversals"
 
 
-class Map(Counted):
-    """Types on the left and ``t_r/t_rGH`` on the right, one row for each further value."""
+class Map(Picture):
+    """Types and ``t_r/t_rGH`` side by side, or one column; a row for each further value.
+
+    A cell of several runs has their most common type and their mean. The cells that a refined grid
+    has left out are filled from those that were run.
+    """
 
     name = "map"
-    caption = "Types, and reversal times in units of Garcia and Hubbard's."
+    takes_quantity = True
+    caption = (
+        "Types, and times of the first reversal (the first zero of the spin) in units of Garcia "
+        "and Hubbard's."
+    )
 
-    def __init__(self, layout: Layout, x: str | None, more: Sequence[str] = ()) -> None:
-        super().__init__(layout, x, (*more, *([GROWTH] if layout.config.dissipation else [])))
+    def __init__(self, layout: Layout, x: str | None = None, quantity: str | None = None) -> None:
+        super().__init__(layout, x, quantity)
         for axis in self.axes[:2]:
             if len(axis.values) < 2:
                 raise ConfigError(
@@ -68,116 +80,172 @@ class Map(Counted):
 
     @staticmethod
     def fits(layout: Layout) -> bool:
-        """Where there are two axes."""
+        """Tell whether there are two axes."""
         return sum(count > 1 for count in layout.lengths.values()) >= 2
 
-    @staticmethod
-    def order(layout: Layout, x: str | None) -> Sequence[str]:
-        """The longest; of equal length, bodies along the abscissa and spins along the ordinate."""
+    @classmethod
+    def order(cls, layout: Layout, x: str | None) -> Sequence[str]:
+        """Return the longest; of equal length, bodies are the abscissa and spins the ordinate."""
         names = [*layout.targets, *layout.bodies, *layout.launch]
         names.sort(key=lambda name: -min(layout.lengths[name], SIDE))
         first = x or names[0]
         return (first, *(n for n in names if n != first and layout.lengths[n] > 1))
 
+    @property
+    def more(self) -> tuple[str, ...]:
+        """Return the column that is shown, and what the line of balanced damping needs."""
+        return tuple(
+            dict.fromkeys(
+                [self.quantity or ""] * (self.quantity is not None)
+                + [GROWTH] * bool(self.layout.config.dissipation)
+            )
+        )
+
     def size(self) -> tuple[float, float]:
-        """By the number of rows."""
-        return 9.0, float(np.clip(1.2 + 3.4 * np.prod(self.shape[2:]), 4.6, 14))
+        """Return a size by the number of rows."""
+        high = float(np.clip(1.2 + 3.4 * np.prod(self.shape[2:]), 4.6, 14))
+        return (9.0 if self.quantity is None else 6.4), high
 
-    def draw(self, figure: Any, log: bool | None) -> None:
-        """Cells as they are, and Bondi's line where theory knows it."""
-        x, y, *rows = self.axes
-        panels = draw_panels(figure, rows, (), parts=2)
-        titles = ("type", r"$t_r/t_{rGH}$")
-        if self.cells.runs.max() > 1:
-            titles = ("most common type", r"mean $t_r/t_{rGH}$")
-        code, ratio = self.shown()
-        norm, extend = _ratio_norm(ratio)
-        bondi = balance = False
-        for panel in panels:
-            self._paint_types(panel, code, grey=panel.part == 1)
-            if panel.part:
-                mesh = self._paint(panel, ratio, cmap="viridis", norm=norm)
-            else:
-                panel.axes.set_ylabel(label(y.name))
-            bondi |= self._bondi(panel)
-            balance |= self._balance(panel)
-            self._scale(panel, log)
-            if panel.row == 0:
-                panel.axes.set_title(titles[panel.part], fontsize="medium")
-        figure.supxlabel(label(x.name), fontsize="medium")
-        if extend:
-            bar = figure.colorbar(mesh, ax=[p.axes for p in panels], extend=extend, pad=0.03,
-                                  aspect=30 if len(panels) < 4 else 45)  # fmt: skip
-            bar.set_label(r"$t_r/t_{rGH}$ of runs that reverse")
-            if isinstance(norm, LogNorm):
-                plain_ticks(bar.ax, "y", (float(norm.vmin or 1), float(norm.vmax or 1)))
-        for panel, found in zip((p for p in panels if not p.part), self.boundaries(), strict=True):
-            if np.isfinite(found.exponent):
-                panel.axes.set_title(found.symbols, loc="right", fontsize="x-small")
-        self._legend(figure, set(np.unique(code)), bondi, balance)
-
-    def _paint(self, panel: Panel, values: Any, **look: Any) -> Any:
-        """Cells of a panel by a number, over what is there where there is none."""
-        x, y, *_ = self.axes
-        shown = np.ma.masked_invalid(values[(slice(None), slice(None), *panel.where)].T)
-        return panel.axes.pcolormesh(_edges(x), _edges(y), shown, rasterized=True, **look)
-
-    def _paint_types(self, panel: Panel, code: Integers, *, grey: bool) -> None:
-        """Cells of a panel by what they are; in `grey` all those that have a type."""
-        colours = [colour for colour, _ in CELLS.values()]
-        if grey:
-            colours[: len(TYPE_STYLE)] = [NO_REVERSAL] * len(TYPE_STYLE)
-        norm = BoundaryNorm(np.arange(len(CELLS) + 1) - 0.5, len(CELLS))
-        self._paint(panel, code, cmap=ListedColormap(colours), norm=norm)
-
-    def _scale(self, panel: Panel, log: bool | None) -> None:
-        """Scales and ends of a panel's axes."""
-        for which, axis in zip("xy", self.axes, strict=False):
-            scale_axis(panel.axes, which, axis.values, axis.logarithmic(log), axis.name)
-            ends = _edges(axis)
-            getattr(panel.axes, f"set_{which}lim")(ends[0], ends[-1])
+    # -- numbers -------------------------------------------------------------------------------
 
     def shown(self) -> tuple[Integers, Floats]:
-        """Codes and ratios of all cells; of those that a refined map has left out, as inferred."""
-        code, ratio = self._codes(), self.grid(self.cells.ratio.means())
-        bodies = self.layout.config.bodies
-        if isinstance(bodies, GridSource) and bodies.refine is not None:
-            for row in np.ndindex(*code.shape[2:]):
-                here = (slice(None), slice(None), *row)
-                code[here], ratio[here] = inferred(code[here], ratio[here])
-        return code, ratio
+        """Return what each cell is (a place in `CELLS`), and its ratio or column."""
+        cells = self.cells
+        none = np.zeros(cells.runs.shape, dtype=np.int64)
+        counts = np.stack([self.grid(cells.types.get(name, none)) for name in TYPE_STYLE])
+        code = np.argmax(counts, axis=0)
+        code = np.where(counts.sum(axis=0) == 0, CODES["failed"], code)
+        runs, name = self.grid(cells.runs), self.quantity
+        code = np.where(runs == 0, CODES["missing"], code)
+        value = self.grid(cells.ratio.means()) if name is None else self.mean(name)
+        if self.layout.refined:
+            along = [len(axis.values) >= FEWEST for axis in self.axes]
+            done = self.done
+            code, value = fill(code, done, along), fill(value, done, along)
+        return code, value
+
+    @property
+    def done(self) -> Flags:
+        """Cells that hold runs, whether a condition chooses them or not."""
+        runs = self.cells.runs
+        if self.layout.where is not None:
+            runs = np.zeros(len(runs), np.int64)
+            for rows in self.layout.stored.batches(["case", "sample"]):
+                cell = self.layout.cells(rows, self.axes)
+                runs[cell[cell >= 0]] = 1
+        return self.grid(runs > 0)
 
     def boundaries(self) -> list[Boundaries]:
-        """How ragged the boundaries between types are, in each row of panels."""
+        """Return how ragged the boundaries between types are, in each row of panels."""
         code, _ = self.shown()
         rows = np.ndindex(*code.shape[2:])
         return [boundaries(code[(slice(None), slice(None), *row)]) for row in rows]
 
     def words(self) -> str:
-        """How much is shown, and what its boundaries are like."""
-        bodies, lines = self.layout.config.bodies, [super().words()]
-        if isinstance(bodies, GridSource) and bodies.refine is not None:
-            lines[0] += f" of {self.layout.manifest.samples * len(self.layout.manifest.cases):,}"
-        if self.name == Map.name:
+        """Return how much is shown, and what its boundaries are like."""
+        lines = [super().words()]
+        if self.layout.refined:
+            stored = self.layout.stored
+            lines[0] += f", which fill a grid of {stored.samples * len(stored.cases):,}"
+        if self.quantity is None:
             lines += [found.words for found in self.boundaries() if np.isfinite(found.exponent)]
         return "; ".join(lines)
 
-    def _codes(self) -> Integers:
-        """What each cell is, as a place in `CELLS`."""
-        none = np.zeros(self.cells.runs.shape, dtype=np.int64)
-        found = self.cells.types
-        counts = np.stack([self.grid(found.get(name, none)) for name in TYPE_STYLE])
-        code = np.argmax(counts, axis=0)
-        code = np.where(counts.sum(axis=0) == 0, CODES["failed"], code)
-        return np.where(self.grid(self.cells.runs) == 0, CODES["missing"], code)
+    # -- the figure ----------------------------------------------------------------------------
 
-    def _bondi(self, panel: Panel) -> bool:
-        """Draw Bondi's line where theory knows it; whether it did."""
+    def draw(self, figure: Any, log: bool | None) -> None:
+        """Draw the cells, and Bondi's line where theory gives it."""
+        x, y, *rows = self.axes
+        types_too = self.quantity is None
+        panels = draw_panels(figure, rows, (), parts=2 if types_too else 1)
+        several = self.cells.runs.max() > 1
+        code, value = self.shown()
+        look, extend, set_ticks = self.colours(value)
+        bondi = balance = False
+        mesh: Any = None
+        for axes, row, where, part in panels:
+            here: Any = (slice(None), slice(None), *where)
+            on_types = types_too and part == 0
+            colours = [colour for colour, _ in CELLS.values()]
+            if not on_types:  # where there is a type and no value
+                colours[: len(TYPE_STYLE)] = [NO_REVERSAL] * len(TYPE_STYLE)
+            norm = BoundaryNorm(np.arange(len(CELLS) + 1) - 0.5, len(CELLS))
+            self._paint(axes, code[here], cmap=ListedColormap(colours), norm=norm)
+            if not on_types:
+                mesh = self._paint(axes, value[here], **look)
+            if part == 0:
+                axes.set_ylabel(label(y.name))
+            bondi |= self._bondi(axes, where)
+            balance |= self._balance(axes, here)
+            for which, axis in (("x", x), ("y", y)):
+                scale_axis(axes, which, axis.values, axis.logarithmic(log), axis.name)
+                ends = _edges(axis)
+                getattr(axes, f"set_{which}lim")(ends[0], ends[-1])
+            if types_too and row == 0:
+                titles = ("most common type" if several else "type", self._title(several))
+                axes.set_title(titles[part], fontsize="medium")
+        figure.supxlabel(label(x.name), fontsize="medium")
+        if np.isfinite(value).any():
+            bar = figure.colorbar(mesh, ax=[p.axes for p in panels], pad=0.03, extend=extend,
+                                  aspect=30 if len(panels) < 4 else 45)  # fmt: skip
+            bar.set_label(self._title(several) + (" of runs that reverse" if types_too else ""))
+            set_ticks(bar)
+
+        present = set(np.unique(code))
+        if not types_too:  # types are not told apart
+            present -= {CODES[name] for name in TYPE_STYLE}
+        looks = CELLS | ({"missing": (MISSING, "not selected")} if self.layout.where else {})
+        handles: list[Any] = [patch(*looks[name]) for name in CELLS if CODES[name] in present]
+        has_type = code < len(TYPE_STYLE)
+        if (has_type & np.isnan(value)).any():
+            timed = self.quantity in (None, "t_r", "t_r_s", "t_r_error")
+            words = "no reversal" if timed else "no value"
+            handles.append(patch(NO_REVERSAL, f"right: {words}" if types_too else words))
+        if bondi:
+            handles.append(entry(BONDI_LABEL, color="#000000", linestyle="-", linewidth=1.3))
+        if balance:
+            handles.append(entry(BALANCE_LABEL, color="#000000", linestyle="--", linewidth=1.3))
+        legend_above(figure, handles, 1.9)
+
+    def _title(self, several: bool) -> str:
+        name = label("ratio") if self.quantity is None else label(self.quantity, self.unit)
+        return f"mean {name}" if several else name
+
+    def colours(self, value: Floats) -> tuple[dict[str, Any], str, Callable[[Any], None]]:
+        """Return the colours of values, logarithmic where they spread, and the colour bar's ends.
+
+        The last is what sets the bar's ticks.
+        """
+        known = value[np.isfinite(value)]
+        if not len(known):
+            return {"norm": Normalize(0, 2)}, "neither", lambda bar: None
+        low, high = (float(end) for end in np.percentile(known, TAILS))
+        if low == high:
+            low, high = sorted((low * 0.9, high * 1.1)) if low else (-1.0, 1.0)
+        cut = {(True, True): "both", (True, False): "min", (False, True): "max"}
+        extend = cut.get((bool(known.min() < low), bool(known.max() > high)), "neither")
+        log = low > 0 and high > (4 if self.quantity is None else WIDE) * low
+        norm = (LogNorm if log else Normalize)(low, high)
+
+        def set_ticks(bar: Any) -> None:
+            if log:
+                plain_ticks(bar.ax, "y", (low, high))
+
+        return {"cmap": "viridis", "norm": norm}, extend, set_ticks
+
+    def _paint(self, axes: Any, values: Any, **look: Any) -> Any:
+        """Colour cells by a number; those without one stay as they are."""
+        x, y, *_ = self.axes
+        shown = np.ma.masked_invalid(values.T)
+        return axes.pcolormesh(_edges(x), _edges(y), shown, rasterized=True, **look)
+
+    def _bondi(self, axes: Any, where: tuple[int, ...]) -> bool:
+        """Draw Bondi's line where theory gives it; return whether it did."""
         if self.layout.config.dissipation:
             return False  # no spin stays beyond it
         x, y, *rest = self.axes
         at = {a.name: a.values for a in self.layout.axes.values() if len(a.values) == 1}
-        at |= {a.name: a.values[[k]] for a, k in zip(rest, panel.where, strict=True)}
+        at |= {a.name: a.values[[k]] for a, k in zip(rest, where, strict=True)}
         ends = [a.values if a.name in self.layout.bodies else _edges(a) for a in (x, y)]
         at |= {a.name: np.linspace(e[0], e[-1], FINE) for a, e in zip((x, y), ends, strict=True)}
         along = [name for name in self.layout.bodies if name in (x.name, y.name)]
@@ -191,77 +259,93 @@ class Map(Counted):
         if not beyond.min() < 0 < beyond.max():
             return False
         for line in LINES:
-            panel.axes.contour(at[x.name], at[y.name], np.broadcast_to(beyond, (FINE, FINE)), [0],
-                               linestyles="solid", **line)  # fmt: skip
+            axes.contour(at[x.name], at[y.name], np.broadcast_to(beyond, (FINE, FINE)), [0],
+                         linestyles="solid", **line)  # fmt: skip
         return True
 
-    def _balance(self, panel: Panel) -> bool:
-        """Draw where the relevant oscillation, at the launch, neither grows nor decays; whether it
-        did.
-        """
-        if GROWTH not in self.moments:
+    def _balance(self, axes: Any, here: tuple[Any, ...]) -> bool:
+        """Draw where the relevant oscillation neither grows nor decays at the launch."""
+        if GROWTH not in self.more:
             return False
         x, y, *_ = self.axes
-        here: Any = (slice(None), slice(None), *panel.where)
-        mean = self.grid(self.moments[GROWTH].means())[here]
+        mean = self.mean(GROWTH)[here]
         if not (np.nanmin(mean, initial=0) < 0 < np.nanmax(mean, initial=0)):
             return False
         for line in LINES:
-            panel.axes.contour(x.values, y.values, mean.T, [0], linestyles=["--"], **line)
+            axes.contour(x.values, y.values, mean.T, [0], linestyles=["--"], **line)
         return True
 
-    def _legend(self, figure: Any, codes: set[int], bondi: bool, balance: bool) -> None:
-        handles: list[Any] = [patch(*look) for name, look in CELLS.items() if CODES[name] in codes]
-        if codes & {CODES[name] for name in TYPE_STYLE if name != "R"}:
-            handles.append(patch(NO_REVERSAL, "right: no reversal"))
-        if bondi:
-            handles.append(entry(BONDI_LABEL, color="#000000", linestyle="-", linewidth=1.3))
-        handles += [entry(BALANCE_LABEL, **BALANCE)] if balance else []
-        legend_above(figure, handles, 1.9)
+
+class Reversals(Map):
+    """Number of turns by cell, the mean of several runs, in steps of one while it is small."""
+
+    name = "reversals"
+    takes_quantity = False
+    caption = (
+        "Turns by the horizon: the spin goes from beyond a quarter of the launch's to beyond a "
+        "quarter on the other side. A run of type R may have a zero of the spin and no turn."
+    )
+
+    def __init__(self, layout: Layout, x: str | None = None, quantity: str | None = None) -> None:
+        super().__init__(layout, x, quantity)
+        self.quantity, self.unit = REVERSALS, ""
+
+    @staticmethod
+    def fits(layout: Layout) -> bool:
+        """Tell whether turns are recorded, and there are two axes."""
+        return "reversals" in layout.config.record and Map.fits(layout)
+
+    def _title(self, several: bool) -> str:
+        return f"{'mean ' if several else ''}number of turns ({REVERSALS})"
+
+    def colours(self, value: Floats) -> tuple[dict[str, Any], str, Callable[[Any], None]]:
+        """Return one colour for each of the first numbers and for ranges of larger ones."""
+        most = int(np.nanmax(value, initial=0).round())
+        borders = list(range(min(most, SINGLE) + 1))
+        while (following := round(1.4 * borders[-1])) <= most and following > borders[-1]:
+            borders.append(following)
+        borders.append(most + 1)
+        shades = colormaps["viridis"](np.linspace(0.1, 1, max(1, len(borders) - 2)))
+        colours = ListedColormap([NO_REVERSAL, *shades][: len(borders) - 1])
+        norm = BoundaryNorm(np.array(borders) - 0.5, len(borders) - 1)
+
+        def set_ticks(bar: Any) -> None:
+            pairs = list(pairwise(borders))
+            bar.set_ticks(
+                [(a + b - 1) / 2 for a, b in pairs],
+                labels=[str(a) if b == a + 1 else f"{a} to {b - 1}" for a, b in pairs],
+            )
+            bar.ax.tick_params(which="both", length=0)
+
+        return {"cmap": colours, "norm": norm}, "neither", set_ticks
 
 
 def patch(colour: str, words: str) -> Patch:
-    """Cells of a colour in a legend."""
+    """Make an entry of a legend for cells of a colour."""
     return Patch(facecolor=colour, label=words, edgecolor="#555555", linewidth=0.5)
 
 
-def inferred(code: Integers, ratio: Floats) -> tuple[Integers, Floats]:
-    """Types and ratios of a plane, with those of the nearest run, or of a line between runs, where
-    none was done.
-    """
-    from scipy.interpolate import LinearNDInterpolator
-    from scipy.ndimage import distance_transform_edt
+def threshold(layout: Layout, values: Mapping[str, Floats]) -> Floats:
+    """Return Bondi's ``n_c1`` of a grid of bodies with other `values` along its axes.
 
-    missing = code == CODES["missing"]
-    if not missing.any() or missing.all():
-        return code, ratio
-    nearest = tuple(distance_transform_edt(missing, return_distances=False, return_indices=True))
-    code, near = code[nearest], ratio[nearest]
-    wanted, known = missing & (code == CODES["R"]), ~missing & np.isfinite(ratio)
-    if wanted.any() and all(len(np.unique(place)) > 1 for place in np.nonzero(known)):
-        between = LinearNDInterpolator(np.argwhere(known), ratio[known])(np.argwhere(wanted))
-        near[wanted] = np.where(np.isfinite(between), between, near[wanted])
-    return code, np.where(missing & (code != CODES["R"]), np.nan, near)
+    The first of `layout.bodies` varies slowest; where there is no threshold, it is -infinity. It
+    comes from theory and not from the runs, so it is known between the cells too.
+    """
+    data = resolved(layout.config)
+    if "c" in layout.bodies:  # among the axes or beside them
+        data["bodies"].pop("c", None)
+    data["bodies"]["axes"] = {name: values[name].tolist() for name in layout.bodies}
+    source = make_source(parse_config(data))
+    body = source.bodies(np.nan, np.arange(source.samples))
+    n_c1 = bondi_threshold(body.alpha, body.beta, body.gamma, body.theta, body.phi)
+    return np.nan_to_num(n_c1, nan=-np.inf)
 
 
 def _edges(axis: Axis) -> Floats:
-    """Borders of the cells around an axis's values."""
+    """Return the borders of the cells around an axis's values."""
     values = np.log(axis.values) if axis.logarithmic() else axis.values
     if len(values) == 1:
         return np.array([values[0] - 0.5, values[0] + 0.5])
     middle = (values[1:] + values[:-1]) / 2
     edges = np.concatenate([[2 * values[0] - middle[0]], middle, [2 * values[-1] - middle[-1]]])
     return np.exp(edges) if axis.logarithmic() else edges
-
-
-def _ratio_norm(ratio: Floats) -> tuple[Normalize, str]:
-    """Colours of the ratio, logarithmic where it spans a factor of four, and which ends are cut."""
-    known = ratio[np.isfinite(ratio) & (ratio > 0)]
-    if not len(known):
-        return Normalize(0, 2), ""
-    low, high = (float(end) for end in np.percentile(known, TAILS))
-    if low == high:
-        low, high = low * 0.9, high * 1.1
-    cut = {(True, True): "both", (True, False): "min", (False, True): "max"}
-    extend = cut.get((bool(known.min() < low), bool(known.max() > high)), "neither")
-    return (LogNorm if high > 4 * low else Normalize)(low, high), extend

@@ -18,13 +18,13 @@ DT = 0.002
 
 @full.scalar
 def _moved(y, h, k):  # type: ignore[no-untyped-def]
-    """Component by component, ``y + h k``."""
+    """Return ``y + h k``, component by component."""
     return (y[0] + h * k[0], y[1] + h * k[1], y[2] + h * k[2], y[3] + h * k[3], y[4] + h * k[4])
 
 
 @full.scalar
 def rk4_step(y, body, dt):  # type: ignore[no-untyped-def]
-    """One step of the classical method for one run; `y` and `body` are tuples."""
+    """Return the state after one step of the classical method; `y` and `body` are tuples."""
     k1 = full.rhs(*(y + body))
     k2 = full.rhs(*(_moved(y, dt / 2, k1) + body))
     k3 = full.rhs(*(_moved(y, dt / 2, k2) + body))
@@ -58,7 +58,7 @@ def _compiled() -> Callable[..., Any]:
 
 
 def scalar_rk4(batch: Batch) -> Floats:
-    """Times of reversal by RK4 at dt 0.002 with the package's own equations.
+    """Return times of reversal by RK4 at dt 0.002 with the package's own equations.
 
     The spin's sign is looked at once a step and its zero interpolated linearly; nothing else is
     observed.

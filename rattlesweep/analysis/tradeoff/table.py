@@ -1,21 +1,25 @@
-"""The table of the trade: its columns, advice from it, and all of it as text."""
+"""The table of the trade: its columns, the cheapest settings, all of it as text and as a figure."""
 
 from __future__ import annotations
 
 import math
 import platform
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pandas as pd
 import pyarrow as pa
+from matplotlib.figure import Figure
 
-from rattlesweep.sweeps.provenance import machine, package_version
+from rattlesweep.analysis import style
+from rattlesweep.analysis.tradeoff.measure import Study
+from rattlesweep.sweeps.arrow import build_table, write_parquet
 from rattlesweep.sweeps.columns import F64, I64, TEXT, TIME, field, required
+from rattlesweep.sweeps.files import probe_directory
+from rattlesweep.sweeps.provenance import machine, package_version
 from rattlesweep.text import align
-
-if TYPE_CHECKING:
-    from rattlesweep.analysis.tradeoff.measure import Study
 
 # Errors of t_r for which the cheapest setting is named, and by which of the runs' errors.
 WANTED = (1e-3, 1e-6, 1e-9, 1e-12)
@@ -54,7 +58,7 @@ SCHEMA = pa.schema(
 
 
 def row_name(row: Any) -> str:
-    """Method and setting of a row, or the model where that says all."""
+    """Return method and setting of a row, or the model where that says all."""
     if row.model != "full":
         return str(row.model)
     word = "plain rk4" if row.method == "plain" else row.method
@@ -62,7 +66,7 @@ def row_name(row: Any) -> str:
 
 
 def number(value: float) -> str:
-    """Short form of a setting or an error, two digits: ``1e-9``, ``0.05``."""
+    """Return the short form of a setting or an error, two digits: ``1e-9``, ``0.05``."""
     if not math.isfinite(value):
         return "-"
     if value >= 1e-3:
@@ -72,13 +76,13 @@ def number(value: float) -> str:
 
 
 def cheapest(rows: pd.DataFrame, error: float, quantile: str) -> Any:
-    """The row of the cheapest setting whose ``error_median`` or ``error_p99`` is small enough."""
+    """Return the row of the cheapest setting whose `quantile` of errors is small enough."""
     good = rows[rows[quantile] <= error].nsmallest(1, "us_per_unit")
     return next(good.itertuples(), None)
 
 
 def advice(rows: pd.DataFrame) -> list[dict[str, Any]]:
-    """Cheapest settings at the errors one may want, by median and for 99 % of the runs."""
+    """Return the cheapest settings at some errors, by median and for 99 % of the runs."""
     found = []
     for error in WANTED:
         entry: dict[str, Any] = {"error": error}
@@ -91,11 +95,9 @@ def advice(rows: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def as_text(study: Study) -> str:
-    """Everything that was measured, to be read."""
+    """Return everything that was measured, to be read."""
     f = study.facts
     here = machine()
-    within = f["confirmed_within"]
-    confirmed = "no run" if within is None else f"within {within:.1e}"
     return "\n".join(
         [
             f"{here['cpu']}, {here['processors']} processors, {here['system']}, Python "
@@ -106,8 +108,6 @@ def as_text(study: Study) -> str:
             "them",
             f"the references differ by {f['references_differ_median']:.1e} (median), "
             f"{f['references_differ_p99']:.1e} (99 %)",
-            f"an independent integrator confirms {f['confirmed_runs']} runs: {confirmed}, "
-            f"{f['confirmed_missed']} without a reversal",
             f"costs on one thread, of runs cut at t = {f['timing_horizon']:g}",
             "",
             _settings(study.rows),
@@ -126,7 +126,7 @@ COLUMNS: tuple[tuple[str, str, Callable[[Any], str]], ...] = (
     ("error of", "median", lambda row: number(row.error_median)),
     ("t_r", "99 %", lambda row: number(row.error_p99)),
     ("share", "> 1e-6", lambda row: f"{100 * row.share_above_1e_6:.2f} %"),
-    ("promise", "kept",
+    ("goal", "kept",
      lambda row: "-" if math.isnan(row.kept) else f"{100 * row.kept:.2f} %"),
     ("", "missed", lambda row: str(row.missed)),
     ("", "false", lambda row: str(row.false)),
@@ -159,7 +159,7 @@ def _advice(rows: pd.DataFrame) -> str:
 
 
 def as_data(study: Study) -> dict[str, Any]:
-    """The same as JSON can hold it."""
+    """Return the same as JSON can hold it."""
     return {
         "machine": machine() | {"python": platform.python_version()},
         "rattlesweep": package_version(),
@@ -171,3 +171,59 @@ def as_data(study: Study) -> dict[str, Any]:
         ],
         "cheapest": advice(study.rows),
     }  # fmt: skip
+
+
+# -- the figure ----------------------------------------------------------------------------------
+
+WIDTH, HEIGHT, DPI = 8.4, 5.6, 150
+# Settings that stand alone: plain RK4, models without the full dynamics, an error asked for.
+SINGLES = {"plain": "plain scalar rk4, dt 0.002", "reduced": "reduced", "gh": "gh",
+           "accuracy": "accuracy {t_r: 1e-6}"}  # fmt: skip
+
+
+def save(study: Study, directory: Path) -> list[Path]:
+    """Write ``tradeoff.parquet``, ``.svg`` and ``.png``, each in one step; return their paths."""
+    probe_directory(directory)
+    table, *pictures = (directory / f"tradeoff.{kind}" for kind in ("parquet", "svg", "png"))
+    columns = {name: study.rows[name].to_numpy() for name in SCHEMA.names}
+    write_parquet(build_table(columns, SCHEMA), table)
+    caption = (
+        f"{study.facts['runs']} runs of {study.name}, {study.facts['compared']} with a sure "
+        f"reversal; {machine()['cpu']}, rattlesweep {package_version()}"
+    )
+    with style.styled():
+        style.save(draw(study.rows, caption), pictures, DPI)
+    return [table, *pictures]
+
+
+def draw(rows: pd.DataFrame, caption: str = "") -> Figure:
+    """Draw cost against error: the median as markers, and a line to the 99th percentile."""
+    figure = style.new_figure(WIDTH, HEIGHT)
+    axes = figure.subplots()
+    alone = np.where(rows.setting == "accuracy", "accuracy", rows.model)
+    looks = iter(style.SERIES * len(rows))
+    for series, own in rows.groupby(rows.method.where(alone == "full", alone), sort=False):
+        word = SINGLES.get(str(series))
+        own = own[np.isfinite(own.error_median) & (own.error_median > 0)]
+        if own.empty:
+            continue
+        colour, marker = (style.GREY, "o") if word else next(looks)
+        axes.plot(own.error_median, own.us_per_unit, color=colour, marker=marker, zorder=3,
+                  linestyle="none" if word else "-", label=None if word else series)  # fmt: skip
+        far = own[np.isfinite(own.error_p99)]
+        axes.hlines(far.us_per_unit, far.error_median, far.error_p99, color=colour, alpha=0.35)
+        above = bool(word) or marker != "o"
+        for row in own.itertuples():
+            value = f"{'' if row.setting == 'tol' else 'dt '}{number(row.value)}"
+            axes.annotate(word or value, (row.error_median, row.us_per_unit), color=colour,
+                          xytext=(5, 5) if above else (-5, -12), fontsize=7.5, zorder=4,
+                          textcoords="offset points", ha="left" if above else "right",
+                          )  # fmt: skip
+    axes.set(xscale="log", yscale="log", ylabel="cost (µs for a run and a unit of time)",
+             xlabel="relative error of $t_r$: median of the runs, and a line to 99 %")  # fmt: skip
+    style.light_grid(axes)
+    if axes.get_legend_handles_labels()[1]:
+        axes.legend(loc="upper right")
+    if caption:
+        figure.supxlabel(caption, fontsize=7.5, color=style.GREY)
+    return figure

@@ -21,15 +21,15 @@ from typing import Any
 
 import numpy as np
 
-from rattlesweep.arrays import Floats
-from rattlesweep.errors import ConfigError
-from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.analysis.onerun.course import Course, PreparedRun
 from rattlesweep.analysis.onerun.replay import Replay, StoredRun
 from rattlesweep.analysis.onerun.rows import EvenTimes, Rows
-from rattlesweep.sweeps.single import Launch
+from rattlesweep.arrays import Floats
+from rattlesweep.errors import ConfigError
+from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.sweeps.files import replace_file
 from rattlesweep.sweeps.provenance import package_version
+from rattlesweep.sweeps.single import Launch
 
 # What is shown of each row, in the order in which the page holds it.
 COLUMNS = ("q0", "q1", "q2", "q3", "trace_x", "trace_y", "n", "E_p", "E_r")
@@ -72,7 +72,7 @@ def course_of(
     *,
     from_time: float | None = None,
 ) -> Course:
-    """The run with the channels and the rows that its page needs, or so many ``points``.
+    """Return the run with the channels and the rows that its page needs, or so many ``points``.
 
     The page begins at the launch, or at ``from_time`` in ``sqrt(a/g)``.  Refuses a run too long for
     a page, too few points for one, and a model without a body that moves.
@@ -135,7 +135,7 @@ def make_scene(course: Course, cause: str = "") -> Scene:
 
 
 def _weights(b: dict[str, float]) -> list[tuple[float, float, float]]:
-    """Dumbbells (x, y, radius) of a shell-dumbbell body, none of others.
+    """Return dumbbells (x, y, radius) of a shell-dumbbell body, none of others.
 
     Their moments are known, not their masses: half the mass is drawn on each axis.
     """
@@ -148,7 +148,7 @@ def _weights(b: dict[str, float]) -> list[tuple[float, float, float]]:
 
 
 def _facts(course: Course, cause: str) -> list[tuple[str, str]]:
-    """What there is to know of the run, in words."""
+    """Return what there is to know of the run, in words."""
     b, launch, m = course.body, course.launch, course.launches.modes
     method = ", ".join(f"{value:g}" if isinstance(value, float) else str(value)
                        for value in course.integrator.values())  # fmt: skip
@@ -166,8 +166,8 @@ def _facts(course: Course, cause: str) -> list[tuple[str, str]]:
         "K_p, K_r": f"{float(m.K_p[0]):.4g}, {float(m.K_r[0]):.4g}",
         "ω_p, ω_r": f"{float(m.omega_p[0]):.4g}, {float(m.omega_r[0]):.4g}",
         "t_rGH": f"{t_rgh:.6g}" if math.isfinite(t_rgh) else "none",
-        "reversals": _listed(course.reversals, course.t),
-        "zero crossings": _listed(course.zeros, course.t) if more else "",
+        "turns": _listed(course.reversals, course.t),
+        "zeros of the spin": _listed(course.zeros, course.t) if more else "",
         "integrated by": method,
         "status": course.status.label,
         "sensitive": cause,
@@ -183,12 +183,12 @@ def _listed(times: list[float], end: float) -> str:
 
 
 def encode(values: Floats) -> str:
-    """Little-endian float32 as base64."""
+    """Return little-endian float32 as base64."""
     return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode()
 
 
 def make_page(scene: Scene, title: str, subtitle: str) -> bytes:
-    """The page; what HTML would read as markup in the title and the subtitle is escaped."""
+    """Return the page; what HTML would read as markup in the title and the subtitle is escaped."""
     table = np.stack([scene.columns[name] for name in COLUMNS], axis=1)
     data = scene.about | {
         "columns": COLUMNS,
@@ -218,7 +218,7 @@ def _digest(text: str) -> str:
 
 
 def describe(course: Course) -> str:
-    """The run in one line of plain text."""
+    """Return the run in one line of plain text."""
     *values, xi = (course.body[name] for name in PARAMETERS)
     body = ", ".join(f"{sign} {value:.4g}" for sign, value in zip("αβγθφ", values, strict=True))
     if "c" in course.body:

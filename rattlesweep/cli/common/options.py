@@ -164,7 +164,7 @@ rows = Group(
 where = option(
     "--where",
     metavar="CONDITION",
-    help="Select runs by their columns: = != < <= > >=, in (...), is null, and, or, not.",
+    help="Select runs by a pandas query on their columns, as in 'type == \"SW\" and K_r < 0.005'.",
 )
 _which = (
     option("--case", type=int, help="Case of the run."),

@@ -212,7 +212,7 @@
   get("masses").hidden = !D.weights.length;
   const count = D.reversals.length;
   const said = count === 0 ? "no reversal" : count === 1
-    ? `reversal at ${plain(D.reversals[0])}` : `${count} reversals, the first at ${plain(D.reversals[0])}`;
+    ? `turn at ${plain(D.reversals[0])}` : `${count} turns, the first at ${plain(D.reversals[0])}`;
   canvas.setAttribute("aria-label",
     `Spin over time, from ${plain(table[at.n])} at time ${plain(tStart)} to time ${plain(tEnd)}: ${said}`);
   if (count) {

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from editing import edited
 from refusal import assert_refused
 from sweeping import invoke, tree
 
@@ -32,12 +33,12 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     root = tmp_path_factory.mktemp("place")
     for name, config in SWEEPS.items():
         rs.sweep({"model": "gh", **config}, output=root / name, threads=1)
-    for name in ("broken", "damaged", "empty"):
+    for name in ("broken", "damaged"):
         shutil.copytree(root / "one", root / name)
     (root / "broken" / "manifest.json").write_text("{}")
-    block = root / "damaged" / "runs" / "block-000000.parquet"
+    (block,) = (root / "damaged" / "runs").iterdir()
     block.write_bytes(block.read_bytes()[:-200])
-    (root / "empty" / "runs" / "block-000000.parquet").unlink()
+    edited(root / "one", root / "empty", lambda rows: rows[:0])
     (root / "bad.mplstyle").write_text("font.sice: 3\n")
     return root
 
@@ -47,7 +48,7 @@ FIRST = ("--case", 0, "--sample", 0)
 REFUSED: dict[str, list[tuple[tuple[Any, ...], str]]] = {
     "plot": [
         (("nowhere",), "nowhere: there is no such directory"),
-        ((".",), "is not an output directory: it has no manifest.json"),
+        ((".",), "is not an output directory"),
         (("steady", "--title", r"$\notacommand$"), "cannot be read as a formula"),
         (("steady", "--title", "a $x_$ b"), "cannot be read as a formula"),
         (("steady", "--title", "a\x1b[31m"), r"\x1b in it is a control character"),
@@ -57,6 +58,11 @@ REFUSED: dict[str, list[tuple[tuple[Any, ...], str]]] = {
         (("steady", "--kind", "times", "--ylim", "0,9"), "add --linear"),
         (("steady", "--kind", "scatter", "--x", "type"), "is not one of case"),
         (("one", "--kind", "map"), "--kind map: does not fit this sweep"),
+        (("map", "--kind", "reversals"), "it needs record: [reversals]"),
+        (("map", "--quantity", "n_step"), '--quantity: "n_step" is not one of'),
+        (("map", "--kind", "ratio", "--quantity", "n_steps"), "--quantity: goes with --kind map"),
+        (("steady", "--where", "n_i / 0 = 1"), "write a pandas query"),
+        (("steady", "--where", "@n_i > 1"), "write a pandas query"),
         (("map", "--kind", "fractions"), "ratio, map, distribution, scatter"),
         (("steady", "--x", "K_s"), '"K_s" is not one of K_r, n_i, omega_xy0'),
         (("steady", "--select", "n_i"), "is not NAME=VALUES"),
@@ -79,7 +85,7 @@ REFUSED: dict[str, list[tuple[tuple[Any, ...], str]]] = {
         (("one", "--title", "a\x07b"), "leave it out"),
         (("one", "--output", "no/p.html"), "1: cannot write no/p.html: No such file"),
         (("one", "--output", "/proc/p.html"), "1: cannot write /proc/p.html"),
-        (("damaged",), "1: damaged/runs/block-000000.parquet is damaged"),
+        (("damaged",), "1: damaged/runs/"),
     ],
     "show": [
         (("--preset", "GH", "--output", "a.htm"), "the name must end in .html"),
@@ -101,11 +107,8 @@ REFUSED: dict[str, list[tuple[tuple[Any, ...], str]]] = {
         (("full", "--case", 0), "which run?"),
         ((*RUN, "--where", "K_r<1"), "keep one way"),
         ((*RUN, "--first", 2), "--first goes with --where"),
-        (
-            ("full", "--where", "typ = 'R'"),
-            "--where typ = 'R': typ is no column; did you mean type?",
-        ),
-        (("full", "--where", "K_r < 0"), "--where K_r < 0: no stored run"),
+        (("full", "--where", "typ == 'R'"), "typ is no column; did you mean type?"),
+        (("full", "--where", "K_r < 0"), "stores no such run"),
         (("full", "--where", "K_r<1", "--first", 2), "2 runs do not go into one table"),
         (("full", "--where", "K_r<1", "--first", 2, "--output", "a.csv"), "would be written there"),
         ((*RUN, "--channels", "t,omga_x"), 'did you mean "omega_x"?'),

@@ -16,9 +16,23 @@ def test_a_straight_line_is_smooth():
     x, y = plane(800)
     found = boundaries((x + 0.37 * y > 500).astype(int))
     assert found.exponent == pytest.approx(1.0, abs=0.05)
+    assert abs(found.exponent - 1) < 4 * found.exponent_error + 0.02
     assert found.boundary_entropy < np.log(2)
     # Boxes on the line: 5 of 800 points wide each.
     assert found.entropy == pytest.approx(found.boundary_entropy * 1.2 * 5 / 800, rel=0.2)
+
+
+@pytest.mark.parametrize("turn", [0.1, 0.9, 2.3])
+def test_smooth_lines_that_meet_and_thin_strips_stay_smooth(turn):
+    """Three types that meet in a point, and a strip of one point between two of them."""
+    x, y = plane(800)
+    u, v = x - 400, y - 380
+    angle = np.arctan2(v, u)
+    sectors = (np.floor((angle + turn) / (2 * np.pi / 3)) % 3).astype(int)
+    found = boundaries(sectors)
+    assert found.exponent == pytest.approx(1.0, abs=0.06)
+    strip = np.where(np.abs(u) <= 0, 2, (u > 0).astype(int))
+    assert not boundaries(strip).boundary_entropy > np.log(2)
 
 
 def test_noise_is_as_fractal_as_can_be():

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import base64
 import io
+import math
 import re
-import shutil
 from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
@@ -15,6 +15,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 from browser import NO_WEBGL, Browser, browser, find_browser
+from editing import edited
 from matplotlib.colors import to_rgb
 from sweeping import invoke
 
@@ -23,10 +24,6 @@ from rattlesweep.analysis.pages import config_yaml
 from rattlesweep.analysis.report import MOST_CASES, make_report
 from rattlesweep.analysis.style import TYPE_STYLE
 from rattlesweep.sweeps.config.read import parse_config, physics_hash, read_yaml, resolved
-from rattlesweep.sweeps.old.content_hash import content_hash
-from rattlesweep.sweeps.old import store as store_module
-from rattlesweep.sweeps.old.manifest import Expected, Manifest
-from rattlesweep.sweeps.old.store import Store
 
 EVIL = "<script>alert(1)&lt;"
 STEADY: dict[str, Any] = {
@@ -42,7 +39,6 @@ MAP: dict[str, Any] = {
     "spin": {"n_i": {"linspace": [-0.6, 0.6, 50]}, "omega_xy0": 0.01},
     "horizon": {"t": 300},
     "integrator": {"max_steps": 800},
-    "block_size": 100,
 }  # fmt: skip
 
 
@@ -56,27 +52,9 @@ def sweeps(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def made(sweeps: Path) -> tuple[dict[str, bytes], list[str]]:
-    """Their pages, and the names of the files that were read for them."""
-    read: list[str] = []
-
-    def noted(function: Any) -> Any:
-        def call(*args: Any, **options: Any) -> Any:
-            read.append(str(args[0]))
-            return function(*args, **options)
-
-        return call
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(store_module.pq, "ParquetFile", noted(store_module.pq.ParquetFile))
-        patch.setattr(Path, "read_bytes", noted(Path.read_bytes))
-        return {name: make_report(sweeps / name) for name in ("steady", "map")}, read
-
-
-@pytest.fixture(scope="module")
-def pages(made: tuple[dict[str, bytes], list[str]]) -> dict[str, bytes]:
+def pages(sweeps: Path) -> dict[str, bytes]:
     """Their pages."""
-    return made[0]
+    return {name: make_report(sweeps / name) for name in ("steady", "map")}
 
 
 class Page(HTMLParser):
@@ -117,16 +95,21 @@ def test_all_of_a_sweep_is_there(sweeps, pages):
     sweep = rs.load(sweeps / "steady")
     assert page.title == "steady"
     headings = [attrs.get("id") for tag, attrs in page.tags if tag == "section"]
-    assert headings == ["pictures", "cases", "failures", "cost", "config", "provenance", "notes"]
+    assert headings == [
+        "words", "pictures", "cases", "failures", "types", "cost", "config", "provenance",
+    ]  # fmt: skip
     assert "A sweep of 120 runs in 12 cases, complete." in page.text
     for name, count in sweep.runs["type"].value_counts().items():
         assert f"{name} {100 * count / 120:.1f} %" in page.text
     for _, row in sweep.summary.iterrows():
-        assert f"{row['t_r_mean']:.5g}" in page.text
+        # Two digits of the error of the mean, and none beyond.
+        error = row["t_r_std"] / (row["runs"] * row["fraction_R"]) ** 0.5
+        if error > 0:
+            decimals = max(0, 1 - math.floor(math.log10(error)))
+            assert f" {row['t_r_mean']:.{decimals}f} " in page.text
     assert "None: all 120 runs have status ok." in page.text
     assert f"{sweep.runs['n_steps'].sum():,}" in page.text
     assert sweep.manifest["config_hash"] in page.text
-    assert content_hash(sweeps / "steady") in page.text
     assert f"numba {sweep.manifest['versions']['numba']}" in page.text
     pictures = [attrs for tag, attrs in page.tags if tag == "img"]
     assert [str(p["alt"]).split()[0] for p in pictures] == [
@@ -167,33 +150,39 @@ def test_failures_are_counted_and_named(sweeps, pages):
     assert words in Page(pages["map"]).text
 
 
-def test_the_page_needs_nothing_else(sweeps, made):
-    for data in made[0].values():
+def test_the_page_needs_nothing_else(pages):
+    for data in pages.values():
         assert len(data) < 5e6
         for tag, attrs in Page(data).tags:
             for key in {"src", "href", "srcset", "action"} & attrs.keys():
                 assert str(attrs[key]).startswith(("data:", "#")), (tag, attrs)
         assert not re.search(rb"@import|url\(", data)
-    # The directory is read once.
-    blocks = [name for name in made[1] if name.endswith(".parquet")]
-    assert sorted(blocks) == sorted(map(str, sweeps.glob("*/runs/*.parquet")))
 
 
 def test_a_sweep_that_is_not_whole(sweeps, tmp_path):
-    part = Path(shutil.copytree(sweeps / "map", tmp_path / "part"))
-    (part / "runs" / "block-000002.parquet").unlink()
-
-    def stopped(manifest: Manifest) -> None:
-        manifest.state = "stopped"
-        manifest.expected = Expected(seconds=12.0, low=10.0, high=15.0, pilot_runs=5)
-        del manifest.receipts[2]
-
-    Store(part).update_manifest(stopped)
+    part = edited(sweeps / "map", tmp_path / "part", lambda rows: rows[:350])
     page = Page(make_report(part, "<b>&"))
     assert page.title == "<b>&"
-    assert "stopped: 350 of 450 runs are done" in page.text
-    assert "time expected 12.0 s (10.0 s to 15.0 s)" in page.text
-    assert "runs per second" not in page.text
+    assert "not complete: 350 of 450 runs are done" in page.text
+    assert "may still change" in page.text
+
+
+def test_thresholds_of_the_config_and_those_behind_the_types(sweeps, tmp_path):
+    again = edited(sweeps / "steady", tmp_path / "again", lambda rows: rows)
+    before = Page(make_report(again)).text
+    assert "sw_departure 0.05 0.05" in before
+    assert "typed again" not in before
+    assert invoke("classify", again, "--set", "classify.sw_departure=0.2").exit_code == 0
+    page = Page(make_report(again)).text
+    assert "sw_departure 0.05 0.2" in page
+    command = f"rattlesweep classify {again} --set classify.sw_departure=0.2"
+    assert command in page
+    # The command that the page shows gives the types that it shows.
+    types = rs.load(again).runs["type"]
+    fresh = edited(sweeps / "steady", tmp_path / "fresh", lambda rows: rows)
+    shown = command.replace(str(again), str(fresh)).split()[1:]
+    assert invoke(*shown).exit_code == 0
+    assert rs.load(fresh).runs["type"].equals(types)
 
 
 def test_many_cases_stay_small(tmp_path):

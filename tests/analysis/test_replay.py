@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,17 +10,17 @@ import pandas as pd
 import pyarrow.csv as pcsv
 import pyarrow.parquet as pq
 import pytest
+from editing import edited, replaced
 from refusal import assert_refused
 from sweeping import invoke, rows, run
 
 import rattlesweep as rs
-from rattlesweep.integrate.model import FULL
-from rattlesweep.physics import full
 from rattlesweep.analysis.onerun.channels import formulas
 from rattlesweep.analysis.onerun.course import Course
 from rattlesweep.analysis.onerun.replay import Replay
 from rattlesweep.analysis.onerun.rows import Rows
-from rattlesweep.sweeps.old.store import Store
+from rattlesweep.integrate.model import FULL
+from rattlesweep.physics import full
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +28,7 @@ def sweep(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small sweep with runs that reverse and runs that do not."""
     output = tmp_path_factory.mktemp("replay") / "out"
     result = run(
-        "quickstart.yaml", output, "bodies.samples=8", "block_size=5", "record=[windows]",
+        "quickstart.yaml", output, "bodies.samples=8", "record=[windows]",
         "bodies.target={K_r: [0.05], rel_tol: 0.1}", "spin.n_i=[-0.1, -0.5]",
     )  # fmt: skip
     assert result.exit_code == 0
@@ -65,7 +64,7 @@ def test_every_run_is_the_stored_one_bit_for_bit(sweep):
 
 def test_a_run_can_be_followed_beyond_the_horizon_or_less_far(sweep):
     source = Replay(sweep)
-    one = source.where("type = 'R'", 1)[0]
+    one = source.where('type == "R"', 1)[0]
     horizon = Course(source.prepare(one)).t_end
     found = rs.replay(sweep, one.case, one.sample, t_end=2 * horizon, points=2)
     assert (len(found.table), found.t_end) == (2, 2 * horizon)
@@ -77,7 +76,7 @@ def test_a_run_can_be_followed_beyond_the_horizon_or_less_far(sweep):
 def test_several_runs_go_to_files_named_by_run(sweep, tmp_path):
     wanted = rows(sweep).query("n_i == -0.5").iloc[:2]
     result = invoke(
-        "replay", sweep, "--where", "n_i = -0.5", "--first", 2, "--points", 4,
+        "replay", sweep, "--where", "n_i == -0.5", "--first", 2, "--points", 4,
         "--output", tmp_path / "run-{case}-{sample}.parquet", "--figure",
         tmp_path / "{sample}.svg", "--channels", "t,n,E_r", "-q",
     )  # fmt: skip
@@ -93,7 +92,7 @@ def test_several_runs_go_to_files_named_by_run(sweep, tmp_path):
 def test_runs_are_chosen_by_a_condition(sweep):
     """More of conditions in test_where.py."""
     runs = pd.read_parquet(sweep / "runs").query("sample in (1, 3, 5) and t_r * 2 < t_rgh * 3")
-    text = "sample IN (1, 3, 5) and t_r * 2 < 3 * t_rgh"
+    text = "sample in (1, 3, 5) and t_r * 2 < 3 * t_rgh"
     found = [(r.case, r.sample) for r in Replay(sweep).where(text, 1000)]
     assert found == list(zip(runs["case"], runs["sample"], strict=True))
     assert found
@@ -104,25 +103,32 @@ def test_runs_are_chosen_by_a_condition(sweep):
 
 
 def test_a_stored_number_that_is_not_what_comes_out_is_told(sweep, tmp_path):
-    output = tmp_path / "out"
-    shutil.copytree(sweep, output)
-    store, one = Store(output), Replay(output).where("type = 'R'", 1)[0]
-    index, row = divmod(one.case * 8 + one.sample, 5)
-    file = store.read_block(index)
-    table, note = file.table(), file.note
-    t_r = table["t_r"].to_pylist()
-    t_r[row] = float(np.nextafter(t_r[row], np.inf))
-    place = table.schema.get_field_index("t_r")
-    store.write_block(index, table.set_column(place, table.schema.field("t_r"), [t_r]), note)
+    one = Replay(sweep).where('type == "R"', 1)[0]
+
+    def change(table):
+        keys = zip(table["case"].to_pylist(), table["sample"].to_pylist(), strict=True)
+        t_r = zip(keys, table["t_r"].to_pylist(), strict=True)
+        key = (one.case, one.sample)
+        return replaced(table, "t_r", [np.nextafter(t, np.inf) if k == key else t for k, t in t_r])
+
+    output = edited(sweep, tmp_path / "out", change)
     result = invoke("replay", output, "--case", one.case, "--sample", one.sample)
     assert (result.exit_code, result.stdout) == (1, "")
     words = f"{one.name} comes out otherwise than stored, in t_r;"
     assert words in result.stderr
     with pytest.raises(rs.OutputError, match=words):
         rs.replay(output, one.case, one.sample)
-    store.block_path(index).unlink()
+    gone = edited(sweep, tmp_path / "gone", lambda table: table[:0])
     with pytest.raises(rs.OutputError, match="is not stored yet"):
-        rs.replay(output, one.case, one.sample)
+        rs.replay(gone, one.case, one.sample)
+
+
+def test_a_sweep_typed_again_is_replayed(sweep, tmp_path):
+    output = edited(sweep, tmp_path / "out", lambda table: table)
+    assert invoke("classify", output, "--set", "classify.sw_departure=0.9").exit_code == 0
+    source = Replay(output)
+    for row in rows(output).itertuples():
+        source.prove(source.find(row.case, row.sample))
 
 
 @pytest.mark.parametrize("model", ["gh", pytest.param("reduced", marks=pytest.mark.slow)])

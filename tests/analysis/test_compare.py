@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +10,11 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pytest
+from editing import edited, replaced
 from refusal import assert_refused
 from sweeping import invoke
 
 import rattlesweep as rs
-from rattlesweep.sweeps.old.stored import open_stored
 
 CONFIG: dict[str, Any] = {
     "seed": 3,
@@ -24,9 +23,11 @@ CONFIG: dict[str, Any] = {
     "horizon": {"t_rgh": 3, "t": 1500},
 }
 PARTS: dict[str, dict[str, Any]] = {
-    "a": {"integrator": {"tol": 1e-9}, "block_size": 14},
-    "b": {"integrator": {"tol": 1e-7}, "block_size": 10},
+    "a": {"integrator": {"tol": 1e-9}},
+    "b": {"integrator": {"tol": 1e-7}},
     "c": {"integrator": {"tol": 1e-7, "max_steps": 1500}},
+    "ea": {"integrator": {"tol": 1e-9}, "record": ["error"]},
+    "eb": {"integrator": {"tol": 1e-7}, "record": ["error"]},
 }
 
 
@@ -79,7 +80,7 @@ def test_the_table_and_the_data_are_what_pandas_finds(sweeps, tmp_path, other):
         assert row["worst"] == relative.max()
         for name, share in (("median", 0.5), ("p99", 0.99)):
             exact = np.quantile(relative, share, method="inverted_cdf")
-            assert row[name] == pytest.approx(exact, rel=0.01)
+            assert row[name] == pytest.approx(exact, rel=1e-12)
     assert found["total"]["reversing"] > 30
     worst = rows.nlargest(10, "relative")[["case", "sample"]]
     listed = [[run["case"], run["sample"]] for run in found["differing_times"]]
@@ -97,21 +98,19 @@ def test_the_table_and_the_data_are_what_pandas_finds(sweeps, tmp_path, other):
 
 
 def with_errors(source: Path, target: Path, error: float, sure: bool = True) -> Path:
-    """A copy whose runs have these errors relative to their t_r, and are sure of their types."""
-    shutil.copytree(source, target)
-    stored = open_stored(target)
-    for index in stored.present():
-        rows = stored.store.read_block(index).table()
-        errors = pa.array(error * rows.column("t_r").to_numpy(), from_pandas=True)
-        rows = rows.append_column("t_r_error", errors)
-        rows = rows.append_column("type_sure", pa.array([sure] * len(rows)))
-        stored.store.write_block(index, rows, stored.note(index))
-    return target
+    """Copy a directory whose runs then have these errors relative to their t_r."""
+
+    def change(rows: pa.Table) -> pa.Table:
+        t_r = rows.column("t_r").to_numpy()
+        rows = replaced(rows, "t_r_error", list(pa.array(error * t_r, from_pandas=True)))
+        return replaced(rows, "type_sure", [sure] * len(rows))
+
+    return edited(source, target, change)
 
 
 def test_runs_beyond_both_errors_are_counted_and_listed_first(sweeps, tmp_path):
-    a = with_errors(sweeps / "a", tmp_path / "$a", 3e-8)
-    b = with_errors(sweeps / "b", tmp_path / "b$", 4e-8)
+    a = with_errors(sweeps / "ea", tmp_path / "$a", 3e-8)
+    b = with_errors(sweeps / "eb", tmp_path / "b$", 4e-8)
     rows = joined(a, b)
     over = (rows.t_r_b - rows.t_r_a).abs() / np.hypot(rows.t_r_error_a, rows.t_r_error_b)
     beyond = int((over > 1).sum())
@@ -119,9 +118,13 @@ def test_runs_beyond_both_errors_are_counted_and_listed_first(sweeps, tmp_path):
     assert 0.005 < share < 1
     found = told(a, b, code=1)
     assert found["total"]["beyond"] == beyond
-    first, worst = found["differing_times"][0], rows.loc[over.idxmax()]
+    first, worst = found["beyond_errors"][0], rows.loc[over.idxmax()]
     assert (first["case"], first["sample"]) == (worst["case"], worst["sample"])
     assert first["over_errors"] == pytest.approx(over.max())
+    # Each list is sorted by what it says.
+    relative = [run["relative"] for run in found["differing_times"]]
+    assert relative == sorted(relative, reverse=True)
+    assert relative[0] == found["total"]["worst"]
     figure = tmp_path / "figure.svg"
     assert invoke("compare", a, b, "--allow", share * 1.01, "--figure", figure).exit_code == 0
     assert figure.read_bytes().startswith(b"<?xml")
@@ -129,7 +132,7 @@ def test_runs_beyond_both_errors_are_counted_and_listed_first(sweeps, tmp_path):
 
 
 def test_beyond_errors_of_nothing_is_any_difference(sweeps, tmp_path):
-    a, b = (with_errors(sweeps / name, tmp_path / name, 0.0) for name in "ab")
+    a, b = (with_errors(sweeps / f"e{name}", tmp_path / name, 0.0) for name in "ab")
     figure = tmp_path / "figure.png"
     assert told(a, a, "--figure", figure)["total"]["beyond"] == 0
     assert figure.read_bytes().startswith(b"\x89PNG")
@@ -144,30 +147,28 @@ def test_beyond_errors_of_nothing_is_any_difference(sweeps, tmp_path):
 
 @pytest.mark.parametrize(("sure", "code"), [(True, 1), (False, 0)])
 def test_types_that_are_sure_must_not_differ(sweeps, tmp_path, sure, code):
-    a = with_errors(sweeps / "a", tmp_path / "a", 1.0)
-    b = with_errors(sweeps / "a", tmp_path / "b", 1.0, sure)
-    stored = open_stored(b)
-    rows = stored.store.read_block(0).table()
-    types = rows.column("type").to_pylist()
-    old, types[2] = types[2], "SW" if types[2] != "SW" else "SS"
-    rows = rows.set_column(rows.schema.names.index("type"), "type", pa.array(types))
-    stored.store.write_block(0, rows, stored.note(0))
+    a = with_errors(sweeps / "ea", tmp_path / "a", 1.0)
+    b = with_errors(sweeps / "ea", tmp_path / "b", 1.0, sure)
+    old = pd.read_parquet(sweeps / "a" / "runs").sort_values(["case", "sample"])["type"].iloc[2]
+    new = "SW" if old != "SW" else "SS"
+
+    def change(rows: pa.Table) -> pa.Table:
+        keys = zip(rows["case"].to_pylist(), rows["sample"].to_pylist(), strict=True)
+        types = zip(keys, rows["type"].to_pylist(), strict=True)
+        return replaced(rows, "type", [new if key == (0, 2) else was for key, was in types])
+
+    b = edited(b, tmp_path / "changed", change)
     found = told(a, b, code=code)
     assert (found["total"]["types"], found["total"]["types_sure"]) == (1, int(sure))
     (run,) = found["differing_types"]
-    assert (run["case"], run["sample"], run["type_a"], run["type_b"]) == (0, 2, old, types[2])
+    assert (run["case"], run["sample"], run["type_a"], run["type_b"]) == (0, 2, old, new)
 
 
 def test_of_partial_directories_what_both_have_is_compared(sweeps, tmp_path):
-    a, b = (Path(shutil.copytree(sweeps / name, tmp_path / name)) for name in "ab")
-    for directory, index in ((a, 0), (a, 3), (b, 2), (b, 6)):
-        open_stored(directory).store.block_path(index).unlink()
-    stored = open_stored(b)
-    rows = stored.store.read_block(5).table()
-    # As a stopped session leaves a block.
-    stored.store.write_block(5, rows.take([0, 3]), stored.note(5))
+    a = edited(sweeps / "a", tmp_path / "a", lambda rows: rows[28:])
+    b = edited(sweeps / "b", tmp_path / "b", lambda rows: rows[: len(rows) - 22])
     found = told(a, b)
-    assert found["missing"] == [14 + 14, 10 + 4 + 8]
+    assert found["missing"] == [28, 22]
     assert found["total"]["runs"] == len(joined(a, b))
     assert "28 of 64 runs are missing" in invoke("compare", a, b).stdout
 
@@ -211,14 +212,9 @@ def test_tables_are_told_apart_by_their_rows(tmp_path):
 
 
 def test_what_is_no_directory_of_runs_is_said(sweeps, tmp_path):
-    empty, double = (Path(shutil.copytree(sweeps / "b", tmp_path / n)) for n in ("empty", "double"))
-    for path in (empty / "runs").iterdir():
-        path.unlink()
-    store = open_stored(double).store
-    shutil.copy(store.block_path(1), store.block_path(2))
+    empty = edited(sweeps / "b", tmp_path / "empty", lambda rows: rows[:0])
     for directory, code, words in (
         (tmp_path, 2, "is not an output directory"),
         (empty, 1, f"error: {empty} holds no runs yet\n"),
-        (double, 1, "rattlesweep verify"),
     ):
         assert_refused(invoke("compare", sweeps / "a", directory), code, words)

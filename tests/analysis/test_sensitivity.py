@@ -1,0 +1,116 @@
+"""Sobol' indices: of functions for which they are known, and of sweeps."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from editing import edited, replaced
+from refusal import assert_refused
+from sweeping import changed, invoke, sweep
+
+from rattlesweep.analysis.sensitivity import MOST_MISSING, sensitivity
+from rattlesweep.analysis.sensitivity import _indices as indices
+from rattlesweep.errors import OutputError
+from rattlesweep.sweeps.bodies.quasi import Sequence
+
+GROUP, GROUPS = 7, 256
+PARAMETERS = ("gamma", "f_sd", "theta", "phi", "minus_xi_deg")
+CONFIG: dict[str, Any] = {
+    "seed": 4,
+    "bodies": {"source": "sd", "samples": GROUP * GROUPS, "draw": "saltelli"},
+    "spin": {"n_i": [-0.1, 0.2], "omega_xy0": 0.01},
+    "model": "gh",
+    "horizon": {"t": 1e5},
+}
+# Ishigami's function, whose indices are known (Ishigami and Homma, 1990).
+A, B = 7.0, 0.1
+VARIANCE = A**2 / 8 + B * np.pi**4 / 5 + B**2 * np.pi**8 / 18 + 0.5
+FIRST = np.array([0.5 * (1 + B * np.pi**4 / 5) ** 2, A**2 / 8, 0]) / VARIANCE
+TOTAL = FIRST + np.array([1, 0, 1]) * B**2 * np.pi**8 * (1 / 18 - 1 / 50) / VARIANCE
+
+
+def ishigami(u: np.ndarray) -> np.ndarray:
+    x = np.pi * (2 * u - 1)
+    return np.sin(x[0]) + A * np.sin(x[1]) ** 2 + B * x[2] ** 4 * np.sin(x[0])
+
+
+def test_a_design_gives_ishigamis_indices_within_their_intervals():
+    a, b = Sequence(6, 1).points(0, 2**12).reshape(2, 3, -1)
+    swapped = [np.where(np.arange(3)[:, None] == k, b, a) for k in range(3)]
+    found = indices(np.array([ishigami(a), ishigami(b), *map(ishigami, swapped)]))
+    for k, row in enumerate(found):
+        assert (row["first"], row["total"]) == pytest.approx((FIRST[k], TOTAL[k]), abs=0.03)
+        assert row["first_low"] - 0.01 <= FIRST[k] <= row["first_high"] + 0.01
+        assert row["total_low"] - 0.01 <= TOTAL[k] <= row["total_high"] + 0.01
+
+
+@pytest.fixture(scope="module")
+def design(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The closed form over the ranges: everything reverses by the horizon but for small skew."""
+    output = tmp_path_factory.mktemp("design") / "out"
+    sweep(output, CONFIG)
+    return output
+
+
+def test_the_command_prints_and_draws_what_theory_depends_on(design, tmp_path):
+    text = invoke("sensitivity", design, "--figure", tmp_path / "f.svg")
+    assert text.exit_code == 0, text.output
+    assert text.stdout.splitlines()[0].split()[-5:] == list(PARAMETERS)
+    assert (tmp_path / "f.svg").read_text().count("<svg") == 1
+    data = json.loads(invoke("sensitivity", design, "--json").stdout)
+    rows = [row for row in data["indices"] if (row["case"], row["of"]) == (1, "log10 t_r")]
+    assert [row["parameter"] for row in rows] == list(PARAMETERS)
+    by = {row["parameter"]: row["total"] for row in rows}
+    # t_rGH goes as 1/K_p, which the skew and phi make.
+    assert by["minus_xi_deg"] > by["phi"] > by["gamma"]
+    assert by["theta"] < 0.05
+    # Of a power of two groups that are whole.
+    assert rows[0]["used"] % GROUP == 0
+    assert (rows[0]["used"] // GROUP).bit_count() == 1
+
+
+def test_incomplete_groups_are_noted_and_too_many_refused(design, tmp_path):
+    """A run that does not reverse takes its group away, and a tenth of the groups is too much."""
+
+    def without(share: float) -> Any:
+        def change(rows: Any) -> Any:
+            lost = np.asarray(rows["sample"]) // GROUP < share * GROUPS
+            lost &= np.asarray(rows["sample"]) % GROUP == 3
+            types = np.where(lost, "SW", rows["type"].to_numpy(zero_copy_only=False))
+            t_r = np.where(lost, np.nan, rows["t_r"].to_numpy())
+            rows = replaced(rows, "type", types.tolist())
+            return replaced(rows, "t_r", [None if np.isnan(t) else t for t in t_r])
+
+        return change
+
+    few = sensitivity(edited(design, tmp_path / "few", without(0.5 * MOST_MISSING)))
+    many = sensitivity(edited(design, tmp_path / "many", without(2 * MOST_MISSING)))
+    assert any((row["case"], row["of"]) == (1, "t_r") for row in few.rows)
+    assert not any(row["of"] == "t_r" for row in many.rows)
+    (note,) = [note for note in many.notes if note.startswith("case 1, t_r:")]
+    assert "another population" in note
+    # Types have indices all the same.
+    assert any(row["of"] == "P(R)" for row in many.rows)
+
+
+@pytest.mark.parametrize(
+    ("bodies", "code", "words"),
+    [
+        ({"source": "sd", "samples": 28, "draw": "saltelli"}, 1, "it takes more runs"),
+        ({"source": "sd", "samples": 20}, 2, "bodies.draw: saltelli"),
+        ({"source": "preset", "name": "GH"}, 2, "not drawn from ranges"),
+    ],
+)
+def test_what_has_no_indices_is_refused(tmp_path, bodies, code, words):
+    sweep(tmp_path / "out", CONFIG | {"bodies": bodies})
+    assert_refused(invoke("sensitivity", tmp_path / "out"), code, words)
+
+
+def test_a_sweep_in_which_nothing_varies_is_refused(tmp_path):
+    sweep(tmp_path / "out", changed(CONFIG, horizon={"t": 1e-3}))
+    with pytest.raises(OutputError, match=r"nothing varies|have all values"):
+        sensitivity(tmp_path / "out")

@@ -1,0 +1,125 @@
+"""Conditions on runs mean what pandas and SQL mean, and are refused in one sentence."""
+
+from __future__ import annotations
+
+import duckdb
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from rattlesweep.analysis.where import MOST_CHARACTERS, parse_where
+from rattlesweep.errors import ConfigError
+
+N = 400
+SCHEMA = pa.schema(
+    [("case", pa.int32()), ("sample", pa.int64()), ("K_r", pa.float64()), ("t_r", pa.float64()),
+     ("t_rgh", pa.float64()), ("n_i", pa.float64()), ("type", pa.string()), ("sure", pa.bool_()),
+     ("window_n_min", pa.list_(pa.float64()))]
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def runs() -> pa.RecordBatch:
+    """Rows with nulls and repeated values."""
+    random = np.random.default_rng(1)
+    t_r = np.where(random.random(N) < 0.4, np.nan, 100 * random.random(N))
+    columns = [
+        np.repeat(np.arange(4), N // 4), np.tile(np.arange(N // 4), 4),
+        np.resize([-0.5, -0.1, 0.1, np.nan], N), t_r, 100 * random.random(N),
+        np.resize([-0.3, 0.1, -0.1], N), np.resize(["R", "SS", "SW", None], N),
+        np.resize([True, False, None], N), [[0.0]] * N,
+    ]  # fmt: skip
+    arrays = [pa.array(values, field.type, from_pandas=True)
+              for values, field in zip(columns, SCHEMA, strict=True)]  # fmt: skip
+    return pa.RecordBatch.from_arrays(arrays, schema=SCHEMA)
+
+
+@pytest.mark.parametrize(
+    ("text", "sql"),
+    [
+        ('type == "R" or type == "SS"', "type = 'R' or type = 'SS'"),
+        ("t_r > 10 and not K_r < 0.05", "t_r > 10 and (not K_r < 0.05 or K_r is null)"),
+        ("t_r.isna() or sample == 2", "t_r is null or sample = 2"),
+        ("t_r.notna() and sample in [1, 3, 5]", "t_r is not null and sample in (1, 3, 5)"),
+        ('type in ("R", "SW")', "type in ('R', 'SW')"),
+        ("2 <= sample < 5", "sample >= 2 and sample < 5"),
+        ("t_r < 2 * t_rgh", "t_r < 2 * t_rgh"),
+        ("abs(n_i) < 0.2 and K_r ** 2 < 0.011", "abs(n_i) < 0.2 and K_r ** 2 < 0.011"),
+        ("-sample + 3 == +1 or sample / 2 == 1.5", "sample in (2, 3)"),
+        ("n_i / 0 > 1", "n_i > 0"),
+        ("sure == True", "sure"),
+        ("sure and\nn_i < 0", "sure and n_i < 0"),
+        ("not sure", "not sure"),
+    ],
+)
+def test_conditions_mean_what_sql_means(runs: pa.RecordBatch, text: str, sql: str) -> None:
+    rows = pa.Table.from_batches([runs])  # noqa: F841 - for duckdb
+    wanted = duckdb.sql(f'select "case", sample from rows where {sql}').to_arrow_table()
+    found = parse_where(text, SCHEMA).filter(runs)
+    assert 0 < len(found) < N
+    for name in ("case", "sample"):
+        assert found[name].to_pylist() == wanted[name].to_pylist()
+
+
+def test_only_the_columns_that_it_names_are_read() -> None:
+    assert parse_where('K_r < 1 and (type == "R" or K_r > 2)', SCHEMA).columns == ("K_r", "type")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "is empty"),
+        ("   ", "is empty"),
+        ('typ == "R"', "typ is no column; did you mean type?"),
+        ("k_R < 1", "did you mean K_r?"),
+        ('type = "R"', "cannot be read near"),
+        ("K_r <", "cannot be read"),
+        ("(K_r < 1", "cannot be read"),
+        ("K_r < 1 # or not", "K_r < 1 # or not"),
+        ("K_r", "is no condition on columns"),
+        ("K_r + 1", "is no condition on columns"),
+        ("1 / 0 == 1", "names no column"),
+        ("K_r > 1 / 0", "cannot be evaluated"),
+        ("type > 3", "cannot be evaluated"),
+        ("K_r * type > 3", "cannot be evaluated"),
+        ("9**9**9**9 > n_i", "out of range"),
+        ("window_n_min > 0", "several numbers a run"),
+        ("K_r < None", "column.isna() tests for null"),
+        ("K_r < 1j", "cannot be compared"),
+        ("K_r @ K_r > 1", "not allowed"),
+        ("@K_r > 1", "cannot be read"),
+        ("`K_r` > 1", "cannot be read"),
+        ("K_r.__class__ == 1", "not allowed"),
+        ("K_r.to_csv('x').isna()", "not allowed"),
+        ("type.str.len() > 1", "not allowed"),
+        ("K_r.isna(1)", "not allowed"),
+        ("len(type) > 1", "not allowed"),
+        ("abs(K_r, out=K_r) > 1", "not allowed"),
+        ("__import__('os').system('true') == 0", "not allowed"),
+        ("[x for x in K_r] == 1", "not allowed"),
+        ("(lambda: K_r)() > 1", "not allowed"),
+        ("K_r if K_r else 1", "not allowed"),
+        ("K_r[0] > 1", "not allowed"),
+        ("K_r := 3", "cannot be read"),
+        ("K_r < 1; 2", "cannot be read"),
+        ("(" * 900 + "K_r < 1" + ")" * 900, "cannot be read"),
+        ("not " * 480 + "K_r < 1", ""),
+        ("-" * 1900 + "K_r < 1", "nested too deep"),
+        ("K_r" + " + 1" * 480 + " < 1", ""),
+        (" or ".join(["K_r < 1"] * 10**6), f"at most {MOST_CHARACTERS} are read"),
+    ],
+    ids=lambda text: text[:20],
+)
+def test_wrong_conditions_say_so_in_one_sentence(
+    runs: pa.RecordBatch, text: str, words: str
+) -> None:
+    try:
+        parse_where(text, SCHEMA).filter(runs)
+    except ConfigError as refused:
+        (message,) = refused.messages
+        assert message.startswith("--where")
+        assert words in message
+        assert "\n" not in message
+    else:
+        # Harmless or deep: either is fine.
+        assert words in ("", "K_r < 1 # or not")
