@@ -23,13 +23,14 @@ from pathlib import Path
 import click
 import numpy as np
 
-from rattlesweep.integrate import loading
+from rattlesweep.integrate import compile
 from rattlesweep.integrate.batch import RECORDS, Batch, integrate
 from rattlesweep.integrate.follow import lyapunov
 from rattlesweep.integrate.follow.trajectory import Follower
 from rattlesweep.integrate.lanes import build
 from rattlesweep.integrate.model import MODELS
 from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.sweeps.config.load import load_config
 from rattlesweep.sweeps.launches import make_batch, prepare
 from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.config.read import load_config
@@ -142,14 +143,8 @@ def hashes(job, repeats):
 
 
 def compile_here():
-    """Have this process compile what it runs, as :func:`loading._load` would without another."""
-
-    def load(example, names):
-        compiled, arguments = example(*names)
-        compiled.compile(loading.signature_of(arguments))
-        return compiled
-
-    loading._load = load
+    """Have this process compile what it runs, as if no other process could."""
+    compile._compile = lambda wanted: None
 
 
 def serve(way, names, repeats):

@@ -19,6 +19,7 @@ import re
 import statistics
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import click
@@ -26,10 +27,12 @@ import llvmlite
 import numba
 import numpy as np
 import peer_work
-from numba import njit, prange, set_num_threads
+from numba import float64, njit, prange, set_num_threads, typeof
 
+from rattlesweep.analysis.tradeoff.scalar_rk4 import rk4_step
 from rattlesweep.integrate.batch import Batch, integrate
-from rattlesweep.integrate.lanes.atomics import widest_vectors
+from rattlesweep.integrate.lanes.build import problem_of
+from rattlesweep.integrate.lanes.intrinsics import widest_vectors
 from rattlesweep.integrate.lanes.lane import LANES, Layout
 from rattlesweep.integrate.lanes.step import compile_attempt
 from rattlesweep.integrate.model import FULL
@@ -37,7 +40,6 @@ from rattlesweep.integrate.processor import compiled_for
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics import full, launch, steady, theory
 from rattlesweep.physics.body import PARAMETERS, Rattleback
-from rattlesweep.analysis.tradeoff.scalar_rk4 import rk4_step
 
 DT, TOL = 0.002, 1e-9
 OMEGA = 0.01
@@ -232,13 +234,14 @@ def show_lanes(quick):
             rows[at.y + 2], rows[at.y + 4] = OMEGA, -0.1
             rows[at.h] = 0.3 if tableau.adaptive else 8 * DT
             rows[at.probe : at.probe + FULL.n_probe] = 0.1
-            loops[width] = _many(attempt), flat
+            problem = problem_of(FULL, tableau.adaptive, width)
+            loops[width] = partial(_many(attempt), problem, flat)
         calls = (20_000 if quick else 100_000) // (tableau.stages * (1 if tableau.adaptive else 8))
         times = {width: [] for width in widths}
         for repeat in range(4 if quick else 10):
-            for width, (many, flat) in loops.items():
+            for width, many in loops.items():
                 begin = time.perf_counter()
-                many(flat, calls * 64 // width)
+                many(calls * 64 // width)
                 if repeat:
                     times[width].append(time.perf_counter() - begin)
         steps = calls * 64 * (1 if tableau.adaptive else 8)
@@ -248,9 +251,9 @@ def show_lanes(quick):
 
 def _many(attempt):
     @njit(nogil=True)
-    def many(flat, calls):
+    def many(problem, flat, calls):
         for _ in range(calls):
-            attempt(flat, 1e18)
+            attempt(problem, flat, 1e18)
 
     return many
 
@@ -265,7 +268,7 @@ CHAIN, CELLS = 8, 64
 def products(tableau):
     """Products in one step of a method for one lane; 0 where the machine code is not x86's."""
     step = compile_attempt(tableau, FULL, 1)
-    step.compile("void(float64[::1], float64)")
+    step.compile((typeof(problem_of(FULL, tableau.adaptive, 1)), float64[::1], float64))
     (code,) = step.inspect_asm().values()
     found = PRODUCT.findall(code)
     return sum(1 if width == "s" else DOUBLES[register] for width, register in found)

@@ -17,6 +17,7 @@ import statistics
 import tempfile
 import time
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,20 +26,21 @@ import numpy as np
 from numba import njit
 
 from rattlesweep.integrate.batch import Batch
+from rattlesweep.integrate.lanes.build import problem_of
 from rattlesweep.integrate.lanes.lane import LANES, Layout
 from rattlesweep.integrate.lanes.step import compile_attempt
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import DOP853
 from rattlesweep.physics import full, theory
 from rattlesweep.physics.steady import steady_modes
+from rattlesweep.sweeps.arrow import build_table
 from rattlesweep.sweeps.block import finish_block, run_batch
 from rattlesweep.sweeps.launches import full_batch, prepare, reduced_batch
 from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.config.schema import Integrator
 from rattlesweep.sweeps.config.read import load_config
 from rattlesweep.sweeps.old.store import Store
-from rattlesweep.sweeps.arrow import build_table
-from rattlesweep.sweeps.columns import runs_schema
+from rattlesweep.sweeps.plan import make_plan
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -177,7 +179,8 @@ def without_amplitude() -> Any:
     def nothing(p, q, a, b, c, p0, q0, a0, b0, p1, q1, a1, b1):  # type: ignore[no-untyped-def]
         return 0.0
 
-    return compile_attempt(DOP853, replace(FULL, name="blind", amplitude=nothing))
+    blind = replace(FULL, name="blind", amplitude=nothing)
+    return compile_attempt(DOP853, blind), problem_of(blind, True)
 
 
 def steps(calls: int) -> list[Part]:
@@ -193,20 +196,20 @@ def steps(calls: int) -> list[Part]:
     rows[at.y + 2], rows[at.y + 4] = 0.01, -0.1
     rows[at.h], rows[at.probe : at.probe + FULL.n_probe] = 0.3, 0.1
     parts = []
-    for name, attempt in (
-        (STEP, compile_attempt(DOP853, FULL)),
+    for name, (attempt, problem) in (
+        (STEP, (compile_attempt(DOP853, FULL), problem_of(FULL, True))),
         ("step without the amplitude", without_amplitude()),
     ):
-        many = _many(attempt)
-        parts.append(Part(name, lambda many=many: many(flat, calls), calls * LANES, STEP, "step"))
+        many = partial(_many(attempt), problem, flat, calls)
+        parts.append(Part(name, many, calls * LANES, STEP, "step"))
     return parts
 
 
 def _many(attempt: Any) -> Any:
     @njit(nogil=True)
-    def many(flat, calls):  # type: ignore[no-untyped-def]
+    def many(problem, flat, calls):  # type: ignore[no-untyped-def]
         for _ in range(calls):
-            attempt(flat, 1e18)
+            attempt(problem, flat, 1e18)
 
     return many
 

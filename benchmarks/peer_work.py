@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rattlesweep.integrate.batch import Batch, integrate
-from rattlesweep.integrate.cache import source_hash
-from rattlesweep.integrate.lanes import kernel as lanes
+from rattlesweep.integrate.compile import source_hash
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.sweeps.launches import full_batch, prepare
@@ -194,7 +193,7 @@ def first_calls() -> tuple[float, float]:
 
 def source() -> str:
     """Hash of the sources that are compiled: says which rattlesweep was measured."""
-    return source_hash(lanes.__file__)[:8]
+    return source_hash()[:8]
 
 
 def processor() -> str:

@@ -186,10 +186,10 @@ def simulate(
             stacklevel=2,
         )
         dt_step = dt
-    from rattlesweep.integrate.compiling import listening
+    from rattlesweep.integrate.compile import listening
+    from rattlesweep.sweeps.bodies.table import TableBodies, launched_from
     from rattlesweep.sweeps.memory import integrate_plan
     from rattlesweep.sweeps.single import Launch, is_full_state, plan_of
-    from rattlesweep.sweeps.bodies.table import TableBodies, launched_from
 
     check_threads(threads)
     columns = body_columns(body)

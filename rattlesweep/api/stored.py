@@ -57,7 +57,6 @@ class Sweep:
     @property
     def summary(self) -> pd.DataFrame:
         """One row a case, with units in ``attrs``; of a sweep under way, of its blocks so far."""
-        from rattlesweep.sweeps.counts import columns_for
         return to_frame(self._stored.summary())
 
     def read(
@@ -112,8 +111,6 @@ class Sweep:
 
     def _cached(self, names: list[str], schema: pa.Schema) -> dict[str, pa.ChunkedArray]:
         """Columns of all blocks in place, read anew where files have changed."""
-        import pyarrow as pa
-
         stats = [(path.name, path.stat()) for path in self._stored.files()]
         files = tuple((i, s.st_ino, s.st_mtime_ns, s.st_size) for i, s in stats)
         if files != self._files:

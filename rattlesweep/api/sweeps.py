@@ -86,7 +86,7 @@ def sweep(
     >>> again.runs.t_r.round(2).tolist()
     [33.15, 33.15]
     """
-    from rattlesweep.integrate.compiling import listening
+    from rattlesweep.integrate.compile import listening
     from rattlesweep.sweeps.run import run_sweep
 
     check_threads(threads)

@@ -15,12 +15,12 @@ from rattlesweep.cli.common.output import DONE, SOME_FAILED
 @command(
     "Study",
     "rattlesweep paper --quick",
-    "rattlesweep paper --only fig6,fig7 --output out/paper",
+    "rattlesweep paper --only fig7,fig8 --output out/paper",
     resumes=True,
 )
 @options.output("Output directory; by default out/paper, or out/paper-quick.")
 @option("--quick", is_flag=True, help="Fewer samples: faster, with wide intervals.")
-@option("--only", metavar="NAMES", help="Figures to make, such as fig6,fig7, or theory.")
+@option("--only", metavar="NAMES", help="Parts to make, such as fig7,fig8, or theory.")
 @options.threads
 @options.quiet
 def paper(
@@ -28,15 +28,14 @@ def paper(
 ) -> int:
     """Reproduce the figures of Kondo and Nakanishi (2017) and check their claims.
 
-    Writes each figure's data (Parquet) and picture (SVG, PNG), claims.parquet and report.html, a
-    self-contained page. After a stop the same command resumes: finished figures and blocks of
-    runs are kept, and only the counts of fig3 (half a minute at most) are lost. Prints the
-    verdicts on standard output, with the number of checks that hold.
+    Writes the data (Parquet) and the picture (SVG, PNG) of each figure, the verdicts on the claims
+    (claims.parquet, claims.md) and report.html, a self-contained page. After a stop the same
+    command resumes its sweeps; all else takes seconds and is computed anew. Prints each claim, its
+    verdict and what was measured on standard output.
     """
-    from rattlesweep.integrate.batch import available_threads
-    from rattlesweep.paper.registry import choose
+    from rattlesweep.paper.parts import PARTS, choose
     from rattlesweep.paper.report import closing_table, tally
-    from rattlesweep.paper.run import reproduce
+    from rattlesweep.paper.reproduce import reproduce
     from rattlesweep.paper.workspace import FULL, QUICK
 
     names = choose(only)
@@ -47,15 +46,16 @@ def paper(
             directory,
             names,
             sizes=QUICK if quick else FULL,
-            threads=threads or available_threads(),
-            show=meter.show,
+            threads=threads,
+            bar=meter,
+            begin=lambda name: meter.stage(PARTS[name].title),
         )
     if not quiet:
         if done.claims:
             click.echo(closing_table(done.claims))
             say(f"{len(done.claims)} claims: {tally(done.claims)}")
         say(f"{directory / 'report.html'}; {time.monotonic() - start:.1f} s")
-    if done.failed:
-        say(f"{done.failed} runs of the sweeps are not ok; see their column status")
+    if done.workspace.failed:
+        say(f"{done.workspace.failed} runs of the sweeps are not ok; see their column status")
         return SOME_FAILED
     return DONE

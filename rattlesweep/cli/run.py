@@ -13,10 +13,9 @@ from rattlesweep.cli.common.output import DONE, EARLY, SOME_FAILED
 from rattlesweep.errors import ConfigError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
 
     from rattlesweep.sweeps.run import Result
-    
+
 
 session = options.Group(
     "session",

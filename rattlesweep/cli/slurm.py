@@ -46,10 +46,10 @@ def slurm(
     the script checks its environment when it runs.
     """
     from rattlesweep.integrate.batch import available_threads
-    from rattlesweep.sweeps.plan import make_plan
-    from rattlesweep.sweeps.slurm import MOST_SHARDS, job_script
     from rattlesweep.sweeps.old.forecast import forecast
     from rattlesweep.sweeps.old.output import examine
+    from rattlesweep.sweeps.plan import make_plan
+    from rattlesweep.sweeps.slurm import MOST_SHARDS, job_script
 
     loaded = options.load_sweep(config, overrides, output)
     path = config.resolve()

@@ -92,7 +92,7 @@ class Batch:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of the runs of a :class:`Batch`; arrays over runs, NaN where there is nothing.
+    """Results of the runs of a :class:`Batch`; arrays over runs, NaN where there is nothing.
 
     Attributes
     ----------
@@ -305,7 +305,7 @@ def stride(tableau: Tableau) -> int:
 def run_plans(
     batch: Batch, tableau: Tableau, tol: float, dt: float, cost: Floats | float = 0.0
 ) -> Floats:
-    """What a kernel must know of each run beside its body and launch, see ``columns.N_PLAN``."""
+    """Return what a kernel must know of each run, see ``columns.N_PLAN``."""
     plan = np.empty((len(batch), C.N_PLAN))
     plan[:, C.HORIZON] = batch.t_end
     plan[:, C.SWING] = batch.swing

@@ -1,12 +1,11 @@
-"""What the kernels need to know of a set of equations."""
+"""Sets of equations, as the kernels need them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from rattlesweep.integrate.cache import specialise
-from rattlesweep.physics import full, reduced, stone, tangent
+from rattlesweep.physics import attitude, full, reduced, stone, tangent
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -14,7 +13,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Tangent:
-    """How a small difference ``v`` moves along a run, as compiled scalar functions.
+    """Motion of a small difference ``v`` along a run, as compiled scalar functions.
 
     With ``f`` the derivative of the state, and ``y`` and ``q`` as for :class:`Model`:
 
@@ -85,6 +84,8 @@ class Model:
         The tangent that a run carries with it; by default it carries none.
     carried : Carried, optional
         What the stages of a step carry, for models without tangent.
+    n_given : int, optional
+        Components that the states of a run have, where they are not all of them.
     """
 
     name: str
@@ -101,6 +102,7 @@ class Model:
     touch: Callable[..., Any] | None = None
     tangent: Tangent | None = None
     carried: Carried | None = None
+    n_given: int | None = None
 
 
 @full.scalar
@@ -142,36 +144,37 @@ def _ellipsoid_error(ep, eq, ea, eb, ec, p, q, a, b, c, ix, iy, iz, cxx, cxy, cy
     return _full_error(ep, eq, ea, eb, ec, p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy)
 
 
-CARRIED_SOURCE = """\
-def start({state}, ix, iy, iz, cxx, cxy, cyy, k{losses}):
-    _, rise = shape_at(p, q, cxx, cxy, cyy, k)
+def _compile(model: str, *functions: Callable[..., Any]) -> list[Any]:
+    """Return compiled functions of a model, under names of its own.
+
+    Numba makes symbols of names, so functions of two models may not share one.
+    """
+    for function in functions:
+        function.__name__ = function.__qualname__ = f"{function.__name__}_{model}"
+    return [full.scalar(function) for function in functions]
+
+
+# An ellipsoid's ``rise`` is integrated along, since it is what the second root is for, and since
+# everything else in a stage waits for that root.
+
+
+@full.scalar
+def _rise(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):  # type: ignore[no-untyped-def]
+    _, rise = stone.shape_at(p, q, cxx, cxy, cyy, k)
     return (rise,)
 
-def rhs({state}, rise, ix, iy, iz, cxx, cxy, cyy, k{losses}):
-    f = own_rhs({state}, ix, iy, iz, cxx, cxy, cyy, (k, rise){losses})
-    rates = (rise_rate(p, q, f[0], f[1], cxx, cxy, cyy, k, rise),)
-    return f + rates
-"""
+
+@full.scalar
+def _rise_rhs(p, q, a, b, c, rise, ix, iy, iz, cxx, cxy, cyy, k):  # type: ignore[no-untyped-def]
+    f = stone.frictionless_rhs(
+        stone.carried_ellipsoid, p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, (k, rise)
+    )
+    return f + (stone.rise_rate(p, q, f[0], f[1], cxx, cxy, cyy, k, rise),)  # noqa: RUF005
 
 
-def _carried(name: str, n_state: int, n_constants: int, template: Callable[..., Any]) -> Carried:
-    """The ``rise`` of an ellipsoid, beside the right-hand side of a template of :mod:`stone`.
-
-    It is what the second root is for, and everything else in a stage waits for that.
-    """
-    own = specialise(template, f"{template.__name__}_{name}", surface=stone.carried_ellipsoid)
-    namespace: dict[str, Any] = {
-        "own_rhs": full.scalar(own),
-        "shape_at": stone.shape_at,
-        "rise_rate": stone.rise_rate,
-    }
-    state = ", ".join(stone.STATE[:n_state])
-    losses = "".join(f", {loss}" for loss in stone.CONSTANTS[stone.N_CONSTANTS : n_constants])
-    exec(CARRIED_SOURCE.format(state=state, losses=losses), namespace)
-    start, rhs = namespace["start"], namespace["rhs"]
-    for function in (start, rhs):
-        function.__name__ = function.__qualname__ = f"{function.__name__}_carried_{name}"
-    return Carried(1, full.scalar(start), full.scalar(rhs))
+@full.scalar
+def _friction_rise(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):  # type: ignore[no-untyped-def]
+    return _rise(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k)
 
 
 ELLIPSOID = replace(
@@ -183,7 +186,7 @@ ELLIPSOID = replace(
     energy=stone.energy,
     contact=stone.contact_force,
     touch=stone.ellipsoid,
-    carried=_carried("ellipsoid", full.N_STATE, stone.N_CONSTANTS, stone.rhs.py_func),
+    carried=Carried(1, _rise, _rise_rhs),
 )
 
 
@@ -219,41 +222,52 @@ SPIN_KNOWN = 1e-14
 of one with so much: it is then 1e-7 of the tolerance, and no less than rounding."""
 
 
-def _with_friction(plain: Model, name: str, template: Callable[..., Any]) -> Model:
-    """The same body with friction: :mod:`rattlesweep.physics.stone` bound to its surface."""
-    flat = plain.name == "full"
-    sizes = stone.N_FRICTION_STATE, stone.N_FRICTION_CONSTANTS
-    bindings: dict[str, Any] = {
-        "surface": stone.flat if flat else stone.ellipsoid,
-        "surface_energy": stone.flat_energy if flat else stone.energy,
-    }
+def _with_friction(plain: Model, kind: str, rhs_on: Callable[..., Any]) -> Model:
+    """Return the model of the same body with friction, whose rates on a surface are ``rhs_on``."""
+    surface = stone.ellipsoid if plain is ELLIPSOID else stone.flat
+    energy_on = stone.energy if plain is ELLIPSOID else stone.flat_energy
 
-    def bound(function: Callable[..., Any]) -> Any:
-        own = specialise(function, f"{function.__name__}_{plain.name}_{name}", **bindings)
-        return full.scalar(own)
+    def rhs(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):  # type: ignore[no-untyped-def]
+        return rhs_on(surface, p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps)
 
-    bindings["friction_rhs"] = bound(template)
+    def energy(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):  # type: ignore[no-untyped-def]
+        return energy_on(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k) - work
+
+    def contact(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):  # type: ignore[no-untyped-def]
+        return stone.friction_force(
+            rhs_on, surface, p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps
+        )
+
+    def rise_rhs(p, q, a, b, c, work, rise, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):  # type: ignore[no-untyped-def]
+        f = rhs_on(
+            stone.carried_ellipsoid, p, q, a, b, c, work,
+            ix, iy, iz, cxx, cxy, cyy, (k, rise), sigma, lever, eps,
+        )  # fmt: skip
+        return f + (stone.rise_rate(p, q, f[0], f[1], cxx, cxy, cyy, k, rise),)  # noqa: RUF005
+
+    name = f"{plain.name}_{kind}"
+    rhs, energy, contact, rise_rhs = _compile(name, rhs, energy, contact, rise_rhs)
     return Model(
-        name=f"{plain.name}_{name}",
-        n_state=sizes[0],
-        n_constants=sizes[1],
+        name=name,
+        n_state=stone.N_FRICTION_STATE,
+        n_constants=stone.N_FRICTION_CONSTANTS,
         n_probe=plain.n_probe,
-        rhs=bindings["friction_rhs"],
+        rhs=rhs,
         spin=_friction_spin,
         spin_rate=_friction_spin_rate,
         amplitude=_friction_amplitude,
         error=_friction_error,
-        energy=bound(stone.balance),
-        contact=bound(stone.friction_force),
-        touch=bindings["surface"],
-        carried=None if flat else _carried(name, *sizes, template),
+        energy=energy,
+        contact=contact,
+        touch=surface,
+        carried=Carried(1, _friction_rise, rise_rhs) if plain is ELLIPSOID else None,
     )
 
 
 FRICTION = {
-    (plain.name, name): _with_friction(plain, name, template)
+    (plain.name, name): _with_friction(plain, name, rhs)
     for plain in (FULL, ELLIPSOID)
-    for name, template in (("viscous", stone.viscous_rhs), ("rolling", stone.rolling_rhs))
+    for name, rhs in (("viscous", stone.viscous_rhs), ("rolling", stone.rolling_rhs))
 }
 """Models with friction, by the surface's model and the kind: viscous alone, or rolling too."""
 
@@ -322,7 +336,71 @@ REDUCED_TANGENT = replace(
 WITH_TANGENT: dict[str, Model] = {FULL.name: FULL_TANGENT, REDUCED.name: REDUCED_TANGENT}
 """The same equations with a tangent, by the name of the model without."""
 
+
+@full.scalar
+def _nothing(*v):  # type: ignore[no-untyped-def]
+    return 0.0
+
+
+@full.scalar
+def _no_error(*v):  # type: ignore[no-untyped-def]
+    return 0.0, 1.0
+
+
+def _with_attitude(plain: Model) -> Model:
+    """Return a model with heading and contact point (:mod:`rattlesweep.physics.attitude`).
+
+    It makes single steps from states of the plain model, so no error and no amplitude are needed.
+    """
+    n, own_rhs, touch = plain.n_state, plain.rhs, plain.touch
+    own_spin, own_spin_rate = plain.spin, plain.spin_rate
+    behind = n + attitude.N_EXTRA
+    end = behind + n
+
+    def rhs(*v: float) -> Any:
+        y, constants = v[:n], v[behind:]
+        p, q, a, b, c = y[:5]
+        f = own_rhs(*(y + constants))
+        m = p * b - q * a
+        # Constants of the surface stand behind those of inertia.
+        contact = touch(p, q, a, b, c, f[0], f[1], m, *constants[3:7])  # type: ignore[misc]
+        return f + attitude.track(p, q, a, b, c, v[n], *contact)
+
+    def spin(*v: float) -> Any:
+        return own_spin(*v[:n])
+
+    def spin_rate(*v: float) -> Any:
+        return own_spin_rate(*(v[:n] + v[behind:end]))
+
+    name = f"{plain.name}_attitude"
+    rhs, spin, spin_rate = _compile(name, rhs, spin, spin_rate)
+    return replace(
+        plain,
+        name=name,
+        n_state=behind,
+        n_probe=0,
+        n_given=n,
+        rhs=rhs,
+        spin=spin,
+        spin_rate=spin_rate,
+        amplitude=_nothing,
+        error=_no_error,
+        carried=None,
+    )
+
+
+ATTITUDES: dict[str, Model] = {
+    plain.name: _with_attitude(plain) for plain in (FULL, ELLIPSOID, *FRICTION.values())
+}
+"""Models with heading and contact point, by the names of those without."""
+
 MODELS: dict[str, Model] = {
     model.name: model
     for model in (FULL, ELLIPSOID, *FRICTION.values(), REDUCED, FULL_TANGENT, REDUCED_TANGENT)
 }
+
+
+def find_model(name: str) -> Model:
+    """Return a model of :data:`MODELS` or of :data:`ATTITUDES` by its own name."""
+    moving = {model.name: model for model in ATTITUDES.values()}
+    return MODELS.get(name) or moving[name]

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from typing import Any
 
 from llvmlite import binding
-from numba import config
+from numba import config, float64, typeof
 
-from rattlesweep.integrate.lanes.build import names
+from rattlesweep.integrate.lanes.build import problem_of
+from rattlesweep.integrate.lanes.kernel import advance
 from rattlesweep.integrate.model import FULL
 
 # Registers in assembly, the widest first.
@@ -20,9 +20,9 @@ def vector_bits() -> int:
 
     Compiles that part, which takes a moment.
     """
-    function: Any = names(True, FULL)["advance"]
-    function.compile("void(float64[::1])")
-    (code,) = function.inspect_asm().values()
+    signature = typeof(problem_of(FULL, True)), float64[::1]
+    advance.compile(signature)
+    code = advance.inspect_asm()[signature]
     return next((bits for name, bits in REGISTERS.items() if re.search(name, code)), 64)
 
 

@@ -78,7 +78,7 @@ class Control:
 
     @property
     def stopping(self) -> bool:
-        """Whether a stop was asked for."""
+        """Return whether a stop was asked for."""
         return bool(self._shared[1])
 
     @property
@@ -141,7 +141,7 @@ class Task(threading.Thread, Generic[T]):
         self._ended.wait(patience)
 
     def value(self) -> T:
-        """What the call came to, or raised.
+        """Return what the call came to, or raise what it raised.
 
         Raises
         ------

@@ -1,51 +1,44 @@
-"""The claims as a table and the report: one page with figures, claims, settings and timings."""
+"""The claims as tables, and the report: one page with figures, claims, settings and timings."""
 
 from __future__ import annotations
 
+import platform
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from html import escape
-from pathlib import Path
+from importlib.metadata import version
 from textwrap import shorten
 from typing import Any
 
-import pyarrow.parquet as pq
+import pandas as pd
 from markupsafe import Markup
 
-from rattlesweep.paper.claims.claim import CLAIMS
-from rattlesweep.paper.columns import table
-from rattlesweep.paper.registry import FIGURES
 from rattlesweep.analysis.pages import config_yaml, render, source
+from rattlesweep.paper.claims.claim import COLUMNS, UNDECIDED
+from rattlesweep.paper.parts import PARTS
+from rattlesweep.paper.workspace import FULL, Tables, Workspace, records, sweep_config, write_table
+from rattlesweep.sweeps.config.read import resolved
 from rattlesweep.sweeps.files import replace_file
-from rattlesweep.sweeps.arrow import encode
+from rattlesweep.sweeps.provenance import PACKAGES, machine, now, package_version
 
 TITLE = "Rattleback dynamics and its reversal time of rotation: recomputed"
-VERDICTS = ("agree", "partly", "disagree")
+VERDICTS = ("agree", "partly", "disagree", UNDECIDED)
 
 # The paper's symbols in plain spelling, such as ``abs(omega_xy0)`` and ``->``, and in HTML.
 GREEK = {
-    "alpha": "α", "beta": "β", "gamma": "γ", "theta": "θ", "phi": "φ", "xi": "ξ",
+    "alpha": "α", "beta": "β", "gamma": "γ", "theta": "θ", "phi": "φ", "xi": "ξ", "sigma": "σ",
     "omega": "ω", "psi": "ψ", "delta": "δ", "epsilon": "ε",
 }  # fmt: skip
 SIGNS = {
-    "-&gt;": "→",
-    "&lt;=": "≤",
-    "&gt;=": "≥",
-    "&lt;~": "≲",
-    "&gt;~": "≳",
-    "&lt;&lt;": "≪",
-    "&gt;&gt;": "≫",
-    " ~ ": " ≈ ",
-    " +- ": " ± ",
-    "omega~": "ω̃",
-    "t~": "t̃",
-    "^deg": "°",
-    "F_perp": "F_⊥",
-    "F_parallel": "F_∥",
-}
+    "-&gt;": "→", "&lt;=": "≤", "&gt;=": "≥", "&lt;~": "≲", "&gt;~": "≳", "&lt;&lt;": "≪",
+    "&gt;&gt;": "≫", " ~ ": " ≈ ", " +- ": " ± ", "omega~": "ω̃", "t~": "t̃", "^deg": "°",
+    "F_perp": "F_⊥", "F_parallel": "F_∥",
+}  # fmt: skip
 _ABSOLUTE = re.compile(r"\babs\(([^()]*)\)")
+# The label of an equation in the paper's source, behind its number.
+_LABEL = re.compile(r"(\(\d+\)) \[[\w-]+\]")
 # A file's name is no symbol.
 _INDEXED = re.compile(
     r"(?<![\w.])(omega|psi|delta|[CEFIJKnut])_(rGH[+-]|[⊥∥]|(?:rGH|I|[a-z]+\d?|\d)\b)(?![.]?\w)"
@@ -57,91 +50,126 @@ _SIZE = re.compile(r"(?<![\w|])omega_xy0\b")
 
 @dataclass
 class Reproduction:
-    """What the command came to."""
+    """Tables by part, verdicts on the claims, and seconds by part."""
 
-    directory: Path
-    claims: list[dict[str, Any]]
-    seconds: dict[str, float]
-    kept: list[str]
-    failed: int
-    record: dict[str, Any]
+    workspace: Workspace
+    tables: dict[str, Tables] = field(default_factory=dict)
+    claims: list[dict[str, Any]] = field(default_factory=list)
+    seconds: dict[str, float] = field(default_factory=dict)
 
 
 def tally(claims: Sequence[dict[str, Any]]) -> str:
-    """How many claims of each verdict there are."""
+    """Return how many claims of each verdict there are."""
     counts = Counter(claim["verdict"] for claim in claims)
     return ", ".join(f"{counts[verdict]} {verdict}" for verdict in VERDICTS if counts[verdict])
 
 
 def closing_table(claims: Sequence[dict[str, Any]]) -> str:
-    """The claims as text for a terminal: id, verdict, checks that hold, the measured figure."""
-    return "\n".join(
-        f"{claim['id']:<3}  {claim['verdict']:<8}  {claim['held']} of {claim['checks']:<2}  "
-        f"{shorten(claim['measured'], 68, placeholder=' ...')}"
-        for claim in claims
-    )
+    """Return the claims as text for a terminal, with what is claimed and what was measured."""
+    lines = []
+    for claim in claims:
+        held = f"{claim['held']} of {claim['checks']}"
+        says = f"{claim['verdict']} ({held}): {plain(claim['words'])}"
+        lines.append(f"{claim['id']:<4} {shorten(says, 105, placeholder=' ...')}")
+        found = shorten(f"found: {plain(claim['measured'])}", 105, placeholder=" ...")
+        lines.append(f"     {found}")
+    return "\n".join(lines)
 
 
-def write_report(done: Reproduction, figures: Sequence[str]) -> None:
-    """Write ``claims.parquet`` and ``report.html``, each in one step."""
-    replace_file(done.directory / "claims.parquet", encode(table(done.claims, CLAIMS)))
-    replace_file(done.directory / "report.html", page(done, figures))
+def plain(text: str) -> str:
+    """Return a text without the labels of equations."""
+    return _LABEL.sub(r"\1", text)
 
 
-def page(done: Reproduction, figures: Sequence[str]) -> bytes:
-    """The page; its pictures are those in the directory."""
-    rk4 = []
-    if "fig6" in figures:
-        rk4 = pq.read_table(done.directory / "fig6_rk4.parquet").to_pylist()
-    parts = [
-        (name, f"{seconds:.1f} s", "kept from an earlier call" if name in done.kept else "")
-        for name, seconds in done.seconds.items()
+def write_report(done: Reproduction) -> None:
+    """Write ``claims.parquet``, ``claims.md`` and ``report.html``, each in one step."""
+    directory = done.workspace.directory
+    write_table(directory / "claims.parquet", pd.DataFrame(done.claims, columns=COLUMNS))
+    replace_file(directory / "claims.md", markdown(done).encode())
+    replace_file(directory / "report.html", page(done))
+
+
+def markdown(done: Reproduction) -> str:
+    """Return the claims as a page of the documentation."""
+    sizes = "the paper's own numbers of samples" if done.workspace.sizes == FULL else "--quick"
+    lines = [
+        "# The paper's claims and what was measured",
+        "",
+        "This page is `out/paper/claims.md`, as `rattlesweep paper` writes it, copied:",
+        "`rattlesweep paper && cp out/paper/claims.md docs/claims.md`. [The paper,",
+        "reproduced](paper.md) says how each verdict is made.",
+        "",
+        f"{len(done.claims)} claims: {tally(done.claims)}. Made with {sizes}, by rattlesweep "
+        f"{package_version()}.",
+        "Text between quotation marks is the paper's own. Units are M = a = g = 1, intervals 95 %.",
+        "",
+        "| | verdict | the paper says | measured |",
+        "|---|---|---|---|",
     ]
+    for claim in done.claims:
+        verdict = f"{claim['verdict']}, {claim['held']} of {claim['checks']} checks"
+        cells = (claim["id"], verdict, f"{claim['words']} ({claim['where']})", claim["measured"])
+        lines.append("| " + " | ".join(escape(plain(c), quote=False) for c in cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def page(done: Reproduction) -> bytes:
+    """Return the report; its pictures are those in the directory."""
+    ws, made = done.workspace, done.tables
+    drawn = [name for name in made if PARTS[name].draw is not None]
+    rk4 = records(made["fig7_rk4"]["runs"]) if "fig7_rk4" in made else []
     shown = {
         "claims": ("Claims", done.claims),
-        "figures": ("Figures", figures),
-        "rk4": ("The paper's integrator", "fig6" in figures),
+        "figures": ("Figures", drawn),
+        "rk4": ("The paper's integrator", rk4),
         "run": ("How it was made", True),
         "settings": ("Settings", True),
     }
+    sweeps = [name for name in ("unsteady", "steady") if (ws.directory / "sweeps" / name).exists()]
     return render(
         "paper.html.j2",
         title=TITLE,
         sections=[(name, words) for name, (words, there) in shown.items() if there],
-        record=done.record,
+        quick=ws.sizes != FULL,
+        finished=now(),
+        versions={
+            "rattlesweep": package_version(),
+            "python": platform.python_version(),
+            **{name: version(name) for name in (*PACKAGES, "matplotlib")},
+        },
+        machine=machine(),
         claims=done.claims,
         tally=tally(done.claims),
         symbols=symbols,
-        figures=[(name, FIGURES[name], _address(done.directory / name)) for name in figures],
+        figures=[(name, PARTS[name], list(made[name]), _address(ws, name)) for name in drawn],
         rk4=rk4,
         changed=sum(row["type"] != row["type_rk4"] for row in rk4),
-        odd=[_odd(row) for row in rk4 if row["exception"]],
-        failed=done.failed,
-        parts=[*parts, ("total", f"{sum(done.seconds.values()):.1f} s", "")],
-        settings=config_yaml(done.record["settings"]),
+        odd=[_odd(row) for row in rk4 if isinstance(row["type_reference"], str)],
+        failed=ws.failed,
+        parts=[(name, f"{seconds:.1f} s") for name, seconds in done.seconds.items()],
+        settings=config_yaml(
+            asdict(ws.sizes) | {name: resolved(sweep_config(name, ws.sizes)) for name in sweeps}
+        ),
     )
 
 
-def _address(picture: Path) -> str:
-    return source(*(picture.with_suffix(kind).read_bytes() for kind in (".svg", ".png")))
+def _address(ws: Workspace, name: str) -> str:
+    return source(*((ws.directory / f"{name}.{kind}").read_bytes() for kind in ("svg", "png")))
 
 
 def _odd(row: dict[str, Any]) -> list[str]:
-    def outcome(suffix: str) -> str:
-        t_r, kind = row[f"t_r{suffix}"], row.get(f"type{suffix}", "")
-        return f"{t_r:.4f}" if t_r is not None else (kind or "failed")
-
     launch = [f"{row[name]:g}" for name in ("K_r", "n_i", "omega_xy0", "sample")]
-    reference = "" if row["t_r_reference"] is None else f"{row['t_r_reference']:.4f}"
-    cause = row["exception"].partition(":")[0]
-    return [*launch, outcome(""), outcome("_rk4"), reference, cause]
+    return launch + [
+        f"{row[f'type{end}']}" + ("" if pd.isna(row[f"t_r{end}"]) else f", {row[f't_r{end}']:.4f}")
+        for end in ("", "_rk4", "_reference")
+    ]
 
 
 def symbols(text: str) -> Markup:
-    """Escaped text with its symbols set as such."""
-    text = escape(text, quote=False)
-    for plain, sign in SIGNS.items():
-        text = text.replace(plain, sign)
+    """Return escaped text with its symbols set as such."""
+    text = escape(plain(text), quote=False)
+    for spelt, sign in SIGNS.items():
+        text = text.replace(spelt, sign)
     text = _ABSOLUTE.sub(r"|\1|", text)
     text = _SIZE.sub("|ω<sub>xy0</sub>|", text)
     text = _INDEXED.sub(lambda m: f"<i>{GREEK.get(m[1], m[1])}</i><sub>{m[2]}</sub>", text)

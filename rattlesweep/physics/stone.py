@@ -15,14 +15,14 @@ direction turns within :data:`SMOOTHING` of rest, ``1 / |omega_t|`` being
 ``1 / sqrt(omega_t^2 + SMOOTHING^2)``.  Their work is a sixth variable, so that energy minus work is
 what is conserved.
 
-Functions marked as templates call by global names what is a surface's own;
-:mod:`rattlesweep.integrate.model` binds them for each.
+Functions of several surfaces take the surface's own as first arguments: ``surface`` is
+:func:`flat`, :func:`ellipsoid` or :func:`carried_ellipsoid`.
 """
 
 from __future__ import annotations
 
 from math import sqrt
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -86,14 +86,20 @@ def ellipsoid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k):  # type: ignore[no-un
 
 
 @scalar
-def rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):  # type: ignore[no-untyped-def]
-    """Time derivative of the state without friction; also a template."""
+def frictionless_rhs(surface, p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):  # type: ignore[no-untyped-def]
+    """Return the time derivative of the state without friction."""
     dp, dq, m = slope_rate(p, q, a, b, c)
     fx, fy, rise, wx, wy, wz, uz = surface(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k)
     (da, db, dc), _ = turning(
         p, q, a, b, c, ix, iy, iz, 0.0, 0.0, 0.0, fx, fy, rise, wx, wy, wz, uz
     )  # fmt: skip
     return dp, dq, da, db, dc
+
+
+@scalar
+def rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):  # type: ignore[no-untyped-def]
+    """Return the time derivative of an ellipsoid's state without friction."""
+    return frictionless_rhs(ellipsoid, p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k)
 
 
 @scalar
@@ -180,14 +186,9 @@ def flat_energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):  # type: ignore[no
     return full.energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy)
 
 
-# Bound for each surface: how it touches, its energy without the work, and its right-hand sides.
-surface = ellipsoid
-surface_energy = energy
-friction_rhs: Any = rhs
-
-
-def viscous_rhs(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):  # type: ignore[no-untyped-def]
-    """Time derivative of the state and the work under ``-sigma omega`` alone; a template."""
+@scalar
+def viscous_rhs(surface, p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):  # type: ignore[no-untyped-def]
+    """Return the time derivative of the state and the work under ``-sigma omega`` alone."""
     dp, dq, m = slope_rate(p, q, a, b, c)
     fx, fy, rise, wx, wy, wz, uz = surface(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k)
     lx = -sigma * a
@@ -197,8 +198,9 @@ def viscous_rhs(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever,
     return dp, dq, da, db, dc, lx * a + ly * b + lz * c
 
 
-def rolling_rhs(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):  # type: ignore[no-untyped-def]
-    """The same under both couples; a template.
+@scalar
+def rolling_rhs(surface, p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):  # type: ignore[no-untyped-def]
+    """Return the time derivative of the state and the work under both couples.
 
     The rolling resistance depends on the normal force, and this on the acceleration.  Both are
     linear: with the matrix ``J`` of Eq. diff-omega and ``h`` the resistance's direction,
@@ -236,15 +238,14 @@ def rolling_rhs(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever,
     return dp, dq, da - share * jx, db - share * jy, dc - share * jz, power
 
 
-def balance(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):  # type: ignore[no-untyped-def]
-    """Energy minus work, which is conserved; a template."""
-    return surface_energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k) - work
-
-
-def friction_force(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):  # type: ignore[no-untyped-def]
-    """Contact force with friction; a template."""
+@scalar
+def friction_force(  # type: ignore[no-untyped-def]
+    friction_rhs, surface, p, q, a, b, c, work,
+    ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps,
+):  # fmt: skip
+    """Return the contact force with friction, whose right-hand side is ``friction_rhs``."""
     dp, dq, da, db, dc, _ = friction_rhs(
-        p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps
+        surface, p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps
     )  # fmt: skip
     m = p * b - q * a
     fx, fy, rise, wx, wy, wz, uz = surface(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -74,10 +75,11 @@ class Job:
     kernel_seconds: float = 0.0
     load_seconds: float = 0.0
     lost: int = 0  # runs that were under way when it was stopped
-    workers: int = 1  # blocks that are worked off at the same time
     remarks: list[str] = field(default_factory=list)
+    resources: ExitStack = field(default_factory=ExitStack)  # what an engine keeps between waves
     _start: float = field(default_factory=time.monotonic)
     _begun: float | None = None
+    _shown: float = 0.0
     _wanted: int = 0
     _todo: Any = None  # runs of each case that were to do, and that are left
     _left: Any = None
@@ -93,6 +95,7 @@ class Job:
             self._expected, self._steps = np.zeros(cases), np.zeros(cases)
         self._left = todo.sum(axis=1)
         self._wanted, self._todo = wanted, self._left.copy()
+        self._shown = 0.0  # another wave is another whole
 
     # ----------------------------------------------------------------- blocks
 
@@ -170,7 +173,8 @@ class Job:
         whole = float((self._todo * self.cost) @ factors) * self._wanted / max(1, todo)
         there = self._wanted - int(self._left.sum())
         fraction = 1.0 - (left - part) / whole if whole > 0 else there / max(1, self._wanted)
-        fraction = min(1.0, max(0.0, fraction))
+        # What runs take is learned on the way; a bar does not go back for it.
+        self._shown = fraction = min(1.0, max(self._shown, fraction))
         self.report(Progress(fraction, there + runs, self._wanted, now - self._start, remaining))
         if self.over(self.done > 0 or runs > 0):
             raise OutOfTime

@@ -173,7 +173,8 @@ def run_sweep(
         job = Job(plan, threads, case_costs(plan), work.progress(report), deadline)
         try:
             work.find(retry_failed)
-            work.work_off(job, engine)
+            with job.resources:
+                work.work_off(job, engine)
             result.seconds = time.monotonic() - start
             work.close()
         except BaseException as error:

@@ -1,7 +1,6 @@
 """Batches built by hand and the pieces of the kernels, for the tests of the integrators."""
 
 from functools import cache
-from unittest import mock
 
 import numpy as np
 import pytest
@@ -137,12 +136,9 @@ def attempt(method, model):
     return stages.compile_attempt(METHODS[method], MODELS[model])
 
 
-@cache
-def pieces(method, model):
-    """What the kernel of a method and a model is built of, by name, not yet compiled."""
-    with mock.patch.object(built, "cached") as cached:
-        built.build(METHODS[method].adaptive, MODELS[model])
-    return cached.call_args.args[0].__globals__
+def problem(method, model):
+    """What the kernel of a method and a model is compiled for."""
+    return built.problem_of(MODELS[model], METHODS[method].adaptive)
 
 
 def workspace(method, model, lanes=LANES):
@@ -162,7 +158,7 @@ def lane_steps(method, constants, y0, h, steps):
     rows[at.f : at.f + n] = np.reshape(full.rhs(*y0, *constants), (-1, 1))
     rows[at.h] = h
     for _ in range(steps):
-        attempt(method, "full")(flat, 1.0)
+        attempt(method, "full")(problem(method, "full"), flat, 1.0)
         rows[at.y : at.y + 2 * n] = rows[at.y1 : at.y1 + 2 * n]
     assert (rows[at.y : at.y + n] == rows[at.y : at.y + n, :1]).all()
     return rows[at.y : at.y + n, 0].copy()

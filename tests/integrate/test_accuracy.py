@@ -9,8 +9,8 @@ from rattlesweep.integrate.batch import integrate
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.sweeps.block import prepare_block, run_batch
-from rattlesweep.sweeps.plan import Block, make_plan
 from rattlesweep.sweeps.config.read import load_config
+from rattlesweep.sweeps.plan import make_plan
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 slow = pytest.mark.slow

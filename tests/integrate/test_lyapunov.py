@@ -18,9 +18,6 @@ from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import DOP853, METHODS, RK4
 from rattlesweep.physics import full, reduced, steady, tangent, theory
 from rattlesweep.sweeps import block
-from rattlesweep.sweeps.old.content_hash import content_hash
-from rattlesweep.sweeps.old.verify import verify
-from rattlesweep.sweeps.old.store import Store
 from rattlesweep.sweeps.types import LEAST_GROWTH, is_chaotic
 
 GH = oracle.GH
@@ -302,7 +299,7 @@ def test_chaotic_is_what_grows_in_the_second_half():
 
 
 def test_chaotic_and_almost_periodic_runs_of_a_sweep(tmp_path):
-    """Runs as in the paper's example of a chaotic SW (Fig. 6b); docs/lyapunov.md has them all."""
+    """Runs as in the paper's example of a chaotic SW (Fig. 7b); docs/lyapunov.md has them all."""
     config = {
         "seed": 2017,
         "bodies": {"source": "sd", "samples": 150, "target": {"K_r": [0.0041], "rel_tol": 0.1}},

@@ -11,15 +11,15 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import rattlesweep as rs
+from rattlesweep.analysis.onerun.channels import CHANNELS
+from rattlesweep.analysis.onerun.course import CHUNK, Course
+from rattlesweep.analysis.onerun.rows import Rows
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import integrate
 from rattlesweep.integrate.follow.trajectory import Follower
 from rattlesweep.integrate.model import FULL, REDUCED
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
-from rattlesweep.analysis.onerun.channels import CHANNELS
-from rattlesweep.analysis.onerun.course import CHUNK, Course
-from rattlesweep.analysis.onerun.rows import Rows
 from rattlesweep.sweeps.single import Launch
 
 GH = rs.Rattleback.gh()

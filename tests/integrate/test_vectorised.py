@@ -15,8 +15,9 @@ import kernels
 import numpy as np
 import pytest
 from llvmlite import binding
-from numba import njit
+from numba import float64, njit, typeof
 
+from rattlesweep.integrate.lanes import kernel, tangents
 from rattlesweep.integrate.model import MODELS, WITH_TANGENT
 from rattlesweep.integrate.processor import compiled_for, vector_bits
 from rattlesweep.integrate.tableau import METHODS
@@ -46,12 +47,11 @@ models = pytest.mark.parametrize(
     "model", [pytest.param(m, marks=[] if m == "full" else [pytest.mark.slow]) for m in MODELS]
 )
 
-SIGNATURES = {
-    "attempt": "void(float64[::1], float64)",
-    "decide": "int64(float64[::1], float64, float64)",
-    "commit": "void(float64[::1])",
-    "advance": "void(float64[::1])",
-    "tangent_advance": "void(float64[::1])",
+PIECES = {
+    "decide": (kernel.decide, (float64[::1], float64, float64)),
+    "commit": (kernel.commit, (float64[::1],)),
+    "advance": (kernel.advance, (float64[::1],)),
+    "tangent_advance": (tangents.tangent_advance, (float64[::1],)),
 }
 # Processors that are looked at, and the registers that LLVM is to fill there.
 WIDEST = {"znver3": "ymm", "znver5": "zmm", "skylake-avx512": "zmm", "sapphirerapids": "zmm"}
@@ -64,14 +64,16 @@ QUICK_CPU, QUICK_CROSS = "skylake-avx512", [*CROSS[1:3], ("commit", "full")]
 @cache
 def assembly(function, signature):
     function.compile(signature)
-    return function.inspect_asm(function.signatures[0])
+    return function.inspect_asm(function.signatures[-1])
 
 
 def piece(name, method, model):
     """Machine code of a piece of a kernel for this processor, or for ``NUMBA_CPU_NAME``."""
+    problem = typeof(kernels.problem(method, model))
     if name == "attempt":
-        return assembly(kernels.attempt(method, model), SIGNATURES[name])
-    return assembly(kernels.pieces(method, model)[name], SIGNATURES[name])
+        return assembly(kernels.attempt(method, model), (problem, float64[::1], float64))
+    function, arguments = PIECES[name]
+    return assembly(function, (problem, *arguments))
 
 
 def child(pieces):
@@ -182,11 +184,12 @@ def test_the_generated_step_keeps_lanes_apart():
     rows[at.constants : at.constants + 6] = [[12.04], [0.5], [12.3], [0.6], [0.1], [26.0]]
     rows[at.y : at.y + 5] = 0.1 * rng.standard_normal((5, 1))
     rows[at.h] = 0.1
-    kernels.attempt("dop853", "full")(flat, 1e12)
+    problem = kernels.problem("dop853", "full")
+    kernels.attempt("dop853", "full")(problem, flat, 1e12)
     before = rows.copy()
     assert (before == before[:, :1]).all()
     rows[at.y, 7] = np.nan
-    kernels.attempt("dop853", "full")(flat, 1e12)
+    kernels.attempt("dop853", "full")(problem, flat, 1e12)
     changed = ~((rows == before) | (np.isnan(rows) & np.isnan(before)))
     assert changed[:, 7].any()
     assert not np.delete(changed, 7, axis=1).any()

@@ -108,7 +108,7 @@ def test_what_a_figure_shows(model: str):
     if model == "full":
         height = trajectory_figure.envelope(columns["omega_y"], 300)
         assert np.all(height >= np.abs(columns["omega_y"]) * (1 - 1e-12))
-        # Fig. 4: where the spin reverses omega_y is largest, omega_x has a local minimum.
+        # Fig. 5: where the spin reverses omega_y is largest, omega_x has a local minimum.
         assert abs(columns["t"][np.argmax(height)] - course.reversals[0]) < 20
         other = trajectory_figure.envelope(columns["omega_x"], 300)
         t = columns["t"]

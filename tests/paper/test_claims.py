@@ -1,4 +1,4 @@
-"""The table of claims: how a verdict is made, the measures of the sweeps, the paper's own words."""
+"""The table of claims: how a verdict is made, measures on made-up tables, the paper's own words."""
 
 from __future__ import annotations
 
@@ -10,26 +10,35 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 import pytest
 
-from rattlesweep.paper import run
-from rattlesweep.paper.claims import sweeps as measures
-from rattlesweep.paper.claims.claim import CLAIMS, TABLE, Claim, Count, claims, every, judge
-from rattlesweep.paper.columns import table
-from rattlesweep.paper.figures import fig5
-from rattlesweep.paper.report import closing_table
+from rattlesweep.paper import reproduce
+from rattlesweep.paper.claims import samples
+from rattlesweep.paper.claims.claim import (
+    COLUMNS,
+    TABLE,
+    UNDECIDED,
+    Claim,
+    Count,
+    claims,
+    every,
+    judge,
+)
+from rattlesweep.paper.figures import fig6
+from rattlesweep.paper.parts import PARTS
+from rattlesweep.paper.report import closing_table, symbols
 
 BY_ID = claims()
+ROOT = Path(__file__).parents[2]
 
 
-def judgement(*checks, **numbers):
-    """Of a claim that was checked so."""
+def judgement(*checks, few=False, leeway="", **numbers):
+    """Judge a claim that was checked so."""
     claim = Claim(
-        id="T1", where="", words="", criteria=tuple(f"check {k}" for k in range(len(checks))),
-        measure=lambda tables: (checks, numbers), measured="measured", notes="End.",
+        id="T1", where="", words="words", criteria=tuple(f"check {k}" for k in range(len(checks))),
+        measure=lambda made: (checks, numbers), measured="measured", notes="End.", leeway=leeway,
     )  # fmt: skip
-    return claim.judge({})
+    return claim.judge({}, few=few)
 
 
 # ----------------------------------------------------------------------------- the verdict
@@ -38,22 +47,20 @@ def judgement(*checks, **numbers):
 def test_a_verdict_is_made_of_checks_the_first_of_which_is_the_headline():
     cases = ((True, True), (True, False), (False, True))
     assert [judgement(*c)["verdict"] for c in cases] == ["agree", "partly", "disagree"]
-    one = judgement(True, Count(2, 3), every([True, True]))
+    one = judgement(True, Count(2, 3), every([True, True]), value=math.nan)
     assert one["evidence"] == (
         "Checks, headline first: check 0: yes; check 1: no, 2 of 3; check 2: yes, 2 of 2. End."
     )
-    assert re.split("  +", closing_table([one])) == ["T1", "partly", "2 of 3", "measured"]
-    row = table([one], CLAIMS).to_pylist()[0]
-    assert (row["held"], row["checks"], row["headline"]) == (2, 3, "check 0")
+    assert (one["held"], one["checks"], one["headline"]) == (2, 3, "check 0")
+    assert one["value"] is None
+    assert set(one) == set(COLUMNS)
+    # The claim stands beside its id.
+    assert closing_table([one]) == "T1   partly (2 of 3): words\n     found: measured"
 
 
 def test_words_of_the_paper_leave_room_for_one_in_ten():
     def verdict(leeway, head):
-        claim = Claim(
-            id="U1", where="", words="", criteria=("all",), measure=lambda tables: ([head], {}),
-            measured="", leeway=leeway,
-        )  # fmt: skip
-        return claim.judge({})["verdict"]
+        return judgement(head, leeway=leeway)["verdict"]
 
     assert verdict("“almost”", Count(9, 10)) == "partly"
     assert verdict("", Count(9, 10)) == verdict("“almost”", Count(8, 10)) == "disagree"
@@ -61,42 +68,64 @@ def test_words_of_the_paper_leave_room_for_one_in_ten():
     assert verdict("“almost”", Count(10, 10)) == "agree"
 
 
+def test_few_samples_cannot_tell_what_lies_within_their_error():
+    within, beyond = Count(8, 10, unsure=2), Count(8, 10, unsure=1)
+    # With the paper's own number of samples a check that fails has failed.
+    assert [judgement(True, c)["verdict"] for c in (within, beyond)] == ["partly"] * 2
+    found = [judgement(True, c, few=True)["verdict"] for c in (within, beyond, True, False)]
+    assert found == [UNDECIDED, "partly", "agree", "partly"]
+    assert judgement(within, False, few=True)["verdict"] == UNDECIDED
+    assert judgement(beyond, True, few=True)["verdict"] == "disagree"
+    nothing = Claim(id="S8", where="", words="", criteria=("a",), measure=lambda made: None,
+                    measured="")  # fmt: skip
+    assert nothing.judge({})["verdict"] == UNDECIDED
+
+
 def test_of_nothing_not_all_is_true():
     assert not every([])
     assert every([True]) + Count(0, 1) == Count(1, 2)
-
-
-def test_numbers_that_are_none_are_null_in_the_table():
-    found = judgement(True, False, value=math.nan, low=-math.inf)
-    row = table([found], CLAIMS).to_pylist()[0]
-    assert (row["value"], row["low"], row["high"]) == (None, None, None)
+    assert every([True, False, False], [False, True, False]) == Count(1, 3, unsure=1)
 
 
 def test_every_claim_is_one_row():
-    assert len(BY_ID) >= 24
+    listed = {"T1", "T2", "T3", "T4", "T5", "T6", "T7", "T8", "G1", "G2", "G3", "U1", "U2", "S1",
+              "S2", "S3", "S4", "S5", "S6", "S7", "S8", "S9", "S9b", "L1", "L2", "L3", "L4",
+              "C1"}  # fmt: skip
+    assert set(BY_ID) == listed
     assert all(claim.words and claim.measured and claim.criteria for claim in BY_ID.values())
+    assert {part for claim in BY_ID.values() for part in claim.parts} <= set(PARTS)
     assert judge({}, theory=False) == []
 
 
 # ------------------------------------------------------------------------------ the sweeps
 
 
-def points(coefficient="K_p", sign=1, ratio=1.0, scatter=0.01):
-    """Ideal points: on the line, times ``ratio``."""
+def points(coefficient="K_p", sign=1, ratio=1.0, scatter=0.01, error=0.01):
+    """Return ideal points: on the line, times ``ratio``."""
     rows = []
     for k in (0.1, 0.3, 1.0):
         for n in (0.1, 0.2, 0.3, 0.4, 0.5):
             for w in (0.001, 0.01, 0.1):
-                line = fig5.gh_line(k, n, math.hypot(n, w))
-                rows.append({coefficient: k, "n_i": sign * n, "omega_xy0": w, "runs": 9,
-                             "reversed": 9, "t_r_mean": ratio * line, "t_r_std": scatter * line,
-                             "t_r_low": 0.99 * ratio * line, "t_r_high": 1.01 * ratio * line,
-                             "t_rgh_line": line})  # fmt: skip
-    return pa.Table.from_pandas(pd.DataFrame(rows))
+                line = fig6.gh_line(k, n, math.hypot(n, w))
+                rows.append(
+                    {
+                        coefficient: k,
+                        "n_i": sign * n,
+                        "omega_xy0": w,
+                        "runs": 9,
+                        "reversed": 9,
+                        "t_r_mean": ratio * line,
+                        "t_r_std": scatter * line,
+                        "t_r_low": (1 - error) * ratio * line,
+                        "t_r_high": (1 + error) * ratio * line,
+                        "t_rgh_line": line,
+                    }
+                )
+    return pd.DataFrame(rows)
 
 
-def u1(table):
-    return BY_ID["U1"].judge({"fig5": {"times": table}})
+def u1(table, **options):
+    return BY_ID["U1"].judge({"fig6": {"times": table}}, **options)
 
 
 def test_verdicts_follow_the_measurement():
@@ -106,16 +135,19 @@ def test_verdicts_follow_the_measurement():
     assert (off["verdict"], off["held"], off["checks"]) == ("disagree", 2, 3)
     assert off["value"] == pytest.approx(2.0)
     assert u1(points(scatter=0.9))["verdict"] == "partly"
+    assert u1(points(ratio=1.3, error=0.1), few=True)["verdict"] == UNDECIDED
+    assert u1(points(ratio=1.3, error=0.1))["verdict"] == "disagree"
 
 
-def test_points_without_a_run_settle_nothing():
-    frame = points().to_pandas()
-    frame.loc[3, "runs"] = 0
-    assert u1(pa.Table.from_pandas(frame)) is None
+def test_a_fall_within_the_error_is_no_sure_fall():
+    frame = pd.DataFrame({"k": [1, 1, 1], "n": [-0.1, -0.2, -0.3], "v": [1.0, 3.0, 2.0]})
+    for half, unsure in ((0.1, 0), (1.0, 1)):
+        frame["v_low"], frame["v_high"] = frame["v"] - half, frame["v"] + half
+        assert samples.rises(frame, "v", "n", ["k"]) == Count(0, 1, unsure)
 
 
 def fractions(wrong=0):
-    """Types as Bondi's threshold has them, of which a few runs are on the wrong side."""
+    """Return types as Bondi's threshold has them, a few runs on the wrong side of it."""
     rows = []
     for k, n in ((k, n) for k in (0.01, 0.03, 0.1) for n in (0.1, 0.2, 0.3, 0.4, 0.5)):
         for w in (0.001, 0.01, 0.1):
@@ -126,19 +158,77 @@ def fractions(wrong=0):
                          **{f"fraction_{name}": count / 100 for name, count in counts.items()},
                          "low_SS": 0.0, "high_SS": 1.0})  # fmt: skip
     rows[0]["ss_only"] = wrong
-    return pa.Table.from_pylist(rows)
+    return pd.DataFrame(rows)
 
 
 def test_one_body_on_the_wrong_side_of_the_threshold_changes_s3():
-    s3 = [BY_ID["S3"].judge({"fig6": {"fractions": fractions(wrong)}}) for wrong in (0, 1)]
+    s3 = [BY_ID["S3"].judge({"fig7": {"fractions": fractions(wrong)}}) for wrong in (0, 1)]
     assert [found["verdict"] for found in s3] == ["agree", "disagree"]
     assert s3[0]["low"] == 0 < s3[1]["low"]
+    s1 = BY_ID["S1"].judge({"fig7": {"fractions": fractions()}})
+    assert s1["verdict"] == "agree"
+
+
+def wobbling(slow=0, fast=40, total=1000):
+    frame = pd.DataFrame(
+        [{"K_r": k, "n_i": n, "omega_xy0": 0.01, "chaotic": False, "growth_longer": np.nan}
+         for n in (-0.3, -0.5) for k in (0.005, 0.08) for _ in range(total // 2)]
+    )  # fmt: skip
+    frame.loc[frame.index[:slow], ["chaotic", "growth_longer"]] = [True, 50.0]
+    fast_small = frame.index[(frame["n_i"] == -0.5) & (frame["K_r"] == 0.005)][:fast]
+    frame.loc[fast_small, "chaotic"] = True
+    return frame
+
+
+def test_one_chaotic_slow_run_is_enough_for_partly():
+    def s5(runs):
+        return BY_ID["S5"].judge({"fig7_chaos": {"runs": runs}})
+
+    assert s5(wobbling())["verdict"] == "agree"
+    one = s5(wobbling(slow=1))
+    assert one["verdict"] == "partly"
+    assert one["low"] < one["value"] == 0.001 < one["high"] < 0.01
+    assert "The 1 chaotic ones" in one["evidence"]
+    assert s5(wobbling(slow=150, fast=0))["verdict"] == "disagree"
+    assert s5(wobbling().query("n_i == -0.5"))["verdict"] == UNDECIDED
+
+
+def test_s9b_follows_where_spins_settle():
+    def s9b(faster, gain, between):
+        settled = pd.DataFrame({"n_i": [-0.5], "omega_xy0": [0.1], "SS": [9], "near": [1],
+                                "faster": [faster],
+                                "gain_median": [gain], "beyond_median": [1e-3],
+                                "beyond_max": [2e-3]})  # fmt: skip
+        onset = pd.DataFrame({"wobbling": [5, 0], "centre_between": [between, 0],
+                              "centre_median": [0.7, np.nan], "centre_low": [0.2, np.nan],
+                              "centre_high": [0.9, np.nan]})  # fmt: skip
+        tables = {"fig7": {"settled": settled}, "fig8_windows": {"onset": onset}}
+        return BY_ID["S9b"].judge(tables)["verdict"]
+
+    assert s9b(9, 1.0, 5) == "agree"
+    assert s9b(9, 0.5, 5) == s9b(9, 1.0, 4) == "partly"
+    assert s9b(8, 1.0, 5) == "disagree"
+
+
+def test_c1_follows_the_shares():
+    def c1(one_way, steady_only=0):
+        rows = pd.DataFrame(
+            {"sigma": [0.001, 0.01], "runs": 100, "unsteady": [100, 90], "twice": [70, 5],
+             "steady_only": steady_only, "one_way": [20, one_way]}
+        )  # fmt: skip
+        rows["fraction_one_way"] = rows["one_way"] / 100
+        rows["low_one_way"], rows["high_one_way"] = samples.wilson(rows["one_way"], rows["runs"])
+        return BY_ID["C1"].judge({"friction": {"shares": rows}})["verdict"]
+
+    assert c1(85) == "agree"
+    assert c1(85, steady_only=1) == "partly"
+    assert c1(30) == "disagree"
 
 
 def test_the_frequency_of_a_swing_is_found():
     t = np.linspace(0, 300, 6001)
     slow = 0.5 * np.tanh((150 - t) / 30)
-    found = measures.swing_frequency(t, slow + 0.05 * np.sin(2.9 * t))
+    found = samples.swing_frequency(t, slow + 0.05 * np.sin(2.9 * t))
     assert found == pytest.approx(2.9, abs=0.02)
 
 
@@ -163,7 +253,7 @@ def uncommented(tex):
 
 
 def plain(text, *, tex=False):
-    """Text without spaces, its mathematics spelt as in the claims."""
+    """Return text without spaces, its mathematics spelt as in the claims."""
     if tex:
         text = re.sub(r"\\(cite|label)\{[^}]*\}", "", uncommented(text)).replace("~", " ")
         text = re.sub(r"\\tilde\s*\{?(\\omega|t)\}?", r"\1~", text)
@@ -175,16 +265,16 @@ def plain(text, *, tex=False):
 
 
 def texts():
-    """All texts of the room of the paper, as far as they are written out in its sources."""
+    """Yield all texts of the room of the paper, as far as they are written out in its sources."""
     yield " ".join(TABLE.read_text().split())
-    for path in sorted(Path(run.__file__).parent.rglob("*.py")):
+    for path in sorted(Path(reproduce.__file__).parent.rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
                 yield node.value
 
 
 def numbers_of(tex):
-    """Labels of numbered equations: amsmath numbers each row of align that does not say notag."""
+    """Return labels of numbered equations: each row of align without notag has a number."""
     found = []
     for kind, body in re.findall(
         r"\\begin\{(equation|align|multline)\}(.*?)\\end\{\1\}", uncommented(tex), re.DOTALL
@@ -195,6 +285,11 @@ def numbers_of(tex):
                 label = re.search(r"\\label\{\w+:([^}]*)\}", row)
                 found.append(label[1] if label else "-")
     return found
+
+
+def figures_of(tex):
+    """Return labels of the figures in their order: each environment has a caption and a number."""
+    return re.findall(r"\\begin\{figure\*?\}.*?\\label\{fig:([^}]*)\}", tex, re.DOTALL)
 
 
 def test_what_stands_between_quotation_marks_is_the_papers():
@@ -210,15 +305,59 @@ def test_equations_have_their_printed_numbers():
     cited = {pair for text in texts() for pair in re.findall(r"\((\d+)\) \[([\w-]+)\]", text)}
     assert len(cited) > 8
     assert [pair for pair in cited if NUMBERED[int(pair[0]) - 1] != pair[1]] == []
-    # No label goes without its number.
+    # No label goes without its number, and none is shown to a reader of the pages.
     labels = "|".join(sorted(set(NUMBERED) - {"-", "Kp", "Kr"}, key=len, reverse=True))
     bare = re.compile(rf"Eqs?\. (?:[\w-]+, )*(?:{labels})\b")
     assert [text for text in texts() if bare.search(text)] == []
+    assert symbols("Eq. (38) [k-diff] in [0.1, 0.2]") == "Eq. (38) in [0.1, 0.2]"
+
+
+# What the caption of a figure is about, in the paper and here.
+ABOUT = {"omega-dist": "frequencies", "k-dist": "asymmetric torque coefficients",
+         "gh-t-n": "spin", "kptr": "unsteady direction", "krtr": "fractions of",
+         "krtr-2": "steady direction", "periodic": "three"}  # fmt: skip
+# Files that are about one figure, by words that name it.
+FILES = {"configs/steady.yaml": {7, 8}, "configs/unsteady.yaml": {6}, "configs/gh.yaml": {5},
+         "configs/quickstart.yaml": {7}, "README.md": {7}}  # fmt: skip
+
+
+def cited_figures(text):
+    """Return numbers of figures that a text cites: ``Fig. 7(a)``, ``Figs. 6 to 8``, ``fig7``."""
+    spelt = re.findall(r"\bFigs?\. (\d+)(?:\(\w\))?(?:(?:,| to| and) (\d+))?", text)
+    named = re.findall(r"\bfig(\d+)(?:_\w+)?\b", text)
+    return {int(n) for pair in spelt for n in pair if n} | set(map(int, named))
+
+
+def test_figures_have_their_printed_numbers():
+    tex = EXCERPTS.read_text()
+    labels = figures_of(tex)
+    assert len(labels) == 9
+    captions = dict(zip(labels, re.split(r"\\label\{fig:[^}]*\}", tex)[1:], strict=True))
+    for number, label in enumerate(labels, start=1):
+        if number < 3:
+            continue
+        part = PARTS[f"fig{number}"]
+        assert part.title.startswith(f"Fig. {number}: ")
+        assert ABOUT[label] in f"{part.title} {part.caption}".lower()
+        assert ABOUT[label] in " ".join(captions[label].split("\n\n")[0].split()).lower()
+        module = Path(reproduce.__file__).with_name("figures") / f"fig{number}.py"
+        assert module.read_text().startswith(f'"""Fig. {number}: ')
+    # A claim is measured by the figure in which the paper shows it.
+    for claim in BY_ID.values():
+        shown = cited_figures(claim.where)
+        assert not claim.parts or not shown or shown & cited_figures(" ".join(claim.parts))
+    for name, wanted in FILES.items():
+        assert cited_figures((ROOT / name).read_text()) == wanted, name
+    for place in ("rattlesweep", "docs", "configs"):
+        for path in (ROOT / place).rglob("*"):
+            if path.suffix in (".py", ".md", ".yaml", ".j2"):
+                assert cited_figures(path.read_text()) <= set(range(3, 10)), path
 
 
 @pytest.mark.skipif("RATTLESWEEP_PAPER" not in os.environ, reason="needs the paper's source")
 def test_excerpts_and_numbers_are_those_of_the_source():
     source = Path(os.environ["RATTLESWEEP_PAPER"]).read_text()
     for excerpt in EXCERPTS.read_text().split("\n\n"):
-        assert plain(excerpt, tex=True) in plain(source, tex=True)
+        assert plain(excerpt, tex=True) in plain(source, tex=True), excerpt
     assert numbers_of(source) == NUMBERED
+    assert figures_of(source) == figures_of(EXCERPTS.read_text())

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
-from types import ModuleType, SimpleNamespace
+from types import CellType, FunctionType, ModuleType, SimpleNamespace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
-from rattlesweep.integrate.cache import specialise
 from rattlesweep.physics import full, reduced
 from rattlesweep.physics.attitude import quaternion
 from rattlesweep.sweeps.columns import ENERGY, FORCE, RATE, TIME
@@ -41,8 +40,14 @@ def _arrays(function: Any) -> Callable[..., Any]:
     for name in names:
         if isinstance(module := formula.__globals__.get(name), ModuleType):
             others[name] = SimpleNamespace(**called(vars(module)))
-    vector: Callable[..., Any] = specialise(formula, function.__name__, sqrt=np.sqrt, **others)
-    return vector
+    cells = [cell.cell_contents for cell in formula.__closure__ or ()]
+    return FunctionType(
+        formula.__code__,
+        {**formula.__globals__, "sqrt": np.sqrt, **others},
+        formula.__name__,
+        None,
+        tuple(CellType(_arrays(f) if hasattr(f, "py_func") else f) for f in cells),
+    )
 
 
 class Formulas(NamedTuple):

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import cache
-from typing import Any
-
 import numpy as np
 
 from rattlesweep.arrays import Floats
 from rattlesweep.integrate.batch import Batch
-from rattlesweep.integrate.cache import cached
+from rattlesweep.integrate.compile import Kernel, load_kernel
 from rattlesweep.physics import full
 
 DT = 0.002
@@ -49,12 +45,11 @@ def _reversals(y0, constants, t_end, dt, t_r):  # type: ignore[no-untyped-def]
             n = n1
 
 
-@cache
-def _compiled() -> Callable[..., Any]:
-    compiled: Callable[..., Any] = cached(
-        _reversals, fastmath=full.FASTMATH, error_model="numpy", nogil=True
-    )
-    return compiled
+def reversals() -> Kernel:
+    """Return the loop over runs, to be compiled."""
+    arguments = np.zeros((0, 5)), np.zeros((0, 6)), np.zeros(0), DT, np.zeros(0)
+    options = {"fastmath": full.FASTMATH, "error_model": "numpy", "nogil": True}
+    return Kernel(_reversals, arguments, options, (__file__,))
 
 
 def scalar_rk4(batch: Batch) -> Floats:
@@ -64,5 +59,6 @@ def scalar_rk4(batch: Batch) -> Floats:
     observed.
     """
     t_r = np.empty(len(batch))
-    _compiled()(batch.y0, batch.constants, batch.t_end, DT, t_r)
+    state, constants = map(np.ascontiguousarray, (batch.y0, batch.constants))
+    load_kernel(reversals)(state, constants, batch.t_end, DT, t_r)
     return t_r

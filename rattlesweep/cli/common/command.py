@@ -16,7 +16,7 @@ from rattlesweep.cli.common.output import FAILED, INTERRUPTED, TERMINATED, WRONG
 from rattlesweep.cli.common.progress import CompileNotice
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.integrate import SettingError, check_settings
-from rattlesweep.integrate.compiling import listening
+from rattlesweep.integrate.compile import listening
 
 # In the order of `--help`.
 Section = Literal["Sweeps", "One run", "Pictures and pages", "Study"]

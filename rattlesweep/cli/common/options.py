@@ -15,9 +15,9 @@ from rattlesweep.cli.common.output import say
 from rattlesweep.text import align
 
 if TYPE_CHECKING:
-    from rattlesweep.sweeps.single import Launch
-    from rattlesweep.sweeps.plan import Plan
     from rattlesweep.sweeps.config.schema import Config
+    from rattlesweep.sweeps.plan import Plan
+    from rattlesweep.sweeps.single import Launch
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 

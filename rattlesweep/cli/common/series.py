@@ -13,9 +13,9 @@ from rattlesweep.cli.common.output import DONE, SOME_FAILED, say
 from rattlesweep.cli.common.progress import Meter
 
 if TYPE_CHECKING:
-    from rattlesweep.physics.si import Units
     from rattlesweep.analysis.onerun.course import Course, PreparedRun
     from rattlesweep.analysis.onerun.rows import Rows
+    from rattlesweep.physics.si import Units
     from rattlesweep.sweeps.single import Launch
 
 

@@ -3,25 +3,27 @@
 # mypy: disable-error-code="no-untyped-call"
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numba.np.unsafe.ndarray import to_fixed_tuple
 
-from rattlesweep.integrate.cache import cached, specialise
+from rattlesweep.integrate.compile import Kernel, load_kernels
 from rattlesweep.integrate.defaults import TOL
-from rattlesweep.integrate.lanes.bound import N_CONSTANTS, N_STATE, lane_of
-from rattlesweep.integrate.lanes.build import names
-from rattlesweep.integrate.lanes.carry import advance, tangent_begin, tangent_log
+from rattlesweep.integrate.lanes.build import problem_of
 from rattlesweep.integrate.lanes.controller import error_root, retry_ratio, step_ratio
-from rattlesweep.integrate.lanes.lane import Layout
+from rattlesweep.integrate.lanes.intrinsics import addresses_of, call, first_of
+from rattlesweep.integrate.lanes.kernel import ATTEMPT
+from rattlesweep.integrate.lanes.lane import Layout, lane_of
 from rattlesweep.integrate.lanes.runs import derive
-from rattlesweep.integrate.lanes.step import compile_attempt
-from rattlesweep.integrate.loading import loaded
+from rattlesweep.integrate.lanes.step import OPTIONS, write_attempt
+from rattlesweep.integrate.lanes.tangents import advance, tangent_begin, tangent_log
 from rattlesweep.integrate.model import FULL, MODELS, WITH_TANGENT
 from rattlesweep.integrate.tableau import DOP853, METHODS
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import ArrayLike
 
     from rattlesweep.arrays import Floats
@@ -73,19 +75,16 @@ def _finite(values: Floats) -> Floats:
     return np.where(np.isfinite(values), values, np.nan)
 
 
-attempt: Any = None  # bound by build
-
-
-def drive(w, constants, y0, seed, times, scale, growth):  # type: ignore[no-untyped-def]
-    """Template: move one run, in one lane, from each time to the next; returns how many it reached.
+def grow(problem, parts, w, constants, y0, seed, times, scale, growth):  # type: ignore[no-untyped-def]
+    """Move one run, in one lane, from each time to the next; return how many it reached.
 
     A step ends at each of the times, and the next is then as long as it would have been without.
     """
-    lane = lane_of(w, 0)
-    lane.y = to_fixed_tuple(y0, N_STATE)
-    lane.constants = to_fixed_tuple(constants, N_CONSTANTS)
+    lane = lane_of(problem, w, 0)
+    lane.y = first_of(y0, problem.n_state)
+    lane.constants = first_of(constants, problem.n_constants)
     derive(lane)
-    lane.v = to_fixed_tuple(seed, N_STATE)
+    lane.v = first_of(seed, problem.n_state)
     tangent_begin(lane)
     t = 0.0
     h = FIRST_STEP
@@ -97,7 +96,7 @@ def drive(w, constants, y0, seed, times, scale, growth):  # type: ignore[no-unty
             left = times[k] - t
             behind = h >= left
             lane.h = left if behind else h
-            attempt(w, scale)
+            call(parts[ATTEMPT], (problem, w, scale))
             if not lane.error <= 1.0:
                 h = lane.h * retry_ratio(lane.error)
                 held = True
@@ -116,18 +115,31 @@ def drive(w, constants, y0, seed, times, scale, growth):  # type: ignore[no-unty
             else:
                 t += h
                 h = h_next
-            advance(w)
+            advance(problem, w)
     return times.size
 
 
-def example(tableau_name: str, model_name: str) -> tuple[Any, tuple[Any, ...]]:
-    """:func:`drive` of a method and a model, not yet compiled, and arguments to call it with."""
-    tableau, model = METHODS[tableau_name], MODELS[model_name]
-    bindings = names(True, model, 1) | {"attempt": compile_attempt(tableau, model, 1)}
-    driver = specialise(drive, f"along_{tableau_name}_{model_name}", **bindings)
+def growth_recipe(model_name: str) -> Kernel:
+    """Return :func:`grow` of a model with a tangent."""
+    model = MODELS[model_name]
+    parts, w = np.zeros(1, dtype=np.int64), np.zeros(Layout.of(model).rows(DOP853, model))
     nothing = [np.zeros(n) for n in (model.n_constants, model.n_state, model.n_state, 0)]
-    w = np.zeros(Layout.of(model).rows(tableau, model))
-    return cached(driver, nogil=True, error_model="numpy"), (w, *nothing, 1.0, np.zeros(0))
+    arguments = (problem_of(model, True, 1), parts, w, *nothing, 1.0, np.zeros(0))
+    return Kernel(grow, arguments, {"nogil": True, "error_model": "numpy"})
+
+
+def attempt_alone(tableau_name: str, model_name: str) -> Kernel:
+    """Return the step of a method and a model on a single lane."""
+    tableau, model = METHODS[tableau_name], MODELS[model_name]
+    arguments = problem_of(model, True, 1), np.zeros(Layout.of(model).rows(tableau, model)), 1.0
+    return Kernel(write_attempt(tableau, model, 1), arguments, OPTIONS)
+
+
+def load_growth(tableau_name: str, model_name: str) -> Callable[..., int]:
+    """Return :func:`grow` of a method and a model, to be given its workspace and more."""
+    wanted = (growth_recipe, model_name), (attempt_alone, tableau_name, model_name)
+    growth, step = load_kernels(*wanted)
+    return partial(growth, problem_of(MODELS[model_name], True, 1), addresses_of(step))
 
 
 def growth_along(
@@ -172,8 +184,9 @@ def growth_along(
     y0, constants = np.array(y0, dtype=float), np.array(constants, dtype=float)
     seed = model.tangent.seed(*y0, *constants) if seed is None else seed
     growth, w = np.full(len(times), np.nan), np.zeros(Layout.of(model).rows(tableau, model))
-    driver = loaded(example, tableau.name, model.name)
-    reached = driver(w, constants, y0, np.array(seed, dtype=float), times, 1.0 / tol**2, growth)
+    reached = load_growth(tableau.name, model.name)(
+        w, constants, y0, np.array(seed, dtype=float), times, 1.0 / tol**2, growth
+    )
     if reached < len(times):
         raise ArithmeticError(
             f"no step, however small, met the tolerance before t = {times[reached]}"

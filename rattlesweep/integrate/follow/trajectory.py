@@ -9,17 +9,11 @@ import numpy as np
 
 from rattlesweep.integrate.batch import MAX_DAMPING, kernel_options, run_plans, stride
 from rattlesweep.integrate.defaults import DT, MAX_STEPS, TOL
-from rattlesweep.integrate.follow import march as follow
-from rattlesweep.integrate.follow.kernels import (
-    ATTITUDES,
-    aside_kernel,
-    aside_workspace,
-    load_all,
-    march_kernel,
-)
+from rattlesweep.integrate.follow import kernels as follow
 from rattlesweep.integrate.lanes import columns as C
 from rattlesweep.integrate.lanes.build import workspace
 from rattlesweep.integrate.lanes.runs import MAX_ENERGY_DRIFT
+from rattlesweep.integrate.model import ATTITUDES
 from rattlesweep.integrate.status import Status
 
 if TYPE_CHECKING:
@@ -129,20 +123,18 @@ class Follower:
         self._counts = np.zeros(follow.N_COUNTS, dtype=np.int64)
         self._zeros = np.zeros(256)
         self._energies = np.zeros(2)
-        load_all(tableau.name, model.name, attitude)
-        self._march = march_kernel(tableau.name, model.name)
+        follow.load_all(tableau.name, model.name, attitude)
+        self._record_steps = follow.steps_kernel(tableau.name, model.name)
         # Row 0 is where the last call ended: at first the launch, without any step.
         self._table = np.zeros((1 + STEPS_AT_ONCE, follow.STATE + 2 * model.n_state))
-        self._march(*self._state, self._table[:1], self._zeros, self._counts, self._energies)
+        self._record_steps(*self._state, self._table[:1], self._zeros, self._counts, self._energies)
         self._rows = 1
         self.energy_0 = float(self._energies[0])
         if look is not None:
             look(np.zeros(1), y0)
-        self._aside = _Aside(tableau, model.name, self._constants[0], model.n_state)
+        self._states = _Between(tableau, model, self._constants[0])
         moving = ATTITUDES[model.name] if attitude else model
-        self._attitude = (
-            _Aside(tableau, moving.name, self._constants[0], moving.n_state) if attitude else None
-        )
+        self._attitude = _Between(tableau, moving, self._constants[0]) if attitude else None
         self._extra = np.zeros((1, moving.n_state - model.n_state))
 
     @property
@@ -180,7 +172,7 @@ class Follower:
                 part = times[done:upto]
                 which = np.maximum(np.searchsorted(ends, part, side="left") - 1, 0)
                 offset = (part - ends[which]) + self._table[which, follow.T_LOW]
-                out[done:upto] = self._aside(self._table, which, offset)
+                out[done:upto] = self._states(self._table, which, offset)
                 if self._attitude is not None:
                     moved = self._attitude(self._table, which, offset)[:, self._model.n_state :]
                     extra[done:upto] = _compose(self._extra[which], moved)
@@ -199,7 +191,7 @@ class Follower:
     def _go_on(self) -> None:
         """Fill the table with the next accepted steps."""
         table, counts = self._table, self._counts
-        self._march(*self._state, table, self._zeros, counts, self._energies)
+        self._record_steps(*self._state, table, self._zeros, counts, self._energies)
         self._rows = 1 + int(counts[follow.N_STEPS])
         self.n_steps += int(counts[follow.N_STEPS]) * stride(self._tableau)
         self.zeros += self._zeros[: counts[follow.N_ZEROS]].tolist()
@@ -242,19 +234,17 @@ class Follower:
                 self.status = Status.COARSE
 
 
-class _Aside:
-    """Steps aside from accepted steps, in one model."""
+class _Between:
+    """States between the accepted steps, in one model."""
 
-    def __init__(self, tableau: Tableau, name: str, constants: Floats, n_state: int) -> None:
-        self._tableau, self._name, self._constants = tableau, name, constants
-        self._n_state = n_state
-        self._w = aside_workspace(tableau, name)
+    def __init__(self, tableau: Tableau, model: Model, constants: Floats) -> None:
+        self._constants, self._n_state = constants, model.n_state
+        self._w = workspace(tableau, model, 1)[0]
+        self._find = follow.states_kernel(tableau.name, model.name)
 
     def __call__(self, table: Floats, which: NDArray[np.int64], offset: Floats) -> Floats:
         out = np.empty((len(which), self._n_state))
-        aside_kernel(self._tableau.name, self._name)(
-            self._w, table, which.astype(np.int64), offset, self._constants, out
-        )
+        self._find(self._w, table, which.astype(np.int64), offset, self._constants, out)
         return out
 
 

@@ -1,4 +1,4 @@
-"""Kernels of all methods and models, built from the templates."""
+"""Kernels of all methods and models."""
 
 from __future__ import annotations
 
@@ -9,21 +9,18 @@ from typing import TYPE_CHECKING, Any
 
 import numba
 import numpy as np
-from numba import config, njit
+from numba import config
 
 from rattlesweep.integrate import SettingError
-from rattlesweep.integrate.cache import cached, keep, specialise
-from rattlesweep.integrate.lanes import carry, runs
+from rattlesweep.integrate.compile import Kernel, load_kernels
 from rattlesweep.integrate.lanes import columns as C
 from rattlesweep.integrate.lanes import kernel as lanes
-from rattlesweep.integrate.lanes.atomics import address_of
-from rattlesweep.integrate.lanes.cells import INNER
-from rattlesweep.integrate.lanes.lane import LANES, Layout, lane_of
-from rattlesweep.integrate.lanes.step import compile_attempt
-from rattlesweep.integrate.loading import together
-from rattlesweep.integrate.model import MODELS, REDUCED
+from rattlesweep.integrate.lanes import runs, tangents
+from rattlesweep.integrate.lanes.intrinsics import INNER, address_of, addresses_of
+from rattlesweep.integrate.lanes.lane import LANES, Layout, Problem
+from rattlesweep.integrate.lanes.step import OPTIONS, write_attempt
+from rattlesweep.integrate.model import REDUCED, find_model
 from rattlesweep.integrate.tableau import METHODS, RK4
-from rattlesweep.physics.full import FASTMATH
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -33,90 +30,17 @@ if TYPE_CHECKING:
     from rattlesweep.integrate.model import Model
     from rattlesweep.integrate.tableau import Tableau
 
-# Templates in the order in which they call each other; between them and those of all lanes stands
-# carry.py.
-FORMULAS = (runs.energy_at, runs.contact_at, runs.oscillation_at, runs.derive)
-TEMPLATES = (
-    runs.reach_border,
-    runs.see_contact,
-    runs.see_zero,
-    runs.see_side,
-    runs.compare,
-    runs.close_window,
-    runs.pass_marks,
-    runs.settled,
-    runs.start,
-    runs.idle,
-    runs.stay,
-    runs.finish,
-    lanes.advance,
-)
-LANE_TEMPLATES = (lanes.decide, lanes.commit, lanes.watch)
-OF_MODEL = ("rhs", "spin", "spin_rate", "energy", "contact", "error")
 
-
-def names(adaptive: bool, model: Model, width: int = LANES) -> dict[str, Any]:
-    """What templates see as globals: of :mod:`rattlesweep.integrate.lanes.bound`, and each other.
-
-    Each is compiled when it is first called.
-    """
-    bindings: dict[str, Any] = {
-        "N_STATE": model.n_state,
-        "N_CONSTANTS": model.n_constants,
-        "N_PROBE": model.n_probe,
-        "L": width,
-        "ADAPTIVE": adaptive,
-        "IDLE": ((1.0,) * model.n_state, (1.0,) * model.n_constants, (0.0,) * model.n_probe),
-        "lane_of": lane_of(Layout.of(model), width),
-        **{name: getattr(model, name) for name in OF_MODEL},
-    }
-    suffix = f"_{model.name}_{width}{mark(adaptive)}"
-    bind(FORMULAS, bindings, suffix, fastmath=FASTMATH)
-    bind(TEMPLATES, bindings, suffix)
-    if model.tangent:
-        bindings |= vars(model.tangent)
-        bind(carry.TANGENTS, bindings, suffix, fastmath=FASTMATH)
-        for template in carry.STAND_INS:
-            name = template.__name__
-            # ``see_tangent`` stands in for nothing.
-            bindings["plain_" + name] = bindings.get(name)
-        bind(carry.STAND_INS, bindings, "_carry" + suffix)
-    bind(LANE_TEMPLATES, bindings, suffix)
-    return bindings
-
-
-def mark(adaptive: bool) -> str:
-    """Ends the names of what methods without error control have for themselves."""
-    return "" if adaptive else "_fixed"
-
-
-def bind(
-    templates: tuple[Callable[..., Any], ...],
-    bindings: dict[str, Any],
-    suffix: str,
-    fastmath: Any = False,
-) -> None:
-    """Make compiled functions of templates, and add them to what the next ones see.
-
-    Without ``fastmath`` all but formulas: the time is a compensated sum.
-    """
-    for template in templates:
-        name = template.__name__
-        own = specialise(template, name + suffix, **bindings)
-        bindings[name] = njit(fastmath=fastmath, **INNER)(own)
-
-
-def build(adaptive: bool, model: Model) -> Callable[..., None]:
-    """:func:`lanes.work` for a model, compiled when it is first called."""
-    work = specialise(lanes.work, f"work_{model.name}{mark(adaptive)}", **names(adaptive, model))
-    compiled: Callable[..., None] = cached(
-        work, nogil=True, error_model="numpy", no_cfunc_wrapper=True
-    )
-    return compiled
+def problem_of(model: Model, adaptive: bool, width: int = LANES) -> Problem:
+    """Return what the kernels of a model are compiled for."""
+    kind = tangents if model.tangent else runs
+    hooks = {"start": kind.start, "pass_marks": kind.pass_marks, "finish": kind.finish}
+    advance = tangents.advance if model.tangent else lanes.advance
+    return Problem(model, adaptive, width, advance=advance, **hooks)
 
 
 def aligned(threads: int, size: int) -> NDArray[np.float64]:
-    """Zeros of shape (threads, size), each row on its own cache lines."""
+    """Return zeros of shape (threads, size), each row on its own cache lines."""
     size = -(-size // 16) * 16
     flat = np.zeros(threads * size + 8)
     shift = (-flat.ctypes.data // 8) % 8
@@ -124,12 +48,19 @@ def aligned(threads: int, size: int) -> NDArray[np.float64]:
 
 
 def workspace(tableau: Tableau, model: Model, threads: int) -> NDArray[np.float64]:
-    """Workspace of each thread, shape (threads, rows * lanes)."""
-    return aligned(threads, Layout.of(model).rows(tableau, model) * LANES)
+    """Return the workspace of each thread, shape (threads, rows * lanes)."""
+    size = Layout.of(model).rows(tableau, model) * LANES
+    # Whole rows: they are looked at as such where nothing is compiled.
+    return aligned(threads, size)[:, :size] if config.DISABLE_JIT else aligned(threads, size)
+
+
+# -- recipes, see compile.Recipe -------------------------------------------------------------------
+
+NO_PARTS = np.zeros(lanes.PARTS, dtype=np.int64)
 
 
 def _arguments(model: Model) -> tuple[Any, ...]:
-    """Arguments of :func:`lanes.work` behind the thread's own, with an empty queue."""
+    """Return arguments of :func:`lanes.work` behind the thread's own, with an empty queue."""
 
     def nothing(*shape: int) -> NDArray[np.float64]:
         return np.zeros(shape)
@@ -150,33 +81,34 @@ def _arguments(model: Model) -> tuple[Any, ...]:
     )
 
 
-def example(model_name: str, adaptive: bool) -> tuple[Any, tuple[Any, ...]]:
-    """What a thread does for a model, not yet compiled, and arguments to call it with."""
-    model = MODELS[model_name]
-    parts, w = np.zeros(lanes.PARTS, dtype=np.int64), workspace(RK4, model, 1)[0]
-    return build(adaptive, model), (0, parts, w, *_arguments(model))
+def work(model_name: str, adaptive: bool) -> Kernel:
+    """Return :func:`lanes.work` for a model: what each thread does."""
+    model = find_model(model_name)
+    arguments = 0, NO_PARTS, workspace(RK4, model, 1)[0], *_arguments(model)
+    options = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+    return Kernel(lanes.work, (problem_of(model, adaptive), *arguments), options)
 
 
-def attempt(tableau_name: str, model_name: str) -> tuple[Any, tuple[Any, ...]]:
-    """The step of a method and a model, as :func:`example`."""
-    tableau, model = METHODS[tableau_name], MODELS[model_name]
-    return keep(compile_attempt(tableau, model)), (workspace(tableau, model, 1)[0], 1.0)
+def attempt(tableau_name: str, model_name: str) -> Kernel:
+    """Return the step of a method and a model."""
+    tableau, model = METHODS[tableau_name], find_model(model_name)
+    arguments = problem_of(model, tableau.adaptive), workspace(tableau, model, 1)[0], 1.0
+    return Kernel(write_attempt(tableau, model), arguments, OPTIONS)
 
 
-def settle(adaptive: bool) -> tuple[Any, tuple[Any, ...]]:
-    """:func:`lanes.settle`, as :func:`example`; of all models."""
-    bindings, suffix = {"ADAPTIVE": adaptive}, mark(adaptive)
-    bind((lanes.give_up,), bindings, suffix)
-    compiled = cached(specialise(lanes.settle, "settle" + suffix, **bindings), **INNER)
-    return compiled, (np.zeros(0), 0, 1.0, False)
+def decide_closely(adaptive: bool) -> Kernel:
+    """Return :func:`lanes.decide_closely`, which is that of all models."""
+    arguments = Problem(None, adaptive), np.zeros(0), 0, 1.0, False
+    return Kernel(lanes.decide_closely, arguments, INNER)
 
 
-def driver() -> tuple[Any, tuple[Any, ...]]:
-    """What starts the threads of all kernels, as :func:`example`."""
-    compiled = cached(lanes.drive, parallel=True, nogil=True)
-    parts = np.zeros(lanes.PARTS, dtype=np.int64)
-    return compiled, (0, parts, 1, workspace(RK4, REDUCED, 1), *_arguments(REDUCED))
+def drive() -> Kernel:
+    """Return what starts the threads of all kernels."""
+    arguments = (0, NO_PARTS, 1, workspace(RK4, REDUCED, 1), *_arguments(REDUCED))
+    return Kernel(lanes.drive, arguments, {"parallel": True, "nogil": True})
 
+
+# -- threads ---------------------------------------------------------------------------------------
 
 # Whether this process was forked from one in which GNU OpenMP had started threads: it ends a
 # process that starts threads again.
@@ -194,14 +126,14 @@ if hasattr(os, "register_at_fork"):
 
 
 def parallel() -> bool:
-    """Whether this process can start threads for its kernels.
+    """Return whether this process can start threads for its kernels.
 
     Raises
     ------
     SettingError
         The environment asks for threads that cannot be.
     """
-    if _forked:
+    if _forked or config.DISABLE_JIT:
         return False
     try:
         numba.get_num_threads()
@@ -215,30 +147,28 @@ def parallel() -> bool:
     return True
 
 
-def parts(*compiled: Any) -> NDArray[np.int64]:
-    """Addresses of what is compiled for itself, in the order of :mod:`lanes.kernel`."""
-    found = np.zeros(lanes.PARTS, dtype=np.int64)
-    found[: len(compiled)] = [address_of(each) for each in compiled]
-    return found
+# -- kernels ---------------------------------------------------------------------------------------
 
 
 def kernel(tableau_name: str, model_name: str) -> Callable[..., None]:
-    """Kernel by names: called with the number of threads, their workspaces and what they share.
+    """Return a kernel: called with the number of threads, their workspaces and what they share.
 
-    Where :func:`parallel` says so, its threads work one after another.
+    Where not :func:`parallel`, its threads work one after another.
     """
     adaptive = METHODS[tableau_name].adaptive
     wanted: list[tuple[Any, ...]] = [
-        (example, model_name, adaptive), (attempt, tableau_name, model_name), (settle, adaptive)
-    ]  # fmt: skip
+        (work, model_name, adaptive),
+        (attempt, tableau_name, model_name),
+        (decide_closely, adaptive),
+    ]
     if parallel():
-        work, *others, drive = together(*wanted, (driver,))
-        return partial(drive, address_of(work), parts(*others))
-    work, *others = together(*wanted)
-    addresses = parts(*others)
+        do, *others, start = load_kernels(*wanted, (drive,))
+        return partial(start, address_of(do), addresses_of(*others))
+    do, *others = load_kernels(*wanted)
+    problem, addresses = problem_of(find_model(model_name), adaptive), addresses_of(*others)
 
     def alone(threads: int, w: Any, *shared: Any) -> None:
         for thread in range(threads):
-            work(thread, addresses, w[thread], *shared)
+            do(problem, thread, addresses, w[thread], *shared)
 
     return alone

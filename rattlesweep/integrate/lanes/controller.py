@@ -4,15 +4,11 @@ The errors here are squared and in units of the tolerance.  Docs/design.md has t
 the constants.
 """
 
-# mypy: disable-error-code="no-untyped-call"
 from __future__ import annotations
 
 from math import sqrt
 
-from llvmlite import ir
-from numba import types
-from numba.extending import intrinsic
-
+from rattlesweep.integrate.lanes.intrinsics import rough_root
 from rattlesweep.physics.full import scalar
 
 # In radians of the spin's fastest swing: the first step, for a tolerance of 1, and the least one
@@ -25,25 +21,9 @@ SHRINK = 0.2
 LEAST_ERROR = 1e-30
 
 
-@intrinsic
-def rough_root(typingctx, x):  # type: ignore[no-untyped-def]
-    """About ``x^(1/64)`` of a positive number, by dividing the bits of its logarithm.
-
-    Up to 6 % off, always by the same bits, rises with ``x``, and costs two instructions on integers
-    where six square roots would be a twentieth of the time of a step.
-    """
-
-    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
-        whole, one = ir.IntType(64), 1023 << 52
-        bits = builder.lshr(builder.bitcast(args[0], whole), whole(6))
-        return builder.bitcast(builder.add(bits, whole(one - (one >> 6))), ir.DoubleType())
-
-    return types.float64(types.float64), codegen
-
-
 @scalar
 def error_root(error):  # type: ignore[no-untyped-def]
-    """What :func:`step_ratio` takes of an error."""
+    """Return what :func:`step_ratio` takes of an error."""
     return rough_root(error + LEAST_ERROR)
 
 

@@ -18,7 +18,7 @@ from math import ceil
 
 from numba import njit
 
-from rattlesweep.integrate.lanes.cells import INNER
+from rattlesweep.integrate.lanes.intrinsics import INNER
 from rattlesweep.integrate.lanes.lane import Lane, Point
 from rattlesweep.physics.full import scalar
 
@@ -40,7 +40,7 @@ _KNOWN = 3
 
 @njit(**INNER)
 def _judge(start: Point, end: Point, sign: float) -> int:
-    """Whether a piece with the spin positive (after ``sign``) at its start can hold a zero."""
+    """Return whether a piece whose spin starts positive (after ``sign``) can hold a zero."""
     if sign * end.n <= 0.0:
         return _ZERO
     down = sign * start.rate
@@ -57,7 +57,7 @@ def _judge(start: Point, end: Point, sign: float) -> int:
 
 @scalar
 def may_reverse(h, n0, n1, rate1, rate_max):  # type: ignore[no-untyped-def]
-    """Whether a step of size ``h`` between spins ``n0`` and ``n1`` may hold a zero."""
+    """Return whether a step of size ``h`` between spins ``n0`` and ``n1`` may hold a zero."""
     # The spin changes by at most h * max|rate| in all; twice the recent largest is safe.
     recent = 0.9 * rate_max
     now = abs(rate1)

@@ -7,11 +7,9 @@ window or of the run), and refills the lanes whose run has ended from a queue
 that all threads share.  The arithmetic of a run depends on its own numbers
 alone, so its results are the same bits in any lane, thread and batch.
 
-The functions here are templates: :mod:`rattlesweep.integrate.lanes.build` binds the capitalised
-globals and the model's functions.  What costs much to compile and is called seldom, or takes long
-where it is called, is compiled for itself and called by its address (:data:`PARTS`): the step, of a
-method and a model, is then the same code in sweeps and trajectories, and all the rest the
-same for all methods with error control.
+What costs much to compile and is called seldom, or takes long where it is called, is compiled for
+itself and called by its address (:data:`PARTS`): the step, of a method and a model, is then the
+same code in sweeps and trajectories, and all the rest the same for all methods with error control.
 """
 
 # mypy: ignore-errors
@@ -19,17 +17,9 @@ from __future__ import annotations
 
 from math import isfinite
 
-from numba import prange
+from numba import njit, prange
 
 from rattlesweep.integrate.lanes import columns as C
-from rattlesweep.integrate.lanes.atomics import (
-    call,
-    call_for_two,
-    fetch_add,
-    load,
-    widest_vectors,
-)
-from rattlesweep.integrate.lanes.bound import ADAPTIVE, L, lane_of
 from rattlesweep.integrate.lanes.controller import LEAST_STEP, error_root, retry_ratio, step_ratio
 from rattlesweep.integrate.lanes.events import (
     HOLD,
@@ -40,18 +30,23 @@ from rattlesweep.integrate.lanes.events import (
     search,
     search_on,
 )
-from rattlesweep.integrate.lanes.lane import Point, any_lane
+from rattlesweep.integrate.lanes.intrinsics import (
+    INNER,
+    call,
+    call_for_two,
+    fetch_add,
+    load,
+    widest_vectors,
+)
+from rattlesweep.integrate.lanes.lane import Point, lane_of
 from rattlesweep.integrate.lanes.runs import (
     UNKNOWN_RATE,
     energy_at,
-    finish,
     idle,
-    pass_marks,
     see_contact,
     see_side,
     see_zero,
     settled,
-    start,
     stay,
 )
 from rattlesweep.integrate.status import Status
@@ -61,14 +56,15 @@ NONFINITE = int(Status.NONFINITE)
 STEP_LIMIT = int(Status.STEP_LIMIT)
 STEP_TOO_SMALL = int(Status.STEP_TOO_SMALL)
 
-# Places in ``parts``: the addresses of the step, attempt(w, scale), and of :func:`settle`.
-ATTEMPT, SETTLE = 0, 1
+# Places in ``parts``: the addresses of the step, ``attempt``, and of :func:`decide_closely`.
+ATTEMPT, DECIDE = 0, 1
 PARTS = 2
 
 
+@njit(**INNER)
 def give_up(lane, max_steps):
     """Status of a lane whose step failed, OK to go on with a shorter one."""
-    if not ADAPTIVE:
+    if not lane.problem.adaptive:
         return NONFINITE
     if lane.steps + lane.rejected >= max_steps:
         return STEP_LIMIT
@@ -77,11 +73,13 @@ def give_up(lane, max_steps):
     return OK
 
 
-def settle(w, l, max_steps, on):
+def decide_closely(problem, w, l, max_steps, on):
     """Decide again on the step tried on a lane where something is due.
 
     Parameters
     ----------
+    problem : Problem
+        One without a model: this function is the same for all of them.
     w : ndarray
         Workspace, of any model.
     l : int
@@ -97,7 +95,7 @@ def settle(w, l, max_steps, on):
     move : int
         HOLD (the step is not taken), TAKE, or REVERSED (it is, and ends at a zero of the spin).
     """
-    lane = any_lane(w, l)
+    lane = lane_of(problem, w, l)
     if on:
         move = search_on(lane, lane.h)
         lane.accept = 0.0 if move == HOLD else 1.0
@@ -122,15 +120,16 @@ def settle(w, l, max_steps, on):
     return STEP_LIMIT if full else OK, move
 
 
-def decide(w, dt, max_steps):
+@njit(**INNER)
+def decide(problem, w, dt, max_steps):
     """Decide on the step tried on every lane; returns how many lanes need a closer look."""
     widest_vectors()
     special = 0
-    for l in range(L):
-        lane = lane_of(w, l)
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
         h = lane.h
         accept = lane.error <= 1.0
-        if ADAPTIVE:
+        if problem.adaptive:
             root = error_root(lane.error)
             lane.root = root
             lane.h_next = h * step_ratio(root, lane.root0, lane.held > 0.0)
@@ -151,25 +150,27 @@ def decide(w, dt, max_steps):
     return special
 
 
-def advance(w):
+@njit(**INNER)
+def advance(problem, w):
     """Move all lanes to the end of their step."""
     widest_vectors()
-    for l in range(L):
-        lane = lane_of(w, l)
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
         lane.y = lane.y1
         lane.f = lane.f1
 
 
-def commit(w):
+@njit(**INNER)
+def commit(problem, w):
     """Move all lanes to the end of the step tried, and set their next step.
 
     Lanes that do not take it were told to :func:`stay`.  Nothing is read or written under a mask,
     which AVX2 does slowly: so nothing is written back as it was, and nothing read for one choice.
     """
     widest_vectors()
-    advance(w)
-    for l in range(L):
-        lane = lane_of(w, l)
+    problem.advance(problem, w)
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
         n1 = lane.n1
         lane.n0 = n1
         signed = lane.sign * n1
@@ -179,8 +180,8 @@ def commit(w):
         now = lane.amplitude
         lane.a_max = (now if now > largest else largest) + 0.0
         lane.root0 = lane.root
-    for l in range(L):
-        lane = lane_of(w, l)
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
         accept = lane.accept
         lane.steps += accept
         lane.held *= 1.0 - accept
@@ -195,8 +196,8 @@ def commit(w):
         t1 = t0 + part
         lane.t = t1
         lane.t_low = (t1 - t0) - part
-    for l in range(L):
-        lane = lane_of(w, l)
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
         # A search holds the step it began with; the others must not pass the horizon.
         h_next = lane.h_next
         searching = 1.0 if lane.mode > 0.0 else 0.0
@@ -206,10 +207,11 @@ def commit(w):
         lane.h = left if h_next >= left else h_next
 
 
-def watch(w, windows, record):
+@njit(**INNER)
+def watch(problem, w, windows, record):
     """Observations that are made at every accepted step only when they are asked for."""
-    for l in range(L):
-        lane = lane_of(w, l)
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
         if lane.accept > 0.0:
             if record[C.REC_ENERGY]:
                 energy0 = lane.energy0
@@ -224,12 +226,13 @@ def watch(w, windows, record):
                 see_side(lane, windows, record)
 
 
-def work(thread, parts, w, shared, order, y0, constants, probe, plan, options,
+def work(problem, thread, parts, w, shared, order, y0, constants, probe, plan, options,
          record, result, counts, windows, progress):  # fmt: skip
-    """What one thread does until the queue is empty or Python says stop.
+    """Do what one thread does until the queue is empty or Python says stop.
 
     Parameters
     ----------
+    problem : Problem
     thread : int
         Row of ``progress`` to write to.
     parts : int64 ndarray, shape (PARTS,)
@@ -262,21 +265,21 @@ def work(thread, parts, w, shared, order, y0, constants, probe, plan, options,
     )
     total = order.size
     busy = 0
-    for l in range(L):
-        lane = lane_of(w, l)
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
         place = fetch_add(shared, 0, 1)
         if place < total:
-            start(lane, order[place], y0, constants, probe, plan, record)
+            problem.start(lane, order[place], y0, constants, probe, plan, record)
             busy += 1
         else:
             idle(lane)
     turns = 0
     while busy > 0:
-        call(parts[ATTEMPT], (w, scale))
-        special = decide(w, dt, max_steps)
+        call(parts[ATTEMPT], (problem, w, scale))
+        special = decide(problem, w, dt, max_steps)
         if special > 0:
-            for l in range(L):
-                lane = lane_of(w, l)
+            for l in range(problem.lanes):
+                lane = lane_of(problem, w, l)
                 if lane.due == 0.0:
                     continue
                 run = int(lane.run)
@@ -285,12 +288,12 @@ def work(thread, parts, w, shared, order, y0, constants, probe, plan, options,
                     lane.h_next = 0.0
                     stay(lane)
                     continue
-                status, move = call_for_two(parts[SETTLE], (w, l, max_steps, False))
+                status, move = call_for_two(parts[DECIDE], (problem, w, l, max_steps, False))
                 t = lane.t + (lane.h - lane.t_low)
                 if move == REVERSED and record[C.REC_REVERSALS]:
                     # Go on behind the zero, in the same step.
                     see_zero(lane, t)
-                    behind, move = call_for_two(parts[SETTLE], (w, l, max_steps, True))
+                    behind, move = call_for_two(parts[DECIDE], (problem, w, l, max_steps, True))
                     status = behind if move == HOLD else status
                 reversal = move == REVERSED
                 ended = status != OK or reversal
@@ -298,16 +301,16 @@ def work(thread, parts, w, shared, order, y0, constants, probe, plan, options,
                     t = lane.t_end
                     ended = True
                 if move == TAKE and not ended and t >= lane.next:
-                    pass_marks(lane, t, run, windows, record)
+                    problem.pass_marks(lane, t, run, windows, record)
                     ended = settled(lane, plan[run, C.SETTLED])
                 if ended:
                     lane.steps += 1.0
-                    finish(lane, status, reversal, t, run, result, counts, windows, record)
+                    problem.finish(lane, status, reversal, t, run, result, counts, windows, record)
                     progress[thread, 0] += plan[run, C.COST]
                     progress[thread, 2] += 1.0
                     place = fetch_add(shared, 0, 1)
                     if place < total:
-                        start(lane, order[place], y0, constants, probe, plan, record)
+                        problem.start(lane, order[place], y0, constants, probe, plan, record)
                     else:
                         idle(lane)
                         busy -= 1
@@ -315,15 +318,15 @@ def work(thread, parts, w, shared, order, y0, constants, probe, plan, options,
                 if lane.accept == 0.0:
                     stay(lane)
         if watching:
-            watch(w, windows, record)
-        commit(w)
+            watch(problem, w, windows, record)
+        commit(problem, w)
         turns += 1
         if turns % 256 == 0:
             if load(shared, 1) != 0:
                 return
             under_way = 0.0
-            for l in range(L):
-                lane = lane_of(w, l)
+            for l in range(problem.lanes):
+                lane = lane_of(problem, w, l)
                 run = int(lane.run)
                 if run >= 0:
                     under_way += min(1.0, lane.t / plan[run, C.HORIZON]) * plan[run, C.COST]
@@ -333,9 +336,10 @@ def work(thread, parts, w, shared, order, y0, constants, probe, plan, options,
 
 def drive(address, parts, threads, w, shared, order, y0, constants, probe, plan, options,
           record, result, counts, windows, progress):  # fmt: skip
-    """One :func:`work` on each thread; the one of a method and a model is known by its address.
+    """Do :func:`work`, known by its address, on each thread.
 
-    This way the driver is compiled once for all of them, and none is compiled again inside of it.
+    This way the driver is compiled once for all problems, and none is compiled again inside of it.
+    A problem has no value, so none is handed over.
     """
     for thread in prange(threads):
         call(

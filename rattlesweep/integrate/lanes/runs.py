@@ -1,7 +1,7 @@
-"""What happens to a single lane: a run begins, a window closes, a run ends.
+"""Single lanes: a run begins, a window closes, a run ends.
 
-Templates like those of :mod:`rattlesweep.integrate.lanes.kernel`, which calls them for the few
-lanes where something is due.
+The kernel calls these functions for the few lanes where something is due.  The equations are those
+of ``lane.problem``.
 """
 
 # mypy: ignore-errors
@@ -9,23 +9,13 @@ from __future__ import annotations
 
 from math import isfinite, nan, sqrt
 
-from numba.np.unsafe.ndarray import to_fixed_tuple
+from numba import njit
 
 from rattlesweep.integrate.lanes import columns as C
-from rattlesweep.integrate.lanes.bound import (
-    IDLE,
-    N_CONSTANTS,
-    N_PROBE,
-    N_STATE,
-    contact,
-    energy,
-    error,
-    rhs,
-    spin,
-    spin_rate,
-)
+from rattlesweep.integrate.lanes.intrinsics import INNER, first_of
 from rattlesweep.integrate.lanes.lane import clear
 from rattlesweep.integrate.status import Status
+from rattlesweep.physics.full import FASTMATH
 
 OK = int(Status.OK)
 NONFINITE = int(Status.NONFINITE)
@@ -40,30 +30,35 @@ FLOOR = 1e-18
 UNKNOWN_RATE = 1e290
 
 
+@njit(fastmath=FASTMATH, **INNER)
 def energy_at(lane, y):
     """Energy of a lane's body in the state ``y``."""
-    return energy(*(y + lane.constants))
+    return lane.problem.energy(*(y + lane.constants))
 
 
+@njit(fastmath=FASTMATH, **INNER)
 def contact_at(lane, y):
     """Normal and tangential contact force."""
-    return contact(*(y + lane.constants))
+    return lane.problem.contact(*(y + lane.constants))
 
 
+@njit(fastmath=FASTMATH, **INNER)
 def oscillation_at(lane, y):
     """Square of the oscillation that step errors are compared with."""
-    _, oscillation = error(*(y + y + lane.constants))
+    _, oscillation = lane.problem.error(*(y + y + lane.constants))
     return oscillation
 
 
+@njit(fastmath=FASTMATH, **INNER)
 def derive(lane):
     """Set the derivative at the start of the step; returns the spin and its rate there."""
     y = lane.y
-    f = rhs(*(y + lane.constants))
+    f = lane.problem.rhs(*(y + lane.constants))
     lane.f = f
-    return spin(*y), spin_rate(*(y + f))
+    return lane.problem.spin(*y), lane.problem.spin_rate(*(y + f))
 
 
+@njit(**INNER)
 def compare(lane):
     """Compare the largest amplitude since the last time with the smallest one before."""
     largest = max(lane.a_max, lane.a_floor, TINY)
@@ -79,6 +74,7 @@ def compare(lane):
     lane.a_max = lane.amplitude
 
 
+@njit(**INNER)
 def close_window(lane, run, windows, record):
     """Compare, and write the window down if that was asked for."""
     compare(lane)
@@ -94,6 +90,7 @@ def close_window(lane, run, windows, record):
     lane.window_end = (k + 2) * lane.window
 
 
+@njit(**INNER)
 def pass_marks(lane, t, run, windows, record):
     """Close the windows, and compare at the marks within the first, that end by time ``t``."""
     reach_border(lane)
@@ -107,8 +104,9 @@ def pass_marks(lane, t, run, windows, record):
         lane.next = min(lane.mark, lane.window_end)
 
 
+@njit(**INNER)
 def settled(lane, most):
-    """Whether the amplitude never grew in two windows or more, and all oscillation is `most`.
+    """Return whether the amplitude never grew in two windows, and oscillation is at most `most`.
 
     Not within the first window: the last comparison there is after any short time.
     """
@@ -117,6 +115,7 @@ def settled(lane, most):
     return oscillation_at(lane, lane.y1) <= most
 
 
+@njit(**INNER)
 def reach_border(lane):
     """Count the state at the end of the step just tried to the window."""
     lane.a_max = max(lane.a_max, lane.amplitude)
@@ -124,6 +123,7 @@ def reach_border(lane):
     lane.window_n_max = max(lane.window_n_max, lane.n1)
 
 
+@njit(**INNER)
 def see_contact(lane, y):
     """Note the contact force in the state ``y``."""
     normal, tangential = contact_at(lane, y)
@@ -131,6 +131,7 @@ def see_contact(lane, y):
     lane.ratio_max = max(lane.ratio_max, tangential / abs(normal))
 
 
+@njit(**INNER)
 def see_zero(lane, t):
     """Note a zero of the spin at time ``t``, of a run that goes on behind it."""
     lane.n_least = min(lane.n_least, 0.0)
@@ -140,6 +141,7 @@ def see_zero(lane, t):
         lane.t_pending = t
 
 
+@njit(**INNER)
 def see_side(lane, windows, record):
     """Count a reversal once the spin is far on the other side, and note its largest size since.
 
@@ -165,14 +167,15 @@ def see_side(lane, windows, record):
             windows[run, k, at + 1] = abs(n)
 
 
+@njit(**INNER)
 def start(lane, run, y0, constants, probe, plan, record):
     """Put a run into a lane."""
     clear(lane)
     lane.run = run
     lane.root0 = 1.0
-    lane.y = to_fixed_tuple(y0[run], N_STATE)
-    lane.constants = to_fixed_tuple(constants[run], N_CONSTANTS)
-    lane.probe = to_fixed_tuple(probe[run], N_PROBE)
+    lane.y = first_of(y0[run], lane.problem.n_state)
+    lane.constants = first_of(constants[run], lane.problem.n_constants)
+    lane.probe = first_of(probe[run], lane.problem.n_probe)
     n, rate = derive(lane)
     swing = plan[run, C.SWING]
     lane.t_end = plan[run, C.HORIZON]
@@ -211,11 +214,12 @@ def start(lane, run, y0, constants, probe, plan, record):
     lane.h_next = h
 
 
+@njit(**INNER)
 def idle(lane):
     """Leave a lane empty: some spinning state and steps of zero, so that nothing is ever due."""
     clear(lane)
     lane.run = -1.0
-    lane.y, lane.constants, lane.probe = IDLE
+    lane.y, lane.constants, lane.probe = lane.problem.idle
     n, _ = derive(lane)
     lane.n0 = n
     lane.sign = 1.0
@@ -224,6 +228,7 @@ def idle(lane):
     lane.next = 1e290
 
 
+@njit(**INNER)
 def stay(lane):
     """Make the end of the step tried its start, in a lane that does not take it."""
     lane.y1 = lane.y
@@ -236,6 +241,7 @@ def stay(lane):
     lane.root = lane.root0
 
 
+@njit(**INNER)
 def finish(lane, status, reversal, t, run, result, counts, windows, record):
     """Write down a run that has ended at the end of the step just tried, at time ``t``."""
     energy0 = lane.energy0

@@ -1,16 +1,17 @@
-"""The vectorised step: source generated from a tableau and a model.
+"""The vectorised step: a module generated from a tableau and a model.
 
-One call of the generated function tries one step on every lane (:data:`SUBSTEPS` equal ones for
-a method without error control).  All arrays are rows of one
-flat workspace, each row as long as there are lanes, and every stage is one loop over lanes that
-loads its combination of earlier stages, calls the scalar right-hand side and stores ``f``.  With
-the coefficients and the offsets as constants in the source, LLVM drops the zeros, keeps the
-stage in registers and vectorises each loop; one workspace instead of many arrays
-lets it prove that rows do not overlap.
+One call of its function ``attempt`` tries one step on every lane (:data:`SUBSTEPS` equal ones for a
+method without error control).  All arrays are rows of one flat workspace, each row as long as there
+are lanes, and every stage is one loop over lanes that loads its combination of earlier stages,
+calls the scalar right-hand side and stores ``f``.  With the coefficients and the offsets as
+constants in the source, LLVM drops the zeros, keeps the stage in registers and vectorises each
+loop; one workspace instead of many arrays lets it prove that rows do not overlap.
 
 A tangent has loops of its own, behind those of the state, and barriers between.  Else LLVM would
 share products between the two, fuse other sums with them, and the state would come out with other
 last bits than without a tangent.
+
+The module is written into the folder of the kernels, where it can be read and stepped through.
 """
 
 from __future__ import annotations
@@ -19,9 +20,9 @@ from typing import TYPE_CHECKING, Any
 
 from numba import njit
 
-from rattlesweep.integrate.lanes.atomics import barrier, widest_vectors
-from rattlesweep.integrate.lanes.cells import INNER, Sum, cells, gather, scatter
-from rattlesweep.integrate.lanes.lane import LANES, Layout, lane_of
+from rattlesweep.integrate.compile import import_written
+from rattlesweep.integrate.lanes.intrinsics import INNER
+from rattlesweep.integrate.lanes.lane import LANES, Layout
 from rattlesweep.physics.full import FASTMATH
 
 if TYPE_CHECKING:
@@ -34,8 +35,19 @@ if TYPE_CHECKING:
 SUBSTEPS = 8
 
 
+HEAD = '''"""{title}.
+
+Written by rattlesweep.integrate.lanes.step; numbers of rows are those of its workspace.
+"""
+
+from rattlesweep.integrate.lanes.intrinsics import barrier, widest_vectors
+from rattlesweep.integrate.lanes.lane import gather, lane_of, rows, scatter, sums
+
+'''
+
+
 class Attempt:
-    """Writes ``attempt(w, scale)``: one step tried on every lane.
+    """Write ``attempt(problem, w, scale)``: one step tried on every lane.
 
     ``w`` is the flat workspace, ``scale`` is ``1 / tol**2``.  Each method of this class writes the
     loop over lanes of one part of the step.
@@ -50,31 +62,16 @@ class Attempt:
     Attributes
     ----------
     source : str
-        The function's text.
-    names : dict
-        What it sees as globals.
+        The text of the module.
     """
 
     def __init__(self, tableau: Tableau, model: Model, lanes: int = LANES) -> None:
         self.tableau, self.model, self.lanes = tableau, model, lanes
         self.at = Layout.of(model)
         self.n = model.n_state
-        self.names: dict[str, Any] = {
-            "rhs": model.rhs,
-            "carried_start": model.carried and model.carried.start,
-            "carried_rhs": model.carried and model.carried.rhs,
-            "spin": model.spin,
-            "spin_rate": model.spin_rate,
-            "amplitude": model.amplitude,
-            "error": model.error,
-            "tangent_rate": model.tangent and model.tangent.rate,
-            "transverse": model.tangent and model.tangent.transverse,
-            "barrier": barrier,
-            "widest_vectors": widest_vectors,
-            "lane_of": lane_of(self.at, lanes),
-            "__name__": __name__,
-        }
-        self._lines = ["def attempt(w, scale):"]
+        # Reads and writes of many cells, by name, and the lines of the function.
+        self._cells: list[str] = []
+        self._lines = ["def attempt(problem, w, scale):"]
         self._indent = 4
         self._line("widest_vectors()")
         at = self.at
@@ -90,7 +87,8 @@ class Attempt:
             self.step(at.y1, at.f1, at.v1, at.g1, 1 / SUBSTEPS)
             self._indent = 4
             self.outcome()
-        self.source = "\n".join(self._lines) + "\n"
+        title = f"One step of {tableau.name} for the model {model.name} on {lanes} lanes"
+        self.source = "\n".join([HEAD.format(title=title), *self._cells, "", "", *self._lines, ""])
 
     def step(self, y: int, f: int, v: int, g: int, share: float) -> None:
         """A step of ``share * h`` from rows ``y, f``, and of the tangent from ``v, g``."""
@@ -110,15 +108,15 @@ class Attempt:
 
     def stage(self, i: int, y: int, share: float) -> None:
         """Stage ``i`` of a step from rows ``y``."""
-        sums = self._sums(self.tableau.a[i], self._stages, y, share)
-        to, rhs = self._rows(self._stages[i]), "rhs"
+        values = self._sums(self.tableau.a[i], self._stages, y, share)
+        to, rhs = self._rows(self._stages[i], self.n), "rhs"
         if self.model.carried:
             count, (start, *behind) = self.model.carried.n, self._carried
-            sums += self._sums(self.tableau.a[i], behind, start, share, count)
-            to, rhs = [*to, *range(behind[i], behind[i] + count)], "carried_rhs"
-        given = self._gather("given", sums, behind=self._constants())
-        put = self._scatter("stage", to)
-        body = [f"q = {given}(w, l)", f"f = {rhs}(*q)", f"{put}(w, l, f)"]
+            values += " + " + self._sums(self.tableau.a[i], behind, start, share, count)
+            to, rhs = f"{to} + {self._rows(behind[i], count)}", "carried_rhs"
+        given = self._gather("given", values)
+        put = self._scatter("put", to)
+        body = [f"q = {given}(w, l)", f"f = problem.{rhs}(*q)", f"{put}(w, l, f)"]
         if self.model.tangent:
             # For the tangent's stage, in a loop of its own.
             body += [f"lane.ys = q[:{self.n}]", "lane.fs = f"]
@@ -126,30 +124,29 @@ class Attempt:
 
     def end(self, y: int, share: float) -> None:
         """State and derivative at the end of the step and, if it ends here, what is seen there."""
-        sums = self._sums(self.tableau.b, self._stages, y, share)
-        given = self._gather("given", sums, behind=self._constants())
-        body = [f"q = {given}(w, l)", "f = rhs(*q)", f"y = q[:{self.n}]"]
+        given = self._gather("given", self._sums(self.tableau.b, self._stages, y, share))
+        body = [f"q = {given}(w, l)", "f = problem.rhs(*q)", f"y = q[:{self.n}]"]
         body += ["lane.y1 = y", "lane.f1 = f"]
         self._loop(*body, *(self._seen() if self.tableau.adaptive else []))
 
     def carried_start(self, y: int) -> None:
-        """What is carried, and its derivative, where a step from rows ``y`` starts."""
+        """Write what is carried, and its derivative, where a step from rows ``y`` starts."""
         assert self.model.carried is not None
         n, stages, count = self.n, self.tableau.stages, self.model.carried.n
         # Behind the stages: its start, and its derivative there and in the other stages.
         first = self.at.stages + (stages - 1) * n
         self._carried = [first + i * count for i in range(stages + 1)]
-        given = self._gather("given", cells(y, n), behind=self._constants())
-        put = self._scatter("start", range(first, first + 2 * count))
+        given = self._gather("given", self._rows(y, n))
+        put = self._scatter("put", self._rows(first, 2 * count))
         # Of the derivatives LLVM works out those behind alone.
         self._loop(
             f"q = {given}(w, l)",
-            "x = carried_start(*q)",
-            f"{put}(w, l, x + carried_rhs(*(q[:{n}] + x + q[{n}:]))[{n}:])",
+            "x = problem.carried_start(*q)",
+            f"{put}(w, l, x + problem.carried_rhs(*(q[:{n}] + x + q[{n}:]))[{n}:])",
         )
 
     def outcome(self) -> None:
-        """What is seen at the end of a step without error control."""
+        """Write what is seen at the end of a step without error control."""
         total = " + ".join(f"f[{c}]" for c in range(self.n))
         # Zero, or not a number where the step left the numbers.
         error = f"lane.error = 0.0 * ({total})"
@@ -161,9 +158,9 @@ class Attempt:
         rows = [*self._stages, at.f1]
         body = ["h = lane.h"]
         for k, row in enumerate(self.tableau.errors):
-            sums = self._sums(row, rows)
-            given = self._gather("error", sums + cells(at.y, self.n), behind=self._constants())
-            body.append(f"e{k}, size = error(*{given}(w, l))")
+            values = f"{self._sums(row, rows)} + {self._rows(at.y, self.n)}"
+            given = self._gather("given", values)
+            body.append(f"e{k}, size = problem.error(*{given}(w, l))")
         # Hairer's blend of the fifth and third order estimates; both are squared here.
         blend = "e0 * (e0 / (e0 + 0.01 * e1 + 1e-300))" if len(self.tableau.errors) == 2 else "e0"
         self._loop(*body, f"lane.error = (scale * h * h) * ({blend} / size)")
@@ -171,8 +168,8 @@ class Attempt:
     def tangent_stage(self, i: int, v: int, share: float) -> None:
         """Stage ``i`` of the tangent of a step from rows ``v``."""
         given = self._tangent_at(self.tableau.a[i], v, share, self.at.ys, self.at.fs)
-        put = self._scatter("stage", self._rows(self._tangents[i]))
-        self._loop(f"{put}(w, l, tangent_rate(*{given}(w, l)))", barriers=True)
+        put = self._scatter("put", self._rows(self._tangents[i], self.n))
+        self._loop(f"{put}(w, l, problem.rate(*{given}(w, l)))", barriers=True)
 
     def tangent_end(self, v: int, share: float) -> None:
         """The tangent and its rate at the end of the step."""
@@ -182,24 +179,23 @@ class Attempt:
         # would soon hide it.
         self._loop(
             f"q = {given}(w, l)",
-            "v = transverse(*q)",
+            "v = problem.transverse(*q)",
             "lane.v1 = v",
-            f"lane.g1 = tangent_rate(*(q[:{2 * n}] + v + q[{3 * n}:]))",
+            f"lane.g1 = problem.rate(*(q[:{2 * n}] + v + q[{3 * n}:]))",
             barriers=True,
         )
 
     def _tangent_at(self, row: Row, v: int, share: float, y: int, f: int) -> str:
         """State, derivative, the tangent at ``row``, constants."""
-        sums = self._sums(row, self._tangents, v, share)
-        both = cells(y, self.n) + cells(f, self.n)
-        return self._gather("tangent", both + sums, behind=self._constants())
+        both = f"{self._rows(y, self.n)} + {self._rows(f, self.n)}"
+        return self._gather("given", f"{both} + {self._sums(row, self._tangents, v, share)}")
 
     def _seen(self) -> list[str]:
         """Spin, its rate and amplitude at the state ``y`` with derivative ``f``."""
         return [
-            "lane.n1 = spin(*y)",
-            "lane.rate1 = spin_rate(*(y + f))",
-            "lane.amplitude = amplitude(*(y + lane.probe))",
+            "lane.n1 = problem.spin(*y)",
+            "lane.rate1 = problem.spin_rate(*(y + f))",
+            "lane.amplitude = problem.amplitude(*(y + lane.probe))",
         ]
 
     def _sums(
@@ -209,35 +205,29 @@ class Attempt:
         start: int | None = None,
         share: float = 1.0,
         count: int | None = None,
-    ) -> list[Sum]:
+    ) -> str:
         """A row of the tableau times the stages; with ``start``, that plus ``share * h`` times."""
-        factor = None if start is None else self.at.h
-        return [
-            Sum(
-                None if start is None else start + c,
-                tuple((value, stages[j] + c) for j, value in row.items()),
-                factor,
-                share,
-            )
-            for c in range(count or self.n)
-        ]
+        terms = {stages[j]: value for j, value in row.items()}
+        count = count or self.n
+        if start is None:
+            return f"sums({count}, {terms})"
+        return f"sums({count}, {terms}, start={start}, factor={self.at.h}, share={share})"
 
-    def _constants(self) -> list[Sum]:
-        return cells(self.at.constants, self.model.n_constants)
+    def _rows(self, first: int, count: int) -> str:
+        return f"rows({first}, {count})"
 
-    def _rows(self, first: int) -> list[int]:
-        return list(range(first, first + self.n))
+    def _gather(self, word: str, values: str) -> str:
+        """A function that reads values and, behind them, the body's constants."""
+        constants = self._rows(self.at.constants, self.model.n_constants)
+        return self._name(word, f"gather({self.lanes}, {values}, behind={constants})")
 
-    def _name(self, word: str, function: Callable[..., Any]) -> str:
-        name = f"{word}_{len(self.names)}"
-        self.names[name] = function
+    def _scatter(self, word: str, to: str) -> str:
+        return self._name(word, f"scatter({self.lanes}, {to})")
+
+    def _name(self, word: str, call: str) -> str:
+        name = f"{word}_{len(self._cells)}"
+        self._cells.append(f"{name} = {call}")
         return name
-
-    def _gather(self, word: str, values: Sequence[Sum], behind: Sequence[Sum] = ()) -> str:
-        return self._name(word, gather(values, self.lanes, behind))
-
-    def _scatter(self, word: str, rows: Sequence[int]) -> str:
-        return self._name(word, scatter(rows, self.lanes))
 
     def _line(self, text: str) -> None:
         self._lines.append(" " * self._indent + text)
@@ -246,22 +236,25 @@ class Attempt:
         if barriers:
             self._line("barrier()")
         self._line(f"for l in range({self.lanes}):")
-        self._line("    lane = lane_of(w, l)")
+        self._line("    lane = lane_of(problem, w, l)")
         for text in body:
             self._line("    " + text)
         if barriers:
             self._line("barrier()")
 
 
+OPTIONS: dict[str, Any] = {"fastmath": FASTMATH} | INNER | {"no_cpython_wrapper": False}
+
+
+def write_attempt(tableau: Tableau, model: Model, lanes: int = LANES) -> Callable[..., Any]:
+    """Write and import the step of a method and a model, and return its function."""
+    name = f"attempt_{tableau.name}_{model.name}_{lanes}"
+    written = import_written(name, Attempt(tableau, model, lanes).source)
+    function: Callable[..., Any] = written.attempt
+    return function
+
+
 def compile_attempt(tableau: Tableau, model: Model, lanes: int = LANES) -> Callable[..., Any]:
-    """Compiled ``attempt`` of a method and a model (lazily, at its first use)."""
-    written = Attempt(tableau, model, lanes)
-    # In the name of this file, beside whose kernels it is kept.
-    exec(compile(written.source, __file__, "exec"), written.names)
-    function = written.names["attempt"]
-    # The name becomes part of the compiled symbol; two methods must not share one.
-    function.__name__ = function.__qualname__ = f"attempt_{tableau.name}_{model.name}_{lanes}"
-    compiled: Callable[..., Any] = njit(fastmath=FASTMATH, **INNER | {"no_cpython_wrapper": False})(
-        function
-    )
+    """Return the step of a method and a model, to be compiled at its first call."""
+    compiled: Callable[..., Any] = njit(**OPTIONS)(write_attempt(tableau, model, lanes))
     return compiled

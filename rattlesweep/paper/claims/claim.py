@@ -11,33 +11,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.compute as pc
 from ruamel.yaml import YAML
 
-from rattlesweep.paper.columns import count, number, schema, word
+from rattlesweep.paper.workspace import Tables
 from rattlesweep.sweeps.counts import wilson
 
-Tables = Mapping[str, Mapping[str, pa.Table]]
+# Tables by part, as far as the parts were made.
+Made = Mapping[str, Tables]
 # Checks, whose truth says whether they hold, and numbers by name.
 Measured = tuple[Sequence[object], dict[str, Any]]
 
-CLAIMS = schema(
-    "",
-    word("id", "T: theory, G: the body GH, U: unsteady direction, S: steady, L: long runs"),
-    word("where", "place in the paper"),
-    word("words", "what the paper says; word for word between quotation marks"),
-    word("measured", "what was found"),
-    number("value", "the figure that decides, where there is one"),
-    number("low", "lower end of its 95 % confidence interval, or of its range"),
-    number("high", "upper end of the same"),
-    word("verdict", "agree: all checks hold; disagree: the headline fails; partly: another one "
-         "does, or the headline at one in ten at most where the paper's words leave room"),
-    count("held", "number of checks that hold"),
-    count("checks", "number of checks"),
-    word("headline", "the check without which nothing is left of the claim"),
-    word("evidence", "all checks, and how they were made"),
-)  # fmt: skip
+COLUMNS = ["id", "where", "words", "measured", "value", "low", "high", "verdict", "held", "checks",
+           "headline", "evidence"]  # fmt: skip
+UNDECIDED = "too few samples to tell"
 TABLE = Path(__file__).with_name("claims.yaml")
 # Rounding error allowed in an identity between doubles.
 EXACT = 1e-9
@@ -47,79 +33,106 @@ MOST = 0.9
 
 @dataclass(frozen=True)
 class Count:
-    """How many of a total meet a criterion; true if all do, and there are any."""
+    """Number that meet a criterion of a total; true if all do, and there are any.
+
+    ``unsure`` of the others miss it by no more than their sampling error (95 %).
+    """
 
     hits: int
     total: int
+    unsure: int = 0
 
     def __bool__(self) -> bool:
         return 0 < self.hits == self.total
 
     def __add__(self, other: Count) -> Count:
-        return Count(self.hits + other.hits, self.total + other.total)
+        return Count(self.hits + other.hits, self.total + other.total, self.unsure + other.unsure)
 
     def __str__(self) -> str:
         return f"{self.hits:,} of {self.total:,}"
 
+    @property
+    def possible(self) -> bool:
+        """Whether all may meet it, as far as the samples can tell."""
+        return self.hits + self.unsure == self.total
 
-def every(mask: Any) -> Count:
-    """Count of the true values."""
-    return Count(int(np.sum(mask)), len(mask))
+
+def every(mask: Any, possible: Any = False) -> Count:
+    """Count the true values; of the others, those that are possible within sampling error."""
+    mask = np.asarray(mask, dtype=bool)
+    return Count(int(mask.sum()), mask.size, int((~mask & np.asarray(possible, bool)).sum()))
 
 
 def share(hits: int, runs: int) -> dict[str, float]:
-    """Share with its interval, as the numbers that decide a claim."""
+    """Return a share with its 95 % interval, as the numbers that decide a claim."""
     low, high = map(float, wilson(hits, runs))
     return {"value": hits / runs if runs else np.nan, "low": low, "high": high}
 
 
 def share_words(hits: int, runs: int) -> str:
-    """Share with its interval, in words."""
+    """Return a share with its interval, in words."""
     return "{value:.2%} [{low:.2%}, {high:.2%}]".format(**share(hits, runs))
-
-
-def complete(figure: Mapping[str, pa.Table]) -> bool:
-    """Whether all points of the figure's sweep have runs of status ok: others settle nothing."""
-    points = figure.get("times", figure.get("fractions"))
-    return points is None or pc.min(points["runs"]).as_py() > 0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Claim:
-    """A row of the table of claims."""
+    """A row of the table of claims.
 
-    id: str  # T1, U2, ...
+    Attributes
+    ----------
+    id : str
+        ``T1``, ``U2``, ...
+    where : str
+        Place in the paper; equations by their printed number and their label in the source, as in
+        ``Eq. (38) [k-diff]``.
+    words : str
+        What the paper says; between quotation marks word for word.
+    criteria : sequence of str
+        What is asked of the measurement, first the headline: the paper's statement itself.
+    measure : callable
+        Takes the tables by part to the checks, one for each criterion, and the numbers; None if
+        there are too few samples.  Of the numbers, ``value`` is the one that decides, ``low`` and
+        ``high`` its confidence interval or range.
+    measured, notes : str
+        What was found, and how it was found and what explains it, with numbers in braces.
+    lists : mapping
+        For a number that is rows: what stands between them, and the words of one.
+    leeway : str
+        The paper's word that leaves room in the headline, such as “almost”.
+    parts : sequence of str
+        Parts whose tables are needed; none for a claim about formulas alone.
+    """
+
+    id: str
     where: str
-    """Place in the paper; equations by their printed number and their label in the source, as in
-    ``Eq. (38) [k-diff]``."""
-    words: str  # of the paper, between quotation marks word for word
+    words: str
     criteria: Sequence[str]
-    """What is asked of the measurement, first the headline: the paper's statement itself."""
     measure: Callable[..., Measured | None]
-    """From the tables of the figures to the checks, one for each criterion, and the numbers; None
-    if these tables cannot settle the claim.  Of the numbers, ``value`` is the one that decides,
-    ``low`` and ``high`` its confidence interval or range."""
-    measured: str  # what was found, with numbers in braces
-    notes: str = ""  # likewise, how it was found, and what explains it
+    measured: str
+    notes: str = ""
     lists: Mapping[str, tuple[str, str]] = field(default_factory=dict)
-    """Of a number that is rows: what stands between them, and the words of one."""
-    leeway: str = ""  # the paper's word that leaves room in the headline, such as “almost”
-    figures: Sequence[str] = ()  # whose tables are needed; none for a claim about formulas alone
+    leeway: str = ""
+    parts: Sequence[str] = ()
 
-    def judge(self, tables: Tables, **options: Any) -> dict[str, Any] | None:
-        """Measure the claim: a row of :data:`CLAIMS`, or None if these tables cannot settle it.
+    def judge(self, made: Made, *, few: bool = False, **options: Any) -> dict[str, Any]:
+        """Measure the claim and return a row of the table, with the columns :data:`COLUMNS`.
 
-        A headline that fails makes it ``disagree``; where the paper's words leave room, and nine in
-        ten still meet the headline, ``partly``.
+        The claim *agrees* if all checks hold, and *disagrees* if the headline fails; else it holds
+        *partly*, as it does where the paper's words leave room and nine in ten still meet the
+        headline.  With ``few`` samples, where failing checks fail by no more than the sampling
+        error, there are *too few samples to tell*.
         """
-        if not all(complete(tables.get(name, {})) for name in self.figures):
-            return None
-        found = self.measure(tables, **options)
+        row = {"id": self.id, "where": self.where, "words": self.words,
+               "headline": self.criteria[0], "checks": len(self.criteria)}  # fmt: skip
+        found = self.measure(made, **options)
         if found is None:
-            return None
+            return row | {
+                "measured": "not measured: too few runs of a kind", "value": None, "low": None,
+                "high": None, "verdict": UNDECIDED, "held": 0, "evidence": "",
+            }  # fmt: skip
         checks, numbers = found
         for name, (between, words) in self.lists.items():
-            numbers[name] = between.join(words.format(**row) for row in numbers[name])
+            numbers[name] = between.join(words.format(**own) for own in numbers[name])
         told = [
             f"{words}: {'yes' if check else 'no'}"
             + (f", {check}" if isinstance(check, Count) else "")
@@ -127,27 +140,30 @@ class Claim:
         ]
         notes = self.notes.format(**numbers).strip()
         head, held = checks[0], sum(map(bool, checks))
+        open_ = [bool(c) or (few and isinstance(c, Count) and c.possible) for c in checks]
         room = self.leeway and isinstance(head, Count) and head.hits >= MOST * head.total > 0
+        if held == len(checks):
+            verdict = "agree"
+        elif all(open_) or (not head and open_[0]):
+            verdict = UNDECIDED
+        else:
+            verdict = "partly" if head or room else "disagree"
         if room and not head:
             notes = f"The headline fails, but the paper's words leave room: {self.leeway}. {notes}"
         decides = {name: numbers.get(name) for name in ("value", "low", "high")}
-        return {
-            "id": self.id,
-            "where": self.where,
-            "words": self.words,
+        return row | {
             "measured": self.measured.format(**numbers),
-            **{n: v if v is None or math.isfinite(v) else None for n, v in decides.items()},
-            "verdict": "agree" if held == len(checks) else "partly" if head or room else "disagree",
+            **{n: float(v) if v is not None and math.isfinite(v) else None
+               for n, v in decides.items()},
+            "verdict": verdict,
             "held": held,
-            "checks": len(checks),
-            "headline": self.criteria[0],
             "evidence": f"Checks, headline first: {'; '.join(told)}. {notes}".strip(),
-        }
+        }  # fmt: skip
 
 
 @cache
 def claims() -> dict[str, Claim]:
-    """The claims of ``claims.yaml`` by their id."""
+    """Return the claims of ``claims.yaml`` by their id."""
     found = {}
     for name, row in YAML(typ="safe").load(TABLE).items():
         module, function = row.pop("measure").split(".")
@@ -156,8 +172,9 @@ def claims() -> dict[str, Claim]:
     return found
 
 
-def judge(tables: Tables, *, theory: bool) -> list[dict[str, Any]]:
-    """Rows of the claims that the tables of these figures, and ``theory`` alone, can settle."""
-    able = [c for c in claims().values()
-            if (tables.keys() >= set(c.figures) if c.figures else theory)]  # fmt: skip
-    return [found for claim in able if (found := claim.judge(tables)) is not None]
+def judge(made: Made, *, theory: bool, few: bool = False) -> list[dict[str, Any]]:
+    """Return rows of the claims whose parts were made, and of those about formulas alone."""
+    return [
+        claim.judge(made, few=few) for claim in claims().values()
+        if (made.keys() >= set(claim.parts) if claim.parts else theory)
+    ]  # fmt: skip

@@ -1,180 +1,138 @@
-"""Fig. 3: distributions of the torque coefficients K_p and K_r of the set SD."""
+"""Fig. 3: cumulative distributions of the frequencies of the set SD; its bodies, for Fig. 4 too."""
 
 from __future__ import annotations
 
-from functools import partial
-from threading import Lock
+from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
-from matplotlib import colormaps
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
 
-from rattlesweep.arrays import Floats, Integers
-from rattlesweep.integrate.task import Control, side_by_side
-from rattlesweep.paper.columns import count, number, schema, table
-from rattlesweep.paper.figures.fig2 import (
-    BOUND,
-    CHUNK,
-    SEED,
-    cumulative,
-    draw_modes,
-    drawn_bodies,
-)
-from rattlesweep.paper.figures.style import frame
-from rattlesweep.paper.workspace import Progress, Tables, between
+from rattlesweep.analysis.style import GREEN, ORANGE, SKY, new_figure
+from rattlesweep.arrays import Floats
+from rattlesweep.paper.figures.frames import DASHES, frame
+from rattlesweep.paper.workspace import Report, Tables
 from rattlesweep.physics import theory
-from rattlesweep.analysis.style import BLUE, VERMILION, new_figure
+from rattlesweep.physics.body import shell_dumbbell
+from rattlesweep.sweeps.bodies.sampler import draw_bodies
 from rattlesweep.sweeps.config.schema import SdRanges
 
-# The paper's colour code: nine decades.
-DECADES = 9
-# The binned axes.  Not named in the paper, which has a logarithmic scale for the colours only; no
-# body of Table I lies outside.
-ENDS, BINS = {"K_p": (0.0, 7.0), "K_r": (0.0, 0.4)}, 200
-
-CUMULATIVE = schema(
-    "probability",
-    number("K_p", "torque coefficient of the pitch (Eq. (39) [Kp])"),
-    number("K_r", "torque coefficient of the roll (Eq. (40) [Kr])"),
-    number("ratio", "K_p / K_r"),
-)
-DENSITY = schema(
-    "",
-    count("i", "number of the bin of K_p"),
-    count("j", "number of the bin of K_r"),
-    number("K_p_low", "lower edge of the bin"),
-    number("K_p_high", "upper edge of the bin"),
-    number("K_r_low", "lower edge of the bin"),
-    number("K_r_high", "upper edge of the bin"),
-    count("count", "bodies in the bin; bins without any have no row"),
-    number("relative_frequency", "count / samples: the paper's P(K_p, K_r)"),
-)
-SUMMARY = schema(
-    "",
-    count("samples", "bodies of the cumulative distributions"),
-    count("density_samples", "bodies of the density"),
-    count("outside", "of these, outside the bins"),
-    number("ratio_min", "of these, the least omega_p / omega_r"),
-    count("below", f"of these, with omega_p / omega_r below {BOUND}"),
-    count("bins", "bins on each axis"),
-    number("K_p_low", "lower end of the binned axis of K_p"),
-    number("K_p_high", "upper end of the binned axis of K_p"),
-    number("K_r_low", "lower end of the binned axis of K_r"),
-    number("K_r_high", "upper end of the binned axis of K_r"),
-)
+SEED = 2017
+# Points of a cumulative distribution.
+LEVELS = 2001
+# The paper's lower bound of omega_p / omega_r (Methods).
+BOUND = 1.3
+# Bodies drawn at a time: a tenth of a second.
+CHUNK = 100_000
 
 
-def distributions(
-    bodies: int, total: int, ranges: SdRanges, threads: int, progress: Progress
-) -> Tables:
-    """Tables ``cumulative``, ``density`` (bins that hold bodies) and ``summary`` (one row).
+def drawn_bodies(first: int, last: int, ranges: SdRanges, seed: int = SEED) -> tuple[Floats, ...]:
+    """Return ``alpha, beta, gamma, theta, phi, xi`` of the bodies of some numbers.
 
-    Of so many bodies in (a) and in (b): the same for any number of threads.
+    Body number ``i`` is sample ``i`` of a sweep of the same seed without a target.
     """
-    early = bodies / (bodies + total)
-    found = draw_modes(("K_p", "K_r"), bodies, ranges, between(progress, 0.0, early))
-    found["ratio"] = found["K_p"] / found["K_r"]
-    counts, least, below = count_bodies(total, ranges, threads, between(progress, early, 1.0))
-    i, j = np.nonzero(counts)
-    (p, r), inside = (edges(name) for name in ENDS), counts[i, j]
-    density = [i, j, p[i], p[i + 1], r[j], r[j + 1], inside, inside / total]
-    row = [bodies, total, total - counts.sum(), least, below, BINS, *ENDS["K_p"], *ENDS["K_r"]]
-    return {
-        "cumulative": table(cumulative(found), CUMULATIVE),
-        "density": table(dict(zip(DENSITY.names, density, strict=True)), DENSITY),
-        "summary": table([dict(zip(SUMMARY.names, row, strict=True))], SUMMARY),
-    }
+    limits = [ranges.gamma, ranges.f_sd, ranges.theta, ranges.phi, ranges.minus_xi_deg]
+    drawn = draw_bodies(seed, np.arange(first, last), np.array(limits))[0]
+    gamma, _, theta, phi, xi, alpha, beta = drawn
+    return alpha, beta, gamma, theta, phi, xi
 
 
-def count_bodies(
-    total: int, ranges: SdRanges, threads: int, progress: Progress, seed: int = SEED
-) -> tuple[Integers, float, int]:
-    """Draw bodies and count them by their torque coefficients; none is stored.
+def draw_modes(
+    names: Sequence[str], samples: int, ranges: SdRanges, report: Report
+) -> dict[str, Floats]:
+    """Return attributes of :class:`rattlesweep.physics.theory.Modes` of so many random bodies."""
+    kept = {name: np.empty(samples) for name in names}
+    for first in range(0, samples, CHUNK):
+        last = min(first + CHUNK, samples)
+        alpha, beta, _, theta, phi, xi = drawn_bodies(first, last, ranges)
+        found = theory.modes(alpha, beta, theta, phi, xi)
+        for name in names:
+            kept[name][first:last] = getattr(found, name)
+        report(last / samples)
+    return kept
 
-    Returns
-    -------
-    counts : ndarray, shape (bins, bins)
-        By ``K_p`` and ``K_r``.
-    least, below
-        The least ``omega_p / omega_r``, and the number of those below :data:`BOUND`.
+
+def cumulative(values: dict[str, Floats], levels: int = LEVELS) -> pd.DataFrame:
+    """Return the values of which even shares, in ``probability``, lie at or below.
+
+    All are members of what is given, from the least to the largest.
     """
-    counts, one_at_a_time = np.zeros((BINS, BINS), np.int64), Lock()
+    probability = np.linspace(0, 1, levels)
+    columns = {n: np.quantile(v, probability, method="inverted_cdf") for n, v in values.items()}
+    return pd.DataFrame({"probability": probability} | columns)
 
-    def part(first: int, _: Control) -> tuple[float, int]:
-        last = min(first + CHUNK, total)
-        alpha, beta, _gamma, theta, phi, xi = drawn_bodies(first, last, ranges, seed)
-        square_p, square_r, *coefficients = theory.torque_coefficients(alpha, beta, theta, phi, xi)
-        ratio = square_p / square_r
-        places = [
-            np.floor((values - low) / ((high - low) / BINS)).astype(np.int64)
-            for values, (low, high) in zip(coefficients, ENDS.values(), strict=True)
-        ]
-        inside = np.logical_and.reduce([(place >= 0) & (place < BINS) for place in places])
-        i, j = (place[inside] for place in places)
-        own = np.bincount(BINS * i + j, minlength=BINS**2).reshape(BINS, BINS)
-        with one_at_a_time:
-            np.add(counts, own, out=counts)
-        return float(np.sqrt(ratio.min())), int(np.count_nonzero(ratio < BOUND**2))
 
-    # Compiled here, if at all, and not in two threads at once.
-    drawn_bodies(0, 0, ranges, seed)
-    found = side_by_side(
-        [partial(part, first) for first in range(0, total, CHUNK)],
-        threads,
-        lambda done: progress(done, f"{round(done * total):,} of {total:,} bodies"),
+def data(bodies: int, ranges: SdRanges, report: Report) -> Tables:
+    """Return the tables ``cumulative`` and ``summary`` (one row)."""
+    names = ("omega_p", "omega_r", "omega_p0", "omega_r0")
+    found = draw_modes(names, bodies, ranges, report)
+    found["ratio"] = found["omega_p"] / found["omega_r"]
+    below = np.count_nonzero(found["ratio"] <= BOUND)
+    row = {"samples": bodies, "below": below, "ratio_bound": ratio_bound(ranges)}
+    for mode in ("p", "r"):
+        exact, zeroth = found[f"omega_{mode}"], found[f"omega_{mode}0"]
+        row[f"distance_{mode}"] = largest_distance(exact, zeroth)
+        off = np.quantile(np.abs(zeroth / exact - 1), (0.5, 0.99))
+        row[f"off_median_{mode}"], row[f"off_p99_{mode}"] = off
+    return {"cumulative": cumulative(found), "summary": pd.DataFrame([row])}
+
+
+def largest_distance(one: Floats, other: Floats) -> float:
+    """Return the Kolmogorov-Smirnov distance of two samples.
+
+    Importing ``scipy.stats`` for it would take longer than the rest of the figure.
+    """
+    both = np.sort(one), np.sort(other)
+    places = np.concatenate(both)
+    shares = [np.searchsorted(own, places, side="right") / own.size for own in both]
+    return float(np.abs(shares[0] - shares[1]).max())
+
+
+def ratio_bound(ranges: SdRanges) -> float:
+    """Return the infimum of ``omega_p / omega_r`` over ranges of bodies.
+
+    The product of the squares, ``det H``, does not depend on xi and their sum grows with ``sin^2
+    xi``, so the ratio is least at the least skew angle.  There it depends on ``beta/alpha`` and
+    ``(1/phi - 1)/(1/theta - 1)`` alone, monotonically in both, and the four pairs of their ends
+    decide.  Where pitch and roll can change places this is 1, the bound of any ratio.
+    """
+    alpha, beta = shell_dumbbell(
+        np.array([ranges.gamma[1], ranges.gamma[0]]), np.array([ranges.f_sd[0], ranges.f_sd[1]])
     )
-    ratios, below = zip(*found, strict=True)
-    return counts, min(ratios), sum(below)
-
-
-def edges(name: str) -> Floats:
-    """Edges of the bins of ``K_p`` or ``K_r``, shape (bins + 1,)."""
-    return np.linspace(*ENDS[name], BINS + 1)
-
-
-def counts_of(tables: Tables) -> Integers:
-    """Bodies in all bins of the figure's tables, shape (bins, bins), by ``K_p`` and ``K_r``."""
-    counts, filled = np.zeros((BINS, BINS), dtype=np.int64), tables["density"]
-    counts[filled["i"].to_numpy(), filled["j"].to_numpy()] = filled["count"].to_numpy()
-    return counts
+    theta, phi = np.array(ranges.theta), np.array(ranges.phi[::-1])
+    xi = -np.radians(ranges.minus_xi_deg[0])
+    found = theory.modes(alpha[:, None], beta[:, None], theta, phi, xi)
+    if np.any(found.omega_p0 <= found.omega_r0):
+        return 1.0
+    return float(np.min(found.omega_p / found.omega_r))
 
 
 def draw(tables: Tables) -> Drawing:
-    """(a) cumulative distributions; (b) the density in the plane."""
-    figure = new_figure(4.6, 7.2)
-    upper, lower = figure.subplots(2, 1, height_ratios=(1, 1.25))
-    values, counts = tables["cumulative"].to_pandas(), counts_of(tables)
-    _cumulative(upper, values, (ENDS["K_r"][0], ENDS["K_p"][1]))
-    upper.set(xlabel="$K_p$,  $K_r$", ylabel="cumulative distribution")
-    upper.legend(frameon=False, loc="upper right", bbox_to_anchor=(1, 0.93), ncols=2)
-    # K_r is steep on the axis of K_p: the same again over decades.
-    inset = upper.inset_axes((0.47, 0.18, 0.5, 0.52))
-    inset.set_xscale("log")
-    _cumulative(inset, values, (1e-4, 10.0))
+    """Draw the four distributions and, in the inset, that of the ratio."""
+    values = tables["cumulative"]
+    level = values["probability"]
+    figure = new_figure(4.6, 3.6)
+    axes = figure.add_subplot()
+    # The approximations lie almost on top, so they are dark, dashed and thin over something pale
+    # and broad.
+    for mode, colour, dark in (("p", SKY, "#003F66"), ("r", ORANGE, "#7A2E00")):
+        axes.plot(values[f"omega_{mode}"], level, color=colour, linewidth=3.2,
+                  solid_capstyle="butt", label=rf"$\omega_{mode}$")  # fmt: skip
+        axes.plot(values[f"omega_{mode}0"], level, color=dark, linewidth=1.1, linestyle=DASHES,
+                  label=rf"$\omega_{{{mode}0}}$")  # fmt: skip
+    axes.set(xlim=(0, 1.02 * values["omega_p"].iloc[-1]), ylim=(0, 1.03),
+             xlabel=r"$\omega\,/\,\tilde\omega$", ylabel="cumulative distribution")  # fmt: skip
+    axes.legend(frameon=False, loc="upper right", bbox_to_anchor=(0.99, 0.9), ncols=2,
+                handlelength=1.9, columnspacing=1.0)  # fmt: skip
+    inset = axes.inset_axes((0.6, 0.19, 0.36, 0.42))
+    inset.plot(values["ratio"], level, color=GREEN, linewidth=1.6)
+    inset.axvline(BOUND, color="#444444", linewidth=0.8, linestyle=":")
+    inset.annotate(f"{BOUND:g}", (BOUND, 0.93), xytext=(3, 0), textcoords="offset points",
+                   fontsize=7.5, color="#444444", va="center")  # fmt: skip
+    # The last percent of the ratios would fill half of the axis.
+    inset.set(xlim=(0, np.ceil(np.interp(0.995, level, values["ratio"]))), ylim=(0, 1.05))
+    inset.set_xlabel(r"$\omega_p/\omega_r$", fontsize=9, labelpad=1)
+    for each in (axes, inset):
+        frame(each)
     inset.tick_params(labelsize=7.5)
-    inset.minorticks_off()
-
-    shown = np.full(counts.shape, np.nan)
-    total = tables["summary"]["density_samples"][0].as_py()
-    np.log10(counts / total, where=counts > 0, out=shown)
-    picture = lower.pcolormesh(
-        edges("K_p"), edges("K_r"), shown.T, cmap=colormaps["viridis"],
-        vmin=-DECADES, vmax=0, rasterized=True,
-    )  # fmt: skip
-    lower.set(xlabel="$K_p$", ylabel="$K_r$")
-    bar = figure.colorbar(picture, ax=lower, ticks=range(-DECADES, 1), pad=0.02)
-    bar.set_label(r"$\log_{10} P(K_p, K_r)$")
-    frame(lower)
-    for axes, letter in ((upper, "(a)"), (lower, "(b)")):
-        axes.set_title(letter, loc="left", fontsize=11)
     return figure
-
-
-def _cumulative(axes: Axes, values: pd.DataFrame, ends: tuple[float, float]) -> None:
-    for name, colour, style in (("K_p", BLUE, "-"), ("K_r", VERMILION, (0, (5, 1.5)))):
-        axes.plot(values[name], values["probability"], color=colour, linestyle=style,
-                  linewidth=1.8, label=f"${name}$")  # fmt: skip
-    axes.set(xlim=ends, ylim=(0, 1.03))
-    frame(axes)

@@ -1,4 +1,4 @@
-"""Fig. 5: times of reversal in the unsteady direction, as Fig. 7 has them in the other; a run."""
+"""Fig. 5: the body GH in the unsteady and in the steady direction, up to its first reversals."""
 
 from __future__ import annotations
 
@@ -6,150 +6,118 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
 
-from rattlesweep.paper.columns import number, schema, table
-from rattlesweep.paper.figures.follow import FORCE_CHANNELS, FORCES, follow, forces
-from rattlesweep.paper.figures.style import ABOVE, N_AXIS, T_AXIS, ZERO, decade_ticks, frame, launch
-from rattlesweep.paper.workspace import Progress, StoredRuns, Tables, Workspace
+from rattlesweep.analysis.style import BLUE, INK, VERMILION, new_figure
+from rattlesweep.api import modes, reversal_time_gh
+from rattlesweep.arrays import Floats
+from rattlesweep.paper.figures.frames import ABOVE, DASHES, N_AXIS, T_AXIS, ZERO, frame, launch
+from rattlesweep.paper.figures.single import FORCES, follow, forces, thinned
+from rattlesweep.paper.workspace import Report, Tables
 from rattlesweep.physics.body import Rattleback
-from rattlesweep.analysis.style import BLUE, SERIES, new_figure
-from rattlesweep.sweeps.single import Launch
-from rattlesweep.sweeps.columns import RATE, TIME
 
-# Of (b); its length is not named in the paper.
-N_I, OMEGA_XY0, T_END = 0.5, 0.01, 150.0
-SPIN = schema("t n omega_x")
-Z95 = 1.959964
-# Panels beside each other.
-COLUMNS = 3
+OMEGA_XY0 = 0.01
+# Spin, and length, which the paper does not name, of (a) and of (b).
+ENDS = {"unsteady": (0.1, 200.0), "steady": (-0.1, 1500.0)}
+TOL = 1e-12
+BINS = 900
+COMPONENTS = ("omega_x", "omega_y")
 
 
-def data(ws: Workspace, progress: Progress) -> Tables:
-    """Tables ``times`` of part (a); ``spin`` and ``forces`` of part (b), in the sweep's method."""
-    sweep = ws.sweep("unsteady", progress)
-    integrator = sweep.config.integrator.model_dump(exclude_none=True)
-    gh = Launch(Rattleback.gh(), N_I, OMEGA_XY0, T_END, integrator=integrator)
-    channels = ("t", "n", "omega_x", *FORCE_CHANNELS)
-    found, _ = follow(gh, channels, f"GH at n_i = {N_I:g}", progress)
-    return {
-        "times": times(sweep),
-        "spin": table(found.table, SPIN),
-        "forces": table([forces(f"Fig. 5(b), n_i = {N_I:g}", found.table)], FORCES),
+def data(report: Report) -> Tables:
+    """Return the tables ``unsteady`` and ``steady`` (series), ``runs``, ``extrema``, ``forces``."""
+    tables: dict[str, pd.DataFrame] = {}
+    rows, presses, extrema = [], [], []
+    body, found_modes = Rattleback.gh(), modes(Rattleback.gh())
+    for k, (name, (n_i, t_end)) in enumerate(ENDS.items()):
+        words = f"GH at n_i = {n_i:g}"
+        found = follow(body, words, "n", "n_gh", *COMPONENTS, *FORCES, n_i=n_i,
+                       omega_xy0=OMEGA_XY0, t_end=t_end, tol=TOL)  # fmt: skip
+        relevant = float(found_modes.omega_p if n_i > 0 else found_modes.omega_r)
+        period = 2 * np.pi / relevant
+        t_r = found.zeros[0] if len(found.zeros) else np.nan
+        row: dict[str, Any] = {
+            "run": name, "n_i": n_i, "omega_xy0": OMEGA_XY0, "t_r": t_r,
+            "zeros": len(found.zeros), "t_rgh": reversal_time_gh(body, n_i, OMEGA_XY0),
+            "period": period, "omega_relevant": relevant,
+        }  # fmt: skip
+        for component in COMPONENTS:
+            t, size = maxima(found.table["t"].to_numpy(), found.table[component].to_numpy())
+            own = {"run": name, "component": component, "t": t, "amplitude": size}
+            extrema.append(pd.DataFrame(own))
+            row[f"frequency_{component[-1]}"] = frequency(t, t_r, 10 * period)
+        main = COMPONENTS[0 if n_i > 0 else 1]
+        largest = float(found.table[main].abs().max())
+        row["frequency_free"] = free_frequency(largest, main, 20 * period)
+        rows.append(row)
+        presses.append(forces(f"Fig. 5, n_i = {n_i:g}", found.table))
+        tables[name] = thinned(found.table, "n_gh", **dict.fromkeys(("n", *COMPONENTS), BINS))
+        report((k + 1) / len(ENDS))
+    return tables | {
+        "runs": pd.DataFrame(rows),
+        "extrema": pd.concat(extrema, ignore_index=True),
+        "forces": pd.DataFrame(presses),
     }
+
+
+def maxima(t: Floats, values: Floats) -> tuple[Floats, Floats]:
+    """Return times and heights of the local maxima of a curve's modulus, by parabolas."""
+    size = np.abs(values)
+    k = 1 + np.flatnonzero((size[1:-1] >= size[:-2]) & (size[1:-1] > size[2:]))
+    before, here, after = size[k - 1], size[k], size[k + 1]
+    bend = before - 2 * here + after
+    shift = 0.5 * (before - after) / bend
+    return t[k] + shift * (t[1] - t[0]), here - 0.25 * (before - after) * shift
+
+
+def frequency(extrema: Floats, middle: float, width: float) -> float:
+    """Return the angular frequency by the mean distance of the extrema near a time, or NaN."""
+    near = extrema[np.abs(extrema - middle) < width]
+    return float(np.pi * (len(near) - 1) / (near[-1] - near[0])) if len(near) > 1 else np.nan
+
+
+def free_frequency(size: float, main: str, length: float) -> float:
+    """Return the frequency of a mode of GH alone, launched with this rate and nearly no spin."""
+    found = follow(Rattleback.gh(), "a mode alone", main, n_i=1e-6, omega_xy0=size, tol=TOL,
+                   psi="pitch" if main == "omega_x" else "roll", t_end=length, dt=0.01)  # fmt: skip
+    t, _ = maxima(found.table["t"].to_numpy(), found.table[main].to_numpy())
+    # Its first periods alone: the mode drives the spin, which then changes the frequency.
+    return frequency(t, length / 8, length / 8)
 
 
 def draw(tables: Tables) -> Drawing:
-    """A panel a spin, and part (b) in the place that is left."""
-    figure, used, (axis, *_) = panels(tables["times"], "K_p", "t_{ru}", "t_{rGH+}", above=True)
-    frame(used[0], "(a)", loc="left")
-    spin = tables["spin"].to_pandas()
-    axis.axis("on")
-    axis.plot(spin["t"], spin["n"], color=BLUE, linewidth=0.8)
-    axis.axhline(0, **ZERO)
-    axis.set(xlabel=T_AXIS, ylabel=N_AXIS)
-    frame(axis, "(b) GH, " + launch({"n_i": spin["n"].iloc[0]}, "n_i"))
+    """Draw (a) on the left, (b) on the right, the spin above the oscillations."""
+    figure = new_figure(9.2, 6.0)
+    axes = figure.subplots(3, 2, sharex="col")
+    for k, (column, name) in enumerate(zip(axes.T, ENDS, strict=True)):
+        _column(column, "ab"[k], tables["runs"].iloc[k], tables[name])
+    # omega_x and omega_y share their scale, so that (a) and (b) can be compared.
+    most = max(max(map(abs, axis.get_ylim())) for axis in axes[1:].ravel())
+    for axis in axes[1:].ravel():
+        axis.set_ylim(-most, most)
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), ncols=3, **ABOVE)
     return figure
 
 
-def times(sweep: StoredRuns) -> pa.Table:
-    """One row a point: the runs that reverse, and the theory's line at the mean ``n_0``."""
-    rows = [point | of_point(runs, point) for point, runs in sweep.points()]
-    return table(
-        rows,
-        schema(
-            f"{sweep.target} n_i omega_xy0 runs reversed",
-            number("t_r_mean", "mean time of reversal", TIME),
-            number("t_r_std", "its sample standard deviation over the runs", TIME),
-            number("t_r_low", "95 % confidence interval of the mean (normal), lower end", TIME),
-            number("t_r_high", "the same, upper end", TIME),
-            number("t_r_median", "median time of reversal", TIME),
-            number("n_0_mean", "mean over all runs of the spin that would hold all energy", RATE),
-            number("t_rgh_line", "Garcia and Hubbard's time at the mean n_0", TIME),
-            number("ratio_mean", "mean over the runs of t_r / t_rGH of the same run"),
-            number("ratio_std", "its sample standard deviation"),
-        ),
-    )
-
-
-def of_point(runs: pd.DataFrame, point: dict[str, Any]) -> dict[str, Any]:
-    """The rest of the row; not a number where no run, or only one, reverses."""
-    back = runs[runs["type"] == "R"]
-    t_r, ratio = back["t_r"], back["t_r"] / back["t_rgh"]
-    mean, n_0 = t_r.mean(), runs["n_0"].mean()
-    half = Z95 * t_r.std() / np.sqrt(max(len(back), 1))
-    coefficient, n_i = next(iter(point.values())), point["n_i"]
-    return {
-        "runs": len(runs),
-        "reversed": len(back),
-        "t_r_mean": mean,
-        "t_r_std": t_r.std(),
-        "t_r_low": mean - half,
-        "t_r_high": mean + half,
-        "t_r_median": t_r.median(),
-        "n_0_mean": n_0,
-        "t_rgh_line": gh_line(coefficient, n_i, n_0),
-        "ratio_mean": ratio.mean(),
-        "ratio_std": ratio.std(),
-    }
-
-
-def gh_line(coefficient: float, n_i: float, n_0: float) -> float:
-    """Garcia and Hubbard's reversal time from ``n_0`` (Eqs. (56) [trgh-p] and (58) [trgh-m]).
-
-    Twice artanh(n_i/n_0): the logarithm's argument loses no more digits than the mean of n_0 has.
-    """
-    return 2 * float(np.arctanh(abs(n_i) / n_0)) / (n_0 * coefficient)
-
-
-def panels(
-    points: pa.Table, coefficient: str, time: str, theory: str, *, above: bool = False
-) -> tuple[Drawing, list[Axes], list[Axes]]:
-    """A panel a spin: the figure, its panels, and the axes that are left over, switched off.
-
-    Of the table of :func:`times`; ``time`` and ``theory`` are symbols, as mathematics.  The legend
-    stands ``above`` all panels, or in the last of those left over.
-    """
-    values = points.to_pandas()
-    spins = sorted(values["n_i"].unique(), key=abs)
-    rows = -(-(len(spins) + 1) // COLUMNS)
-    figure = new_figure(9.2, 2.9 * rows + 0.35)
-    axes = list(figure.subplots(rows, COLUMNS, squeeze=False).ravel())
-    means = values[["t_r_mean", "t_rgh_line"]].to_numpy()
-    ends = (0.1, 1.0) if np.isnan(means).all() else (np.nanmin(means) / 2.5, np.nanmax(means) * 2.5)
-    for axis, spin in zip(axes, spins, strict=False):
-        _points(axis, values[values["n_i"] == spin], coefficient)
-        axis.set(xscale="log", yscale="log", ylim=ends, xlabel=f"${coefficient}$")
-        axis.set_xlim(values[coefficient].min() / 1.35, values[coefficient].max() * 1.35)
-        decade_ticks(axis.xaxis)
-        frame(axis, launch({"n_i": spin}, "n_i"), grid="both")
-    for place in range(0, len(spins), COLUMNS):
-        axes[place].set_ylabel(rf"${time}$ / $\tilde t$")
-    handles, labels = axes[0].get_legend_handles_labels()
-    marks = dict(zip(labels, handles, strict=True))
-    # The theory's line comes first, as it has no bars.
-    marks[rf"${theory}$ at the mean $n_0$"] = marks.pop("theory")
-    used, spare = axes[: len(spins)], axes[len(spins) :]
-    for axis in spare:
-        axis.axis("off")
-    if above:
-        figure.legend(marks.values(), marks, ncols=len(marks), **ABOVE)
-    else:
-        spare[-1].legend(marks.values(), marks, loc="center", frameon=False, labelspacing=0.9)
-    return figure, used, spare
-
-
-def _points(axis: Axes, rows: pd.DataFrame, coefficient: str) -> None:
-    bars: dict[str, Any] = {"markersize": 5, "markerfacecolor": "white", "markeredgewidth": 1.2,
-                            "linestyle": "none", "elinewidth": 0.9, "capsize": 2.2}  # fmt: skip
-    for size, (colour, marker) in zip(sorted(rows["omega_xy0"].unique()), SERIES, strict=False):
-        own = rows[rows["omega_xy0"] == size].sort_values(coefficient)
-        x, mean, std = (own[name].to_numpy() for name in (coefficient, "t_r_mean", "t_r_std"))
-        axis.plot(x, own["t_rgh_line"], color=colour, linewidth=1.1, zorder=2)
-        # On a logarithmic axis a bar that reaches zero has no lower end.
-        down = np.minimum(std, 0.999 * mean)
-        axis.errorbar(x, mean, yerr=[down, std], color=colour, marker=marker, zorder=3,
-                      label=launch({"omega_xy0": size}, "omega_xy0"), **bars)  # fmt: skip
-    axis.plot([], [], color="#555555", linewidth=1.1, label="theory")
+def _column(axes: Any, letter: str, run: pd.Series, series: pd.DataFrame) -> None:
+    t, t_r = series["t"], run["t_r"]
+    spin, *oscillations = axes
+    spin.plot(t, series["n"], color=BLUE, linewidth=1.1, label="full dynamics")
+    spin.plot(t, series["n_gh"], color=INK, linewidth=1.1, linestyle=DASHES,
+              label=r"Garcia and Hubbard, $\overline{n}(t)$")  # fmt: skip
+    spin.axhline(0, **ZERO)
+    spin.set_ylabel(N_AXIS)
+    for axis, name in zip(oscillations, COMPONENTS, strict=True):
+        axis.plot(t, series[name], color=BLUE, linewidth=0.5)
+        axis.set_ylabel(rf"$\omega_{name[-1]}$ / $\tilde\omega$")
+    for k, axis in enumerate(axes, start=1):
+        axis.axvline(t_r, color=VERMILION, linewidth=0.9, linestyle=":",
+                     label="first reversal" if k == 1 else None)  # fmt: skip
+        axis.set_xlim(0, t.iloc[-1])
+        frame(axis, f"({letter}-{k})", loc="left")
+    # Where the spin is not: after a reversal it is of the other sign.
+    symbol = f"t_{{r{'u' if run['n_i'] > 0 else 's'}}}"
+    spin.text(t_r + 0.02 * t.iloc[-1], 0.85 * run["n_i"], f"${symbol} = {t_r:.1f}$",
+              color="#A33B00", fontsize=9.5, va="center")  # fmt: skip
+    frame(spin, f"GH, {launch(run, 'n_i', 'omega_xy0')}")
+    axes[-1].set_xlabel(T_AXIS)

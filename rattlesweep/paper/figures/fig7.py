@@ -1,13 +1,4 @@
-"""Fig. 7: times of reversal in the steady direction, late reversals, the onset of wobbling.
-
-Late reversals and onsets are seen in windows of time.  The runs that do not reverse (type SW) and
-those that reverse late are integrated once more with the smallest and the largest spin of each of
-64 windows written down; the same launches give the same bits.
-
-The onset of wobbling is the middle of the first window in which the loss of spin, 1 - n/n_i,
-exceeds half of the largest loss in the run.  A reversal is a loss of 1, of which half is lost at
-nearly the same time as all of it, so that the onset and the time of reversal are alike.
-"""
+"""Fig. 7: fractions of the types R, SS and SW in the steady direction, and examples of them."""
 
 from __future__ import annotations
 
@@ -15,151 +6,203 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Drawing
-from scipy.special import bdtr
 
-from rattlesweep.arrays import Floats
-from rattlesweep.paper.columns import count, number, schema, table
-from rattlesweep.paper.figures.chaos import thinned_out
-from rattlesweep.paper.figures.fig5 import panels, times
-from rattlesweep.paper.workspace import Progress, Tables, Workspace, between
-from rattlesweep.physics import full
-from rattlesweep.physics.body import PARAMETERS
-from rattlesweep.physics.steady import growth
-from rattlesweep.sweeps.columns import TIME
+from rattlesweep.analysis.style import BLUE, TYPE_STYLE, new_figure
+from rattlesweep.paper.figures.chaos import exponents
+from rattlesweep.paper.figures.frames import ABOVE, N_AXIS, T_AXIS, decade_ticks, frame, launch
+from rattlesweep.paper.figures.single import FORCES, body_of, follow, forces, thinned
+from rattlesweep.paper.workspace import Tables, Workspace, at, records
+from rattlesweep.sweeps.counts import wilson
 
-# "Several times" t_rGH: a reversal later than this many is late.
-LATE_FROM = 2.0
-# The spin has left its plateau when it has lost this much of itself.
-PLATEAU = 0.1
-# Spins beyond which the paper sees late reversals.
-FAST = 0.3
-
-LATE = schema(
-    "K_r n_i omega_xy0",
-    count("reversed", "runs of type R"),
-    count("late", f"of them, later than {LATE_FROM:g} t_rGH"),
-    number("ratio_std", "standard deviation of t_r / t_rGH over type R"),
-    number("ratio_std_prompt", "the same without the late ones"),
-    number("growth_late", "growth rate of the roll at n_i over abs(n_i) K_r / 2: median of the "
-           "late ones"),
-    number("growth_prompt", "the same of the others"),
-    count("followed", "late ones that were followed in windows"),
-    number("plateau", "share of t_r until the spin has lost 10 %: median of those"),
-)  # fmt: skip
-ONSET = schema(
-    "K_r n_i omega_xy0",
-    count("wobbling", "runs of type SW that were followed in windows"),
-    number("onset_median", "median of their onset", TIME),
-    number("onset_low", "95 % confidence interval of that (order statistics)", TIME),
-    number("onset_high", "the same, upper end", TIME),
-    count("onset_late", f"onsets later than {LATE_FROM:g} t_rGH"),
-    number("leave_median", "median time until 5 % of the spin is lost", TIME),
-    count("reversed", "runs of type R"),
-    number("t_r_median", "median t_r of type R", TIME),
-    number("t_rgh_median", "median t_rGH of the runs that were followed", TIME),
-)
+# In the order of the legend.
+SHOWN = ("R", "SW", "SS", "unclassified")
+BONDI = r"$|n_{c1}| < |n_i|$ (Bondi)"
+EXAMPLES = {"spin_ss": "(b-1) SS", "spin_sw": "(b-2) SW", "spin_chaotic": "(b-3) SW, chaotic"}
+# Launches of the examples.  The paper says of the chaotic run only where it lies.
+SS_AT = {"n_i": -0.5, "omega_xy0": 0.1}
+SW_AT = {"n_i": -0.4, "omega_xy0": 0.01}
+CHAOTIC_AT = {"K_r": 0.0041, "n_i": -0.5}
+# Most runs that are tried for the chaotic example.
+TRIED = 600
+# Longest time of an example, in sqrt(a/g), and stretches of its curve.
+LONGEST, BINS = 20_000.0, 1100
 
 
-def data(ws: Workspace, progress: Progress) -> Tables:
-    """Tables ``times``, ``late`` and ``onset``: one row a point each."""
-    sweep = ws.sweep("steady", progress)
-    points = list(sweep.points())
-    for _, runs in points:
-        runs["ratio"], runs["back"] = runs["t_r"] / runs["t_rgh"], runs["type"] == "R"
-        runs["late"] = runs["back"] & (runs["ratio"] > LATE_FROM)
-    every = pd.concat([runs for _, runs in points], ignore_index=True)
-    chosen = thinned_out(every[(every["type"] == "SW") | every["late"]], ws.sizes.windows)
-    followed = in_windows(ws, chosen, between(progress, 0.1, 1.0))
-    cells = dict(list(followed.groupby("case")))
-    late, onset = [], []
-    for case, (point, runs) in enumerate(points):
-        own = cells.get(case, followed[:0])
-        late.append(point | of_late(runs, own[own["back"]]))
-        onset.append(point | of_onsets(runs, own[~own["back"]]))
-    return {"times": times(sweep), "late": table(late, LATE), "onset": table(onset, ONSET)}
+def data(ws: Workspace) -> Tables:
+    """Return the tables of the figure and of what its claims need.
 
-
-def in_windows(ws: Workspace, runs: pd.DataFrame, progress: Progress) -> pd.DataFrame:
-    """Runs with three times, in ``sqrt(a/g)``, NaN where it does not happen.
-
-    ``onset``; ``leaves``: 5 % of the spin is lost; ``kept``: less than 10 % is lost until then.
+    ``fractions``: one row a point.  ``definitions``: other readings of SS.  ``settled``: where the
+    spin of SS ends.  ``examples``, ``forces``, ``spin_ss``, ``spin_sw``, ``spin_chaotic``: part
+    (b), as far as the sweep has such runs.
     """
-    found = np.full((len(runs), 3), np.nan)
-    if len(runs):
-        columns = ["window_t", "window_n_min", "window_n_max"]
-        windows = ws.again("closer", runs, progress, record=["windows"])[columns]
-        leave = ws.sweep("steady", progress).config.classify.sw_departure
-        spins = runs["n_i"].to_numpy()
-        for k, (step, least, most) in enumerate(windows.itertuples(index=False)):
-            # The end nearer to zero, or beyond it.
-            loss = 1 - np.asarray(most if spins[k] < 0 else least, dtype=float) / spins[k]
-            if loss.size:
-                levels = (loss.max() / 2, leave, PLATEAU)
-                found[k] = [first_above(loss, level, step) for level in levels]
-                if np.isnan(found[k, 2]):
-                    # So abrupt that the run was over before the window was: kept to its beginning.
-                    found[k, 2] = loss.size * step
-    return runs.assign(onset=found[:, 0], leaves=found[:, 1], kept=found[:, 2])
-
-
-def first_above(loss: Floats, level: float, step: float) -> float:
-    """Middle of the first window whose loss is above a level; NaN without one."""
-    above = np.flatnonzero(loss > level)
-    return (float(above[0]) + 0.5) * step if above.size else np.nan
-
-
-def of_late(runs: pd.DataFrame, followed: pd.DataFrame) -> dict[str, Any]:
-    """Row of :data:`LATE` from the runs of a point, and the late ones that were followed."""
-    prompt = runs["back"] & ~runs["late"]
-    rate = pd.Series(np.nan, runs.index)
-    if (runs["n_i"].abs() >= FAST).any():
-        # Exact at any spin, over its limit for small spins (Eq. (74) [case-instab1]).
-        constants = full.constants(*(runs[name].to_numpy() for name in PARAMETERS))
-        limit = runs["n_i"].abs() * runs["K_r_body"] / 2
-        rate = growth(constants, runs["n_i"].to_numpy())[1] / limit
+    runs = ws.sweep("steady")
     return {
-        "reversed": runs["back"].sum(),
-        "late": runs["late"].sum(),
-        "ratio_std": runs["ratio"][runs["back"]].std(),
-        "ratio_std_prompt": runs["ratio"][prompt].std(),
-        "growth_late": rate[runs["late"]].median(),
-        "growth_prompt": rate[prompt].median(),
-        "followed": len(followed),
-        "plateau": (followed["kept"] / followed["t_r"]).median(),
+        "fractions": fractions(runs),
+        "definitions": readings(runs),
+        "settled": settled(runs),
+        **examples(ws, runs),
     }
 
 
-def of_onsets(runs: pd.DataFrame, wobbling: pd.DataFrame) -> dict[str, Any]:
-    """Row of :data:`ONSET` from the runs of a point, and those of type SW that were followed."""
-    low, high = median_interval(wobbling["onset"].to_numpy())
-    return {
-        "wobbling": len(wobbling),
-        "onset_median": wobbling["onset"].median(),
-        "onset_low": low,
-        "onset_high": high,
-        "onset_late": (wobbling["onset"] > LATE_FROM * wobbling["t_rgh"]).sum(),
-        "leave_median": wobbling["leaves"].median(),
-        "reversed": runs["back"].sum(),
-        "t_r_median": runs["t_r"][runs["back"]].median(),
-        "t_rgh_median": wobbling["t_rgh"].median(),
-    }
+def fractions(runs: pd.DataFrame) -> pd.DataFrame:
+    """Count the types of every case, with 95 % intervals of their shares (Wilson)."""
+    past, steady = runs["n_c1"].abs() < runs["n_i"].abs(), runs["type"] == "SS"
+    found = runs[["K_r", "n_i", "omega_xy0"]].assign(
+        runs=1, bondi=past, ss_only=steady & ~past, bondi_only=past & ~steady,
+        **{name: runs["type"] == name for name in SHOWN},
+    )  # fmt: skip
+    rows = found.groupby(["K_r", "n_i", "omega_xy0"], sort=False).sum().reset_index()
+    for name in ("bondi", *SHOWN):
+        rows[f"fraction_{name}"] = rows[name] / rows["runs"]
+    for name in SHOWN:
+        rows[f"low_{name}"], rows[f"high_{name}"] = wilson(rows[name], rows["runs"])
+    return rows
 
 
-def median_interval(values: Floats) -> tuple[float | None, float | None]:
-    """95 % confidence interval of a median from order statistics; none for fewer than 6 values.
+def readings(runs: pd.DataFrame) -> pd.DataFrame:
+    """Count the runs that are SS by several readings of "decays monotonously"."""
+    stays = runs["t_r"].isna()
+    found = {"type SS (amplitude never grows by more than the threshold)": runs["type"] == "SS"}
+    for limit in (0.01, 0.1, 0.3):
+        words = f"amplitude never grows by more than {limit:.0%}"
+        found[words] = stays & (runs["amp_growth"] <= limit)
+    for limit in (0.01, 0.02, 0.05):
+        words = f"no reversal, spin never falls by more than {limit:.0%}"
+        found[words] = stays & (runs["n_departure"] <= limit)
+    past = runs["n_c1"].abs() < runs["n_i"].abs()
+    found["no reversal, past Bondi's threshold"] = stays & past
+    rows = [
+        {"n_i": n_i, "omega_xy0": size, "definition": words, "count": counted[own.index].sum(),
+         "runs": len(own)}
+        for (n_i, size), own in runs.groupby(["n_i", "omega_xy0"], sort=False)
+        for words, counted in found.items()
+    ]  # fmt: skip
+    return pd.DataFrame(rows)
 
-    Of independent values, each lies below the median with probability one half, so the number
-    below it is binomial whatever the distribution.
+
+def settled(runs: pd.DataFrame) -> pd.DataFrame:
+    """Return where the runs of type SS end, by spin and oscillation.
+
+    ``gain`` is ``(n_end - n_i)/(-n_0 - n_i)``: 1 if all energy of the oscillation has gone into the
+    spin, 0 if the spin ends as it was launched.  Runs within 1 % of Bondi's threshold are counted
+    as ``near`` and otherwise left out: their oscillation is still there at the horizon.
     """
-    n = len(values)
-    k = int(np.searchsorted(bdtr(np.arange(n + 1), n, 0.5), 0.025))
-    if k < 1:
-        return None, None
-    ordered = np.sort(values)
-    return float(ordered[k - 1]), float(ordered[n - k])
+    steady = runs[runs["type"] == "SS"]
+    near = steady["n_c1"].abs() > 0.99 * steady["n_i"].abs()
+    own = steady.assign(near=near.groupby([steady["n_i"], steady["omega_xy0"]]).transform("sum"))
+    own = own[~near]
+    beyond = own["n_end"] / own["n_i"] - 1
+    gain = (own["n_end"] - own["n_i"]) / (-own["n_0"] - own["n_i"])
+    groups = own.assign(beyond=beyond, gain=gain, faster=beyond > 0).groupby(
+        ["n_i", "omega_xy0"], sort=False
+    )
+    return groups.agg(
+        SS=("gain", "size"), near=("near", "first"), faster=("faster", "sum"),
+        gain_median=("gain", "median"),
+        beyond_median=("beyond", "median"), beyond_max=("beyond", "max"),
+    ).reset_index()  # fmt: skip
+
+
+def examples(ws: Workspace, runs: pd.DataFrame) -> Tables:
+    """Return the table ``examples``, the forces in these runs, and the spin of each, thinned."""
+    fast = runs[(runs["type"] == "SW") & at(runs, CHAOTIC_AT)]
+    rows = choose(runs, exponents(ws, "chaotic-example", fast, TRIED))
+    tables, presses = {}, []
+    for row in rows:
+        key = ("K_r", "n_i", "omega_xy0", "sample")
+        run = runs[at(runs, {name: row[name] for name in key})].iloc[0]
+        row["shown"] = min(LONGEST, row["t_end"])
+        found = follow(body_of(run), f"Fig. 7(b), {row['example']}", "n", *FORCES, n_i=row["n_i"],
+                       omega_xy0=row["omega_xy0"], t_end=row["shown"])  # fmt: skip
+        tables[row["example"]] = thinned(found.table, n=BINS)
+        name = row["example"].removeprefix("spin_").replace("chaotic", "chaotic SW")
+        presses.append(forces(f"Fig. 7(b), {name}", found.table))
+    names = ["example", *key, "t_end", "n_departure", "lyapunov_late", "shown"] if rows else None
+    chosen = pd.DataFrame(rows).reindex(columns=names) if rows else pd.DataFrame()
+    return tables | {"examples": chosen, "forces": pd.DataFrame(presses)}
+
+
+def choose(runs: pd.DataFrame, fast: pd.DataFrame) -> list[dict[str, Any]]:
+    """Return the examples, as far as there are such runs.
+
+    SS: of this launch, the run with the median spin at its end.  SW: of this launch, the run with
+    the median loss of spin.  Chaotic: of the runs with exponents, the one with the largest exponent
+    over its second half.
+    """
+    last = [*SS_AT, "K_r", "sample"]
+    ordered = {
+        "spin_ss": runs[(runs["type"] == "SS") & at(runs, SS_AT)].sort_values(["n_end", *last]),
+        "spin_sw": runs[(runs["type"] == "SW") & at(runs, SW_AT)].sort_values(
+            ["n_departure", *last]
+        ),
+        "spin_chaotic": fast[fast["chaotic"].astype(bool)].nlargest(1, "lyapunov_late"),
+    }
+    # The one in the middle, the lower one of two.
+    return [
+        {"example": name, **{str(k): v for k, v in own.iloc[(len(own) - 1) // 2].items()}}
+        for name, own in ordered.items() if len(own)
+    ]  # fmt: skip
 
 
 def draw(tables: Tables) -> Drawing:
-    """A panel a spin."""
-    return panels(tables["times"], "K_r", "t_{rs}", "t_{rGH-}")[0]
+    """Draw (a), a column a spin and a row an oscillation, and (b) examples, if there are any."""
+    values = tables["fractions"]
+    spins, sizes = sorted(values["n_i"].unique(), key=abs), sorted(values["omega_xy0"].unique())
+    shown = records(tables["examples"])
+    height = 1.75 * len(sizes) + 0.7
+    figure = new_figure(2.1 * len(spins) + 0.6, height + (2.4 if shown else 0.0))
+    upper: Any = figure
+    if shown:
+        parts: Any = figure.subfigures(2, 1, height_ratios=(height, 2.4))
+        upper = parts[0]
+        _examples(parts[1], shown, tables)
+    axes = upper.subplots(len(sizes), len(spins), sharex=True, sharey=True, squeeze=False)
+    for row, size in zip(axes, sizes, strict=True):
+        for axis, spin in zip(row, spins, strict=True):
+            own = values[(values["n_i"] == spin) & (values["omega_xy0"] == size)]
+            _fractions(axis, own.sort_values("K_r"))
+        row[0].set_ylabel(launch({"omega_xy0": size}, "omega_xy0") + "\nfraction")
+    for axis, spin in zip(axes[0], spins, strict=True):
+        frame(axis, launch({"n_i": spin}, "n_i"))
+    if shown:
+        frame(axes[0, 0], "(a)", loc="left")
+    for axis in axes[-1]:
+        axis.set_xlabel("$K_r$")
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    marks = dict(zip(labels, handles, strict=True))
+    # Bondi's marks have no bars and would come first.
+    marks[BONDI] = marks.pop(BONDI)
+    upper.legend(marks.values(), marks, ncols=len(marks), **ABOVE)
+    return figure
+
+
+def _fractions(axis: Axes, rows: pd.DataFrame) -> None:
+    x = rows["K_r"].to_numpy()
+    for name in SHOWN:
+        mark, share = TYPE_STYLE[name], rows[f"fraction_{name}"].to_numpy()
+        bars = np.array([share - rows[f"low_{name}"], rows[f"high_{name}"] - share])
+        axis.errorbar(
+            x, share, yerr=np.maximum(bars, 0), color=mark.colour, marker=mark.marker,
+            markersize=5, markerfacecolor=mark.colour if mark.marker == "x" else "white",
+            markeredgewidth=1.1, linewidth=0.9, elinewidth=0.8, label=mark.label, zorder=3,
+        )  # fmt: skip
+    axis.plot(x, rows["fraction_bondi"], color="black", marker="^", markersize=3.4,
+              linestyle="none", label=BONDI, zorder=4)  # fmt: skip
+    axis.set(xscale="log", ylim=(-0.04, 1.04), yticks=[0, 0.5, 1])
+    axis.set_xlim(x.min() / 1.3, x.max() * 1.3)
+    decade_ticks(axis.xaxis)
+    frame(axis, grid="y")
+
+
+def _examples(figure: Any, rows: list[dict[str, Any]], tables: Tables) -> None:
+    axes = figure.subplots(1, len(rows), squeeze=False)[0]
+    for axis, row in zip(axes, rows, strict=True):
+        spin = tables[row["example"]]
+        axis.plot(spin["t"], spin["n"], color=BLUE, linewidth=0.7)
+        axis.set_xlabel(T_AXIS)
+        axis.locator_params(axis="x", nbins=5)
+        frame(axis, EXAMPLES[row["example"]] + "\n" + launch(row, "n_i", "omega_xy0", "K_r"))
+        axis.title.set_fontsize(9.5)
+    axes[0].set_ylabel(N_AXIS)

@@ -1,156 +1,145 @@
-"""Fig. 8: three long runs, through many reversals, with the reduced model beside."""
+"""Fig. 8: times of reversal in the steady direction, late reversals, the onset of wobbling.
+
+Late reversals and onsets are seen in windows of time.  The runs that do not reverse (type SW) and
+those that reverse late are integrated once more with the smallest and the largest spin of each of
+64 windows recorded; the same launches give the same bits.
+
+The onset of wobbling is the middle of the first window in which the loss of spin, 1 - n/n_i,
+exceeds half of the largest loss in the run.  A reversal is a loss of 1, of which half is lost at
+nearly the same time as all of it, so that the onset and the time of reversal are alike.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
+import pandas as pd
 from matplotlib.figure import Figure as Drawing
-from scipy.ndimage import uniform_filter1d
+from scipy.special import bdtr
 
+from rattlesweep.api import growth_rates
 from rattlesweep.arrays import Floats
-from rattlesweep.paper.columns import count, number, schema, table
-from rattlesweep.paper.figures.follow import FORCE_CHANNELS, FORCES, follow, forces, thinned
-from rattlesweep.paper.figures.style import ABOVE, DASHES, N_AXIS, T_AXIS, ZERO, frame, launch
-from rattlesweep.paper.workspace import Progress, Tables, between
-from rattlesweep.physics import reduced
-from rattlesweep.physics.body import Rattleback
-from rattlesweep.analysis.onerun.course import Course, Trajectory
-from rattlesweep.analysis.style import BLUE, VERMILION, new_figure
-from rattlesweep.sweeps.single import Launch
-from rattlesweep.sweeps.columns import RATE, TIME
+from rattlesweep.paper.figures.fig6 import panels, times
+from rattlesweep.paper.workspace import Tables, Workspace, thinned_out
 
-BODIES = [replace(Rattleback.gh(), theta=theta) for theta in (0.6429, 0.82, 0.9)]
-LETTERS = "abc"
-N_I, OMEGA_XY0 = 0.1, 0.01
-# Energy of the roll with which the reduced model begins; its E_p is the launch's.
-E_R0 = 3e-5
-# Not named in the paper.
-T_END = 20_000.0
-# At 1e-9 the reversals of the first run come up to 7 % early; 1e-13, Verner's method at 1e-12 and
-# RK4 with the paper's step agree to 0.1 on all of them.
-TOL, REDUCED_TOL = 1e-13, 1e-12
-BINS = 1100
-# Zeros of the spin closer to each other than so many periods of the roll are one reversal.
-ONE_REVERSAL = 5
-
-REVERSALS = schema(
-    "theta model",
-    number("t", "first zero of the spin of a reversal", TIME),
-    number("t_last", "its last zero before the spin stays on its side", TIME),
-    count("zeros", "zeros of the spin in all"),
-    number("casimir", "C_I of the energies averaged over a period of the roll, then"),
-)
-INVARIANTS = schema(
-    "theta model",
-    number("energy_drift", "largest change of the total energy, relative"),
-    number("casimir_low", "least C_I from the first reversal on; of averaged energies in the full "
-           "model"),
-    number("casimir_high", "largest C_I from the first reversal on"),
-)  # fmt: skip
-SPIN = schema("theta t n", number("n_reduced", "spin of the reduced model", RATE))
+# "Several times" t_rGH: a reversal later than this many is late.
+LATE_FROM = 2.0
+# The spin has left its plateau when it has lost this much of itself.
+PLATEAU = 0.1
+# Spins beyond which the paper sees late reversals.
+FAST = 0.3
 
 
-def long_runs(progress: Progress, *, t_end: float = T_END, tol: float = TOL) -> Tables:
-    """Tables of the three runs.
+def data(ws: Workspace) -> Tables:
+    """Return the table ``times``, one row a point."""
+    return {"times": times(ws.sweep("steady"), "K_r")}
 
-    ``spin``: the series as drawn; ``reversals``: one row a reversal of either model;
-    ``invariants``: what is conserved, one row a run and model; ``forces``.
+
+def windows(ws: Workspace) -> Tables:
+    """Return the tables ``late`` and ``onset``, one row a point each."""
+    runs = ws.sweep("steady")
+    ratio, back = runs["t_r"] / runs["t_rgh"], runs["type"] == "R"
+    runs = runs.assign(ratio=ratio, back=back, late=back & (ratio > LATE_FROM))
+    chosen = thinned_out(runs[(runs["type"] == "SW") | runs["late"]], ws.sizes.windows)
+    followed = in_windows(ws, chosen)
+    cells = dict(list(followed.groupby("case")))
+    late, onset = [], []
+    for case, own in runs.groupby("case"):
+        point = own[["K_r", "n_i", "omega_xy0"]].iloc[0].to_dict()
+        seen = cells.get(case, followed[:0])
+        late.append(point | of_late(own, seen[seen["back"]]))
+        onset.append(point | of_onsets(own, seen[~seen["back"]]))
+    return {"late": pd.DataFrame(late), "onset": pd.DataFrame(onset)}
+
+
+def in_windows(ws: Workspace, runs: pd.DataFrame) -> pd.DataFrame:
+    """Return runs with what their windows show, NaN where it does not happen.
+
+    ``onset`` and ``kept`` (less than 10 % of the spin is lost until then) are times in
+    ``sqrt(a/g)``; ``centre`` is the mean spin of the windows from the onset on.
     """
-    rows: list[dict[str, Any]] = []
-    invariants, presses, spins = [], [], []
-    channels = ("t", "n", "n_reduced", "E_p", "E_r", "energy_drift", *FORCE_CHANNELS)
-    for k, body in enumerate(BODIES):
-        part = between(progress, k / len(BODIES), (k + 1) / len(BODIES))
-        words = f"GH with theta = {body.theta:g}"
-        run = Launch(
-            body, N_I, OMEGA_XY0, t_end, integrator={"method": "dop853", "tol": tol}, e_r0=E_R0
-        )
-        found, course = follow(run, channels, words, between(part, 0.0, 0.9))
-        alone = replace(run, model="reduced", integrator={"method": "dop853", "tol": REDUCED_TOL})
-        simple, _ = follow(
-            alone, ("t", "n", "energy_drift", "C_I"), words, between(part, 0.9, 1.0), dt=1.0
-        )
-        of_full, casimir = full_model(found, course)
-        c_i = simple.table["C_I"].to_numpy()
-        of_reduced = [
-            {"t": t, "t_last": t, "zeros": 1, "casimir": np.interp(t, simple.table["t"], c_i)}
-            for t in simple.zeros
-        ]
-        for model, reversals_, series, values in (
-            ("full", of_full, found.table, casimir),
-            ("reduced", of_reduced, simple.table, c_i),
-        ):
-            key = {"theta": body.theta, "model": model}
-            rows += [key | row for row in reversals_]
-            invariants.append(
-                key | {"energy_drift": series["energy_drift"].abs().max(),
-                       "casimir_low": values.min(), "casimir_high": values.max()}
-            )  # fmt: skip
-        presses.append(forces(f"Fig. 8, theta = {body.theta:g}", found.table))
-        drawn = found.table.assign(theta=body.theta)
-        spins.append(thinned(drawn, SPIN, {"n": BINS, "n_reduced": BINS // 2}))
+    found = np.full((len(runs), 3), np.nan)
+    if len(runs):
+        names = ["window_t", "window_n_min", "window_n_max"]
+        recorded = ws.again("windows", runs, record=["windows"])[names]
+        spins = runs["n_i"].to_numpy()
+        for k, (step, *ends) in enumerate(recorded.itertuples(index=False)):
+            least, most = (np.asarray(end, dtype=float) for end in ends)
+            # The end nearer to zero, or beyond it.
+            loss = 1 - (most if spins[k] < 0 else least) / spins[k]
+            if loss.size:
+                half = loss.max() / 2
+                found[k, :2] = [first_above(loss, level, step) for level in (half, PLATEAU)]
+                if np.isnan(found[k, 1]):
+                    # So abrupt that the run was over before the window was: kept to its beginning.
+                    found[k, 1] = loss.size * step
+                found[k, 2] = ((least + most) / 2)[np.argmax(loss > half) :].mean()
+    columns = dict(zip(("onset", "kept", "centre"), found.T, strict=True))
+    return runs.assign(**columns)
+
+
+def first_above(loss: Floats, level: float, step: float) -> float:
+    """Return the middle of the first window whose loss is above a level; NaN without one."""
+    above = np.flatnonzero(loss > level)
+    return (float(above[0]) + 0.5) * step if above.size else np.nan
+
+
+def of_late(runs: pd.DataFrame, followed: pd.DataFrame) -> dict[str, Any]:
+    """Return a row of ``late`` by the runs of a point, and the late ones that were followed."""
+    prompt = runs["back"] & ~runs["late"]
+    rate = pd.Series(np.nan, runs.index)
+    if (runs["n_i"].abs() >= FAST).any():
+        # Exact at any spin, over its limit for small spins (Eq. (74) [case-instab1]).
+        bodies = runs.assign(K_r=runs["K_r_body"])
+        exact = growth_rates(bodies[["alpha", "beta", "gamma", "theta", "phi", "xi"]],
+                             runs["n_i"].to_numpy(), exact=True)  # fmt: skip
+        rate = pd.Series(exact.roll, runs.index) / (runs["n_i"].abs() * runs["K_r_body"] / 2)
     return {
-        "spin": pa.concat_tables(spins),
-        "reversals": table(rows, REVERSALS),
-        "invariants": table(invariants, INVARIANTS),
-        "forces": table(presses, FORCES),
+        "reversed": runs["back"].sum(),
+        "late": runs["late"].sum(),
+        "ratio_std": runs["ratio"][runs["back"]].std(),
+        "ratio_std_prompt": runs["ratio"][prompt].std(),
+        "growth_late": rate[runs["late"]].median(),
+        "growth_prompt": rate[prompt].median(),
+        "followed": len(followed),
+        "plateau": (followed["kept"] / followed["t_r"]).median(),
     }
 
 
-def full_model(found: Trajectory, course: Course) -> tuple[list[dict[str, Any]], Floats]:
-    """Reversals of the full model, and its C_I from the first one on."""
-    modes = course.launches.modes
-    period = 2 * np.pi / float(modes.omega_r[0])
-    t = found.table["t"].to_numpy()
-    casimir = averaged_casimir(found, float(modes.K_p[0]), float(modes.K_r[0]), period)
-    groups = reversals(found.zeros, ONE_REVERSAL * period)
-    rows = [
-        {"t": zeros[0], "t_last": zeros[-1], "zeros": len(zeros),
-         "casimir": np.interp(zeros[0], t, casimir)}
-        for zeros in groups
-    ]  # fmt: skip
-    # Half a period at the end has no whole average.
-    inside = (t >= (groups[0][0] if groups else 0.0)) & (t <= t[-1] - period / 2)
-    return rows, casimir[inside]
+def of_onsets(runs: pd.DataFrame, wobbling: pd.DataFrame) -> dict[str, Any]:
+    """Return a row of ``onset`` by the runs of a point, and those of type SW that were followed."""
+    low, high = median_interval(wobbling["onset"].to_numpy())
+    centre, spin = wobbling["centre"], wobbling["n_i"]
+    return {
+        "wobbling": len(wobbling),
+        "onset_median": wobbling["onset"].median(),
+        "onset_low": low,
+        "onset_high": high,
+        "onset_late": (wobbling["onset"] > LATE_FROM * wobbling["t_rgh"]).sum(),
+        "reversed": runs["back"].sum(),
+        "t_r_median": runs["t_r"][runs["back"]].median(),
+        "centre_between": ((spin < centre) & (centre < 0)).sum(),
+        "centre_median": (centre / spin).median(),
+        "centre_low": (centre / spin).min(),
+        "centre_high": (centre / spin).max(),
+    }
 
 
-def averaged_casimir(found: Trajectory, K_p: float, K_r: float, period: float) -> Floats:
-    """C_I (Eq. (51) [casimir]) of the energies averaged over a period of the roll."""
-    t = found.table["t"].to_numpy()
-    width = max(1, round(period / (t[1] - t[0])))
-    pitch, roll = (
-        uniform_filter1d(found.table[name].to_numpy(), width, mode="nearest")
-        for name in ("E_p", "E_r")
-    )
-    values: Floats = reduced.casimir(pitch, roll, K_p, K_r)
-    return values
+def median_interval(values: Floats) -> tuple[float, float]:
+    """Return a 95 % confidence interval of a median; NaN for fewer than 6 values.
 
-
-def reversals(zeros: Sequence[float] | Floats, gap: float) -> list[Floats]:
-    """Zeros of the spin in groups that are farther than ``gap`` from each other."""
-    times = np.asarray(zeros, dtype=float)
-    if not times.size:
-        return []
-    return list(np.split(times, 1 + np.flatnonzero(np.diff(times) > gap)))
+    Of independent values, each lies below the median with probability one half, so the number
+    below it is binomial whatever the distribution: the ends are order statistics.
+    """
+    n = len(values)
+    k = int(np.searchsorted(bdtr(np.arange(n + 1), n, 0.5), 0.025))
+    if k < 1:
+        return np.nan, np.nan
+    ordered = np.sort(values)
+    return float(ordered[k - 1]), float(ordered[n - k])
 
 
 def draw(tables: Tables) -> Drawing:
-    """One panel a run."""
-    runs = list(tables["spin"].to_pandas().groupby("theta"))
-    figure = new_figure(8.2, 1.9 * len(runs) + 0.7)
-    axes = figure.subplots(len(runs), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
-    for axis, (theta, own), letter in zip(axes, runs, LETTERS, strict=True):
-        axis.plot(own["t"], own["n"], color=BLUE, linewidth=0.8, label="full dynamics")
-        axis.plot(own["t"], own["n_reduced"], color=VERMILION, linewidth=1.2, linestyle=DASHES,
-                  label="reduced model")  # fmt: skip
-        axis.axhline(0, **ZERO)
-        axis.set_ylabel(N_AXIS)
-        axis.set_xlim(0, own["t"].max())
-        frame(axis, f"({letter}) {launch({'theta': theta}, 'theta')}", loc="left")
-    axes[-1].set_xlabel(T_AXIS)
-    figure.legend(*axes[0].get_legend_handles_labels(), ncols=2, **ABOVE)
-    return figure
+    """Draw a panel for each spin."""
+    return panels(tables["times"], "K_r", "t_{rs}", "t_{rGH-}")[0]

@@ -9,25 +9,22 @@ from typing import Any, cast
 
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
 
 from rattlesweep.arrays import Floats, Integers
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import available_threads
-from rattlesweep.integrate.cache import cached, specialise
-from rattlesweep.integrate.loading import loaded
+from rattlesweep.integrate.compile import Kernel, load_kernel
 from rattlesweep.integrate.task import Control, side_by_side
 from rattlesweep.physics import body, theory
 from rattlesweep.sweeps.bodies import philox
 from rattlesweep.sweeps.bodies.philox import uniforms
 from rattlesweep.sweeps.config.schema import Target
 
-# The formulas of `physics`, compiled for scalars.  `torque_coefficients` calls `hessian` by its
-# global name.
+# The formulas of `physics`, compiled for scalars: one source for both uses.
 _shell_dumbbell = njit(nogil=True)(body.shell_dumbbell)
-_hessian = njit(nogil=True)(theory.hessian)
-torque_coefficients = njit(nogil=True)(
-    specialise(theory.torque_coefficients, "torque_coefficients_scalar", hessian=_hessian)
-)
+register_jitable(nogil=True)(theory.hessian)
+torque_coefficients = njit(nogil=True)(theory.torque_coefficients)
 
 
 def word_of(coefficient: str, value: float) -> int:
@@ -105,13 +102,14 @@ def _draw(
             break
 
 
-def sampler() -> tuple[Any, tuple[Any, ...]]:
-    """Return the sampler, not yet compiled, and arguments of the types it is compiled for."""
+def sampler() -> Kernel:
+    """Return the sampler, to be compiled."""
     whole, real = np.zeros(0, dtype=np.int64), np.zeros(0)
-    return cached(_draw, also=(philox.__file__,), nogil=True), (
+    arguments = (
         0, 0, Control().flag, 0, whole, 0, np.zeros((5, 2)), 0, 0.0, 0.0, 0,
         np.zeros((7, 0)), whole, real,
     )  # fmt: skip
+    return Kernel(_draw, arguments, {"nogil": True}, (__file__, philox.__file__))
 
 
 def draw_bodies(
@@ -164,7 +162,7 @@ def draw_bodies(
         seed, np.array(samples, dtype=np.int64), word, np.array(ranges, dtype=float, order="C"),
         *aim, out, draws, nearest,
     )  # fmt: skip
-    draw = loaded(sampler)
+    draw = load_kernel(sampler)
     if target is None:
         draw(0, samples.size, Control().flag, *settings)
         return out, draws

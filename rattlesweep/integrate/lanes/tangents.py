@@ -1,8 +1,8 @@
-"""A run that carries a tangent: what is added to how runs begin, are watched and end.
+"""Runs that carry a tangent: how they begin, are watched, end and move on.
 
-Templates that stand in for those of the same names in :mod:`rattlesweep.integrate.lanes.runs`, do
-what these do, and look after the tangent.  Barriers keep the two apart: the state's last bits
-are those of a run without tangent.
+The functions do what those of the same names in :mod:`rattlesweep.integrate.lanes.runs` and
+:mod:`rattlesweep.integrate.lanes.kernel` do, and look after the tangent.  Barriers keep the two
+apart, so that the last bits of the state are those of a run without a tangent.
 
 The tangent obeys a linear equation, so its length may be changed at any time.  It is multiplied by
 a power of two when it has become very long or short; that rounds nothing, costs no
@@ -14,53 +14,55 @@ from __future__ import annotations
 
 from math import log, sqrt
 
-from rattlesweep.integrate.lanes.atomics import barrier, widest_vectors
-from rattlesweep.integrate.lanes.bound import L, lane_of
-from rattlesweep.integrate.lanes.cells import each
+from numba import njit
 
-times, over = each("fmul"), each("fdiv")
+from rattlesweep.integrate.lanes import kernel, runs
+from rattlesweep.integrate.lanes.intrinsics import INNER, barrier, over, times, widest_vectors
+from rattlesweep.integrate.lanes.lane import lane_of
+from rattlesweep.physics.full import FASTMATH
+
 # A tangent is multiplied by a power of two when its norm leaves 2^-SHIFT .. 2^SHIFT.
 SHIFT = 200
 SHORTER, LONGER = 2.0**-SHIFT, 2.0**SHIFT
 LONG, SHORT = LONGER**2, SHORTER**2
 LOG_2 = log(2.0)
 
-# Of :class:`rattlesweep.integrate.model.Tangent`; bound by build, as what STAND_INS stand in for.
-rate = seed = transverse = square = None
-plain_start = plain_finish = plain_pass_marks = plain_advance = None
 
-
+@njit(fastmath=FASTMATH, **INNER)
 def tangent_seed(lane):
     """Give a lane the model's first tangent."""
-    lane.v = seed(*(lane.y + lane.constants))
+    lane.v = lane.problem.seed(*(lane.y + lane.constants))
 
 
+@njit(fastmath=FASTMATH, **INNER)
 def tangent_begin(lane):
     """Make it transverse and of norm 1."""
-    v = transverse(*(lane.y + lane.f + lane.v + lane.constants))
-    v = over(v, sqrt(square(*(v + lane.constants))))
+    v = lane.problem.transverse(*(lane.y + lane.f + lane.v + lane.constants))
+    v = over(v, sqrt(lane.problem.square(*(v + lane.constants))))
     lane.v = v
     # What is read afresh decides which products are fused: the last bits of all exponents so far.
     barrier()
-    lane.g = rate(*(lane.y + lane.f + lane.v[:-1] + v[-1:] + lane.constants))
+    lane.g = lane.problem.rate(*(lane.y + lane.f + lane.v[:-1] + v[-1:] + lane.constants))
     lane.shift = 0.0
 
 
+@njit(fastmath=FASTMATH, **INNER)
 def tangent_log(lane):
     """Logarithm of the tangent's growth from the start of the run to the end of the step."""
-    return 0.5 * log(square(*(lane.v1 + lane.constants))) + LOG_2 * lane.shift
+    return 0.5 * log(lane.problem.square(*(lane.v1 + lane.constants))) + LOG_2 * lane.shift
 
 
-def tangent_advance(w):
+@njit(fastmath=FASTMATH, **INNER)
+def tangent_advance(problem, w):
     """Move the tangents of all lanes to the end of their step."""
     widest_vectors()
-    for l in range(L):
-        lane = lane_of(w, l)
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
         lane.v = lane.v1
         lane.g = lane.g1
-    for l in range(L):
-        lane = lane_of(w, l)
-        size = square(*(lane.v + lane.constants))
+    for l in range(problem.lanes):
+        lane = lane_of(problem, w, l)
+        size = lane.problem.square(*(lane.v + lane.constants))
         factor = SHORTER if size > LONG else 1.0
         factor = LONGER if size < SHORT else factor
         out = 1.0 * SHIFT if size > LONG else 0.0
@@ -70,15 +72,17 @@ def tangent_advance(w):
         lane.shift += out
 
 
+@njit(**INNER)
 def start(lane, run, y0, constants, probe, plan, record):
     """Put a run and its tangent into a lane."""
-    plain_start(lane, run, y0, constants, probe, plan, record)
+    runs.start(lane, run, y0, constants, probe, plan, record)
     barrier()
     tangent_seed(lane)
     tangent_begin(lane)
     barrier()
 
 
+@njit(**INNER)
 def see_tangent(lane, t, run, windows):
     """Write the time and the tangent's growth into the last two columns of the window's row."""
     k = min(int(lane.window_no), windows.shape[1] - 1)
@@ -88,24 +92,23 @@ def see_tangent(lane, t, run, windows):
     barrier()
 
 
+@njit(**INNER)
 def pass_marks(lane, t, run, windows, record):
     """Note the tangent at the end of a window."""
     if t >= lane.window_end:
         see_tangent(lane, t, run, windows)
-    plain_pass_marks(lane, t, run, windows, record)
+    runs.pass_marks(lane, t, run, windows, record)
 
 
+@njit(**INNER)
 def finish(lane, status, reversal, t, run, result, counts, windows, record):
     """Write down a run that has ended, and its tangent."""
     see_tangent(lane, t, run, windows)
-    plain_finish(lane, status, reversal, t, run, result, counts, windows, record)
+    runs.finish(lane, status, reversal, t, run, result, counts, windows, record)
 
 
-def advance(w):
+@njit(**INNER)
+def advance(problem, w):
     """Move all lanes and their tangents to the end of their step."""
-    plain_advance(w)
-    tangent_advance(w)
-
-
-TANGENTS = (tangent_seed, tangent_begin, tangent_log, tangent_advance)
-STAND_INS = (see_tangent, start, pass_marks, finish, advance)
+    kernel.advance(problem, w)
+    tangent_advance(problem, w)

@@ -1,4 +1,4 @@
-"""Claims about formulas (T1 to T3, T7, S9), measured without any run.
+"""Claims about formulas (T1 to T3, T6 to T8, S9), measured without any run.
 
 What a claim says is computed a second way wherever the package itself uses the formula in question:
 torque coefficients from their definition by eigenvectors, growth rates from the linearised full
@@ -13,39 +13,77 @@ from typing import Any
 
 import numpy as np
 
+from rattlesweep.api import modes
 from rattlesweep.arrays import Floats
-from rattlesweep.paper.claims.bodies import SAMPLES, sd_bodies, wide_bodies
-from rattlesweep.paper.claims.claim import EXACT, Count, Measured, Tables, every
+from rattlesweep.paper.claims.claim import EXACT, Count, Made, Measured, every
+from rattlesweep.paper.figures.fig3 import drawn_bodies
 from rattlesweep.physics import full, reduced, steady, theory
-from rattlesweep.physics.body import Rattleback
+from rattlesweep.physics.body import Rattleback, shell_dumbbell
+from rattlesweep.sweeps.config.schema import SdRanges
+
+# Random bodies on which formulas are tried.
+SAMPLES = 2000
+
+
+def sd_bodies(samples: int, seed: int = 2017) -> tuple[Floats, ...]:
+    """Return ``alpha, beta, gamma, theta, phi, xi`` of random bodies of the set SD."""
+    return drawn_bodies(0, samples, SdRanges(), seed)
+
+
+def wide_bodies(samples: int, seed: int = 2017) -> tuple[Floats, ...]:
+    """Return bodies far beyond the set SD: any inertia, any skew angle, nearly any surface."""
+    rng = np.random.default_rng(seed)
+    largest = 10 ** rng.uniform(-1, 2, samples)
+    alpha, beta = shell_dumbbell(largest, rng.uniform(0.01, 0.49, samples))
+    # I_xx - I_yy < I_zz < I_xx + I_yy; the shell-dumbbell bodies are at the upper end.
+    gamma = alpha - beta + (largest - (alpha - beta)) * rng.uniform(0, 1, samples)
+    theta = rng.uniform(0.05, 0.99, samples)
+    phi = theta * 10 ** rng.uniform(-3, -0.01, samples)
+    return alpha, beta, gamma, theta, phi, -np.radians(rng.uniform(0.01, 89.99, samples))
+
 
 # --- T1 -----------------------------------------------------------------------------------------
 
 # Numbers of the body GH as the paper prints them, angles in degrees, and their decimals.
 PRINTED = {"K_p": (0.553, 3), "K_r": (0.0967, 4), "omega_p": (1.44, 2), "omega_r": (0.602, 3),
            "psi_p": (-17, 0), "psi_r": (88, 0)}  # fmt: skip
+# Half a unit in the last digit with which Table I gives GH; xi in degrees.
+ROUNDING = {"alpha": 5e-3, "beta": 5e-4, "theta": 5e-5, "phi": 5e-5, "xi": np.radians(5e-3)}
 
 
 def gh_numbers(body: Rattleback) -> dict[str, float]:
-    """The numbers of :data:`PRINTED` of a body."""
-    found = theory.modes(body.alpha, body.beta, body.theta, body.phi, body.xi)
+    """Return the numbers of :data:`PRINTED` of a body."""
+    found = modes(body)
     values = {name: float(getattr(found, name)) for name in PRINTED}
     return values | {name: float(np.degrees(values[name])) for name in ("psi_p", "psi_r")}
 
 
 def as_printed(found: dict[str, float]) -> list[bool]:
-    """Which of the numbers round to the printed ones."""
+    """Return which of the numbers round to the printed ones."""
     return [round(found[name], digits) == value for name, (value, digits) in PRINTED.items()]
 
 
-def garcia_hubbard(_: Tables) -> Measured:
-    """T1: the numbers of the body GH, and of another one that Table I rounds to it."""
+def garcia_hubbard(_: Made) -> Measured:
+    """Measure T1: the numbers of the body GH, and of all bodies that Table I rounds to it."""
     body = Rattleback.gh()
+    found, corners = gh_numbers(body), []
+    for signs in product((-1, 1), repeat=len(ROUNDING)):
+        moved = {
+            name: getattr(body, name) + sign * half
+            for sign, (name, half) in zip(signs, ROUNDING.items(), strict=True)
+        }
+        corners.append(gh_numbers(replace(body, **moved)))
+    ends = {n: (min(c[n] for c in corners), max(c[n] for c in corners)) for n in PRINTED}
+    within = [
+        ends[name][0] < value + 0.5 * 10.0**-digits and ends[name][1] > value - 0.5 * 10.0**-digits
+        for name, (value, digits) in PRINTED.items()
+    ]
     # 0.03 rad is 1.719 degrees, which Table I would print as 1.72.
-    found, other = gh_numbers(body), gh_numbers(replace(body, xi=-0.03))
-    K_p, K_r, *rest = as_printed(found)
-    return [K_p and K_r, *rest, every(as_printed(other))], {
-        **found, "value": found["K_r"], "other": other["K_r"],
+    other = gh_numbers(replace(body, xi=-0.03))
+    five = [ok for name, ok in zip(PRINTED, as_printed(found), strict=True) if name != "K_r"]
+    return [every(within), every(as_printed(other)), every(five)], {
+        **found, "value": found["K_r"], "low": ends["K_r"][0], "high": ends["K_r"][1],
+        "other": other["K_r"],
     }  # fmt: skip
 
 
@@ -53,7 +91,7 @@ def garcia_hubbard(_: Tables) -> Measured:
 
 
 def by_definition(body: tuple[Floats, ...]) -> dict[str, Floats]:
-    """Torque coefficients from eigenvectors, by Eqs. (33) [kp-1] and (35) [kr-1].
+    """Return torque coefficients from eigenvectors, by Eqs. (33) [kp-1] and (35) [kr-1].
 
     Matrices and ``numpy.linalg.eigh``; nothing of :mod:`rattlesweep.physics.theory`.
     """
@@ -82,8 +120,8 @@ def by_definition(body: tuple[Floats, ...]) -> dict[str, Floats]:
     }
 
 
-def identities(_: Tables, samples: int = SAMPLES) -> Measured:
-    """T2: the ratio, the difference and the signs of the torque coefficients."""
+def identities(_: Made, samples: int = SAMPLES) -> Measured:
+    """Measure T2: the ratio, the difference and the signs of the torque coefficients."""
     pairs = zip(sd_bodies(samples), wide_bodies(samples), strict=True)
     body = alpha, beta, _gamma, theta, phi, xi = tuple(map(np.concatenate, pairs))
     found = by_definition(body)
@@ -110,14 +148,14 @@ def identities(_: Tables, samples: int = SAMPLES) -> Measured:
 
 
 def extrapolated(values: Floats) -> Floats:
-    """Limit of a sequence whose argument is halved, freed of its first and second order."""
+    """Return the limit of a sequence whose argument is halved, by Richardson's extrapolation."""
     first = 2 * values[1:] - values[:-1]
     second = (4 * first[1:] - first[:-1]) / 3
     return np.asarray(second[-1])
 
 
-def limits(_: Tables, samples: int = SAMPLES) -> Measured:
-    """T3: long curvature to zero, short curvature to one."""
+def limits(_: Made, samples: int = SAMPLES) -> Measured:
+    """Measure T3: long curvature to zero, short curvature to one."""
     alpha, beta, _gamma, theta, phi, _xi = sd_bodies(samples)
     xi = -(2.0**-26)
     lever = -xi * (1 / beta - 1 / alpha)
@@ -134,11 +172,69 @@ def limits(_: Tables, samples: int = SAMPLES) -> Measured:
     return [value < 1e-8 for value in off], {"off": off, "value": max(off), "bodies": samples}
 
 
+# --- T6: the ellipsoid x^2/c^2 + y^2/b^2 + z^2/a^2 = 1, a = 1, whole or its lower half ------------
+
+# Depth of the centre of mass below the middle, and height of the centre above the bottom: also the
+# least c^2 at which the body stands upright, since its curvature, height/c^2, must be below 1.
+CENTRE = {"whole": 0.0, "half": 3 / 8}
+
+
+def shapes(kind: str, samples: int, seed: int = 2017) -> tuple[Floats, Floats]:
+    """Return ``b^2`` and ``c^2`` of bodies that stand upright, ``b > c``: a grid and random ones.
+
+    Distances from both borders run from 1e-6 to 1e4 of the border itself, as far as doubles tell
+    the two frequencies apart.
+    """
+    steps = 10.0 ** np.linspace(-6, 4, max(2, int(np.sqrt(samples))))
+    grid = [axis.ravel() for axis in np.meshgrid(steps, steps)]
+    rng = np.random.default_rng(seed)
+    first, second = (np.append(axis, 10.0 ** rng.uniform(-6, 4, samples)) for axis in grid)
+    c2 = (1 - CENTRE[kind]) * (1 + first)
+    return c2 * (1 + second), c2
+
+
+def ellipsoid(kind: str, b2: Floats, c2: Floats) -> dict[str, Floats]:
+    """Return parameters of a uniform ellipsoid or of its lower half: mean squares are a fifth."""
+    height = 1 - CENTRE[kind]
+    vertical = 1 / 5 - CENTRE[kind] ** 2
+    return {
+        "alpha": (b2 / 5 + vertical) / height**2 + 1,
+        "beta": (c2 / 5 + vertical) / height**2 + 1,
+        # The surface has the curvatures 1/c^2 and 1/b^2 at the bottom.
+        "theta": height / c2,
+        "phi": height / b2,
+    }
+
+
+def square_difference(kind: str, b2: Floats, c2: Floats) -> Floats:
+    """Return ``omega_p0^2 - omega_r0^2`` in closed form, a positive number times ``b^2 - c^2``."""
+    if kind == "whole":
+        # f(s) = 5 (s - 1)/(s + 6)
+        return 35 * (b2 - c2) / ((b2 + 6) * (c2 + 6))
+    # f(s) = (25/16) (8 s - 5)/(4 s + 9)
+    return 25 / 16 * 92 * (b2 - c2) / ((4 * b2 + 9) * (4 * c2 + 9))
+
+
+def ellipsoids(_: Made, samples: int = SAMPLES) -> Measured:
+    """Measure T6: pitch faster than roll for uniform ellipsoids and their lower halves."""
+    excess, off = [], []
+    for kind in CENTRE:
+        b2, c2 = shapes(kind, samples)
+        found = theory.modes(**ellipsoid(kind, b2, c2), xi=0.0)
+        pitch, roll = found.omega_p0**2, found.omega_r0**2
+        excess.append(pitch / roll - 1)
+        off.append(np.abs(pitch - roll - square_difference(kind, b2, c2)) / pitch)
+    more, formula = np.concatenate(excess), float(np.concatenate(off).max())
+    return [every(more > 0), formula < EXACT], {
+        "shapes": len(more), "value": float(more.min()), "formula": formula,
+    }  # fmt: skip
+
+
 # --- T7 -----------------------------------------------------------------------------------------
 
 
 def growth_slopes(body: tuple[Floats, ...]) -> tuple[Floats, Floats]:
-    """Derivatives at ``n = 0`` of the growth rates of pitch and roll, in the full dynamics.
+    """Return derivatives at ``n = 0`` of the growth rates of pitch and roll, in the full dynamics.
 
     First-order perturbation of the linear system: ``w M'(0) v / (w v)``, with the left and right
     eigenvectors ``w, v``; ``M`` is of second degree in ``n``.
@@ -155,13 +251,13 @@ def growth_slopes(body: tuple[Floats, ...]) -> tuple[Floats, Floats]:
 
 
 def prs(state: Floats, ratio: Floats) -> Floats:
-    """Moffatt and Tokieda's vector field (Eq. (75) [toki-prs]) on ``(P, R, S)``, shape (3, ...)."""
+    """Return Moffatt and Tokieda's field (Eq. (75) [toki-prs]) at ``(P, R, S)``, shape (3, ...)."""
     p, r, s = state
     return np.stack([ratio * p * s, -r * s, r**2 - ratio * p**2])
 
 
 def moffatt_tokieda(body: tuple[Floats, ...], seed: int = 2017) -> float:
-    """Largest relative distance of the three-variable system from Moffatt and Tokieda's.
+    """Return the largest relative distance of the reduced system from Moffatt and Tokieda's.
 
     With ``n = S``, ``E_p = (I/2) P^2``, ``E_r = (I/2) R^2``, ``t = (2/K_r) tau`` and ``lambda`` the
     squared ratio of the frequencies, at random states.
@@ -177,8 +273,8 @@ def moffatt_tokieda(body: tuple[Floats, ...], seed: int = 2017) -> float:
     return float(np.max(np.abs(mapped - wanted) / np.linalg.norm(wanted, axis=0)))
 
 
-def slow_spin(_: Tables, samples: int = SAMPLES) -> Measured:
-    """T7: growth rates at small spin, and the system of Moffatt and Tokieda."""
+def slow_spin(_: Made, samples: int = SAMPLES) -> Measured:
+    """Measure T7: growth rates at small spin, and the system of Moffatt and Tokieda."""
     off = []
     for body in (sd_bodies(samples), wide_bodies(samples)):
         alpha, beta, _gamma, theta, phi, xi = body
@@ -194,6 +290,33 @@ def slow_spin(_: Tables, samples: int = SAMPLES) -> Measured:
     }  # fmt: skip
 
 
+# --- T8 -----------------------------------------------------------------------------------------
+
+
+def reversal_times(_: Made, samples: int = SAMPLES) -> Measured:
+    """Measure T8: Garcia and Hubbard's times by the skew angle, and their ratio."""
+    alpha, beta, _gamma, theta_, phi, xi = body = sd_bodies(samples)
+    n_i, n_0 = 0.1, 0.11
+
+    def times(xi: Any) -> Floats:
+        """Return t_rGH+ and t_rGH- (Eqs. (56) [trgh-p] and (58) [trgh-m]), shape (2, samples)."""
+        found = theory.modes(alpha, beta, theta_, phi, xi)
+        both = np.log((n_0 + n_i) / (n_0 - n_i)) / (n_0 * np.stack([found.K_p, found.K_r]))
+        return np.asarray(both)
+
+    small, largest = 2.0**-20, np.radians(SdRanges().minus_xi_deg[1])
+    limit = times(-small) * small
+    slope = float(np.abs(np.log2(times(-2 * small) / times(-small)) + 1).max())
+    exact = by_definition(body)
+    unsteady, in_steady = times(xi)
+    off = np.abs(in_steady / unsteady / exact["ratio"] - 1) / exact["magnified"]
+    far = times(-largest) * largest / limit
+    return [slope < 1e-6, float(off.max()) < EXACT], {
+        "value": slope, "slope": slope, "ratio": float(off.max()), "bodies": samples,
+        "far": (float(far.min()), float(far.max())),
+    }  # fmt: skip
+
+
 # --- S9 -----------------------------------------------------------------------------------------
 
 # Spins at which stability is asked for, in thresholds, and whether there is any, after Bondi.
@@ -203,7 +326,7 @@ ANGLES = (0.01, 1.0, 6.0, 20.0, 45.0, 70.0, 89.0)
 
 
 def contradictions(body: tuple[Floats, ...], spins: tuple[tuple[float, bool], ...]) -> Count:
-    """How often the eigenvalues contradict Bondi's threshold, at the skew angles ``ANGLES``.
+    """Count how often eigenvalues contradict Bondi's threshold, at the skew angles ``ANGLES``.
 
     ``spins`` are in thresholds, each with whether the steady spin should be stable there; bodies
     without a threshold should be unstable at any spin.
@@ -221,13 +344,13 @@ def contradictions(body: tuple[Floats, ...], spins: tuple[tuple[float, bool], ..
 
 
 def fastest(constants: Floats, n: Any) -> Floats:
-    """Growth rate of the fastest mode of the steady spin."""
+    """Return the growth rate of the fastest mode of the steady spin."""
     growth: Floats = np.linalg.eigvals(steady.matrix(constants, n)).real.max(axis=-1)
     return growth
 
 
-def bondi(_: Tables, samples: int = SAMPLES) -> Measured:
-    """S9: Bondi's threshold and the exact steady solution."""
+def bondi(_: Made, samples: int = SAMPLES) -> Measured:
+    """Measure S9: Bondi's threshold and the exact steady solution."""
     body, wide = sd_bodies(samples), wide_bodies(samples)
     trials = product((body, wide), (NEAR, FAR))
     sd_near, sd_far, near, far = (contradictions(*trial) for trial in trials)

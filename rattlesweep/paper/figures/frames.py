@@ -1,4 +1,4 @@
-"""What the paper's figures have in common: frames, ticks, symbols of their quantities."""
+"""Frames, ticks and symbols that the figures share."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ T_AXIS, N_AXIS = r"$t$ / $\tilde t$", r"$n$ / $\tilde\omega$"
 DASHES: Any = (0, (4, 2))
 ZERO: dict[str, Any] = {"color": "#777777", "linewidth": 0.6, "zorder": 1}
 ABOVE: dict[str, Any] = {"loc": "outside upper center", "frameon": False, "fontsize": 9.5}
-"""Of a legend above all panels."""
+"""Place and look of a legend above all panels."""
 
 
 def frame(axes: Axes, title: str = "", *, loc: str = "center", grid: str = "") -> None:
-    """Thin frame and ticks inward, as in the paper; a title, and a grid of x, y or both."""
+    """Draw a thin frame with ticks inward; a title, and a grid of x, y or both."""
     axes.set_axisbelow(True)
     axes.tick_params(which="both", direction="in", top=True, right=True, width=0.6, labelsize=9)
     for side in axes.spines.values():
         side.set_linewidth(0.7)
     if title:
-        # Above anything that is at the top; to look for it would take a sixth of the drawing.
+        # At a fixed height: to avoid what is at the top takes a sixth of the drawing's time.
         axes.set_title(title, loc=loc, fontsize=10, pad=4, y=1.0)  # type: ignore[arg-type]
     if grid:
         axes.grid(visible=True, which="major", axis=grid, color=FAINT, linewidth=0.6)  # type: ignore[arg-type]
 
 
 def decade_ticks(axis: Any) -> None:
-    """Label decades only; on a short logarithmic axis the minor labels run into each other."""
+    """Label decades only: on a short logarithmic axis the minor labels run into each other."""
     axis.set_major_locator(LogLocator(base=10))
     axis.set_minor_formatter(NullFormatter())
 
 
 def launch(run: Any, *names: str) -> str:
-    """Such as ``n_i = 0.1, |omega_xy0| = 0.01`` as a formula."""
+    """Return values of a run as a formula, such as ``n_i = 0.1, |omega_xy0| = 0.01``."""
     symbols = {"n_i": "n_i", "omega_xy0": r"|\omega_{xy0}|", "K_r": "K_r", "theta": r"\theta"}
     return ", ".join(f"${symbols[name]} = {run[name]:g}$" for name in names)

@@ -1,4 +1,4 @@
-"""Claims about single runs: those of Fig. 4 (G1 to G3), the long ones of Fig. 8 (L1 to L3)."""
+"""Claims about single runs: those of Fig. 5 (G1 to G3), the long ones of Fig. 9 (L1 to L4)."""
 
 from __future__ import annotations
 
@@ -8,27 +8,28 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from rattlesweep.paper.claims.claim import Measured, Tables
+from rattlesweep.paper.claims.claim import Made, Measured, every
+from rattlesweep.paper.workspace import records
 from rattlesweep.sweeps.types import LEAST_GROWTH
 
 
-def runs_of_gh(tables: Tables) -> dict[str, dict[str, Any]]:
-    """The two runs by name."""
-    return {row["run"]: row for row in tables["fig4"]["runs"].to_pylist()}
+def runs_of_gh(made: Made) -> dict[str, dict[str, Any]]:
+    """Return the two runs by name."""
+    return {row["run"]: row for row in records(made["fig5"]["runs"])}
 
 
-def unsteady_reversal(tables: Tables) -> Measured:
-    """G1: reversal in the unsteady direction."""
-    return reversal(runs_of_gh(tables)["unsteady"], 112, "earlier")
+def unsteady_reversal(made: Made) -> Measured:
+    """Measure G1: reversal in the unsteady direction."""
+    return reversal(runs_of_gh(made)["unsteady"], 112, "earlier")
 
 
-def steady_reversal(tables: Tables) -> Measured:
-    """G2: reversal in the steady direction."""
-    return reversal(runs_of_gh(tables)["steady"], 810, "later")
+def steady_reversal(made: Made) -> Measured:
+    """Measure G2: reversal in the steady direction."""
+    return reversal(runs_of_gh(made)["steady"], 810, "later")
 
 
 def reversal(run: dict[str, Any], printed: int, when: str) -> Measured:
-    """The time of reversal and on which side of it Garcia and Hubbard's solution crosses zero."""
+    """Measure the time of reversal, and on which side of it Garcia and Hubbard's spin is zero."""
     t_r, t_rgh = run["t_r"], run["t_rgh"]
     found = "earlier" if t_rgh < t_r else "later"
     return [abs(t_r - printed) <= 0.5, found == when], {
@@ -38,7 +39,7 @@ def reversal(run: dict[str, Any], printed: int, when: str) -> Measured:
 
 
 def shape(own: pd.DataFrame, t_r: float) -> dict[str, float]:
-    """Envelope about a reversal, from the extrema in groups of one period (two extrema).
+    """Return the envelope about a reversal, from extrema in groups of one period (two extrema).
 
     ``top``: largest amplitude; ``left``, ``right``: largest before and after the reversal; ``low``:
     least between those two; ``top_t`` and so on: when.
@@ -56,10 +57,10 @@ def shape(own: pd.DataFrame, t_r: float) -> dict[str, float]:
     return sizes | {f"{name}_t": float(t[place]) for name, place in places.items()}
 
 
-def envelopes(tables: Tables) -> Measured:
-    """G3: amplitudes about the reversals."""
-    runs = runs_of_gh(tables)
-    extrema = tables["fig4"]["extrema"].to_pandas()
+def envelopes(made: Made) -> Measured:
+    """Measure G3: amplitudes about the reversals."""
+    runs = runs_of_gh(made)
+    extrema = made["fig5"]["extrema"]
     checks, shapes, tops = [], [], []
     for part, name, main, other in (
         ("a", "unsteady", "omega_x", "omega_y"),
@@ -82,22 +83,22 @@ def envelopes(tables: Tables) -> Measured:
     }  # fmt: skip
 
 
-# --- Fig. 8 -------------------------------------------------------------------------------------
+# --- Fig. 9 -------------------------------------------------------------------------------------
 
-# Curvatures of Fig. 8.
+# Curvatures of Fig. 9.
 PAPERS = (0.6429, 0.82, 0.9)
 
 
 def intervals(reversals: pd.DataFrame, model: str) -> dict[float, np.ndarray[Any, Any]]:
-    """Times between successive reversals of the runs with a model."""
+    """Return times between successive reversals of the runs with a model."""
     own = reversals[reversals["model"] == model]
     return {theta: np.diff(own[own["theta"] == theta]["t"]) for theta in PAPERS}
 
 
-def three_kinds(tables: Tables) -> Measured:
-    """L1: quasi-periodic, chaotic, quasi-periodic with a shorter period."""
-    exponents = tables["fig8_lyapunov"]["exponents"].to_pandas()
-    reversals, (a, b, c) = tables["fig8"]["reversals"].to_pandas(), PAPERS
+def three_kinds(made: Made) -> Measured:
+    """Measure L1: quasi-periodic, chaotic, quasi-periodic with a shorter period."""
+    exponents = made["fig9_lyapunov"]["exponents"]
+    reversals, (a, b, c) = made["fig9"]["reversals"], PAPERS
     gaps = intervals(reversals, "full")
     whole = {theta: gap.mean() for theta, gap in intervals(reversals, "reduced").items()}
     # The first interval leads from the launch to the motion that follows.
@@ -131,9 +132,9 @@ def three_kinds(tables: Tables) -> Measured:
     }  # fmt: skip
 
 
-def invariants(tables: Tables) -> Measured:
-    """L2: what the two models conserve."""
-    rows, reversals = (tables["fig8"][n].to_pandas() for n in ("invariants", "reversals"))
+def invariants(made: Made) -> Measured:
+    """Measure L2: what the two models conserve."""
+    rows, reversals = (made["fig9"][name] for name in ("invariants", "reversals"))
     rows = rows.assign(moves=lambda r: r["casimir_high"] - r["casimir_low"])
     simple, full = rows[rows["model"] == "reduced"], rows[rows["model"] == "full"]
     gaps = intervals(reversals, "reduced").values()
@@ -149,35 +150,52 @@ def invariants(tables: Tables) -> Measured:
     return checks, {
         "value": float(full["moves"].min()), "energy": simple["energy_drift"].max(),
         "casimir": simple["moves"].max(), "uneven": uneven, "drift": full["energy_drift"].max(),
-        "moved": full.assign(reversals=full["theta"].map(at)).to_dict("records"),
+        "moved": records(full.assign(reversals=full["theta"].map(at))),
     }  # fmt: skip
 
 
-def forces(tables: Tables) -> Measured:
-    """L3: forces at the contact, beside those of the other figures."""
-    runs = tables["fig8"]["forces"].to_pandas()
+def volumes(made: Made) -> Measured:
+    """Measure L4: the phase volume along the long runs."""
+    rows = made["fig9_volume"]["rates"]
+    span = rows["volume_high"] - rows["volume_low"]
+    checks = [
+        every(span > 1),
+        every(rows["volume_late"][1:] < -1),
+        every(rows["rate"] < -2 * rows["error"]),
+    ]
+    chaotic = rows.iloc[PAPERS.index(0.82)]
+    value, error = float(chaotic["rate"]), float(chaotic["error"])
+    return checks, {
+        "value": value, "low": value - 2 * error, "high": value + 2 * error,
+        "runs": records(rows),
+    }  # fmt: skip
+
+
+def forces(made: Made) -> Measured:
+    """Measure L3: forces at the contact, beside those of the other figures."""
+    runs = made["fig9"]["forces"]
     top = runs.iloc[int(runs["ratio_max"].argmax())]
     light = runs.iloc[int(runs["normal_min"].argmin())]
     others = "; ".join(
         force_words(row)
-        for name in ("fig4", "fig5", "fig6")
-        if "forces" in tables.get(name, {})
-        for row in tables[name]["forces"].to_pylist()
+        for name in ("fig5", "fig6", "fig7")
+        if name in made
+        for row in records(made[name]["forces"])
     )
     value = float(top["ratio_max"])
     return [round(value, 1) == 0.2, bool((runs["normal_min"] > 0).all())], {
         "value": value, "run": top["run"], "t": top["ratio_t"], "light": light["run"],
         "normal": light["normal_min"],
-        "runs": runs.to_dict("records"),
+        "runs": records(runs),
         "others": f" Largest ratios in the other figures: {others}." if others else "",
     }  # fmt: skip
 
 
 def force_words(row: Mapping[str, Any]) -> str:
-    """Largest ratio of a run, and whether it needs friction above 1 or loses contact."""
+    """Say the largest ratio of a run, and whether it needs friction above 1 or loses contact."""
     text = f"{row['run']}: {row['ratio_max']:.2f} at t = {row['ratio_t']:.1f}"
-    if row["open_t"] is not None:
+    if not np.isnan(row["open_t"]):
         text = f"{row['run']}: unbounded, as contact would be lost at t = {row['open_t']:.1f}"
-    if row["slip_t"] is not None:
+    if not np.isnan(row["slip_t"]):
         text += f" (above 1 first at t = {row['slip_t']:.1f})"
     return text
