@@ -14,8 +14,8 @@ import numpy as np
 
 from rattlesweep.analysis import style
 from rattlesweep.sweeps.block import columns_of, prepare_runs
-from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.config.read import parse_config
+from rattlesweep.sweeps.plan import make_plan
 
 CONFIG = {
     "spin": {"n_i": -0.3, "omega_xy0": 0.01},

@@ -31,6 +31,8 @@ from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.sweeps.block import prepare_runs, run_batch
+from rattlesweep.sweeps.config.read import load_config
+from rattlesweep.sweeps.config.schema import Integrator
 from rattlesweep.sweeps.error import (
     Estimated,
     Fit,
@@ -40,8 +42,6 @@ from rattlesweep.sweeps.error import (
     with_errors,
 )
 from rattlesweep.sweeps.plan import make_plan
-from rattlesweep.sweeps.config.schema import Integrator
-from rattlesweep.sweeps.config.read import load_config
 from rattlesweep.sweeps.types import classify, sure_types
 
 if TYPE_CHECKING:
