@@ -24,9 +24,9 @@ from typing import Any
 
 import duckdb
 import pandas as pd
-
 from rattlesweep.sweeps.old.content_hash import content_hash
 from rattlesweep.sweeps.old.verify import verify
+
 from rattlesweep.sweeps.old import sealed as sealedjson
 
 PROGRAM = Path(sys.executable).with_name("rattlesweep")

@@ -6,8 +6,9 @@ import random
 from collections.abc import Callable
 from typing import Any
 
-from rattlesweep.sweeps.old import local
 from rattlesweep.sweeps.old.session import Session
+
+from rattlesweep.sweeps.old import local
 
 
 class Stop(Exception):

@@ -150,13 +150,9 @@ def test_distances_are_those_of_the_step_control(name):
     ("settings", "expected"),
     [
         ("tol: 1e-9", [2e-6, 1e-9]),
-        ("tol: 1e-12", [2e-9, 1e-12]),
-        ("tol: 1e-7", [1e-5, 1e-7]),
         ("tol: 1e-4", [1e-3, 1e-4]),
         ("method: rk4, dt: 1e-3", [2e-3, 1e-3]),
         ("accuracy: {t_r: 1e-6}", [1e-4, 3e-7, 3e-9, 3e-11]),
-        ("accuracy: {t_r: 1e-9}", [6e-7, 3e-10, 3e-12, 3e-14]),
-        ("accuracy: {t_r: 1e-3}", [1e-4, 1e-6, 1e-8, 1e-10]),
         ("accuracy: {t_r: 1e-12}", [6e-10, 3e-13, 1e-14]),
     ],
 )
@@ -395,19 +391,16 @@ def test_counts_in_summary_and_closing_table(marked):
 
 
 def test_types_that_are_not_sure_are_hatched(marked, told):
-    pale: dict[Path, list[float]] = {}
     for directory in (marked, told):
         with styled():
             figure = choose_picture(read_layout(directory), "fractions").figure()
-        patches = [patch for axes in figure.axes for patch in axes.patches]
-        pale[directory] = [p.get_height() for p in patches if p.get_hatch() == UNSURE["hatch"]]
-    rows = rows_of(marked).to_pandas()
-    rows = rows[rows["status"] == "ok"]
-    unsure = rows[rows["type_sure"] == False].groupby(["case", "type"]).size()  # noqa: E712
-    shares = unsure / rows.groupby("case").size()
-    assert sorted(h for h in pale[marked] if h > 0) == pytest.approx(sorted(shares.dropna()))
-    assert len(unsure) > 0
-    assert not any(pale[told])
+        pale = [p.get_height() for axes in figure.axes for p in axes.patches
+                if p.get_hatch() == UNSURE["hatch"] and p.get_height() > 0]  # fmt: skip
+        rows = rows_of(directory).to_pandas().query("status == 'ok'")
+        unsure = rows[rows["type_sure"] == False].groupby(["case", "type"]).size()  # noqa: E712
+        shares = unsure / rows.groupby("case").size()
+        assert sorted(pale) == pytest.approx(sorted(shares.dropna()))
+        assert (len(pale) > 0) == (directory == marked)
 
 
 LOSS, CHAOS = "a delayed loss of stability: ", "chaos: at tol 2e-06 it reverses at 95 instead"
@@ -439,21 +432,15 @@ def test_causes_in_words(changes, n_i, words):
     assert "nan" not in said
 
 
-def test_replay_and_show_say_it_of_a_run(marked, told, tmp_path):
+def test_replay_says_it_of_a_run(marked, told):
     where = "t_r_error > 0.01 * t_r and type_sure"
     (run,) = Replay(marked).select(where=where)
     assert f"t_r {run.t_r!r} +- {run.t_r_error:.2g} (sensitive) and type R as" in run.proof
     Replay(marked).prove(run)
     cause = Replay(marked).cause(run)
     assert f"{run.name}: " in cause
-    shown = invoke(
-        "replay", marked, "--where", where, "--output", tmp_path / "a.csv", "--points", 9
-    )
+    shown = invoke("replay", marked, "--where", where, "--points", 9)
     assert cause in shown.stderr
-    page = tmp_path / "a.html"
-    one = ("show", marked, "--where", where)
-    assert cause in invoke(*one, "--output", page, "--points", 300).stderr
-    assert '["sensitive", "' in page.read_text()
     (quiet,) = Replay(told).select(where="t_r_error < 0.000001 * t_r")
     assert Replay(told).cause(quiet) == ""
 
