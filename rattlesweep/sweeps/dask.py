@@ -21,27 +21,24 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cache, partial
 from multiprocessing import resource_tracker
-from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, NamedTuple
 from uuid import uuid4
 
 import pyarrow as pa
 
-import rattlesweep
 from rattlesweep.arrays import Integers
 from rattlesweep.errors import ConfigError, OutputError, one_line
 from rattlesweep.integrate.batch import Control, available_threads
+from rattlesweep.integrate.compile import PACKAGE
 from rattlesweep.integrate.task import POLL, Task
 from rattlesweep.sweeps.block import compute, load_kernel, prepare_runs
-from rattlesweep.sweeps.job import Job, Keys, OutOfTime
+from rattlesweep.sweeps.job import Engine, Job, Keys, OutOfTime
 from rattlesweep.sweeps.plan import Plan
 from rattlesweep.sweeps.provenance import machine, versions
 
 if TYPE_CHECKING:
     from distributed import Client, Future
-
-    from rattlesweep.sweeps.run import Engine
 
 AHEAD = 2  # blocks of a worker: one under way, and one that is prepared meanwhile
 # Times in seconds.
@@ -374,7 +371,7 @@ class Answer(NamedTuple):
 @cache
 def essentials() -> dict[str, str]:
     """Return what must be equal for the bits to be: this package's source and some versions."""
-    root, digest = Path(rattlesweep.__file__).parent, hashlib.sha256()
+    root, digest = PACKAGE, hashlib.sha256()
     for path in sorted(root.rglob("*.py")):
         digest.update(path.relative_to(root).as_posix().encode())
         digest.update(path.read_bytes())

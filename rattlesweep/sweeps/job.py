@@ -195,3 +195,9 @@ class Job:
         if self.deadline is None or time.monotonic() < self.deadline:
             return False
         return some_done or (self._begun is not None and time.monotonic() >= self._begun + GRACE)
+
+
+Engine = Callable[[Job, Iterator[Keys]], Iterator[pa.Table]]
+"""Given blocks of keys, yields tables of rows, in any order and cut in any way.  What is thrown
+into it, such as a KeyboardInterrupt, it raises again after it has yielded the rows that are
+done."""

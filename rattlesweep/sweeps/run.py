@@ -22,7 +22,7 @@ from rattlesweep.integrate.batch import available_threads
 from rattlesweep.sweeps.cost import case_costs
 from rattlesweep.sweeps.decide import Refining, Stopping, decides, decision
 from rattlesweep.sweeps.files import ABANDONED, explained, remove_temporaries
-from rattlesweep.sweeps.job import Job, Keys, OutOfTime, Progress
+from rattlesweep.sweeps.job import Engine, Job, OutOfTime, Progress
 from rattlesweep.sweeps.local import local
 from rattlesweep.sweeps.locks import hold
 from rattlesweep.sweeps.plan import Plan
@@ -31,11 +31,6 @@ from rattlesweep.sweeps.sessions import Session
 from rattlesweep.sweeps.stored import MANIFEST, SUMMARY, Stored, begin, examine, note_thresholds
 from rattlesweep.sweeps.summary import summarise, write_summary
 from rattlesweep.sweeps.types import with_types
-
-Engine = Callable[[Job, Iterator[Keys]], Iterator[pa.Table]]
-"""Given blocks of keys, yields tables of rows, in any order and cut in any way.  What is thrown
-into it, such as a KeyboardInterrupt, it raises again after it has yielded the rows that are
-done."""
 
 
 @dataclass(frozen=True)

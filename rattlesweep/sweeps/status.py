@@ -12,6 +12,7 @@ from rattlesweep.sweeps.decide import decides, decision
 from rattlesweep.sweeps.locks import FOLDER, WHOLE, at_work
 from rattlesweep.sweeps.sessions import read_sessions
 from rattlesweep.sweeps.stored import Stored, open_stored
+from rattlesweep.text import counted
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,8 @@ class Status:
         so_far = " wanted so far" if self.decides and not self.done else ""
         lines = [
             f"{self.name} in {self.directory}: {data['runs']:,} of {data['wanted']:,} runs"
-            f"{so_far} ({share:.1f} %), {data['files']} files, {data['bytes'] / 1e6:.1f} MB"
+            f"{so_far} ({share:.1f} %), {counted(data['files'], 'file')}, "
+            f"{data['bytes'] / 1e6:.1f} MB"
         ]
         for what in ("status", "types"):
             if data[what]:

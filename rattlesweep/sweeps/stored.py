@@ -18,7 +18,6 @@ import pyarrow as pa
 
 from rattlesweep.errors import ConfigError, DamagedError, OutputError
 from rattlesweep.sweeps import columns
-from rattlesweep.sweeps.arrow import read_parquet
 from rattlesweep.sweeps.cases import Case, grown, recovered
 from rattlesweep.sweeps.columns import runs_schema
 from rattlesweep.sweeps.config.read import (
@@ -127,13 +126,6 @@ class Stored:
         """Yield the same rows in the same order, in pieces of bounded size."""
         for piece in self.runs.batches(names):
             yield from piece.to_batches()
-
-    def summary(self) -> pa.Table:
-        """Return one row a case: ``summary.parquet``, or what the rows so far come to."""
-        from rattlesweep.sweeps.summary import summarise
-
-        path = self.directory / SUMMARY
-        return read_parquet(path) if path.exists() else summarise(self)
 
     @cached_property
     def plan(self) -> Plan:
