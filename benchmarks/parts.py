@@ -25,6 +25,7 @@ import click
 import numpy as np
 from numba import njit
 
+from rattlesweep.arrays import take
 from rattlesweep.integrate.batch import Batch
 from rattlesweep.integrate.lanes.build import problem_of
 from rattlesweep.integrate.lanes.lane import LANES, Layout
@@ -120,7 +121,7 @@ def integration(samples: int) -> tuple[list[Part], Any, Any, dict[str, Any]]:
     ]
     # Where the horizon of 5 is not cut by the other one.
     short = np.flatnonzero(5.0 * launches.gh.t_rgh <= HORIZON)
-    chosen = Batch(**{name: getattr(batch, name)[short] for name in Batch.__dataclass_fields__})
+    chosen = take(batch, short)
     for units in (1.0, 2.0, 5.0):
         cut = replace(chosen, t_end=units * launches.gh.t_rgh[short])
         parts.append(

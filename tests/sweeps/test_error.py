@@ -33,7 +33,7 @@ from rattlesweep.sweeps.memory import same_bits
 from rattlesweep.sweeps.plan import Plan
 from rattlesweep.sweeps.run import Shard
 from rattlesweep.sweeps.stored import open_stored
-from rattlesweep.sweeps.summary import closing_table
+from rattlesweep.sweeps.summary import closing_table, read_summary
 from rattlesweep.sweeps.types import SS, SW, UNCLASSIFIED, R, sure_types
 
 SETS = (
@@ -231,7 +231,7 @@ def test_columns_and_nulls(told, tmp_path):
     # What is there without it has the same bits, and nothing is said of errors.
     sweep(tmp_path, "record=[]")
     assert rows_of(tmp_path).equals(rows.drop_columns([column.name for column in RUNS["error"]]))
-    summary = open_stored(tmp_path).summary()
+    summary = read_summary(open_stored(tmp_path))
     for name in ("sensitive", "unsure", "t_r_mean_error"):
         assert summary[name].null_count == len(summary)
     assert "unsure" not in closing_table(summary)
@@ -269,7 +269,7 @@ def test_one_content_however_it_is_cut_and_mended(goal, told, kept, tmp_path):
             assert failed[name].null_count == len(failed) == report.failed["step_limit"]
     for name in ("shards", "limits"):
         assert proved(tmp_path / name, recompute=8) == content_hash(whole)
-        assert open_stored(tmp_path / name).summary().equals(open_stored(whole).summary())
+        assert read_summary(open_stored(tmp_path / name)).equals(read_summary(open_stored(whole)))
 
 
 @pytest.mark.parametrize(("goal", "after"), [("", 0), ("", 1), (GOAL, 0), (GOAL, 1), (GOAL, 2)])
@@ -376,7 +376,7 @@ def test_quickstart_keeps_its_promise():
 
 
 def test_counts_in_summary_and_closing_table(marked):
-    rows, summary = rows_of(marked).to_pandas(), open_stored(marked).summary()
+    rows, summary = rows_of(marked).to_pandas(), read_summary(open_stored(marked))
     reversing = rows[rows["type"] == "R"]
     large = reversing[reversing["t_r_error"] > 1e-6 * reversing["t_r"]]
     unsure = rows[rows["type_sure"] == False]  # noqa: E712
