@@ -122,13 +122,6 @@ def content_hash(output: Path) -> str:
     return hashlib.sha256(sink.getvalue()).hexdigest()
 
 
-def content_hash(output: Path) -> str:
-    """Hash of all rows in the order of their keys, however they lie in files."""
-    sink = pa.BufferOutputStream()
-    pq.write_table(open_stored(output).read().combine_chunks(), sink)
-    return hashlib.sha256(sink.getvalue()).hexdigest()
-
-
 def tree(directory: Path) -> dict[str, bytes]:
     """All files below a directory, and folders as empty ones."""
     return {
