@@ -13,9 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from rattlesweep.analysis import style
+from rattlesweep.sweeps.block import columns_of, prepare_runs
 from rattlesweep.sweeps.config.read import parse_config
-from rattlesweep.sweeps.counts import floats
-from rattlesweep.sweeps.memory import integrate_runs
 from rattlesweep.sweeps.plan import make_plan
 
 CONFIG = {
@@ -33,9 +32,10 @@ def measure(draw: str, samples: int, seed: int) -> np.ndarray:
     bodies = {"source": "sd", "samples": samples, "draw": draw}
     plan = make_plan(parse_config(CONFIG | {"bodies": bodies, "seed": seed}))
     sample = np.arange(samples)
-    table = integrate_runs(plan, np.zeros(samples, dtype=np.int64), sample, 1)
-    t_r, n_c1 = (floats(table.column(name)) for name in ("t_r", "n_c1"))
-    rows = np.stack([np.isfinite(t_r), np.abs(n_c1) < 0.3, np.nan_to_num(t_r)])
+    launches, _ = prepare_runs(plan, np.zeros(samples, dtype=np.int64), sample)
+    columns = columns_of(plan.config, launches, None, None)
+    t_r = columns["t_r"]
+    rows = np.stack([np.isfinite(t_r), np.abs(columns["n_c1"]) < 0.3, np.nan_to_num(t_r)])
     sums = np.cumsum(rows, axis=1)[:, [n - 1 for n in SIZES if n < samples] + [samples - 1]]
     counts = np.array([n for n in SIZES if n < samples] + [samples])
     return np.stack([sums[0] / counts, sums[1] / counts, sums[2] / sums[0]], axis=1)

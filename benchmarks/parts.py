@@ -36,13 +36,14 @@ from rattlesweep.physics import full, theory
 from rattlesweep.physics.steady import steady_modes
 from rattlesweep.sweeps.arrow import build_table, write_parquet
 from rattlesweep.sweeps.block import columns_of, run_batch
+from rattlesweep.sweeps.columns import runs_schema
 from rattlesweep.sweeps.config.read import load_config
-from rattlesweep.sweeps.config.schema import Integrator
-from rattlesweep.sweeps.launches import full_batch, prepare, reduced_batch
+from rattlesweep.sweeps.config.schema import Config, Integrator
+from rattlesweep.sweeps.launches import Launches, full_batch, prepare, reduced_batch
 from rattlesweep.sweeps.plan import make_plan
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
 CONFIG = Path(__file__).resolve().parent.parent / "configs" / "tradeoff.yaml"
 HORIZON = 1000.0
@@ -76,6 +77,11 @@ class Part:
     unit: str = "run"
 
 
+def columns(config: Config, launches: Launches, batch: Batch) -> Mapping[str, Any]:
+    """Integrate runs on one thread, and return their columns."""
+    return columns_of(config, launches, batch, run_batch(config, batch, threads=1))
+
+
 def integration(samples: int) -> tuple[list[Part], Any, Any, dict[str, Any]]:
     """Variants of the integration, and the plan and launches they are of."""
     config = load_config(
@@ -92,7 +98,7 @@ def integration(samples: int) -> tuple[list[Part], Any, Any, dict[str, Any]]:
         parts.append(
             Part(
                 "record " + ", ".join(record) if record else "plain",
-                lambda changed=changed: finish(changed, launches, batch),
+                lambda changed=changed: columns(changed, launches, batch),
                 len(batch),
             )
         )
@@ -101,7 +107,7 @@ def integration(samples: int) -> tuple[list[Part], Any, Any, dict[str, Any]]:
     parts.append(
         Part(
             "accuracy t_r 1e-6",
-            lambda changed=changed: finish(changed, launches, batch),
+            lambda changed=changed: columns(changed, launches, batch),
             runs,
         )
     )
@@ -109,8 +115,8 @@ def integration(samples: int) -> tuple[list[Part], Any, Any, dict[str, Any]]:
     closed = config.model_copy(update={"model": "gh"})
     small = reduced_batch(launches)
     parts += [
-        Part("model reduced", lambda: finish(reduced, launches, small), runs),
-        Part("model gh", lambda: finish(closed, launches, None), runs),
+        Part("model reduced", lambda: columns(reduced, launches, small), runs),
+        Part("model gh", lambda: columns_of(closed, launches, None, None), runs),
         Part("integration alone", lambda: run_batch(config, batch, threads=1), runs),
     ]
     # Where the horizon of 5 is not cut by the other one.
@@ -126,7 +132,7 @@ def integration(samples: int) -> tuple[list[Part], Any, Any, dict[str, Any]]:
                 "integration, horizon 5 t_rGH",
             )
         )
-    return parts, plan, launches, finish(config, launches, batch)
+    return parts, plan, launches, columns(config, launches, batch)
 
 
 def scenes(samples: int) -> list[Part]:
@@ -153,22 +159,12 @@ def scenes(samples: int) -> list[Part]:
     return parts
 
 
-def finish(config: Any, launches: Any, batch: Batch | None) -> Any:
-    """Integrate and type runs on one thread; return their columns."""
-    outcome = None if batch is None else run_batch(config, batch, threads=1)
-    return columns_of(config, launches, batch, outcome)
-
-
-def write(columns: dict[str, Any], schema: Any, path: Path) -> None:
-    """Write runs as a file of a sweep."""
-    write_parquet(build_table(columns, schema), path)
-
-
-def around(plan: Any, launches: Any, columns: dict[str, Any], directory: Path) -> list[Part]:
+def around(plan: Any, launches: Any, found: Mapping[str, Any], directory: Path) -> list[Part]:
     """What is done before and after the kernel."""
     case, sample, b = launches.case, launches.sample, launches.bodies
     constants = full.constants(b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi)
     runs = len(sample)
+    schema = runs_schema([], "full")
     return [
         Part("bodies", lambda: plan.source.bodies(np.nan, sample), runs),
         Part("bodies, theory, horizons", lambda: prepare(plan, case, sample), runs),
@@ -177,7 +173,7 @@ def around(plan: Any, launches: Any, columns: dict[str, Any], directory: Path) -
         Part("initial states, steady modes", lambda: full_batch(launches), runs),
         Part(
             "Parquet file",
-            partial(write, columns, plan.schema, directory / "runs.parquet"),
+            lambda: write_parquet(build_table(found, schema), directory / "rows.parquet"),
             runs,
         ),
     ]
@@ -241,16 +237,16 @@ def measure(parts: list[Part], rounds: int) -> dict[str, float]:
 @click.option("--quick", is_flag=True, help="Fewer runs and repeats.")
 def main(quick: bool) -> None:
     """Print the price of each part."""
-    parts, plan, launches, columns = integration(20 if quick else 70)
+    parts, plan, launches, found = integration(20 if quick else 70)
     out = run_batch(plan.config, full_batch(launches), threads=1)
     tries = int(out.n_steps.sum() + out.n_rejected.sum())
     with tempfile.TemporaryDirectory() as directory:
         parts += scenes(20 if quick else 70)
-        parts += around(plan, launches, columns, Path(directory))
+        parts += around(plan, launches, found, Path(directory))
         parts += steps(2000 if quick else 10_000)
         seconds = measure(parts, 3 if quick else 7)
     click.echo(
-        f"{len(launches.n_i)} runs to the horizon {HORIZON:g}, {columns['t_end'].sum():.3g} units "
+        f"{len(launches.n_i)} runs to the horizon {HORIZON:g}, {found['t_end'].sum():.3g} units "
         f"of time, {tries:.3g} steps tried; one thread, medians"
     )
     click.echo(f"{'part':40}{'us':>10}{'of one':>8}{'ratio':>9}  to")

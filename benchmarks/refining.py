@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -18,6 +19,7 @@ from rattlesweep.analysis import style
 from rattlesweep.analysis.boundaries import boundaries
 from rattlesweep.analysis.fill import fill
 from rattlesweep.analysis.plots.map import CELLS, CODES
+from rattlesweep.arrays import Flags
 from rattlesweep.sweeps.config.read import override_config, resolved
 from rattlesweep.sweeps.decide import Refining
 from rattlesweep.sweeps.stored import Stored, open_stored
@@ -25,15 +27,15 @@ from rattlesweep.sweeps.stored import Stored, open_stored
 LEVELS = (2, 3, 4, 5)
 
 
-def refined(rows: pa.Table, stored: Stored, refine: dict) -> np.ndarray:
-    """Return which of the runs a refined sweep does, by case and sample."""
+def refined(rows: pa.Table, stored: Stored, refine: dict[str, Any]) -> Flags:
+    """Return which of the runs a refined sweep does, in the order of their keys."""
     data = resolved(stored.config)
     config = override_config(data | {"bodies": data["bodies"] | {"refine": refine}}, [])
     decide = Refining(config, stored.cases, stored.samples)
     table = rows.select([*decide.columns])
-    done = np.zeros((len(stored.cases), stored.samples), dtype=bool)
+    done = np.zeros(decide.code.shape, dtype=bool)
     while (todo := decide.wanted() & ~done).any():
-        decide.add(table.filter(pa.array(todo.ravel())))
+        decide.add(table.take(np.flatnonzero(todo)))
         done |= todo
     return done
 

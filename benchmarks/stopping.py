@@ -10,15 +10,18 @@ memory; what decides is what decides in a sweep. The truth is a sweep of 2^20 So
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
+from rattlesweep.arrays import Integers
+from rattlesweep.sweeps.block import compute, prepare_runs
 from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.counts import Z95, Counts, wilson
-from rattlesweep.sweeps.decide import decision
-from rattlesweep.sweeps.memory import integrate_runs
-from rattlesweep.sweeps.plan import make_plan
+from rattlesweep.sweeps.decide import Stopping
+from rattlesweep.sweeps.plan import Plan, make_plan
 
 CONFIG: dict[str, Any] = {
     "bodies": {"source": "sd", "samples": 50_000},
@@ -29,34 +32,32 @@ CONFIG: dict[str, Any] = {
 STOPS = ({"fraction": 0.02}, {"t_r": 0.03})
 
 
-def add(plan, case, sample, counts, decide=None) -> None:
+def run(plan: Plan, case: Integers, sample: Integers, counts: Counts) -> pa.Table:
     """Do some runs, and count them."""
-    table = integrate_runs(plan, case, sample, 1)
+    table = compute(plan.config, plan.schema, prepare_runs(plan, case, sample))[0]
     for rows in table.to_batches():
         counts.add(rows, rows.column("case").to_numpy().astype(np.int64))
-        if decide is not None:
-            decide.add(rows)
+    return table
 
 
 def stopped(config: dict[str, Any]) -> Counts:
-    """Return the counts by case of a sweep that stops."""
+    """Return what a sweep that stops comes to, by case."""
     plan = make_plan(parse_config(config))
-    decide = decision(plan.config, plan.cases, plan.samples)
-    counts = Counts(len(plan.cases))
-    done = np.zeros((len(plan.cases), plan.samples), dtype=bool)
+    decide, counts = Stopping(plan.config.stop, plan.shape), Counts(len(plan.cases))
+    done = np.zeros(plan.shape, dtype=bool)
     while (todo := decide.wanted() & ~done).any():
-        add(plan, *np.nonzero(todo), counts, decide)
+        decide.add(run(plan, *np.nonzero(todo), counts))
         done |= todo
     return counts
 
 
 def truth(bits: int = 20) -> Counts:
-    """Return the counts by case of very many samples."""
+    """Return the same of very many samples."""
     bodies = CONFIG["bodies"] | {"samples": 2**bits, "draw": "sobol"}
     plan = make_plan(parse_config(CONFIG | {"bodies": bodies, "seed": 1}))
     counts = Counts(len(plan.cases))
     for numbers in np.split(np.arange(plan.runs), 3 * 2 ** max(0, bits - 17)):
-        add(plan, *np.divmod(numbers, plan.samples), counts)
+        run(plan, *np.divmod(numbers, plan.samples), counts)
     return counts
 
 
@@ -66,7 +67,7 @@ def main() -> None:
     parser.add_argument("--sweeps", type=int, default=500)
     options = parser.parse_args()
     exact = truth()
-    print("stop             n_i  measure             true   samples  as asked  in 95 %")
+    print("stop                 n_i  measure                 true   samples  as asked  in 95 %")
     for stop in STOPS:
         found = [
             stopped(CONFIG | {"stop": stop, "seed": 100 + seed}) for seed in range(options.sweeps)
@@ -75,14 +76,16 @@ def main() -> None:
         for name, value, asked, inside in coverage(stop, found, exact):
             for case, n_i in enumerate(CONFIG["spin"]["n_i"]):
                 print(
-                    f"{stop!s:15} {n_i:5.2g}  {name:18} {value[case]:6.4g} "
+                    f"{stop!s:18} {n_i:5.2g}  {name:22} {value[case]:6.4g} "
                     f"{samples[case]:8.0f}  {asked[case]:8.3f} {inside[case]:8.3f}",
                     flush=True,
                 )
 
 
-def coverage(stop, found: list[Counts], exact: Counts):
-    """Yield measures: true values, how often they are as near as asked, and in the interval."""
+def coverage(stop: dict[str, float], found: list[Counts], exact: Counts) -> Iterator[Any]:
+    """Yield by measure the true values, and how often they are as near as asked and in the
+    interval.
+    """
     if "t_r" in stop:
         true = exact.t_r.means()
         means = np.array([counts.t_r.means() for counts in found])

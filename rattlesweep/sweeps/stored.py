@@ -367,7 +367,8 @@ def _asks_for(config: Config) -> dict[str, Any]:
     """Return the part of a config that may change while its sweep goes on."""
     data = resolved(config)
     kept = {key: data.get(key) for key in ("name", "classify", "stop")}
-    return kept | {"refine": data["bodies"].get("refine")}
+    limits = {"max_steps": data["integrator"]["max_steps"]}
+    return kept | limits | {"refine": data["bodies"].get("refine")}
 
 
 def _located(directory: Path, function: Any, *arguments: Any) -> tuple[Case, ...]:
