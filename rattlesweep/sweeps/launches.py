@@ -54,6 +54,8 @@ class Launches:
         Horizons; not finite where there is none.
     sigma, rolling : ndarray or None
         Dissipation; None in a sweep without.
+    dead : ndarray or None
+        Share of the launch's energy below which a body is dead; None likewise.
     """
 
     case: Integers
@@ -69,6 +71,7 @@ class Launches:
     t_end: Floats
     sigma: Floats | None = None
     rolling: Floats | None = None
+    dead: Floats | None = None
 
     @property
     def second(self) -> Floats | None:
@@ -112,9 +115,12 @@ def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
     else:
         psi = launch.direction(modes, n_i, spin.psi if spin is not None else "relevant")
     losses = (value("sigma"), value("rolling")) if plan.config.dissipation else None
-    return with_theory(
+    launches = with_theory(
         case, sample, bodies, n_i, omega_xy0, psi, modes, plan.config.horizon, losses
     )
+    if losses is None:
+        return launches
+    return replace(launches, dead=np.full(len(sample), plan.config.classify.dead_energy))
 
 
 def with_theory(
@@ -244,6 +250,7 @@ def full_batch(launches: Launches) -> Batch:
         first_mark=MARK_PERIODS * 2 * np.pi / slower,
         scale=launches.spin_scale,
         tapped=launches.tapped,
+        dead=np.zeros(0) if launches.dead is None else launches.dead,
     )
 
 

@@ -637,8 +637,9 @@ class Classify(Base):
     early: bool = False
     """Whether a run ends as soon as linear stability and its energy make it certain that it is SS,
     by any ss_growth; for the model full."""
-    dead_energy: float = Field(default=0.01, gt=0, lt=1)
-    """With dissipation: D, unless R, if less than this fraction of the launch's energy is left."""
+    dead_energy: float = Field(default=0.01, ge=1e-6, lt=1)
+    """With dissipation: D, unless R, if less than this fraction of the launch's energy is left. A
+    zero of the spin after that is no reversal, so stored runs keep their dead_energy."""
 
     @property
     def thresholds(self) -> dict[str, float]:
