@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,7 +15,7 @@ from rattlesweep.integrate.model import ELLIPSOID, FRICTION, FULL, MODELS, Model
 from rattlesweep.physics import full, launch, reduced, stone, theory
 from rattlesweep.physics.steady import settled_oscillation, steady_modes
 from rattlesweep.sweeps.bodies.protocol import Bodies
-from rattlesweep.sweeps.config.schema import Config, Horizon
+from rattlesweep.sweeps.config.schema import MAX_SPEED, Config, Horizon
 from rattlesweep.sweeps.plan import Plan
 
 # A window has at least this many periods of the slower mode, so that it contains the largest
@@ -284,8 +283,8 @@ def with_energies(batch: Batch, e_p0: float | None, e_r0: float | None) -> Batch
     for column, name, value in ((1, "e_p0", e_p0), (2, "e_r0", e_r0)):
         if value is None:
             continue
-        if not (math.isfinite(value) and value >= 0):
-            raise ConfigError(f"{name} {value:g}: the energy must be finite and not negative")
+        if not 0 <= value <= MAX_SPEED**2:
+            raise ConfigError(f"{name} {value:g}: from 0 to {MAX_SPEED**2:g} M g a is allowed")
         y0[:, column] = value
     return replace(batch, y0=y0)
 
