@@ -273,7 +273,8 @@ def finish(lane, status, reversal, t, run, result, counts, windows, record):
     result[run, C.T_R] = t if reversal and status == OK and not is_dead(lane) else nan
     if record[C.REC_REVERSALS]:
         see_side(lane, windows, record)
-        if lane.t_zero > 0.0 and status == OK:
+        # What goes wrong behind the first zero leaves it as it is, but for energy that has drifted.
+        if lane.t_zero > 0.0 and status != ENERGY:
             result[run, C.T_R] = lane.t_zero
     result[run, C.N_END] = n
     result[run, C.DRIFT] = drift
