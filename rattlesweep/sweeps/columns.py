@@ -221,6 +221,12 @@ SUMMARY: tuple[pa.Field, ...] = (
           "share of type D among runs with status ok; null without dissipation"),
     field("sigma", F64, DAMPING, "torque -sigma omega; null: no dissipation, or rows differ"),
     field("rolling", F64, "a", "lever of the rolling resistance; null likewise"),
+    # Of runs that do not record contact, null.
+    field("share_friction_above_0_3", F64, "1",
+          "share of runs with status ok that need a coefficient of friction above 0.3 to roll"),
+    field("share_friction_above_0_6", F64, "1", "the same above 0.6"),
+    field("share_lift_off", F64, "1",
+          "share of runs with status ok whose normal force becomes negative: they would lift off"),
 )
 """Columns of `summary` in their order."""
 # fmt: on
