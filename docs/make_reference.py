@@ -86,7 +86,7 @@ EXAMPLES = {
 
 CONFIG_HEAD = """# The config, key by key
 
-A config is a YAML 1.2 file. An unknown or repeated key is an error that names its line; `rattlesweep validate CONFIG` says what is wrong
+A config is a YAML 1.2 file. An unknown or repeated key is an error that names its line; `rattlesweep plan CONFIG --check` says what is wrong
 and what the config comes to, `rattlesweep init` writes one to begin with, and `rattlesweep schema` prints the JSON Schema that editors
 take. `--set KEY=VALUE` overrides a key by its dotted name, such as `--set bodies.samples=100`. In Python a config is a mapping with the same keys.
 

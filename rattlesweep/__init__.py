@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 __all__ = ["ConfigError", "GrowthRates", "Modes", "OutputError", "Page", "Rattleback", "Run",
            "Sweep", "__version__", "bondi_threshold", "growth_rates", "load", "modes", "replay",
-           "reversal_time_gh", "simulate", "sweep", "trajectory"]  # fmt: skip
+           "reversal_time_gh", "show", "simulate", "sweep", "trajectory"]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:
@@ -30,3 +30,7 @@ def __getattr__(name: str) -> Any:
 
         return getattr(api, name)
     raise AttributeError(f"module 'rattlesweep' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,4 +1,4 @@
-"""How far something is, as a bar: in a terminal of text, in a notebook a widget."""
+"""Progress as a bar: text in a terminal, a widget in a notebook, a line a minute elsewhere."""
 
 from __future__ import annotations
 
@@ -13,77 +13,76 @@ from rattlesweep.durations import clock
 if TYPE_CHECKING:
     from typing import Self
 
-    from rattlesweep.sweeps.old.progress import Progress
+    from rattlesweep.sweeps.job import Progress
 
 COMPILING = "compiling the kernel for this machine, once (about 15 s)"
-# Seconds after which a call from Python shows a bar: most are over by then.
 DELAY = 0.5
-
-
-def new_bar(**settings: Any) -> Any:
-    """A bar of tqdm, on standard error where it is text."""
-    from tqdm.auto import tqdm
-
-    return tqdm(file=sys.stderr, **settings)
+"""Seconds after which a call from Python shows a bar: most are over by then."""
+LINE_EVERY = 60.0
+"""Seconds between the lines of a command whose standard error is no terminal."""
 
 
 class Bar:
-    """A bar for as long as a ``with`` lasts.
+    """A bar on standard error for as long as a ``with`` lasts.
 
     Parameters
     ----------
     shown : bool
-        Whether there is one at all.
+        Whether there is a bar.
     delay : float
         Seconds before it appears.
+    lines : bool
+        Whether lines are written where there is no bar: one a minute, and one on compilation.
     """
 
-    def __init__(self, shown: bool, delay: float = 0.0) -> None:
-        self._shown, self._delay = shown, delay
+    def __init__(self, shown: bool, delay: float = 0.0, lines: bool = False) -> None:
+        self._shown, self._delay, self._lines = shown, delay, lines
         self._bar: Any = None
-        self._start = time.monotonic()
+        self._told = False
+        self._start = self._last = time.monotonic()
 
     @classmethod
     def of_call(cls, progress: bool | None) -> Bar:
-        """For a call from Python: as asked, by default where somebody looks at it."""
+        """Return the bar of a call from Python, by default where somebody looks at it."""
         if progress is None:
             progress = "ipykernel" in sys.modules or sys.stderr.isatty()
         return cls(progress, DELAY)
 
+    @classmethod
+    def of_command(cls, quiet: bool = False) -> Bar:
+        """Return the bar of a command: in a terminal, unless it is to be quiet."""
+        terminal = sys.stderr.isatty()
+        return cls(terminal and not quiet, lines=not quiet)
+
     def __enter__(self) -> Self:
-        if not self._delay:
-            self._appear()
         return self
 
     def __exit__(self, *error: object) -> None:
         if self._bar is not None:
             self._bar.close()
 
-    def _appear(self) -> None:
-        if self._shown and self._bar is None and time.monotonic() >= self._start + self._delay:
-            # Of expected cost; tqdm's own estimate would count compilation as work.
-            self._bar = new_bar(total=100.0, bar_format="{percentage:3.0f}%|{bar}| {desc}")
-
     def __call__(self, progress: Progress) -> None:
         """Show how far a sweep is."""
-        runs = f"{progress.runs}/{progress.total} runs"
+        runs = f"{progress.runs:,} of {progress.total:,} runs"
         self.show(progress.fraction, runs, progress.elapsed, progress.left)
 
     def show(self, fraction: float, text: str, elapsed: float, left: float | None) -> None:
-        """Show how far something is, and what it is doing."""
-        self._appear()
-        if self._bar is not None:
+        """Show how far something is, and what it is doing; `elapsed` and `left` are seconds."""
+        text += f", {clock(elapsed)}" + ("" if left is None else f", {clock(left)} left")
+        if self._appeared():
             self._bar.n = 100.0 * fraction
-            self._bar.set_description_str(describe(text, elapsed, left))
+            self._bar.set_description_str(text)
+        elif self._minute_is_over():
+            print(f"{100 * fraction:.1f} %, {text}", file=sys.stderr, flush=True)
 
     def counting(self, what: str) -> Callable[[float], None]:
-        """What shows a fraction of work that takes equally long all the way."""
+        """Return a function that shows the fraction done of work that goes on evenly."""
         begun: tuple[float, float] | None = None
 
         def report(fraction: float) -> None:
             nonlocal begun
             now = time.monotonic()
-            # Before the first report a kernel may have been compiled, which is no rate.
+            # A kernel may have been compiled before the first report, which is no rate.
             begun = begun or (now, fraction)
             done = fraction - begun[1]
             left = (now - begun[0]) * (1 - fraction) / done if done > 0 else None
@@ -91,16 +90,36 @@ class Bar:
 
         return report
 
+    def stage(self, text: str) -> None:
+        """Write what is done now, in a terminal always and elsewhere once a minute."""
+        if self._shown or self._minute_is_over():
+            seconds = time.monotonic() - self._start
+            print(f"{seconds:4.0f} s  {text}", file=sys.stderr, flush=True)
+
     @contextmanager
     def compiling(self, kernel: str) -> Iterator[None]:
-        """Say so for as long as a kernel is being compiled."""
-        if self._shown:
+        """Tell that a kernel is being compiled, for as long as the ``with`` lasts."""
+        if self._lines and not self._told:
+            print(COMPILING, file=sys.stderr, flush=True)
+        elif self._shown and not self._lines:
             self._delay = 0.0
-            self._appear()
+            self._appeared()
             self._bar.set_description_str(COMPILING)
+        self._told = True  # once is enough, however many kernels there are
         yield
 
+    def _appeared(self) -> bool:
+        if self._shown and self._bar is None and time.monotonic() >= self._start + self._delay:
+            from tqdm.auto import tqdm
 
-def describe(text: str, elapsed: float, left: float | None) -> str:
-    """What is done, for how long, and for how long still."""
-    return f"{text}, {clock(elapsed)}" + ("" if left is None else f", {clock(left)} left")
+            # tqdm's own estimate of the time left would count compilation as work.
+            bar_format = "{percentage:3.0f}%|{bar}| {desc}"
+            self._bar = tqdm(total=100.0, bar_format=bar_format, file=sys.stderr)
+        return self._bar is not None
+
+    def _minute_is_over(self) -> bool:
+        now = time.monotonic()
+        over = self._lines and now >= self._last + LINE_EVERY
+        if over:
+            self._last = now
+        return over

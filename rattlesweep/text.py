@@ -1,4 +1,4 @@
-"""Tables as text for a terminal."""
+"""Words and tables for a terminal."""
 
 from __future__ import annotations
 
@@ -6,14 +6,15 @@ from collections.abc import Sequence
 
 
 def align(lines: Sequence[Sequence[str]], sides: str = ">") -> str:
-    """Cells as lines of columns, each as wide as its widest cell.
+    """Lay cells out in columns, each as wide as its widest cell.
 
     Parameters
     ----------
     lines
-        Cells of each line, as many in all.
+        Cells of each line, equally many in all.
     sides
-        Where the cells of each column stand, ``<`` or ``>``; the last is that of the columns left.
+        Side on which the cells of each column stand, ``<`` or ``>``; the last is that of all
+        further columns.
     """
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     sides += sides[-1] * (len(widths) - len(sides))
@@ -23,3 +24,8 @@ def align(lines: Sequence[Sequence[str]], sides: str = ">") -> str:
         ).rstrip()
         for line in lines
     )
+
+
+def counted(number: int, noun: str) -> str:
+    """Return such as ``1 run`` or ``6,000 runs``."""
+    return f"{number:,} {noun}{'' if number == 1 else 's'}"

@@ -45,6 +45,9 @@ class Comparison:
     errors: list[bool]  # whether each has t_r_error and type_sure
     runs: pd.DataFrame
 
+    def __repr__(self) -> str:
+        return as_text(self, 20)
+
     def row(self, runs: pd.DataFrame) -> dict[str, Any]:
         """Count some of the runs; None is what is not known.
 

@@ -1,7 +1,8 @@
-"""The Python interface: a few calls over the rooms below, which they import when they are made.
+"""The Python interface: a few calls, which import the rooms below when they are made.
 
-What is wrong with an argument is a ``ConfigError``, which is a ``ValueError``; what the disk or the
-data refuse is an ``OutputError``.  Each says in a sentence what it is and what would be right.
+An argument that is wrong raises a ``ConfigError``, which is a ``ValueError``; what the disk or the
+data refuse raises an ``OutputError``.  Each says in a sentence what is wrong and what would be
+right.
 """
 
 from rattlesweep.api.closed import (
@@ -11,14 +12,12 @@ from rattlesweep.api.closed import (
     modes,
     reversal_time_gh,
 )
-from rattlesweep.api.pages import Page
-from rattlesweep.api.single import Run, replay, simulate, trajectory
-from rattlesweep.api.stored import Sweep
-from rattlesweep.api.sweeps import load, sweep
+from rattlesweep.api.single import Page, Run, replay, show, simulate, trajectory
+from rattlesweep.api.sweeps import Sweep, load, sweep
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.physics.theory import Modes
 
 __all__ = ["ConfigError", "GrowthRates", "Modes", "OutputError", "Page", "Rattleback", "Run",
            "Sweep", "bondi_threshold", "growth_rates", "load", "modes", "replay",
-           "reversal_time_gh", "simulate", "sweep", "trajectory"]  # fmt: skip
+           "reversal_time_gh", "show", "simulate", "sweep", "trajectory"]  # fmt: skip

@@ -1,4 +1,4 @@
-"""Bodies and numbers, one or many, as the Python interface takes them."""
+"""Arguments of the Python interface: bodies and numbers, one or many."""
 
 from __future__ import annotations
 
@@ -12,31 +12,57 @@ import numpy as np
 
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError, one_line
-from rattlesweep.physics.body import PARAMETERS, Rattleback
+from rattlesweep.physics.body import PARAMETERS, PRESETS, Rattleback
 
 if TYPE_CHECKING:
     import pandas as pd
     import pyarrow as pa
 
-Bodies: TypeAlias = "Rattleback | Iterable[Rattleback] | Mapping[str, Any] | pd.DataFrame"
-"""One body; a sequence or an array of bodies; or a table with the columns of a table of bodies."""
+Bodies: TypeAlias = (
+    "Rattleback | str | Iterable[Rattleback | str] | Mapping[str, Any] | pd.DataFrame"
+)
+"""One body or the name of a preset; a sequence or an array of these; or a table of bodies."""
 
 WANTED = {
     "n_i": "the initial spin must be finite",
     "omega_xy0": "the oscillation must be finite and positive",
     "t_end": "the horizon must be finite and positive",
     "psi": "an angle from -360 to 360 degrees is needed",
+    "sigma": "the dissipation must be finite and not negative",
+    "rolling": "the dissipation must be finite and not negative",
 }
 
 
-def body_columns(bodies: Bodies) -> dict[str, Floats]:
-    """Parameters of bodies, arrays of one shape, and what else a table of them says.
+def one_body(body: Any, name: str = "body") -> Rattleback:
+    """Return a body, perhaps given by the name of a preset.
 
-    The shape is ``()`` of one body, that of an array of bodies, and ``(rows,)`` of a sequence or a
-    table.  Refuses what is no body, or cannot exist.
+    Raises
+    ------
+    ConfigError
+        If it is neither; the sentence begins with `name`.
     """
-    if isinstance(bodies, Rattleback):
-        bodies = np.array(bodies, dtype=object)
+    if isinstance(body, Rattleback):
+        return body
+    if isinstance(body, str) and body in PRESETS:
+        return PRESETS[body]()
+    raise ConfigError(
+        f"{name}: {kind_of(body)} is no body; give a Rattleback or a name, {' or '.join(PRESETS)}"
+    )
+
+
+def body_columns(bodies: Bodies) -> dict[str, Floats]:
+    """Return the parameters of bodies, arrays of one shape, and what else a table of them says.
+
+    The shape is ``()`` for one body, that of an array of bodies, and ``(rows,)`` for a sequence or
+    a table.
+
+    Raises
+    ------
+    ConfigError
+        If it is no body, or one that cannot exist.
+    """
+    if isinstance(bodies, Rattleback | str):
+        bodies = np.array(one_body(bodies, "bodies"), dtype=object)
     if isinstance(bodies, Mapping) or is_frame(bodies):
         import pandas as pd
 
@@ -45,24 +71,21 @@ def body_columns(bodies: Bodies) -> dict[str, Floats]:
         try:
             frame = pd.DataFrame(bodies)
         except ValueError as error:
-            raise ConfigError(
-                f"bodies: cannot be read as a table ({one_line(str(error))})"
-            ) from None
-        return frame_bodies(frame).columns
-    many: Any = bodies
-    if isinstance(many, str) or not isinstance(many, Iterable):
+            reason = one_line(str(error))
+            raise ConfigError(f"bodies: cannot be read as a table ({reason})") from None
+        columns: dict[str, Floats] = frame_bodies(frame).columns
+        return columns
+    if not isinstance(bodies, Iterable):
         raise ConfigError(
-            f"bodies: {_kind(bodies)} is none; give a Rattleback, a sequence of them, or a "
+            f"bodies: {kind_of(bodies)} is no body; give a Rattleback, a sequence of them, or a "
             f"DataFrame with the columns {' '.join(PARAMETERS)}"
         )
-    array = many if isinstance(many, np.ndarray) else None
-    flat: list[Any] = list(many if array is None else array.ravel())
-    for place, body in enumerate(flat):
-        if not isinstance(body, Rattleback):
-            raise ConfigError(f"bodies[{place}]: {_kind(body)} is no Rattleback")
+    array = bodies if isinstance(bodies, np.ndarray) else None
+    many = list(bodies) if array is None else list(array.ravel())
+    flat = [one_body(body, f"bodies[{place}]") for place, body in enumerate(many)]
     shape = (len(flat),) if array is None else array.shape
     names = (*PARAMETERS, "c") if any(body.c is not None for body in flat) else PARAMETERS
-    # None is NaN then.
+    # None becomes NaN.
     return {
         name: np.array([getattr(body, name) for body in flat], float).reshape(shape)
         for name in names
@@ -70,7 +93,13 @@ def body_columns(bodies: Bodies) -> dict[str, Floats]:
 
 
 def numbers(name: str, value: Any) -> Floats:
-    """An argument as an array; refuses anything but numbers that are what its name wants."""
+    """Return an argument as an array.
+
+    Raises
+    ------
+    ConfigError
+        If it is no number or array of numbers, or one of them is none that `name` can be.
+    """
     from rattlesweep.sweeps.bodies.table import check_value
 
     wanted = WANTED.get(name, "it must be finite")
@@ -80,25 +109,42 @@ def numbers(name: str, value: Any) -> Floats:
         if given.dtype.kind in "iufO":
             array = given.astype(float)
     if array is None:
-        raise ConfigError(f"{name}: {_kind(value)} is no number or array of numbers; {wanted}")
-    found = None
+        raise ConfigError(f"{name}: {kind_of(value)} is no number or array of numbers; {wanted}")
     bad = ~np.isfinite(array)
     if name == "psi":
         bad |= np.abs(array) > 360
-    if bad.any():
-        found = int(np.argmax(bad)), wanted
-    elif name != "psi" and (broken := check_value(name, array.ravel())) is not None:
-        # Of a rule that is not the limit of what can be computed, the words for Python.
-        found = broken[0], broken[1] if "allowed" in broken[1] else wanted
-    if found is not None:
-        place = np.unravel_index(found[0], array.shape)
+    broken = None if bad.any() or name == "psi" else check_value(name, array.ravel())
+    if bad.any() or broken is not None:
+        at, rule = (int(np.argmax(bad)), wanted) if broken is None else broken
+        place = np.unravel_index(at, array.shape)
         where = f"[{', '.join(map(str, place))}]" if place else ""
-        raise ConfigError(f"{name}{where} {array[place]:g}: {found[1]}")
+        # The rule of a table says no more than what is wanted, unless it is a limit.
+        raise ConfigError(
+            f"{name}{where} {array[place]:g}: {rule if 'allowed' in rule else wanted}"
+        )
     return array
 
 
+def number(name: str, value: Any) -> float | None:
+    """Return an argument that is one number, or None; refuse anything else."""
+    if value is None:
+        return None
+    array = numbers(name, value)
+    if array.shape:
+        raise ConfigError(f"{name}: one number is needed, and not an array of shape {array.shape}")
+    return float(array)
+
+
+def check_count(name: str, value: Any, least: int = 1) -> None:
+    """Raise a ConfigError if an argument is neither None nor a whole number from `least` on."""
+    whole = isinstance(value, Integral) and not isinstance(value, bool)
+    if value is not None and not (whole and value >= least):
+        raise ConfigError(f"{name}: {kind_of(value)} is no count; give a whole number from {least} "
+                          "on")  # fmt: skip
+
+
 def full_states(omega: Any, u: Any) -> dict[str, Floats]:
-    """Components of full states by the names of their columns."""
+    """Return the components of full states by the names of their columns."""
     state: dict[str, Floats] = {}
     for name, value in (("omega", omega), ("u", (0.0, 0.0, -1.0) if u is None else u)):
         vectors = numbers(name, value)
@@ -112,7 +158,7 @@ def full_states(omega: Any, u: Any) -> dict[str, Floats]:
 
 
 def broadcast(arrays: Mapping[str, Floats]) -> tuple[dict[str, Floats], tuple[int, ...]]:
-    """Columns of bodies and arrays brought to one shape by NumPy's rules, and that shape."""
+    """Bring columns of bodies and arrays to one shape by NumPy's rules; return them and it."""
     try:
         whole = np.broadcast_arrays(*arrays.values())
     except ValueError:
@@ -124,13 +170,13 @@ def broadcast(arrays: Mapping[str, Floats]) -> tuple[dict[str, Floats], tuple[in
 
 
 def is_frame(value: Any) -> TypeGuard[pd.DataFrame]:
-    """Whether something is a DataFrame; whoever has one has loaded pandas, half a second."""
+    """Tell whether something is a DataFrame, without importing pandas, which takes long."""
     pandas = sys.modules.get("pandas")
     return pandas is not None and isinstance(value, pandas.DataFrame)
 
 
 def to_frame(table: pa.Table) -> pd.DataFrame:
-    """A table as pandas has it, with units and descriptions of its columns in ``attrs``."""
+    """Return a table as pandas has it, with units and descriptions of its columns in ``attrs``."""
     frame: pd.DataFrame = table.to_pandas()
     for key, name in (("units", b"unit"), ("descriptions", b"description")):
         frame.attrs[key] = {
@@ -141,15 +187,6 @@ def to_frame(table: pa.Table) -> pd.DataFrame:
     return frame
 
 
-def check_threads(threads: int | None) -> None:
-    """Refuse what is no number of threads."""
-    given: Any = threads
-    if given is not None and (
-        isinstance(given, bool) or not isinstance(given, Integral) or given < 1
-    ):
-        raise ConfigError(f"threads: {_kind(threads)} is none; give a whole number from 1 on")
-
-
-def _kind(value: Any) -> str:
-    """What a value is, for a sentence."""
+def kind_of(value: Any) -> str:
+    """Return a value and its type for a sentence."""
     return f"{one_line(repr(value), 40)} ({type(value).__name__})"

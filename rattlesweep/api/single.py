@@ -1,11 +1,12 @@
-"""One run: simulated, as a time series, or a stored one again."""
+"""Single runs: outcomes, time series, pages that move; and stored runs again."""
 
 from __future__ import annotations
 
-import warnings
-from dataclasses import dataclass
+import html
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,10 +14,12 @@ from rattlesweep.api.arrays import (
     Bodies,
     body_columns,
     broadcast,
-    check_threads,
+    check_count,
     full_states,
     is_frame,
+    number,
     numbers,
+    one_body,
     to_frame,
 )
 from rattlesweep.arrays import Floats
@@ -25,20 +28,18 @@ from rattlesweep.physics.body import Rattleback
 from rattlesweep.progress import Bar
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    import pandas as pd
     from numpy.typing import ArrayLike
 
     from rattlesweep.analysis.onerun.course import Trajectory
+    from rattlesweep.sweeps.single import Launch
 
-LAUNCH, OF_LAUNCH = ("n_i", "omega_xy0"), ("psi", "t_end")
+LAUNCH = ("n_i", "omega_xy0")
 STATE = ("omega_x", "omega_y", "omega_z", "u_x", "u_y", "u_z")
 
 
 @dataclass(frozen=True)
 class Run:
-    """Outcome of one run; the fields are the columns of ``runs`` of the same names.
+    """Outcome of one run; any other column of ``runs`` is an attribute too, such as ``K_r``.
 
     Attributes
     ----------
@@ -60,48 +61,50 @@ class Run:
     amp_growth: float | None
     n_departure: float | None
     near_tangencies: int
+    _row: dict[str, Any] = field(default_factory=dict, repr=False)
+
+    def __getattr__(self, name: str) -> Any:
+        row = self.__dict__.get("_row", {})
+        if name not in row:
+            raise AttributeError(f"a run has no column {name}; there are {', '.join(row)}")
+        return row[name]
+
+    def __dir__(self) -> list[str]:
+        return sorted([*self._row, "to_dict"])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all columns of the run by name."""
+        return dict(self._row)
 
 
-@overload
-def simulate(
-    body: Rattleback,
-    *,
-    n_i: float | None = ...,
-    omega_xy0: float | None = ...,
-    omega: Sequence[float] | None = ...,
-    u: Sequence[float] | None = ...,
-    t_end: float | None = ...,
-    psi: str | float | None = ...,
-    model: str = ...,
-    method: str = ...,
-    tol: float | None = ...,
-    dt_step: float | None = ...,
-    dt: float | None = ...,
-    sigma: float = ...,
-    rolling: float = ...,
-    threads: int | None = ...,
-    progress: bool | None = ...,
-) -> Run: ...
-@overload
-def simulate(
-    body: Bodies,
-    *,
-    n_i: ArrayLike | None = ...,
-    omega_xy0: ArrayLike | None = ...,
-    omega: ArrayLike | None = ...,
-    u: ArrayLike | None = ...,
-    t_end: ArrayLike | None = ...,
-    psi: str | ArrayLike | None = ...,
-    model: str = ...,
-    method: str = ...,
-    tol: float | None = ...,
-    dt_step: float | None = ...,
-    dt: float | None = ...,
-    sigma: float = ...,
-    rolling: float = ...,
-    threads: int | None = ...,
-    progress: bool | None = ...,
-) -> Run | pd.DataFrame: ...
+@dataclass(frozen=True)
+class Page:
+    """A self-contained HTML page, which a notebook shows.
+
+    Attributes
+    ----------
+    content : bytes
+    path : Path or None
+        File that it was written to.
+    """
+
+    content: bytes = field(repr=False)
+    path: Path | None = None
+
+    def save(self, path: str | Path) -> Page:
+        """Write the page to a file, and return it with its path."""
+        from rattlesweep.sweeps.files import replace_file
+
+        replace_file(Path(path), self.content)
+        return Page(self.content, Path(path))
+
+    def _repr_html_(self) -> str:
+        # A frame of its own, whose scripts see nothing of the notebook.
+        style = "width: 100%; height: 720px; border: 0"
+        text = html.escape(self.content.decode())
+        return f'<iframe sandbox="allow-scripts" style="{style}" srcdoc="{text}"></iframe>'
+
+
 def simulate(
     body: Bodies,
     *,
@@ -112,15 +115,16 @@ def simulate(
     t_end: ArrayLike | None = None,
     psi: str | ArrayLike | None = None,
     model: str = "full",
-    method: str = "dop853",
+    method: str | None = None,
     tol: float | None = None,
     dt_step: float | None = None,
-    dt: float | None = None,
-    sigma: float = 0.0,
-    rolling: float = 0.0,
+    accuracy: str | Mapping[str, float] | None = None,
+    sigma: ArrayLike | None = None,
+    rolling: ArrayLike | None = None,
+    record: str | Sequence[str] = (),
     threads: int | None = None,
     progress: bool | None = None,
-) -> Run | pd.DataFrame:
+) -> Any:
     """Integrate bodies from their launches to their first reversals or to ``t_end``.
 
     One body and numbers give one :class:`Run`.  If anything is an array, all are broadcast by
@@ -128,10 +132,11 @@ def simulate(
 
     Parameters
     ----------
-    body : Rattleback, sequence or array of Rattleback, or DataFrame
-        A table has the columns ``alpha beta gamma theta phi xi``, angles in radians; if it also has
-        ``n_i omega_xy0`` and perhaps ``psi t_end`` (in radians), these are the launches of its
-        rows unless `n_i` and `omega_xy0` are given.  The runs of a sweep are such a table.
+    body : Rattleback, str, sequence or array of these, or DataFrame
+        A text is the name of a preset, ``"GH"`` or ``"KL"``.  A table has the columns ``alpha beta
+        gamma theta phi xi``, angles in radians; if it also has ``n_i omega_xy0`` and perhaps ``psi
+        t_end`` (in radians), these are the launches of its rows unless `n_i` and `omega_xy0` are
+        given.  The runs of a sweep are such a table.
     n_i, omega_xy0 : array_like
         Initial spin and oscillation, in ``sqrt(g/a)``; ``n_i=0`` is a tap, by default on the pitch.
     omega, u : array_like, shape (..., 3)
@@ -144,13 +149,14 @@ def simulate(
         ``relevant`` (the default), ``pitch``, ``roll`` or degrees.
     model : str
         ``full``, ``reduced`` or ``gh``.
-    method, tol, dt_step
-        Method, and the tolerance of an adaptive one or the step of a fixed-step one: ``method, tol,
-        dt`` of the config's ``integrator``, with its defaults.
-    dt
-        Former name of ``dt_step``; in :func:`trajectory` it is the distance of two rows.
-    sigma, rolling : float
+    method, tol, dt_step, accuracy
+        Method, and the tolerance of an adaptive one or the step of a fixed-step one; or an accuracy
+        instead, such as ``"draft"`` or ``{"t_r": 1e-6}``: the keys of the config's ``integrator``,
+        with its defaults.
+    sigma, rolling : array_like, optional
         Torque ``-sigma omega``, in ``M a^2 sqrt(g/a)``; lever of a rolling resistance, in ``a``.
+    record : str or sequence of str
+        Further columns, as of the config's ``record``, such as ``["error", "energy"]``.
     threads : int, optional
         Threads of the kernel; by default one for each processor.  The results do not depend on it.
     progress : bool, optional
@@ -164,60 +170,55 @@ def simulate(
         arguments were broadcast: its rows are in C order.  It has the index of a DataFrame of
         bodies of which each row is one run.
 
+    Raises
+    ------
+    ConfigError
+        If an argument is wrong.
+
     Examples
     --------
     >>> import rattlesweep as rs
-    >>> gh = rs.Rattleback.gh()
-    >>> run = rs.simulate(gh, n_i=0.1, omega_xy0=0.01)
+    >>> run = rs.simulate("GH", n_i=0.1, omega_xy0=0.01)
     >>> round(run.t_r, 2), run.type, run.status
     (112.09, 'R', 'ok')
-    >>> runs = rs.simulate(gh, n_i=[0.1, 0.2, 0.4], omega_xy0=[[0.01], [0.1]])
+    >>> runs = rs.simulate("GH", n_i=[0.1, 0.2, 0.4], omega_xy0=[[0.01], [0.1]])
     >>> runs.t_r.to_numpy().reshape(runs.attrs["shape"]).round(2)
     array([[112.09,  74.67,  68.48],
            [ 26.77,  33.15,  45.7 ]])
     """
-    if dt is not None:
-        if dt_step is not None:
-            raise ConfigError("dt and dt_step are both given, and mean the same; give dt_step")
-        warnings.warn(
-            "dt of simulate is called dt_step now, as in trajectory, where dt is the distance of "
-            "two rows",
-            DeprecationWarning,
-            stacklevel=2,
-        )
-        dt_step = dt
     from rattlesweep.integrate.compile import listening
     from rattlesweep.sweeps.bodies.table import TableBodies, launched_from
     from rattlesweep.sweeps.memory import integrate_plan
     from rattlesweep.sweeps.single import Launch, is_full_state, plan_of
 
-    check_threads(threads)
+    check_count("threads", threads)
     columns = body_columns(body)
-    given = {"n_i": n_i, "omega_xy0": omega_xy0, "t_end": t_end}
-    full = is_full_state(omega, u, {"n_i": n_i, "omega_xy0": omega_xy0, "psi": psi})
-    state = full_states(omega, u) if full else {}
+    given = {"n_i": n_i, "omega_xy0": omega_xy0, "t_end": t_end, "sigma": sigma, "rolling": rolling}
     arrays = {name: numbers(name, value) for name, value in given.items() if value is not None}
+    state: dict[str, Floats] = {}
+    if is_full_state(omega, u, {"n_i": n_i, "omega_xy0": omega_xy0, "psi": psi}):
+        state = full_states(omega, u)
     if psi is not None and not isinstance(psi, str):
         arrays["psi"] = np.radians(numbers("psi", psi))
     columns, shape = broadcast(_launched(columns, state | arrays, psi is not None))
     columns = {name: column.ravel() for name, column in columns.items()}
     if state:
         columns |= launched_from(columns, "launch")
+    # Its body and its launch are replaced by those of the rows.
     launch = Launch(
-        # Replaced by the bodies and launches of the rows.
-        Rattleback.gh(),
-        n_i=1.0, omega_xy0=1.0, psi=psi if isinstance(psi, str) else "relevant",
-        model=model,
-        integrator=_integrator(method, tol, dt_step),
-        sigma=sigma, rolling=rolling,
+        Rattleback.gh(), n_i=1.0, omega_xy0=1.0, psi=psi if isinstance(psi, str) else "relevant",
+        model=model, integrator=_integrator(method, tol, dt_step, accuracy),
+        record=[record] if isinstance(record, str) else list(record),
     )  # fmt: skip
     plan = plan_of(launch, TableBodies(columns))
     with Bar.of_call(progress) as bar, listening(bar.compiling):
-        table = integrate_plan(plan, threads if shape else 1, bar.counting(f"{plan.runs} runs"))
+        table = integrate_plan(plan, threads if shape else 1, bar.counting(f"{plan.runs:,} runs"))
+    table = table.cast(plan.schema).drop_columns(["case", "sample"])
     if not shape:
-        (row,) = table.select(list(Run.__dataclass_fields__)).to_pylist()
-        return Run(**row)
-    frame = to_frame(table.drop_columns(["case", "sample"]))
+        (row,) = table.to_pylist()
+        names = [name for name in Run.__dataclass_fields__ if name in row]
+        return Run(**{name: row[name] for name in names}, _row=row)
+    frame = to_frame(table)
     frame.attrs["shape"] = shape
     if is_frame(body) and shape == (len(body),):
         frame.index = body.index
@@ -225,7 +226,7 @@ def simulate(
 
 
 def trajectory(
-    body: Rattleback,
+    body: Rattleback | str,
     *,
     n_i: float | None = None,
     omega_xy0: float | None = None,
@@ -240,9 +241,10 @@ def trajectory(
     steps: bool = False,
     times: Any = None,
     from_time: float | None = None,
-    method: str = "dop853",
+    method: str | None = None,
     tol: float | None = None,
     dt_step: float | None = None,
+    accuracy: str | None = None,
     e_p0: float | None = None,
     e_r0: float | None = None,
     sigma: float = 0.0,
@@ -253,7 +255,7 @@ def trajectory(
     Parameters
     ----------
     body, n_i, omega_xy0, omega, u, t_end, psi, model
-        As for :func:`simulate`.
+        As for :func:`simulate`, of one body.
     channels : sequence of str
         Columns of the table; ``rattlesweep trajectory --channels list`` prints all of them.
     points, dt, steps, times
@@ -261,8 +263,8 @@ def trajectory(
         period of the pitch if that is more), one every ``dt``, one per accepted step, or any
         increasing times; in ``sqrt(a/g)``.
     from_time : float, optional
-        When the rows begin, in ``sqrt(a/g)``; the run begins at its launch all the same.
-    method, tol, dt_step, sigma, rolling
+        Time of the first row, in ``sqrt(a/g)``; the run begins at its launch all the same.
+    method, tol, dt_step, accuracy, sigma, rolling
         As for :func:`simulate`; ``dt_step`` is not to be confused with ``dt``.
     e_p0, e_r0 : float, optional
         Energies of pitch and roll with which the reduced model begins, in ``M g a``; by default
@@ -278,20 +280,76 @@ def trajectory(
     Examples
     --------
     >>> import rattlesweep as rs
-    >>> path = rs.trajectory(rs.Rattleback.gh(), n_i=0.1, omega_xy0=0.01, t_end=150, points=4)
+    >>> path = rs.trajectory("GH", n_i=0.1, omega_xy0=0.01, t_end=150, points=4)
     >>> path.table.shape, path.reversals.round(2)
     ((4, 2), array([112.09]))
     """
     from rattlesweep.analysis.onerun.course import Course, collect
     from rattlesweep.analysis.onerun.rows import Rows
-    from rattlesweep.sweeps.single import Launch
 
-    integrator = _integrator(method, tol, dt_step)
-    launch = Launch(
-        body, n_i, omega_xy0, t_end, psi, model, integrator, e_p0, e_r0, omega, u, sigma, rolling
-    )
-    rows = Rows(points, dt, steps, times, from_time)
+    launch = _launch(
+        body, n_i=n_i, omega_xy0=omega_xy0, omega=omega, u=u, t_end=t_end, psi=psi, e_p0=e_p0,
+        e_r0=e_r0, sigma=sigma, rolling=rolling, model=model,
+        integrator=_integrator(method, tol, dt_step, accuracy),
+    )  # fmt: skip
+    check_count("points", points, 2)
+    rows = Rows(points, number("dt", dt), steps, times, number("from_time", from_time))
     return collect(Course(launch, channels=channels, rows=rows))
+
+
+def show(
+    body: Rattleback | str,
+    *,
+    n_i: float | None = None,
+    omega_xy0: float | None = None,
+    omega: Sequence[float] | None = None,
+    u: Sequence[float] | None = None,
+    t_end: float | None = None,
+    psi: str | float | None = None,
+    from_time: float | None = None,
+    points: int | None = None,
+    sigma: float = 0.0,
+    rolling: float = 0.0,
+    title: str | None = None,
+    path: str | Path | None = None,
+) -> Page:
+    """Make a page on which a body rolls on the plane, with its trace and its spin.
+
+    Parameters
+    ----------
+    body, n_i, omega_xy0, omega, u, t_end, psi, sigma, rolling
+        As for :func:`simulate`, of one body.
+    from_time : float, optional
+        When the page begins, in ``sqrt(a/g)``.
+    points : int, optional
+        Number of rows; by default 20 a period of the pitch.
+    title : str, optional
+    path : path, optional
+        An .html file to write it to.
+
+    Returns
+    -------
+    Page
+        A notebook shows it; ``save`` writes it.
+
+    Examples
+    --------
+    >>> import rattlesweep as rs
+    >>> rs.show("GH", n_i=-0.1, omega_xy0=0.01, t_end=20, path="roll.html").path.name
+    'roll.html'
+    """
+    from rattlesweep.analysis.viewer import show as viewer
+
+    launch = _launch(
+        body, n_i=n_i, omega_xy0=omega_xy0, omega=omega, u=u, t_end=t_end, psi=psi, sigma=sigma,
+        rolling=rolling,
+    )  # fmt: skip
+    check_count("points", points, 2)
+    course = viewer.course_of(launch, points, from_time=number("from_time", from_time))
+    scene = viewer.make_scene(course)
+    name = f"Rattleback {body}" if isinstance(body, str) else "Rattleback"
+    page = Page(viewer.make_page(scene, title or name, viewer.describe(course)))
+    return page if path is None else page.save(path)
 
 
 def replay(
@@ -312,7 +370,7 @@ def replay(
     Parameters
     ----------
     directory : path
-        Of a sweep, whole or still running.
+        Output directory of a sweep, whole or still running.
     case, sample : int
         Which run: the columns of ``runs`` of these names.
     t_end : float, optional
@@ -340,42 +398,60 @@ def replay(
     from rattlesweep.analysis.onerun.replay import Replay
     from rattlesweep.analysis.onerun.rows import Rows
 
+    check_count("case", case, 0)
+    check_count("sample", sample, 0)
+    check_count("points", points, 2)
     source = Replay(Path(directory))
     run = source.find(case, sample)
-    rows = Rows(points, dt, steps, times, from_time)
-    course = Course(source.prepare(run, t_end), channels=channels, rows=rows)
+    rows = Rows(points, number("dt", dt), steps, times, number("from_time", from_time))
+    course = Course(source.prepare(run, number("t_end", t_end)), channels=channels, rows=rows)
     source.prove(run)
     found = collect(course)
     run.check(course)
     return found
 
 
+def _launch(body: Any, *, psi: Any, omega: Any, u: Any, **values: Any) -> Launch:
+    """Return one launch, whose numbers are single ones."""
+    from rattlesweep.sweeps.single import Launch
+
+    single = ("n_i", "omega_xy0", "t_end", "e_p0", "e_r0", "sigma", "rolling")
+    checked: dict[str, Any] = {
+        name: number(name, value) if name in single else value for name, value in values.items()
+    }
+    psi = psi if isinstance(psi, str) else number("psi", psi)
+    if omega is not None:
+        full_states(omega, u)  # refuses what is no vector
+    return Launch(one_body(body), psi=psi, omega=omega, u=u, **checked)
+
+
 def _launched(
     columns: dict[str, Floats], arrays: dict[str, Floats], directed: bool
 ) -> dict[str, Floats]:
-    """Bodies with the launches that are given, or those of their own table.
+    """Return bodies with the launches that are given, or those of their own table.
 
-    ``directed`` says whether ``psi`` is given, as a word or in ``arrays``.
+    `directed` says whether ``psi`` is given, as a word or in `arrays`.
     """
     if any(name in arrays for name in (*LAUNCH, *STATE)):
         # Directions and horizons of the table belong to its own launches.
-        own = (*LAUNCH, *OF_LAUNCH, *STATE)
+        own = (*LAUNCH, "psi", "t_end", *STATE)
         columns = {name: columns[name] for name in columns if name not in own}
     elif directed:
         if "u_x" in columns:
             raise ConfigError("psi does not go with the full states of the table; leave it out")
         columns.pop("psi", None)
     launched = columns | arrays
-    if "u_x" in launched:
-        return launched
-    if missing := [name for name in LAUNCH if name not in launched]:
+    missing = [name for name in LAUNCH if name not in launched]
+    if missing and "u_x" not in launched:
         raise ConfigError(
             f"{' and '.join(missing)} missing; give n_i and omega_xy0, or a DataFrame that has them"
         )
     return launched
 
 
-def _integrator(method: str, tol: float | None, dt_step: float | None) -> dict[str, Any]:
-    """The config's `integrator`, which refuses what its method does not take."""
-    given = {"method": method, "tol": tol, "dt": dt_step}
+def _integrator(
+    method: str | None, tol: Any, dt_step: Any, accuracy: str | Mapping[str, float] | None
+) -> dict[str, Any]:
+    """Return the config's `integrator`, which refuses what its method does not take."""
+    given = {"method": method, "tol": tol, "dt": dt_step, "accuracy": accuracy}
     return {key: value for key, value in given.items() if value is not None}

@@ -1,21 +1,418 @@
-"""Sweeps: run them, and open those that were run."""
+"""Sweeps: run them, open those that were run, and have their tables, pictures, pages and runs."""
 
 from __future__ import annotations
 
+import os
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rattlesweep.api.arrays import check_threads, is_frame
-from rattlesweep.api.stored import Sweep
+from rattlesweep.api.arrays import check_count, is_frame, kind_of, number, to_frame
+from rattlesweep.api.single import Page, replay
 from rattlesweep.errors import ConfigError, ConfigWarning
 from rattlesweep.progress import Bar
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray
+    from matplotlib.figure import Figure
 
+    from rattlesweep.analysis.compare import Comparison
+    from rattlesweep.analysis.onerun.course import Trajectory
     from rattlesweep.sweeps.plan import Plan
+    from rattlesweep.sweeps.stored import Stored
+    from rattlesweep.sweeps.verify import Verified
+
+LOOKS = ("title", "log", "size", "xlim", "ylim")
+DPI = 110.0
+"""Dots per inch of a picture in a notebook."""
+
+
+class Sweep:
+    """An output directory; tables are read when they are asked for.
+
+    Parameters
+    ----------
+    directory : path
+        Of a sweep, whole or still running.
+
+    Attributes
+    ----------
+    directory : Path
+    """
+
+    def __init__(self, directory: str | Path) -> None:
+        if not isinstance(directory, str | os.PathLike):
+            raise ConfigError(f"directory: {kind_of(directory)} is no path")
+        self.directory = Path(directory)
+        _ = self._stored  # it must be one
+
+    @property
+    def _stored(self) -> Stored:
+        # Anew each time, as a sweep may grow or get other types meanwhile.
+        from rattlesweep.sweeps.stored import open_stored
+
+        return open_stored(self.directory)
+
+    @property
+    def manifest(self) -> dict[str, Any]:
+        """``manifest.json``: config, hash, cases, versions, machine."""
+        return self._stored.manifest
+
+    @property
+    def config(self) -> dict[str, Any]:
+        """The config with all defaults filled in."""
+        config: dict[str, Any] = self.manifest["config"]
+        return config
+
+    @property
+    def runs(self) -> pd.DataFrame:
+        """One row a run: all columns of ``runs/*.parquet``."""
+        return self.read()
+
+    @property
+    def summary(self) -> pd.DataFrame:
+        """One row a case, with units in ``attrs``; of a running sweep, of the runs so far."""
+        from rattlesweep.sweeps.summary import read_summary
+
+        return to_frame(read_summary(self._stored))
+
+    def __getitem__(self, columns: str | list[str]) -> Any:
+        """Return a column of the runs as a Series, or several as a DataFrame."""
+        frame = self.read(columns)
+        return frame[columns] if isinstance(columns, str) else frame
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return list(self._stored.schema.names)
+
+    def read(
+        self, columns: Sequence[str] | str | None = None, where: str | None = None
+    ) -> pd.DataFrame:
+        """Read runs, or some of their columns, or those for which a condition is true.
+
+        Parameters
+        ----------
+        columns : str or sequence of str, optional
+            Columns of ``runs``, in this order; by default all.
+        where : str, optional
+            A pandas query, as of ``rattlesweep plot --where``: ``'type == "SW" and K_r < 0.005'``.
+
+        Returns
+        -------
+        pandas.DataFrame
+            One row a run, in the order of cases and samples, with ``attrs["units"]`` and
+            ``attrs["descriptions"]``.
+
+        Examples
+        --------
+        >>> import rattlesweep as rs
+        >>> sweep = rs.load("out/gh")
+        >>> slow = sweep.read(["n_i", "t_r"], where="t_r > 200")
+        >>> slow.t_r.round(2).tolist(), slow.attrs["units"]["t_r"]
+        ([809.86], 'sqrt(a/g)')
+        """
+        import pyarrow as pa
+
+        from rattlesweep.sweeps.config.messages import not_one_of
+
+        stored = self._stored
+        schema = stored.schema
+        names = schema.names if columns is None else columns
+        names = [names] if isinstance(names, str) else list(names)
+        for name in names:
+            if name not in schema.names:
+                raise ConfigError(f"columns: {not_one_of(str(name), schema.names)}")
+        if where is None:
+            return to_frame(stored.read(names))
+        from rattlesweep.analysis.where import parse_where
+
+        condition = parse_where(where, schema, "where")
+        needed = list(dict.fromkeys((*names, *condition.columns)))
+        rows = [condition.filter(batch).select(names) for batch in stored.batches(needed)]
+        chosen = pa.schema([schema.field(name) for name in names])
+        empty = chosen.remove_metadata().empty_table()
+        return to_frame(pa.concat_tables([empty, *map(pa.table, rows)]).cast(chosen))
+
+    def to_xarray(
+        self,
+        columns: Sequence[str] | None = None,
+        *,
+        where: str | None = None,
+        fill: bool = False,
+    ) -> xarray.Dataset:
+        """Return the runs as a Dataset with one dimension for each axis of the sweep.
+
+        Needs xarray (``pip install '.[xarray]'``).
+
+        Parameters
+        ----------
+        columns : sequence of str, optional
+            Columns of ``runs``; by default all that hold one value a run.
+        where : str, optional
+            A condition as for :meth:`read`; other runs are missing.
+        fill : bool
+            Whether the points that ``bodies.refine`` has left out are filled from the nearest runs,
+            numbers by linear interpolation between them.
+
+        Returns
+        -------
+        xarray.Dataset
+            Dimensions are the target ``K_p`` or ``K_r`` if there is one, ``n_i``, ``omega_xy0``,
+            and the axes of a grid of bodies by their names, else ``sample``; coordinates ascend.
+            Each variable has ``units`` and ``long_name``.  Runs that are not stored are NaN, or
+            empty words.  Beside an axis of targets, the bodies' own coefficient is ``K_r_body``.
+
+        Examples
+        --------
+        >>> import rattlesweep as rs
+        >>> runs = rs.load("out/gh").to_xarray(["t_r", "type"]).squeeze()
+        >>> runs.t_r.sel(n_i=-0.1).round(2).item(), runs.t_r.attrs["units"]
+        (809.86, 'sqrt(a/g)')
+        """
+        from rattlesweep.analysis.dataset import make_dataset
+        from rattlesweep.analysis.plots.layout import read_layout
+
+        layout = read_layout(self.directory).chosen(where)
+        return make_dataset(layout, columns, fill_refined=fill)
+
+    def plot(
+        self,
+        kind: str | None = None,
+        *,
+        x: str | None = None,
+        quantity: str | None = None,
+        select: Mapping[str, Any] | Sequence[str] = (),
+        where: str | None = None,
+        path: str | Path | None = None,
+        **looks: Any,
+    ) -> Figure:
+        """Draw the sweep, as ``rattlesweep plot`` does.
+
+        Parameters
+        ----------
+        kind : str, optional
+            ``fractions``, ``times``, ``ratio``, ``map``, ``reversals``, ``distribution`` or
+            ``scatter``; by default what suits the sweep.
+        x : str, optional
+            Quantity along the abscissa: something that varies, or a column for a scatter.
+        quantity : str, optional
+            The column that a map or a distribution shows.
+        select : mapping or sequence of str
+            Only these values, such as ``{"n_i": [-0.3, -0.5], "theta": "0.6:0.7"}``.
+        where : str, optional
+            A condition on the runs, as for :meth:`read`.
+        path : path, optional
+            An .svg, .png or .pdf file to write it to as well.
+        **looks
+            ``title``, ``log``, ``size`` in inches, ``xlim`` and ``ylim``.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            Shown by a notebook; ``savefig`` writes it.
+
+        Examples
+        --------
+        >>> import rattlesweep as rs
+        >>> figure = rs.load("out/gh").plot("distribution", path="distribution.svg")
+        """
+        from rattlesweep.analysis.plots.kinds import choose_picture
+        from rattlesweep.analysis.plots.layout import read_layout
+        from rattlesweep.analysis.style import FORMATS, encode, save, styled
+
+        for name in looks:
+            if name not in LOOKS:
+                raise ConfigError(f"{name}: unknown; the looks of a picture are {', '.join(LOOKS)}")
+        endings = [f".{ending}" for ending in FORMATS]
+        if path is not None and Path(path).suffix.lower() not in endings:
+            raise ConfigError(f"path {path}: the name must end in {', '.join(endings)}")
+        if isinstance(select, Mapping):
+            select = [f"{name}={_values(value)}" for name, value in select.items()]
+        elif isinstance(select, str):
+            select = [select]
+        with styled():
+            picture = choose_picture(
+                read_layout(self.directory),
+                kind,
+                x=x,
+                quantity=quantity,
+                select=select,
+                where=where,
+            )
+            figure = picture.figure(**looks)
+            if path is not None:
+                save(figure, [Path(path)], 150.0)
+        # A figure that is none of pyplot's is shown by no notebook unless it says how.
+        setattr(figure, "_repr_png_", lambda: encode(figure, "png", DPI))  # noqa: B010
+        return figure
+
+    def report(self, path: str | Path | None = None, *, title: str | None = None) -> Page:
+        """Write one self-contained HTML page about the sweep.
+
+        Parameters
+        ----------
+        path : path, optional
+            By default ``report.html`` in the directory.
+        title : str, optional
+
+        Returns
+        -------
+        Page
+            A notebook shows it.
+
+        Examples
+        --------
+        >>> import rattlesweep as rs
+        >>> rs.load("out/gh").report().path.name
+        'report.html'
+        """
+        from rattlesweep.analysis.report import make_report
+
+        target = self.directory / "report.html" if path is None else path
+        return Page(make_report(self.directory, title)).save(target)
+
+    def verify(self, recompute: int = 0, *, seed: int = 0, threads: int | None = None) -> Verified:
+        """Read everything and compare it with what the manifest says; nothing is changed.
+
+        Parameters
+        ----------
+        recompute : int
+            Number of runs, drawn at random by `seed`, to integrate again and compare bit by bit.
+        threads : int, optional
+
+        Returns
+        -------
+        Verified
+            ``problems``, a list of sentences, empty if all is well, and ``words``.
+
+        Examples
+        --------
+        >>> import rattlesweep as rs
+        >>> rs.load("out/gh").verify(recompute=2).problems
+        []
+        """
+        from rattlesweep.sweeps.verify import verify
+
+        check_count("recompute", recompute, 0)
+        check_count("threads", threads)
+        return verify(self.directory, recompute, seed, threads)
+
+    def compare(self, other: Sweep | str | Path) -> Comparison:
+        """Compare the runs with those of another directory, as ``rattlesweep compare`` does.
+
+        Parameters
+        ----------
+        other : Sweep or path
+            A sweep of the same runs.
+
+        Returns
+        -------
+        Comparison
+
+        Examples
+        --------
+        >>> import rattlesweep as rs
+        >>> same = rs.load("out/gh").compare("out/gh")
+        """
+        from rattlesweep.analysis.compare import compare
+
+        return compare(self.directory, other.directory if isinstance(other, Sweep) else Path(other))
+
+    def classify(self, **thresholds: float) -> pd.DataFrame:
+        """Classify the stored runs by other thresholds, without integrating.
+
+        Parameters
+        ----------
+        **thresholds
+            Keys of the config's ``classify``, such as ``sw_departure=0.1``; without any, those of
+            the config are restored.
+
+        Returns
+        -------
+        pandas.DataFrame
+            The new summary.
+
+        Examples
+        --------
+        >>> import rattlesweep as rs
+        >>> rs.load("out/gh").classify(sw_departure=0.1).fraction_R.tolist()
+        [1.0, 1.0]
+        """
+        from rattlesweep.sweeps.classify import classify_stored
+
+        texts = [f"classify.{key}={value!r}" for key, value in thresholds.items()]
+        return to_frame(classify_stored(self.directory, texts).summary)
+
+    def replay(self, case: int, sample: int, **rows: Any) -> Trajectory:
+        """Integrate one of the runs again as a trajectory, as :func:`rattlesweep.replay` does.
+
+        Examples
+        --------
+        >>> import rattlesweep as rs
+        >>> path = rs.load("out/gh").replay(0, 0, channels=("t", "n"), points=5)
+        >>> path.reversals.round(2)
+        array([112.09])
+        """
+        return replay(self.directory, case, sample, **rows)
+
+    def show(
+        self,
+        case: int | None = None,
+        sample: int | None = None,
+        *,
+        where: str | None = None,
+        path: str | Path | None = None,
+        title: str | None = None,
+        **settings: Any,
+    ) -> Page:
+        """Write a page on which the body of one of the runs rolls on the plane.
+
+        Parameters
+        ----------
+        case, sample : int, optional
+            Which run.
+        where : str, optional
+            Instead of these, a condition: the first run for which it is true.
+        path : path, optional
+            By default ``show-CASE-SAMPLE.html`` in the directory.
+        title : str, optional
+        **settings
+            ``t_end``, ``from_time`` and ``points``, as for :func:`rattlesweep.show`.
+
+        Raises
+        ------
+        ConfigError
+            If there is no such run, its model has no body that moves, or an argument is wrong.
+        OutputError
+            If the run is not stored yet, or does not come out as stored, bit for bit.
+
+        Examples
+        --------
+        >>> import rattlesweep as rs
+        >>> rs.load("out/gh").show(0, 0, t_end=20).path.name
+        'show-0-0.html'
+        """
+        from rattlesweep.analysis.onerun.replay import Replay
+        from rattlesweep.analysis.viewer import show
+
+        source = Replay(self.directory)
+        run = source.select(case, sample, where)[0]
+        target = self.directory / f"show-{run.case}-{run.sample}.html"
+        target = target if path is None else Path(path)
+        t_end = number("t_end", settings.pop("t_end", None))
+        show.save_stored(source, run, target, title, t_end, **settings)
+        return Page(target.read_bytes(), target)
+
+    def __repr__(self) -> str:
+        return f"<Sweep {self.directory}: {self._stored.count():,} runs>"
+
+    def _repr_html_(self) -> str:
+        import html
+
+        summary = self.summary.dropna(axis="columns", how="all")
+        table = summary.to_html(max_rows=10, index=False, float_format=lambda x: f"{x:.5g}")
+        return f"<div>{html.escape(repr(self))}{table}</div>"
 
 
 def load(directory: str | Path) -> Sweep:
@@ -79,17 +476,17 @@ def sweep(
     --------
     >>> import rattlesweep as rs
     >>> sweep = rs.sweep("configs/gh.yaml")
-    >>> sweep.runs.t_r.round(2).tolist()
+    >>> sweep["t_r"].round(2).tolist()
     [112.09, 809.86]
     >>> bodies = sweep.read(["alpha", "beta", "gamma", "theta", "phi", "xi"])
     >>> again = rs.sweep(bodies, output="out/again", spin={"n_i": [0.2], "omega_xy0": 0.1})
-    >>> again.runs.t_r.round(2).tolist()
+    >>> again["t_r"].round(2).tolist()
     [33.15, 33.15]
     """
     from rattlesweep.integrate.compile import listening
     from rattlesweep.sweeps.run import run_sweep
 
-    check_threads(threads)
+    check_count("threads", threads)
     target = None if output is None else Path(output)
     plan, target, base, doubts = _planned(config, target, keys)
     for doubt in doubts:
@@ -102,11 +499,10 @@ def sweep(
 def _planned(
     config: Any, output: Path | None, keys: Mapping[str, Any]
 ) -> tuple[Plan, Path, Path | None, list[str]]:
-    """The plan of a sweep, where it goes, where its table is looked for, and what is doubtful."""
+    """Return the plan, the output directory, the directory of tables, and the doubts."""
     from rattlesweep.sweeps.config.read import load_config, parse_config
     from rattlesweep.sweeps.plausible import checked_plan
 
-    base: Path | None = None
     if is_frame(config):
         from rattlesweep.sweeps.frame import plan_frame
 
@@ -116,9 +512,20 @@ def _planned(
             f"{next(iter(keys))}: is given beside a config; write it into the config, as only a "
             "DataFrame of bodies has its keys beside it"
         )
+    base: Path | None = None
     if isinstance(config, str | Path):
         loaded, base = load_config(config), Path(config).resolve().parent
     else:
         loaded = parse_config(config)
     plan, doubts = checked_plan(loaded, base)
     return plan, output or Path(loaded.directory), base, doubts
+
+
+def _values(value: Any) -> str:
+    """Return values as ``--select`` has them: a text as it is, a number, or several."""
+    if isinstance(value, str):
+        return value
+    try:
+        return ",".join(repr(float(each)) for each in value)
+    except TypeError:
+        return repr(value)

@@ -8,15 +8,16 @@ from pathlib import Path
 import click
 from click import option
 
-from rattlesweep.cli.common import Meter, command, options, say
-from rattlesweep.cli.common.output import DONE, SOME_FAILED
+from rattlesweep.cli import options
+from rattlesweep.cli.command import DONE, SOME_FAILED, command, say
+from rattlesweep.progress import Bar
+from rattlesweep.text import counted
 
 
 @command(
-    "Study",
+    "Studies",
     "rattlesweep paper --quick",
     "rattlesweep paper --only fig7,fig8 --output out/paper",
-    resumes=True,
 )
 @options.output("Output directory; by default out/paper, or out/paper-quick.")
 @option("--quick", is_flag=True, help="Fewer samples: faster, with wide intervals.")
@@ -41,14 +42,14 @@ def paper(
     names = choose(only)
     directory = output or Path("out/paper-quick" if quick else "out/paper")
     start = time.monotonic()
-    with Meter(quiet) as meter:
+    with Bar.of_command(quiet) as bar:
         done = reproduce(
             directory,
             names,
             sizes=QUICK if quick else FULL,
             threads=threads,
-            bar=meter,
-            begin=lambda name: meter.stage(PARTS[name].title),
+            bar=bar,
+            begin=lambda name: bar.stage(PARTS[name].title),
         )
     if not quiet:
         if done.claims:
@@ -56,6 +57,7 @@ def paper(
             say(f"{len(done.claims)} claims: {tally(done.claims)}")
         say(f"{directory / 'report.html'}; {time.monotonic() - start:.1f} s")
     if done.workspace.failed:
-        say(f"{done.workspace.failed} runs of the sweeps are not ok; see their column status")
+        failed = counted(done.workspace.failed, "run")
+        say(f"{failed} of the sweeps failed; see their column status")
         return SOME_FAILED
     return DONE

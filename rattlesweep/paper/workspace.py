@@ -23,6 +23,7 @@ from rattlesweep.sweeps.files import probe_directory, replace_file
 from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.run import run_sweep
 from rattlesweep.sweeps.stored import Stored, open_stored
+from rattlesweep.sweeps.summary import read_summary
 
 Tables = Mapping[str, pd.DataFrame]
 # Told the share of some work that is done.
@@ -141,7 +142,7 @@ class Workspace:
         good = runs["status"] == "ok"
         self.failed += int((~good).sum())
         runs = runs[good].reset_index(drop=True)
-        cases = stored.summary().to_pandas().set_index("case")
+        cases = read_summary(stored).to_pandas().set_index("case")
         for target in ("K_p", "K_r"):
             if cases[target].notna().any():
                 runs[f"{target}_body"] = runs[target]

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
+from numbers import Real
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from rattlesweep.physics import si
 from rattlesweep.physics.si import Units
+from rattlesweep.units import quantities
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -62,6 +64,10 @@ class Rattleback:
 
     def __post_init__(self) -> None:
         values = {f.name: getattr(self, f.name) for f in fields(self) if f.compare}
+        for name, value in values.items():
+            absent = value is None and name == "c"
+            if isinstance(value, bool) or not (absent or isinstance(value, Real)):
+                raise ValueError(f"{name}: {str(value)[:40]} ({type(value).__name__}) is no number")
         for _, sentence in violations(**values):
             raise ValueError(sentence)
 
@@ -98,7 +104,7 @@ class Rattleback:
         mass: float | str,
         inertia: Sequence[float] | Sequence[Sequence[float]],
         height: float | str,
-        radii: Sequence[float | str],
+        radii: Sequence[float | str] | str,
         axes_angle: float | str = 0.0,
         c: float | str | None = None,
         gravity: float | str = si.GRAVITY,
@@ -117,8 +123,9 @@ class Rattleback:
         height : float
             Of the centre of mass over the point of contact, ``a``, in m.
         radii : two floats
-            Principal radii of curvature at the bottom, in m; those of an ellipsoid with horizontal
-            semi-axes ``p, q`` and vertical one ``c`` are ``p^2/c, q^2/c``.
+            Principal radii of curvature at the bottom, in m, or as in ``"50, 1.5 cm"``; those of an
+            ellipsoid with horizontal semi-axes ``p, q`` and vertical one ``c`` are ``p^2/c,
+            q^2/c``.
         axes_angle : float
             Angle in radians from the x axis towards the y axis to the direction along which the
             surface bends by the first of them.
@@ -156,6 +163,11 @@ class Rattleback:
         for name, value in measured.items():
             if not (math.isfinite(value) and value > 0):
                 raise ValueError(f"{name} is {value:g}; it must be positive")
+        if isinstance(radii, str):
+            try:
+                radii = quantities(radii, "length", 2)
+            except ValueError as error:
+                raise ValueError(f"radii: {radii!r} {error}") from None
         if len(radii) != 2:
             raise ValueError(f"radii: two are needed, and not {len(radii)}")
         lengths = [si.number(radius, "length", "radii") for radius in radii]
@@ -176,6 +188,20 @@ class Rattleback:
             values["c"] = si.number(c, "length", "c") / measured["height"]
         units = Units(measured["mass"], measured["height"], measured["gravity"])
         return cls(**values, units=units)
+
+    def replace(self, **parameters: Any) -> Rattleback:
+        """Return the body with other values of some parameters, such as ``theta=0.82``.
+
+        Raises
+        ------
+        ValueError
+            If a name is no parameter, or if no such body exists.
+        """
+        names = [f.name for f in fields(self)]
+        for name in parameters:
+            if name not in names:
+                raise ValueError(f"{name}: is no parameter of a body; there are {', '.join(names)}")
+        return replace(self, **parameters)
 
     def mirrored(self) -> Rattleback:
         """Reflection in the x-z plane: the steady and the unsteady direction change places."""

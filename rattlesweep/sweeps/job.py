@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -74,11 +75,14 @@ class Job:
     kernel_seconds: float = 0.0
     load_seconds: float = 0.0
     lost: int = 0  # runs that were under way when it was stopped
-    workers: int = 1  # blocks that are worked off at the same time
+    waves: bool = False  # whether more may be wanted once this is done
     remarks: list[str] = field(default_factory=list)
+    resources: ExitStack = field(default_factory=ExitStack)  # what an engine keeps between waves
     _start: float = field(default_factory=time.monotonic)
     _begun: float | None = None
     _wanted: int = 0
+    _shown: float = 0.0  # what was reported last, and when the wave began
+    _base: float = 0.0
     _todo: Any = None  # runs of each case that were to do, and that are left
     _left: Any = None
     _expected: Any = None  # expected cost and steps of the runs done, by case
@@ -91,6 +95,7 @@ class Job:
         cases = len(self.cost)
         if self._steps is None:
             self._expected, self._steps = np.zeros(cases), np.zeros(cases)
+        self._base = self._shown
         self._left = todo.sum(axis=1)
         self._wanted, self._todo = wanted, self._left.copy()
 
@@ -171,9 +176,19 @@ class Job:
         there = self._wanted - int(self._left.sum())
         fraction = 1.0 - (left - part) / whole if whole > 0 else there / max(1, self._wanted)
         fraction = min(1.0, max(0.0, fraction))
-        self.report(Progress(fraction, there + runs, self._wanted, now - self._start, remaining))
+        if self.waves:  # nobody knows how many follow
+            fraction = self._base + (1.0 - self._base) * fraction / 2
+        # What is learned of later cases can make what is done less.
+        self._shown = max(self._shown, fraction)
+        elapsed = now - self._start
+        self.report(Progress(self._shown, there + runs, self._wanted, elapsed, remaining))
         if self.over(self.done > 0 or runs > 0):
             raise OutOfTime
+
+    def complete(self) -> None:
+        """Report that nothing is left to do."""
+        elapsed = time.monotonic() - self._start
+        self.report(Progress(1.0, self._wanted, self._wanted, elapsed, 0.0))
 
     def _factors(self) -> Floats:
         """Return how many steps the runs of each case take for each unit of expected cost.
@@ -181,9 +196,11 @@ class Job:
         Most runs end before their horizon, and how many do differs from case to case.
         """
         factors = np.ones(len(self.cost))
-        if self._steps.sum() > 0:
+        if self._steps.sum() > 0 and self._expected.sum() > 0:
             factors[:] = self._steps.sum() / self._expected.sum()
-            np.divide(self._steps, self._expected, out=factors, where=self._steps > 0)
+            np.divide(
+                self._steps, self._expected, out=factors, where=self._steps * self._expected > 0
+            )
         return factors
 
     def over(self, some_done: bool = True) -> bool:
@@ -191,3 +208,9 @@ class Job:
         if self.deadline is None or time.monotonic() < self.deadline:
             return False
         return some_done or (self._begun is not None and time.monotonic() >= self._begun + GRACE)
+
+
+Engine = Callable[[Job, Iterator[Keys]], Iterator[pa.Table]]
+"""Given blocks of keys, yields tables of rows, in any order and cut in any way.  What is thrown
+into it, such as a KeyboardInterrupt, it raises again after it has yielded the rows that are
+done."""

@@ -62,6 +62,7 @@ class Launch:
     u: Sequence[float] | None = None
     sigma: float = 0.0
     rolling: float = 0.0
+    record: Sequence[str] = ()
 
     @property
     def surface(self) -> dict[str, Any]:
@@ -114,6 +115,7 @@ def plan_of(launch: Launch, source: TableBodies | None = None) -> Plan:
             "horizon": {"t_rgh": 5.0} if launch.t_end is None else {"t": launch.t_end},
             "integrator": dict(launch.integrator),
             "dissipation": {"sigma": launch.sigma, "rolling": launch.rolling},
+            "record": list(launch.record),
         }
     )
     if source is not None:

@@ -1,10 +1,9 @@
 #!/bin/bash
 @DIRECTIVES@
 
-@ABOUT@
-# A task stops before its time limit and puts itself into the queue again, where it goes on; so does
-# one whose node fails or is taken away. When all have ended:
-@FINISH@
+# @ABOUT@ A task stops before its time limit and puts itself into the
+# queue again, where it resumes; so does one whose node fails. When all have ended:
+#   @FINISH@
 
 set -uo pipefail
 
@@ -22,7 +21,7 @@ program=@PROGRAM@
 config=@CONFIG@
 output=@OUTPUT@
 
-# The environment first: what is wrong here is said before anything is begun.
+# Check the environment before anything begins.
 cd @WHERE@ 2>/dev/null || fail "$HOSTNAME does not see "@WHERE@
 [[ -x $program ]] || fail "$HOSTNAME does not see $program, the program that wrote this script"
 found=$("$program" --version 2>&1) ||
@@ -33,7 +32,7 @@ found=$("$program" --version 2>&1) ||
 [[ -r $config ]] || fail "$HOSTNAME does not see $config" 2
 mkdir -p "$output" 2>/dev/null && [[ -w $output ]] || fail "$HOSTNAME cannot write in $output"
 
-# Compiled kernels on the node's own disk, where only this user can put them.
+# Keep compiled kernels on the node's own disk, where only this user can put them.
 cache=${SLURM_TMPDIR:-${TMPDIR:-/tmp}}/rattlesweep-$(id -u)
 mkdir -m 700 "$cache" 2>/dev/null
 [[ -d $cache && -O $cache && ! -L $cache ]] || cache=$(mktemp -d) ||
@@ -41,8 +40,8 @@ mkdir -m 700 "$cache" 2>/dev/null
 export NUMBA_CACHE_DIR=$cache
 export NUMBA_NUM_THREADS=$cpus
 
-# USR1 is Slurm's word that the time is nearly up; TERM comes when the task is cancelled or its node
-# is claimed by others, and then Slurm decides whether it comes again.
+# Slurm sends USR1 when the time is nearly up, and TERM when the task is cancelled or its node is
+# claimed by others; in that case Slurm decides whether the task comes back.
 warned=0
 heard=0
 child=

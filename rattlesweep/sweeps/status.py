@@ -12,6 +12,7 @@ from rattlesweep.sweeps.decide import decides, decision
 from rattlesweep.sweeps.locks import FOLDER, WHOLE, at_work
 from rattlesweep.sweeps.sessions import read_sessions
 from rattlesweep.sweeps.stored import Stored, open_stored
+from rattlesweep.text import counted
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,8 @@ class Status:
         so_far = " wanted so far" if self.decides and not self.done else ""
         lines = [
             f"{self.name} in {self.directory}: {data['runs']:,} of {data['wanted']:,} runs"
-            f"{so_far} ({share:.1f} %), {data['files']} files, {data['bytes'] / 1e6:.1f} MB"
+            f"{so_far} ({share:.1f} %), {counted(data['files'], 'file')}, "
+            f"{data['bytes'] / 1e6:.1f} MB"
         ]
         for what in ("status", "types"):
             if data[what]:
@@ -83,7 +85,9 @@ def status(directory: Path) -> Status:
                 if entry["values"] is not None:
                     counter[entry["values"]] += entry["counts"]
     sessions = read_sessions(directory)
-    working = [session for session in sessions if _is_at_work(stored, session)]
+    # Of several that died without a word or live, the last of each share holds its lock.
+    last = {session.get("share"): session for session in sessions if _runs(session)}
+    working = [session for session in last.values() if _is_at_work(stored, session)]
     ended = [session for session in sessions if session not in working]
     data = {
         "runs": runs,
@@ -106,11 +110,15 @@ def _wanted(stored: Stored) -> int:
     return int(decide.wanted().sum())
 
 
+def _runs(session: dict[str, Any]) -> bool:
+    return session.get("how") == "running"
+
+
 def _is_at_work(stored: Stored, session: dict[str, Any]) -> bool:
     """Return whether the process of a session lives, by the lock that it would hold."""
     share = session.get("share")
     lock = stored.directory / FOLDER / (share or WHOLE)
-    return session.get("how") == "running" and lock.exists() and at_work(lock)
+    return lock.exists() and at_work(lock)
 
 
 def _who(session: dict[str, Any]) -> str:

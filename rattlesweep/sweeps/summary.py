@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 
 from rattlesweep.arrays import Floats, Integers
-from rattlesweep.sweeps.arrow import build_table, write_parquet
+from rattlesweep.sweeps.arrow import build_table, read_parquet, write_parquet
 from rattlesweep.sweeps.cases import Case
 from rattlesweep.sweeps.columns import summary_schema
 from rattlesweep.sweeps.counts import FRICTION, Counts, columns_for
@@ -67,6 +67,12 @@ def summary_table(cases: Sequence[Case], counts: Counts) -> pa.Table:
     return build_table(columns, summary_schema())
 
 
+def read_summary(stored: Stored) -> pa.Table:
+    """Return one row a case: ``summary.parquet``, or what the rows so far come to."""
+    path = stored.directory / "summary.parquet"
+    return read_parquet(path) if path.exists() else summarise(stored)
+
+
 def write_summary(stored: Stored, table: pa.Table) -> Path:
     """Write ``summary.parquet``, whole or not at all."""
     path = stored.directory / "summary.parquet"
@@ -108,17 +114,17 @@ _SHOWN = {
     "fraction_R": ("R", ".3f"),
     "fraction_SS": ("SS", ".3f"),
     "fraction_SW": ("SW", ".3f"),
-    "fraction_unclassified": ("uncl.", ".3f"),
+    "fraction_unclassified": ("unclassified", ".3f"),
     "fraction_D": ("D", ".3f"),
-    "fraction_bondi": ("Bondi", ".3f"),
-    "t_r_mean": ("t_r", ".5g"),
-    "t_r_over_t_rgh_mean": ("t_r/t_rGH", ".4f"),
-    "sensitive": ("sens.", "d"),
-    "unsure": ("unsure", "d"),
-    "share_friction_above_0_3": ("mu>0.3", ".3f"),
-    "share_friction_above_0_6": ("mu>0.6", ".3f"),
+    "fraction_bondi": ("beyond Bondi", ".3f"),
+    "t_r_mean": ("mean t_r", ".5g"),
+    "t_r_over_t_rgh_mean": ("mean t_r/t_rGH", ".4f"),
+    "sensitive": ("sensitive", "d"),
+    "unsure": ("type unsure", "d"),
+    "share_friction_above_0_3": ("friction > 0.3", ".3f"),
+    "share_friction_above_0_6": ("friction > 0.6", ".3f"),
     "share_lift_off": ("lift-off", ".3f"),
-    "failed": ("fail", "d"),
+    "failed": ("failed", "d"),
 }
 
 
@@ -132,12 +138,13 @@ def absent_columns(summary: pa.Table) -> set[str]:
 
 
 def closing_table(summary: pa.Table) -> str:
-    """Lay a summary out as an aligned text table about 100 characters wide.
+    """Lay a summary out as an aligned text table about 120 characters wide.
 
-    ``t_r`` and ``t_r/t_rGH`` are means over type R, the latter of the ratio of each run; what there
-    is nothing of is "-". Sensitive runs and unsure types are shown where errors are recorded, type
-    D where there is dissipation, and what this is where cases differ in it. Where contact is
-    recorded, mu>0.3 and mu>0.6 are the shares of runs that need a larger coefficient of friction.
+    The means are over type R, the second of the ratio of each run. "beyond Bondi" is the share of
+    runs whose spin is beyond Bondi's threshold. What a case has nothing of is "-". Sensitive runs
+    and unsure types are shown where errors are recorded, type D where there is dissipation, and
+    the dissipation where cases differ in it. Where contact is recorded, "friction > 0.3" is the
+    share of runs that need a larger coefficient of friction to roll.
     """
     shown_columns = {
         name: how for name, how in _SHOWN.items() if name not in absent_columns(summary)

@@ -22,6 +22,7 @@ from rattlesweep.sweeps.rows import Found
 from rattlesweep.sweeps.stored import SUMMARY, Stored, open_stored
 from rattlesweep.sweeps.summary import same_summary, summarise
 from rattlesweep.sweeps.types import with_types
+from rattlesweep.text import counted
 
 CLOSE = 1e-9
 """Relative difference up to which theory counts as equal: other processors have other last bits."""
@@ -57,15 +58,17 @@ class Verified:
     @property
     def words(self) -> str:
         """The same for the terminal."""
-        missing = f", {self.missing:,} runs are not done yet" if self.missing else ""
-        lines = [f"{self.runs:,} runs in {self.files} files{missing}"]
+        missing = f", {counted(self.missing, 'run')} not done yet" if self.missing else ""
+        lines = [f"{counted(self.runs, 'run')} in {counted(self.files, 'file')}{missing}"]
         if self.recomputed:
-            lines.append(f"{self.recomputed:,} runs were computed again")
+            lines.append(f"{counted(self.recomputed, 'run')} computed again")
         lines += [f"note: {note}" for note in self.notes]
         lines += [f"problem: {problem}" for problem in self.problems[:TOLD]]
         if len(self.problems) > TOLD:
             lines.append(f"and {len(self.problems) - TOLD} more problems")
-        lines.append("no problem found" if not self.problems else f"{len(self.problems)} problems")
+        lines.append(
+            "no problem found" if not self.problems else counted(len(self.problems), "problem")
+        )
         return "\n".join(lines)
 
 

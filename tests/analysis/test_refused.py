@@ -47,7 +47,7 @@ RUN = ("full", "--case", 0, "--sample", 0)
 FIRST = ("--case", 0, "--sample", 0)
 REFUSED: dict[str, list[tuple[tuple[Any, ...], str]]] = {
     "plot": [
-        (("nowhere",), "nowhere: there is no such directory"),
+        (("nowhere",), "nowhere is not an output directory: there is no such"),
         ((".",), "is not an output directory"),
         (("steady", "--title", r"$\notacommand$"), "cannot be read as a formula"),
         (("steady", "--title", "a $x_$ b"), "cannot be read as a formula"),
@@ -91,14 +91,14 @@ REFUSED: dict[str, list[tuple[tuple[Any, ...], str]]] = {
         (("--preset", "GH", "--output", "a.htm"), "the name must end in .html"),
         (("--preset", "GH", "--output", "/proc/no/a.html"), "1: cannot write in /proc/no"),
         (("--preset", "GH", "--title", "two\nlines"), "leave it out"),
-        (("--preset", "GH", "--case", 1), "go with --from"),
+        (("--preset", "GH", "--case", 1), "choose a run of a DIRECTORY"),
         (("--preset", "GH", "--points", 1), "--points 1: 2 to 80000"),
         (("--preset", "GH", "--t-end", 1e6), "is too long for one page; --t-end 349"),
         (("--preset", "GH", "--theta", 1.5), "theta"),
         (("--preset", "GH", "--psi", "up"), "psi"),
-        (("--from", "full", *FIRST, "--theta", 0.7), "--theta does not go with --from"),
-        (("--from", "one", *FIRST), "the model gh has no body that moves"),
-        (("--from", ".", *FIRST), "is not an output directory"),
+        (("full", *FIRST, "--theta", 0.7), "--theta: the sweep in full says what the run was"),
+        (("one", *FIRST), "the model gh has no body that moves"),
+        ((".", *FIRST), "is not an output directory"),
     ],
     "replay": [
         (("full", "--case", 9, "--sample", 0), "has the cases 0 to 1"),

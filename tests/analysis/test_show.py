@@ -189,7 +189,7 @@ def test_a_stored_run_is_shown_and_proved(tmp_path):
     output, path = tmp_path / "out", tmp_path / "new" / "r.html"
     assert run("gh.yaml", output, "spin.n_i=[0.1]").exit_code == 0
     t_r = float(rows(output)["t_r"].iloc[0])
-    result = invoke("show", "--from", output, "--where", 'type == "R"', "--output", path,
+    result = invoke("show", output, "--where", 'type == "R"', "--output", path,
                     "--t-end", 150)  # fmt: skip
     assert result.exit_code == 0
     assert f"case 0, sample 0: t_r {t_r!r} and type R as stored, bit for bit" in result.stderr

@@ -32,7 +32,7 @@ from rattlesweep.analysis.tradeoff.table import (
     cheapest,
     row_name,
 )
-from rattlesweep.cli.common import to_json
+from rattlesweep.cli.command import to_json
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.sweeps.config.read import load_config, parse_config, physics_hash
 

@@ -1,20 +1,25 @@
-"""Preloaded by the Dask workers of a test: blocks are held until the test lets them go on."""
+"""Preloaded by the Dask workers of a test: they hold their blocks until the test lets them go on.
+
+A block passes if there is a file ``open`` or ``ticket`` in ``RATTLESWEEP_TESTS_GATE``; a ticket is
+taken away.  Whatever lies below ``RATTLESWEEP_TESTS_CLOSED`` cannot be opened.
+"""
 
 from __future__ import annotations
 
 import os
+import sys
 import time
 from pathlib import Path
 from typing import Any
 
-from rattlesweep.sweeps.block import Interrupted, finish_block
-from rattlesweep.sweeps.old import remainder
+from rattlesweep.sweeps import dask
+from rattlesweep.sweeps.block import compute
 
 _place = Path(os.environ["RATTLESWEEP_TESTS_GATE"])
+_closed = os.environ.get("RATTLESWEEP_TESTS_CLOSED")
 
 
 def _passes() -> bool:
-    """Whether the gate is open, or a ticket is left, which is then used up."""
     if (_place / "open").exists():
         return True
     try:
@@ -24,12 +29,20 @@ def _passes() -> bool:
     return True
 
 
-def _held(*args: Any, control: Any, **kwargs: Any) -> Any:
-    while not _passes():
-        if control.stopping:
-            raise Interrupted
+def _held(*args: Any) -> Any:
+    control = args[-1]
+    while not _passes() and not control.stopping:
         time.sleep(0.01)
-    return finish_block(*args, control=control, **kwargs)
+    return compute(*args)
 
 
-remainder.finish_block = _held
+def _refuse(event: str, args: tuple[Any, ...]) -> None:
+    if event in ("open", "os.listdir", "os.scandir", "os.mkdir") and str(args[0]).startswith(
+        str(_closed)
+    ):
+        raise PermissionError(f"a worker looks at {args[0]}")
+
+
+dask.compute = _held
+if _closed:
+    sys.addaudithook(_refuse)

@@ -21,7 +21,7 @@ FRAME = pd.DataFrame([vars(body) for body in BODIES], ["gh", "mirror", "sd"])[li
 
 
 def row_of(run: rs.Run) -> dict[str, Any]:
-    return {name: np.nan if value is None else value for name, value in vars(run).items()}
+    return {name: np.nan if value is None else value for name, value in run.to_dict().items()}
 
 
 def test_a_table_of_runs_has_the_bits_of_single_runs():
@@ -113,9 +113,9 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
     "model": ({"model": "gh "}, '"gh " is not one of full, reduced, gh'),
     "method": ({"method": "euler"}, '"euler" is not one of dop853'),
     "tolerance": ({"tol": 1.0}, "integrator.tol: 1.0 is out of range; it must be at most 0.01"),
-    "threads": ({"threads": 0}, r"threads: 0 \(int\) is none; give a whole number from 1 on"),
-    "body": ({"body": 3}, r"bodies: 3 \(int\) is none; give a Rattleback, a sequence"),
-    "one of them": ({"body": [GH, "GH"]}, r"bodies\[1\]: 'GH' \(str\) is no Rattleback"),
+    "threads": ({"threads": 0}, r"threads: 0 \(int\) is no count; give a whole number from 1 on"),
+    "body": ({"body": 3}, r"bodies: 3 \(int\) is no body; give a Rattleback, a sequence"),
+    "one of them": ({"body": [GH, "HG"]}, r"bodies\[1\]: 'HG' \(str\) is no body"),
     "column": ({"body": FRAME.drop(columns="phi")}, "bodies: the column phi is missing"),
     "columns": ({"body": FRAME.iloc[:, [0, 0, *range(1, 6)]]}, "there are 2 columns alpha; keep"),
     "value": ({"body": FRAME.assign(theta=[0.7, 2, 0.7])}, "bodies: row 2: theta is 2; 0 < phi"),
@@ -176,7 +176,7 @@ def test_bondi_threshold_is_where_the_roll_stops_growing():
 
 @pytest.mark.parametrize(
     ("call", "words"),
-    [(lambda: rs.modes("GH"), r"bodies: 'GH' \(str\) is none; give a Rattleback"),
+    [(lambda: rs.modes("HG"), r"bodies: 'HG' \(str\) is no body"),
      (lambda: rs.growth_rates(GH, math.inf), "n inf: it must be finite"),
      (lambda: rs.growth_rates([GH, GH], [1, 2, 3]), r"bodies \(2,\), n \(3,\)"),
      (lambda: rs.reversal_time_gh(GH, [0.1, 0], 0.1), "n_i: a launch without spin, n_i = 0, has"),

@@ -1,111 +1,82 @@
-"""The command line itself: help, versions, completion, choices; and `body` and `schema`."""
+"""The command line itself: help, version, completion, exit codes; `init`, `body` and `schema`."""
 
-import inspect
 import json
+import os
 import re
+import signal
 import subprocess
 import sys
+import time
 from typing import Any
 
-import click
 import jsonschema
 import pytest
 from click.testing import CliRunner
 from refusal import assert_refused
-from sweeping import CONFIGS, PROGRAM, invoke
+from ruamel.yaml import YAML
+from sweeping import CONFIGS, PROGRAM, begin, invoke
 
 import rattlesweep as rs
 from rattlesweep import cli
-from rattlesweep.cli.common import types
-from rattlesweep.integrate.model import MODELS, WITH_TANGENT
-from rattlesweep.analysis.onerun.channels import choose
-from rattlesweep.analysis.onerun.figure import CURVES, SHOWN
 from rattlesweep.analysis.plots.kinds import KINDS
-from rattlesweep.sweeps.plan import make_plan
-from rattlesweep.sweeps.config.schema import ACCURACIES
-from rattlesweep.sweeps.config.read import config_json_schema, parse_config
-from rattlesweep.sweeps.columns import RECORD_PARTS
+from rattlesweep.cli import options
+from rattlesweep.integrate.model import MODELS
+from rattlesweep.physics.body import PRESETS
+from rattlesweep.progress import Bar
+from rattlesweep.sweeps.config.read import config_json_schema, load_config, parse_config
 
 HEAVY = {"numpy", "numba", "scipy", "pandas", "pyarrow", "pydantic", "tqdm", "matplotlib"}
+COMMANDS = sorted(cli.main.commands)
+FULL = "/dev/full"
 
 
-def command_of(name: str) -> Any:
-    return cli.main.get_command(click.Context(cli.main), name)
+# -- help --------------------------------------------------------------------------------------
 
 
-def test_help_lists_every_command_in_a_section():
+def test_help_lists_every_command_with_a_whole_sentence():
     text = invoke("--help").stdout
-    listed = re.findall(r"^  (\w+) ", text.split("--help ")[1], re.MULTILINE)
-    assert sorted(listed) == sorted(cli.COMMANDS)
-    assert re.findall(r"^(\w.*):$", text, re.MULTILINE) == [
-        "Options", "Sweeps", "One run", "Pictures and pages", "Study",
-    ]  # fmt: skip
-    assert "Exit codes: 0 done" in text
+    sections = text.split("--help ")[1]
+    assert sorted(re.findall(r"^  (\w+) ", sections, re.MULTILINE)) == COMMANDS
+    assert "..." not in sections
+    contract = {"run", "classify", "body", "trajectory", "tradeoff", "paper", "plan", "status",
+                "verify", "merge", "replay", "show", "plot", "report", "slurm", "schema", "compare",
+                "sensitivity", "init"}  # fmt: skip
+    assert set(COMMANDS) == contract
 
 
-@pytest.mark.parametrize("name", cli.COMMANDS)
+@pytest.mark.parametrize("name", COMMANDS)
 def test_every_command_has_help_with_an_example(name):
     text = invoke(name, "--help").stdout
     assert re.search(rf"Examples?:\n +rattlesweep {name}\b", text)
-    flags = {flag: p for p in command_of(name).params for flag in p.opts}
+    flags = {flag: p for p in cli.main.commands[name].params for flag in p.opts}
     for short, long in (("-o", "--output"), ("-j", "--threads"), ("-q", "--quiet")):
         assert flags.get(long) is flags.get(short), (name, long)
 
 
-def test_the_package_its_help_and_its_configs_load_nothing_heavy():
+def test_help_and_refusals_load_nothing_heavy():
     code = f"""if True:
         import sys, rattlesweep as rs
-        rs.__version__
+        rs.__version__, dir(rs)
         from rattlesweep import cli
-        cli.main(["--help"], standalone_mode=False)
+        for line in ("--help", "run c.yaml -j 0", "run c.yaml -j 99999", "run c.yaml --thread"):
+            try:
+                cli.main(line.split())
+            except SystemExit as end:
+                assert end.code == (0 if line == "--help" else 2)
         assert not {HEAVY} & set(sys.modules)
-        from rattlesweep.sweeps.config.read import load_config
-        load_config({str(CONFIGS / "quickstart.yaml")!r})
-        assert not {HEAVY} - {{"pydantic"}} & set(sys.modules)
-        # A function, and not the room of the same name.
-        from rattlesweep import sweep
+        from rattlesweep import sweep  # a function, and not a room of this name
         assert callable(sweep)
     """
     subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
 
 
 def test_choices_are_those_of_the_registries():
-    models = list(types.MODELS.choices)
-    assert models == [*(name for name in MODELS if name in models), "gh"]
-    assert list(types.KINDS.choices) == list(KINDS)
-    assert list(types.ACCURACIES.choices) == list(ACCURACIES)
+    assert [*options.MODELS.choices][:-1] == [m for m in MODELS if m in options.MODELS.choices]
+    assert list(options.KINDS.choices) == list(KINDS)
+    assert list(options.PRESETS.choices) == list(PRESETS)
     schema = json.dumps(config_json_schema())
-    for choice in (types.MODELS, types.PSI, types.PRESETS):
+    for choice in (options.MODELS, options.PSI, options.PRESETS):
         assert json.dumps(list(choice.choices)) in schema
-
-
-@pytest.mark.parametrize("model", types.MODELS.choices)
-def test_a_model_is_known_wherever_models_are_told_apart(model):
-    # A name that is none of its channels would be refused.
-    assert len(choose(["t", *SHOWN[model]], model)) == 1 + len(SHOWN[model])
-    assert model in CURVES
-    # Without a tangent there is no exponent to record.
-    assert (model in WITH_TANGENT) != (model in RECORD_PARTS["lyapunov"])
-
-
-def test_defaults_in_the_help_are_those_of_the_python_interface():
-    options = {o.name: o.help for o in command_of("trajectory").params}
-    method = inspect.signature(rs.trajectory).parameters["method"].default
-    assert f"[default: {method}]" in options["method"]
-    integrator = parse_config(
-        {"bodies": {"source": "preset", "name": "GH"}, "spin": {"n_i": 0.1, "omega_xy0": 0.1}}
-    ).integrator
-    assert f"[default: {integrator.tol:g}]".replace("e-0", "e-") in options["tol"]
-
-
-@pytest.mark.parametrize(
-    ("typed", "hint"),
-    [("rnu", "did you mean run?"), ("verfy", "did you mean verify?"), ("x", "--help lists those")],
-)
-def test_a_mistyped_command_is_told(typed, hint):
-    result = invoke(typed)
-    assert (result.exit_code, result.stdout) == (2, "")
-    assert f"no such command: {typed}; {hint}" in result.stderr
 
 
 def test_the_module_is_the_program():
@@ -118,7 +89,6 @@ def test_version():
     first = f"rattlesweep, version {rs.__version__}\n"
     assert invoke("--version").stdout == first
     told = invoke("--version", "--verbose").stdout
-    assert invoke("--verbose", "--version").stdout == told
     assert told.startswith(first)
     names = [line.split()[0] for line in told.splitlines()[1:]]
     assert {"numpy", "numba", "llvmlite", "cpu", "vectors", "threads"} <= set(names)
@@ -133,67 +103,169 @@ def test_version():
     ],
 )
 def test_completion(typed, completed):
-    def complete(how: str) -> str:
-        words = {"COMP_WORDS": typed, "COMP_CWORD": str(len(typed.split()) - 1)}
-        environment = {"_RATTLESWEEP_COMPLETE": how, **words}
-        return CliRunner().invoke(cli.main, env=environment, prog_name="rattlesweep").stdout
-
-    assert complete("bash_complete").split() == completed
-    assert "_RATTLESWEEP_COMPLETE=bash_complete" in complete("bash_source")
+    words = {"COMP_WORDS": typed, "COMP_CWORD": str(len(typed.split()) - 1)}
+    environment = {"_RATTLESWEEP_COMPLETE": "bash_complete", **words}
+    result = CliRunner().invoke(cli.main, env=environment, prog_name="rattlesweep")
+    assert result.stdout.split() == completed
 
 
-def test_the_schema_is_one_and_takes_the_shipped_configs():
-    from ruamel.yaml import YAML
+# -- how commands end --------------------------------------------------------------------------
 
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("rnu", "no such command: rnu; did you mean run?"),
+        ("x", "no such command: x; `rattlesweep --help` lists all"),
+        ("run", "missing argument 'CONFIG'; see `"),
+        ("run c.yaml d.yaml", "got unexpected extra argument (d.yaml); see"),
+        ("run c.yaml --thread", "no such option '--thread' (Did you mean"),
+        ("body --xi a", "invalid value for '--xi': 'a' is not a valid float"),
+        ("verify c -j two", "--threads two: is no number of threads"),
+        ("verify c -j 99999", "--threads 99999: is more than the"),
+    ],
+)
+def test_a_wrong_command_line_is_one_sentence(line, words):
+    assert_refused(invoke(*line.split()), 2, words)
+
+
+def test_without_a_command_there_is_the_help():
+    result = invoke()
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert result.stderr == invoke("--help").stdout
+
+
+def test_a_wrong_environment_is_one_sentence(monkeypatch):
+    monkeypatch.setenv("NUMBA_NUM_THREADS", "many")
+    for line in ("schema", "verify c -j 1"):
+        assert_refused(invoke(*line.split()), 2, "NUMBA_NUM_THREADS=many: it must be a whole")
+
+
+@pytest.mark.parametrize("line", ["--help", "body --preset GH"])
+@pytest.mark.parametrize(("where", "why"), [(FULL, "No space left"), ("-", "Bad file descriptor")])
+def test_a_standard_output_that_takes_nothing_is_one_sentence(line, where, why):
+    if where == FULL and not os.path.exists(FULL):
+        pytest.skip("no such device")
+    to = ">&-" if where == "-" else f"> {where}"
+    done = subprocess.run(
+        f"{PROGRAM} {line} {to}", shell=True, capture_output=True, text=True, check=False
+    )
+    last = done.stderr.splitlines()[-1]
+    assert done.returncode == 1
+    assert last == f"error: cannot write to standard output: {why}" + " on device" * (where == FULL)
+    assert "Traceback" not in done.stderr
+
+
+def test_a_command_that_prints_nothing_needs_no_standard_output(tmp_path):
+    (tmp_path / "c.yaml").write_text("model: gh\nbodies: {source: preset, name: GH}\n"
+                                     "spin: {n_i: 0.1, omega_xy0: 0.1}\noutput: out\n")  # fmt: skip
+    command = f"{PROGRAM} run c.yaml -q >&- 2>&-"
+    assert subprocess.run(command, shell=True, cwd=tmp_path, check=False).returncode == 0
+    assert (tmp_path / "out" / "summary.parquet").exists()
+
+
+def test_a_reader_that_has_gone_is_told_nothing():
+    command = f"{PROGRAM} schema | head -1; echo ${{PIPESTATUS[0]}}"
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
+    assert (done.stdout, done.stderr) in (("{\n1\n", ""), ("{\n0\n", ""))  # it may be quicker
+
+
+@pytest.mark.parametrize(
+    ("number", "code", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "term")]
+)
+def test_a_signal_ends_a_command_and_what_is_done_is_kept(number, code, word, tmp_path):
+    out = tmp_path / "out"
+    child = begin(out, "bodies.samples=20000")
+    while not list(out.glob("runs/*.parquet")) and child.poll() is None:
+        time.sleep(0.05)
+    child.send_signal(number)
+    _, said = child.communicate(timeout=60)
+    assert child.returncode == code, said
+    assert said.splitlines()[-1].startswith(word)
+    assert "runs are kept" in said
+    assert said.endswith("and the same command resumes from there\n")
+
+
+# -- progress ----------------------------------------------------------------------------------
+
+
+def test_a_bar_is_shown_in_a_terminal_only(monkeypatch, capfd):
+    for terminal, shown in ((True, True), (False, False)):
+        monkeypatch.setattr("sys.stderr.isatty", lambda terminal=terminal: terminal)
+        with Bar.of_command() as bar:
+            bar.counting("integrating")(0.5)
+        assert ("integrating" in capfd.readouterr().err) == shown
+    with Bar.of_command(quiet=True) as bar:
+        bar.counting("integrating")(0.5)
+    assert capfd.readouterr().err == ""
+
+
+def test_compilation_is_told_once_and_is_no_part_of_the_rate(monkeypatch, capfd):
+    clock, shown = [0.0], []
+    monkeypatch.setattr("rattlesweep.progress.time.monotonic", lambda: clock[0])
+    bar = Bar.of_command()
+    for _ in range(2):
+        with bar.compiling("dop853/full"):
+            pass
+    assert capfd.readouterr().err.count("compiling the kernel") == 1
+    monkeypatch.setattr(bar, "show", lambda *words: shown.append(words))
+    report = bar.counting("integrating")
+    for clock[0], fraction in ((30.0, 0.1), (40.0, 0.2)):
+        report(fraction)
+    assert shown == [(0.1, "integrating", 30, None), (0.2, "integrating", 40, pytest.approx(80))]
+
+
+# -- init, schema, body ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["mine", "12", "true", "a: b", "ä"])
+def test_init_writes_a_config_that_runs(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    written = invoke("init", f"{name}.yaml")
+    assert (written.exit_code, written.stdout) == (0, f"{name}.yaml\n")
+    assert load_config(f"{name}.yaml").name == name
+    assert "reversals" in (tmp_path / f"{name}.yaml").read_text()
+    assert invoke("run", f"{name}.yaml", "--set", "bodies.samples=1").exit_code == 0
+    assert_refused(invoke("init", f"{name}.yaml"), 2, "is there already; choose another")
+    assert_refused(invoke("init", f"{name}.txt"), 2, "the name of a config ends in .yaml")
+
+
+def test_the_schema_takes_the_shipped_configs():
     schema = json.loads(invoke("schema").stdout)
     jsonschema.Draft202012Validator.check_schema(schema)
     validator = jsonschema.Draft202012Validator(schema)
     for path in CONFIGS.glob("*.yaml"):
         data = YAML(typ="safe", pure=True).load(path.read_text())
         validator.validate(data)
-        make_plan(parse_config(data | {"bodies": data["bodies"] | (
-            {"samples": 1} if data["bodies"]["source"] == "sd" else {})}))  # fmt: skip
+        parse_config(data)
     assert not validator.is_valid({"bodies": {"source": "sd"}, "spin": {"n_i": 0}})
 
 
-# -- one body ----------------------------------------------------------------------------------
-
-
 def test_body_says_what_the_python_interface_says():
-    gh = rs.Rattleback.gh()
+    gh: Any = rs.Rattleback.gh()
     found = json.loads(invoke("body", "--preset", "GH", "--n-i", "-0.1", "--json").stdout)
-    modes = rs.modes(gh)
-    for name, value in vars(modes).items():
+    for name, value in vars(rs.modes(gh)).items():
         assert found[name] == value
-    for name in ("alpha", "beta", "gamma", "theta", "phi", "xi"):
-        assert found[name] == getattr(gh, name)
     assert found["t_rgh"] == rs.reversal_time_gh(gh, -0.1, 0.01)
-    assert found["psi"] == modes.psi_r
     table = invoke("body", "--preset", "GH", "--n-i", "-0.1").stdout.splitlines()
     assert [line.split()[0] for line in table] == list(found)
-    for line in table:
-        name, value = line.split()[:2]
-        shown = None if value == "none" else pytest.approx(float(value), rel=1e-9)
-        assert found[name] == shown or (found[name] is None and value == "none")
+    si = invoke("body", "--mass", "85g", "--height", "1cm", "--radii", "50,1.5 cm",
+                "--inertia", "60,900,920,-20 g cm^2", "--n-i", "60rpm")  # fmt: skip
+    assert re.search(r"^n_i +0\.2006\S* +sqrt\(g/a\) +60 +rpm ", si.stdout, re.MULTILINE)
 
 
-WRONG = """
+BODIES = """
 : --alpha, --beta, --gamma, --theta, --phi, --xi missing
---alpha 3 --gamma 5: --beta, --theta, --phi, --xi missing
---f-sd 0.1 --gamma 5: --theta, --phi, --xi missing
 --preset GH --f-sd 0.1: --f-sd does not go with --preset
 --preset GH --xi -0.1 --xi-deg -3: --xi and --xi-deg are both given
---alpha 3 --f-sd 0.1: --f-sd replaces --alpha and --beta
 --preset GH --phi 0.7: phi 0.7 is not below theta 0.6429
---preset GH --theta nan: a parameter is not a finite number
 --preset GH --n-i 0: --n-i 0: the initial spin must be finite and not zero
---preset GH --n-i inf: --n-i inf: the initial spin must be finite and not zero
---preset GH --omega-xy0 -1: --omega-xy0 -1: the oscillation must be finite and pos
+--preset GH --n-i 60rpm: --n-i has a unit, but the body has no size
 --gamma 10 --f-sd 0.7 --theta 0.8 --phi 0.05 --xi -0.1: f_sd is 0.7; it must lie
 """
 
 
-@pytest.mark.parametrize("line", WRONG.strip().splitlines())
+@pytest.mark.parametrize("line", BODIES.strip().splitlines())
 def test_a_wrong_body_is_one_sentence(line):
     args, words = line.split(": ", 1)
     assert_refused(invoke("body", *args.strip(":").split()), 2, words)

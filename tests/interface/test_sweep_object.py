@@ -2,15 +2,13 @@
 
 import shutil
 import sys
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
 import rattlesweep as rs
-from rattlesweep.sweeps.old.verify import verify
-from rattlesweep.sweeps.old.store import Store
+from rattlesweep.sweeps.verify import verify
 
 GH = rs.Rattleback.gh()
 PARAMETERS = ["alpha", "beta", "gamma", "theta", "phi", "xi"]
@@ -24,7 +22,7 @@ def sd(tmp_path_factory):
         "spin": {"n_i": [0.3, -0.3], "omega_xy0": 0.1},
         "horizon": {"t": 50},
         "record": ["energy", "windows"],
-            }
+    }
     return rs.sweep(config, output=tmp_path_factory.mktemp("sd") / "out", threads=1)
 
 
@@ -44,7 +42,7 @@ def test_read_chooses_columns_and_runs(sd):
     everything = sd.read()
     pd.testing.assert_frame_equal(everything, sd.runs)
     assert len(everything) == 20
-    some = sd.read(["t_r", "case"], where="n_i > 0 and type = 'R'")
+    some = sd.read(["t_r", "case"], where='n_i > 0 and type == "R"')
     chosen = everything[(everything.n_i > 0) & (everything.type == "R")]
     assert 0 < len(some) < 20
     pd.testing.assert_frame_equal(some, chosen[["t_r", "case"]].reset_index(drop=True))
@@ -55,40 +53,42 @@ def test_read_chooses_columns_and_runs(sd):
     assert sd.summary.attrs["units"]["t_r_mean"] == "sqrt(a/g)"
 
 
-def test_files_are_read_once_as_long_as_they_stay(sd, monkeypatch):
-    sweep, calls = rs.load(sd.directory), []
-    read = Store.read_block
-    monkeypatch.setattr(Store, "read_block", lambda *args: calls.append(args) or read(*args))
-    first = sweep.read(["t_r", "n_i"])
-    assert len(calls) == 3
-    # What a user does to a table stays with that table.
-    first.loc[:, "t_r"] = -1.0
-    assert not (sweep.read(["t_r"], where="n_i > 0").t_r == -1).any()
-    assert len(calls) == 3
-    sweep.read("theta")
-    assert len(calls) == 6
-    # A block that goes away, as in a sweep done anew, is noticed.
-    path = Store(sd.directory).block_path(2)
-    data = path.read_bytes()
-    path.unlink()
-    assert len(sweep.read("theta")) == 14
-    path.write_bytes(data)
-    assert len(sweep.read("theta")) == 20
+def test_what_a_notebook_user_expects(sd):
+    assert sd["t_r"].equals(sd.runs.t_r)
+    assert list(sd[["n_i", "t_r"]]) == ["n_i", "t_r"]
+    assert "t_r" in sd._ipython_key_completions_()
+    assert sd.config["horizon"] == {"t": 50}
+    assert sd.verify(recompute=3).problems == []
+    assert repr(sd) == f"<Sweep {sd.directory}: 20 runs>"
+    same = sd.compare(sd)
+    assert "all 20 runs" in repr(same)
+    assert not same.disagree(0.0)
+
+
+def test_other_thresholds_and_back(sd):
+    before = sd["type"].tolist()
+    changed = sd.classify(sw_departure=1e-6, ss_growth=1e-9)
+    assert changed.attrs["units"]["t_r_mean"] == "sqrt(a/g)"
+    assert sd["type"].tolist() != before
+    with pytest.raises(rs.ConfigError, match="sw_departed"):
+        sd.classify(sw_departed=1)
+    sd.classify()
+    assert sd["type"].tolist() == before
 
 
 @pytest.mark.parametrize(
     ("call", "words"),
     [(lambda s: s.read("t_R"), r'columns: "t_R" is not one of .*did you mean "t_r"\?'),
      (lambda s: s.read(["t_r", 3]), 'columns: "3" is not one of'),
-     (lambda s: s.read(where="tpye = 'R'"), "where tpye = 'R': tpye is no column; did you mean"),
+     (lambda s: s.read(where="tpye == 'R'"), "where tpye == 'R': tpye is no column; did you mean"),
      (lambda s: s.to_xarray(["window_amplitude"]), "holds several values a run; .read"),
      (lambda s: s.to_xarray(["nothing"]), 'columns: "nothing" is not one of'),
-     (lambda s: s.to_xarray(where="t_r >"), "where t_r >: ends too early"),
+     (lambda s: s.to_xarray(where="t_r >"), "where t_r >: cannot be read near"),
      (lambda s: s.plot("mpa"), "--kind"),
      (lambda s: s.plot(colour="red"), "colour: unknown; the looks of a picture are title, log"),
      (lambda s: s.plot(path="a.gif"), "path a.gif: the name must end in .svg, .png, .pdf"),
      (lambda s: s.plot(select={"n_i": [0.7]}), r"--select n_i=0.7: n_i has no value 0.7"),
-     (lambda s: s.plot(where="n_i"), "n_i is no condition"),
+     (lambda s: s.plot(where="n_i"), "n_i: is no condition"),
      (lambda s: s.replay(9, 0), "case 9: .* has the cases 0 to 3"),
      (lambda s: s.replay(0, 0, from_time=60), "from_time 60: rows begin at 0 or later, before t_"),
      (lambda s: s.show(), "which run"),
@@ -122,7 +122,7 @@ def test_a_map_is_a_dataset_of_its_axes(grid):
         assert here.xi.item() == row.xi
     assert data.n_steps.dtype == np.int64
     # What is not chosen is missing.
-    part = grid.to_xarray(["t_r", "type", "n_steps"], where="type = 'R'")
+    part = grid.to_xarray(["t_r", "type", "n_steps"], where="type == 'R'")
     assert (part.type.values == "").sum() == (rows.type != "R").sum() > 0
     assert part.n_steps.notnull().sum() == (rows.type == "R").sum()
 
@@ -132,7 +132,7 @@ def test_random_bodies_are_a_dataset_of_samples(sd):
     assert dict(data.sizes) == {"K_r": 2, "n_i": 2, "omega_xy0": 1, "sample": 5}
     assert data.K_r.values.tolist() == [0.03, 0.1]
     assert abs(data.K_r_body / data.K_r - 1).max() <= 0.1
-    rows = sd.read(where="case = 1")  # the first target and the second spin
+    rows = sd.read(where="case == 1")  # the first target and the second spin
     at = data.sel(K_r=0.1, n_i=-0.3, omega_xy0=0.1)
     assert at.theta.values.tolist() == rows.theta.tolist()
     pd.testing.assert_frame_equal(
@@ -150,13 +150,13 @@ def test_pictures_and_pages(sd, tmp_path):
     figure = sd.plot("times", select={"K_r": [0.03, 0.1]}, path=tmp_path / "times.svg")
     assert (tmp_path / "times.svg").read_text().startswith("<?xml")
     assert figure._repr_png_()[:4] == b"\x89PNG"
-    condition = "type = 'R' and t_r < 2 * t_rgh"
+    condition = "type == 'R' and t_r < 2 * t_rgh"
     some = sd.plot("times", where=condition, title="Some")
     shown = [text.get_text() for text in some.findobj() if hasattr(text, "get_text")]
     assert any("Some" in text and condition in text for text in shown)
     page = sd.report(tmp_path / "report.html", title="Mine & yours")
     assert page.path.stat().st_size > 10_000
-    assert Path(page) == tmp_path / "report.html"
+    assert page.path == tmp_path / "report.html"
     shown_page = page._repr_html_()
     assert shown_page.startswith('<iframe sandbox="allow-scripts"')
     assert "Mine &amp;amp; yours" in shown_page
@@ -180,8 +180,11 @@ def test_the_summary_of_a_sweep_under_way(sd, tmp_path):
     shutil.copytree(sd.directory, copy)
     (copy / "summary.parquet").unlink()
     pd.testing.assert_frame_equal(rs.load(copy).summary, sd.summary)
-    Store(copy).block_path(2).unlink()
-    assert rs.load(copy).summary.runs.tolist() == [5, 5, 4, 0]
+    first, *others = sorted((copy / "runs").iterdir())
+    kept = len(pd.read_parquet(first))
+    for path in others:
+        path.unlink()
+    assert rs.load(copy).summary.runs.sum() == kept
 
 
 # ------------------------------------------------------------------ bodies from memory
@@ -198,12 +201,12 @@ def test_a_sweep_of_a_table_in_memory(tmp_path, monkeypatch):
     alone = rs.simulate(BODIES, n_i=0.2, omega_xy0=0.1, t_end=30)
     pd.testing.assert_frame_equal(done.read(list(alone)), alone)
     # The same bodies go on, other ones do not.
-    path = Store(output).block_path(0)
+    (path,) = (output / "runs").iterdir()
     before = path.stat()
     again = rs.sweep(BODIES, output=output, threads=1, **KEYS)
     assert path.stat().st_ino == before.st_ino
     pd.testing.assert_frame_equal(again.runs, done.runs)
-    with pytest.raises(rs.ConfigError, match="another config"):
+    with pytest.raises(rs.ConfigError, match="holds another sweep"):
         rs.sweep(BODIES.assign(phi=0.04), output=output, **KEYS)
     assert len(list(output.glob("bodies-*.parquet"))) == 1
     # A column of what these bodies have not says nothing.
@@ -244,7 +247,7 @@ def test_bad_tables_leave_nothing(tmp_path):
     other = tmp_path / "mine"
     other.mkdir()
     (other / "thesis.txt").write_text("all of it")
-    with pytest.raises(rs.ConfigError, match=r"what it holds .* is no sweep"):
+    with pytest.raises(rs.ConfigError, match="holds other files, such as thesis"):
         rs.sweep(BODIES, output=other, **KEYS)
     assert [path.name for path in other.iterdir()] == ["thesis.txt"]
     assert not output.exists()

@@ -23,10 +23,10 @@ def blocks(page: str, language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
 
 
-def execute(page: str) -> int:
-    """Do what the shell blocks of a page say; how many commands that are."""
+def execute(page: str, about: str = "") -> int:
+    """Do what the shell blocks of a page say that hold some words; how many commands that are."""
     commands = 0
-    for block in blocks(page, "sh"):
+    for block in (block for block in blocks(page, "sh") if about in block):
         heredoc = re.compile(r"^python - <<'PYTHON'\n(.*?)^PYTHON\n", re.MULTILINE | re.DOTALL)
         for place, part in enumerate(heredoc.split(block)):
             if place % 2:
@@ -61,6 +61,14 @@ def test_from_a_ruler_and_a_scale_to_seconds(here: Path, capsys: pytest.CaptureF
     for block in blocks("own_stone.md", "text"):
         for line in plain(block).splitlines():
             assert line == "..." or line in shown, line
+
+
+def test_the_examples_of_the_readme(here: Path):
+    chosen = ("--set", "bodies.samples=5", "-q")
+    assert invoke("run", "configs/quickstart.yaml", *chosen).exit_code == 0
+    assert execute("../README.md", "rattlesweep body") >= 4
+    (code,) = blocks("../README.md", "python")
+    exec(code, {})
 
 
 def test_the_python_page(here: Path):

@@ -12,7 +12,7 @@ CONFIG = {
     "horizon": {"t": 60},
 }
 SHARES = ["share_friction_above_0_3", "share_friction_above_0_6", "share_lift_off"]
-HEADINGS = ["mu>0.3", "mu>0.6", "lift-off"]
+HEADINGS = ["friction > 0.3", "friction > 0.6", "lift-off"]
 
 
 def test_shares_are_those_of_the_rows(tmp_path):

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import gc
 import json
 import os
-import pickle
 import re
 import signal
 import socket
@@ -13,69 +11,80 @@ import subprocess
 import sys
 import tempfile
 import time
-import urllib.error
-import urllib.request
 from collections.abc import Callable, Iterator
-from contextlib import closing, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+import pyarrow as pa
+import pyarrow.csv
 import pytest
-import sweeping
-from hardship import wait_until
-from refusal import assert_refused
-from sweeping import PROGRAM, content_hash, invoke, manifest, plan_of, proved
 
 from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.sweeps.shards import Shard
-from rattlesweep.sweeps.old import dask_cluster as daskcluster
-from rattlesweep.sweeps.old import dask_driver as daskengine
-from rattlesweep.sweeps.old import dask_worker as daskworker
-from rattlesweep.sweeps.old import session
-from rattlesweep.sweeps.old.dask_driver import make_engine
-from rattlesweep.sweeps.old.progress import Progress
-from rattlesweep.sweeps.old.run import run_sweep
-from rattlesweep.sweeps.old.store import Store
+from rattlesweep.sweeps import dask as daskengine
+from rattlesweep.sweeps import job as jobs
+from rattlesweep.sweeps.block import compute
+from rattlesweep.sweeps.config.read import load_config, parse_config
+from rattlesweep.sweeps.dask import AHEAD, make_engine
+from rattlesweep.sweeps.job import Progress
+from rattlesweep.sweeps.plan import make_plan
+from rattlesweep.sweeps.rows import Runs
+from rattlesweep.sweeps.run import Result, run_sweep
+from rattlesweep.sweeps.stored import open_stored
 
-CONFIG: dict[str, Any] = {
+ROOT = Path(__file__).parents[2]
+DASK = Path(sys.executable).with_name("dask")
+# Eight blocks of ten runs, of which each takes a moment.
+SWEEP: dict[str, Any] = {
     "name": "spread",
-    "seed": 11,
-    "bodies": {"source": "sd", "samples": 30, "target": {"K_r": [0.03, 0.1], "rel_tol": 0.1}},
-    "spin": {"n_i": [-0.1, -0.5, 0.2], "omega_xy0": [0.01, 0.1]},
-    "block_size": 32,
-}
-# Eight blocks; a `gate` lets the first one through, so that harm comes in the middle of the others.
-HELD: dict[str, Any] = {
-    "name": "held",
     "seed": 3,
     "bodies": {"source": "sd", "samples": 40},
     "spin": {"n_i": [-0.1, 0.2], "omega_xy0": 0.01},
     "horizon": {"t": 1000},
-    "block_size": 10,
 }
-# Seconds after which what a test waits for will never come, on however busy a machine.
-NEVER = 600
+REFINED = SWEEP | {
+    "bodies": {
+        "source": "grid",
+        "base": {"preset": "GH"},
+        "axes": {"theta": {"linspace": [0.6, 0.95, 33]}},
+        "refine": {"levels": 3},
+    },
+    "spin": {"n_i": {"linspace": [-0.5, -0.1, 9]}, "omega_xy0": 0.01},
+}
+# Spins of which a few reverse and most are followed for hours.
+ENDLESS = SWEEP | {"horizon": {"t": 1e10}, "spin": {"n_i": -0.9, "omega_xy0": 1e-3}}
+NEVER = 300
+"""Seconds after which what a test waits for will not come, however busy the machine is."""
 
 
-def wait_for(condition: Callable[[], Any], process: subprocess.Popen[str] | None = None) -> None:
-    wait_until(condition, NEVER, process)
+def wait_for(condition: Callable[[], Any]) -> None:
+    end = time.monotonic() + NEVER
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.01)
 
 
-def spread(
-    output: Path, address: str, config: dict[str, Any] = CONFIG, threads: int | None = None,
-    changes: dict[str, Any] | None = None, **how: Any,
-) -> Any:  # fmt: skip
-    """Run a sweep on a cluster."""
-    plan = plan_of(config, **(changes or {}))
-    return run_sweep(plan, output, engine=make_engine(address, threads=threads), **how)
+def spread(output: Path, config: dict[str, Any], engine: Any = None, **how: Any) -> Result:
+    """Run a sweep, by default with the local engine."""
+    how |= {} if engine is None else {"engine": engine}
+    return run_sweep(make_plan(parse_config(config)), output, **how)
 
 
-def in_place(output: Path) -> int:
-    return len(list(output.glob("runs/block-*.parquet")))
+def rows(output: Path) -> pa.Table:
+    return open_stored(output).read()
 
 
-def orders(output: Path) -> list[Path]:
-    return list(output.glob(".order*"))
+@pytest.fixture(autouse=True)
+def small_blocks(monkeypatch):
+    monkeypatch.setattr(jobs, "MOST_ROWS", 10)
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory) -> pa.Table:
+    """Rows of the sweep by the local engine."""
+    directory = tmp_path_factory.mktemp("plain") / "out"
+    spread(directory, SWEEP, threads=1)
+    return rows(directory)
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +93,7 @@ def cluster() -> Iterator[str]:
     from distributed import LocalCluster
 
     path = sys.path[:]
-    with daskcluster.quiet(), LocalCluster(
+    with daskengine._quiet(), LocalCluster(
         n_workers=2, threads_per_worker=2, processes=False, protocol="tcp", host="127.0.0.1",
         dashboard_address="127.0.0.1:0", memory_limit=0,
     ) as it:  # fmt: skip
@@ -93,14 +102,15 @@ def cluster() -> Iterator[str]:
 
 
 class Cluster:
-    """A scheduler and workers, each a process of its own, on the loopback address."""
+    """A scheduler and workers that a test may harm, each a process of its own."""
 
-    def __init__(self, place: Path, workers: int, *, ttl: str = "5 minutes") -> None:
-        self.place = place
-        self.processes: list[subprocess.Popen[bytes]] = []
-        self._environment = {
-            "DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": ttl,
+    def __init__(self, place: Path, gate: Path) -> None:
+        self.place, self.processes = place, []
+        helper = Path(__file__).parents[1] / "helpers" / "gate.py"
+        self._environment = os.environ | {
             "DASK_TEMPORARY_DIRECTORY": str(place),
+            "DASK_DISTRIBUTED__WORKER__PRELOAD": json.dumps([str(helper)]),
+            "RATTLESWEEP_TESTS_GATE": str(gate),
         }
         file = place / "scheduler.json"
         self.scheduler = self._start(
@@ -110,495 +120,428 @@ class Cluster:
         # Dask does not write it in one step.
         wait_for(lambda: file.exists() and file.read_text().endswith("}"))
         self.address = json.loads(file.read_text())["address"]
-        self.workers = [self.worker() for _ in range(workers)]
 
-    def worker(self, **environment: str) -> subprocess.Popen[bytes]:
-        """One more, with more variables."""
-        return self._start("worker", self.address, "--host", "127.0.0.1", "--nthreads", "2",
-                           "--no-nanny", "--no-dashboard", **environment)  # fmt: skip
+    def worker(self, **environment: Any) -> subprocess.Popen[bytes]:
+        """Start a worker, and wait until the scheduler knows it."""
+        from distributed import Client
 
-    def _start(self, *command: str, **environment: str) -> subprocess.Popen[bytes]:
+        process = self._start("worker", self.address, "--host", "127.0.0.1", "--nthreads", "2",
+                              "--no-nanny", "--no-dashboard", **environment)  # fmt: skip
+        with Client(self.address, set_as_default=False) as client:
+            client.wait_for_workers(len(self.processes) - 1)
+        return process
+
+    def _start(self, *command: str, **environment: Any) -> subprocess.Popen[bytes]:
+        variables = {name: str(value) for name, value in environment.items()}
         with open(self.place / f"{len(self.processes)}.log", "wb") as log:
             process = subprocess.Popen(
-                [PROGRAM.with_name("dask"), *command],
-                env=os.environ | self._environment | environment,
+                [DASK, *command], env=self._environment | variables, cwd=self.place,
                 stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True,
             )  # fmt: skip
         self.processes.append(process)
         return process
 
-    def stop(self) -> None:
-        for process in self.processes:
-            process.kill()
-            process.wait()
-
 
 @pytest.fixture
-def own_cluster(tmp_path) -> Iterator[Callable[..., Cluster]]:
-    """One to be harmed."""
-    begun: list[Cluster] = []
-
-    def begin(workers: int, **options: Any) -> Cluster:
-        place = tmp_path / "cluster"
-        place.mkdir()
-        begun.append(Cluster(place, workers, **options))
-        return begun[0]
-
-    yield begin
-    for it in begun:
-        it.stop()
-
-
-@pytest.fixture(scope="module")
-def plain(tmp_path_factory) -> str:
-    """Content of the sweep done at once, by one thread."""
-    directory = tmp_path_factory.mktemp("plain") / "out"
-    sweeping.sweep(directory, CONFIG, threads=1)
-    return content_hash(directory)
-
-
-@pytest.fixture(scope="module")
-def held_plain(tmp_path_factory) -> str:
-    directory = tmp_path_factory.mktemp("held") / "out"
-    sweeping.sweep(directory, HELD)
-    return content_hash(directory)
-
-
-@pytest.fixture
-def gate(tmp_path, monkeypatch) -> Path:
-    """What holds the blocks of workers begun from now on, but one; `open` in it lets all go on."""
+def gate(tmp_path) -> Path:
+    """Directory that lets one block through; with a file `open` in it, all."""
     place = tmp_path / "gate"
     place.mkdir()
     (place / "ticket").touch()
-    monkeypatch.setenv("RATTLESWEEP_TESTS_GATE", str(place))
-    preload = json.dumps([str(Path(__file__).parents[1] / "helpers" / "gate.py")])
-    monkeypatch.setenv("DASK_DISTRIBUTED__WORKER__PRELOAD", preload)
-    return place / "open"
+    return place
 
 
 @pytest.fixture
-def begin(tmp_path) -> Callable[..., subprocess.Popen[str]]:
-    """The program, in a group of its own as a terminal has it; its output is ``out``."""
-
-    def started(config: dict[str, Any], *options: Any) -> subprocess.Popen[str]:
-        (tmp_path / "sweep.yaml").write_text(json.dumps(config))
-        args = ("run", tmp_path / "sweep.yaml", "--output", tmp_path / "out", "--engine", "dask")
-        process = sweeping.start(*args, *options, start_new_session=True)
-        if config is HELD:  # with the one block in place that the `gate` lets through
-            wait_for(lambda: in_place(tmp_path / "out") >= 1, process)
-        return process
-
-    return started
+def own_cluster(tmp_path, gate) -> Iterator[Cluster]:
+    """A scheduler without workers; blocks of its workers are held by the gate."""
+    (tmp_path / "cluster").mkdir()
+    it = Cluster(tmp_path / "cluster", gate)
+    yield it
+    for process in it.processes:
+        process.kill()
+        process.wait()
 
 
-# -- the same table ----------------------------------------------------------------------------
+# -- the same rows -----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("count", "threads"), [(1, 2), (7, 1)])
-def test_workers_come_to_the_same_table_for_any_threads_and_shares(
-    count, threads, cluster, plain, tmp_path
+def table_of_bodies(folder: Path) -> dict[str, Any]:
+    """Config with a table, of bodies of the sweep and their launches."""
+    spread(folder / "bodies", SWEEP | {"model": "gh"})
+    names = ["alpha", "beta", "gamma", "theta", "phi", "xi", "n_i", "omega_xy0"]
+    pyarrow.csv.write_csv(rows(folder / "bodies").select(names), folder / "bodies.csv")
+    config = {key: value for key, value in SWEEP.items() if key != "spin"}
+    return config | {"bodies": {"source": "table", "path": str(folder / "bodies.csv")}}
+
+
+@pytest.mark.parametrize("name", ["quickstart", "table", "refine"])
+def test_rows_are_those_of_the_local_engine(name, cluster, tmp_path):
+    sets = ["bodies.samples=6", "bodies.target.rel_tol=0.1"]
+    config = {
+        "quickstart": lambda: load_config(ROOT / "configs" / "quickstart.yaml", sets),
+        "table": lambda: parse_config(table_of_bodies(tmp_path)),
+        "refine": lambda: parse_config(REFINED),
+    }[name]()
+    waves = []
+
+    def engine(job: Any, blocks: Any) -> Any:
+        waves.append(job)
+        return honest(job, blocks)
+
+    honest = make_engine(cluster)
+    run_sweep(make_plan(config), tmp_path / "local")
+    result = run_sweep(make_plan(config), tmp_path / "dask", engine=engine)
+    assert result.summary is not None
+    assert result.runs == result.done == len(rows(tmp_path / "dask"))
+    assert rows(tmp_path / "dask").equals(rows(tmp_path / "local"))
+    assert (len(waves) > 1) == (name == "refine")
+
+
+def test_blocks_in_flight_are_bounded_and_progress_is_told(cluster, plain, tmp_path):
+    honest, counts, flying, seen = make_engine(cluster), [0, 0], [], []
+
+    def engine(job: Any, blocks: Any) -> Iterator[pa.Table]:
+        def drawn() -> Iterator[Any]:
+            for keys in blocks:
+                counts[0] += 1
+                flying.append(counts[0] - counts[1])
+                yield keys
+
+        for table in honest(job, drawn()):
+            counts[1] += 1
+            yield table
+
+    def report(progress: Progress) -> None:
+        seen.append(progress.runs)
+
+    jobs.MOST_ROWS = 2  # given back by `small_blocks`
+    spread(tmp_path, SWEEP, engine, report=report)
+    assert rows(tmp_path).equals(plain)
+    assert counts == [40, 40]
+    # One more is drawn before it is known whether a worker is free.
+    assert 2 < max(flying) <= 2 * AHEAD + 1
+    assert seen == sorted(seen)
+    assert 3 < len(set(seen)) <= 41
+
+
+def test_workers_need_no_disk_in_common_and_a_killed_one_costs_nothing(
+    own_cluster, gate, tmp_path, plain
 ):
-    shards = [None] if count == 1 else [Shard(i, count) for i in range(count)]
-    reports = [spread(tmp_path, cluster, threads=threads, shard=shard) for shard in shards]
-    assert sum(report.blocks for report in reports) == 12
-    assert reports[-1].summary is not None
-    assert proved(tmp_path) == plain
-    # Nothing but the sweep is left.
-    left = {p.name for p in tmp_path.iterdir()} - {".locks"}
-    assert left == {"manifest.json", "runs", "summary.parquet"}
-    receipts = manifest(tmp_path)["receipts"].values()
-    assert len(receipts) == 12
-    assert all(receipt["seconds"] > 0 for receipt in receipts)
+    (gate / "open").touch()
+    closed = tmp_path / "closed"
+    closed.mkdir()
+    (tmp_path / "shut").mkdir()
+    own_cluster.worker(RATTLESWEEP_TESTS_CLOSED=closed)
+    mortal = own_cluster.worker(RATTLESWEEP_TESTS_GATE=tmp_path / "shut")
+    config = table_of_bodies(closed)
+
+    def kill(progress: Progress) -> None:
+        if progress.runs >= 40:  # it holds blocks; the other does its own, and then those
+            mortal.kill()
+
+    result = spread(closed / "out", config, make_engine(own_cluster.address), report=kill)
+    assert mortal.wait() == -signal.SIGKILL
+    assert result.done == 80
+    names = ["n_i", "alpha", "t_end", "n_end", "energy_drift", "status"]
+    assert (
+        rows(closed / "out")
+        .select(names)
+        .sort_by("n_end")
+        .equals(plain.select(names).sort_by("n_end"))
+    )
 
 
-@pytest.mark.slow
-def test_embedded_cluster_comes_to_the_same_table(begin, plain, tmp_path):
-    process = begin(CONFIG, "--workers", "2")
-    printed, said = process.communicate(timeout=NEVER)
-    assert process.returncode == 0, said
-    # Beside a line of progress a minute.
-    lines = [line for line in said.splitlines() if "%" not in line]
-    assert [line.split()[0] for line in lines] == ["360", "see"]
-    assert printed.count("\n") >= 12  # a row for each case
-    assert proved(tmp_path / "out") == plain
+# -- stops -------------------------------------------------------------------------------------
 
 
-def test_blocks_in_place_are_not_done_again(cluster, plain, tmp_path):
-    sweeping.sweep(tmp_path, CONFIG, shard=Shard(0, 2))
-    there = {path: path.stat().st_mtime_ns for path in (tmp_path / "runs").iterdir()}
-    report = spread(tmp_path, cluster)
-    assert report.blocks == 12 - len(there)
-    assert {path: path.stat().st_mtime_ns for path in there} == there
-    assert content_hash(tmp_path) == plain
+@pytest.mark.parametrize("how", ["time", "interrupt"])
+def test_stop_keeps_the_runs_that_have_ended_and_frees_the_workers(
+    how, cluster, plain, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(jobs, "MOST_ROWS", 40)
+    engine, output, controls = make_engine(cluster, threads=1), tmp_path / "out", []
+
+    def noted(*args: Any) -> Any:  # workers are threads of this process
+        controls.append(args[-1])
+        return compute(*args)
+
+    def some_ended(*_: Any) -> bool:
+        return any(control.runs_done for control in controls)
+
+    def interrupt(progress: Progress) -> None:
+        if some_ended():
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(daskengine, "compute", noted)
+        if how == "time":
+            patch.setattr(jobs.Job, "over", some_ended)
+            result = spread(output, ENDLESS, engine)
+            assert str(result.stopped).startswith("the time")
+            done, lost = result.done, result.lost
+        else:
+            with pytest.raises(KeyboardInterrupt) as caught:
+                spread(output, ENDLESS, engine, report=interrupt)
+            done, lost = map(int, re.findall(r"\d+", caught.value.__notes__[0]))
+    assert 0 < done == len(rows(output)) < 40
+    assert lost > 0
+    assert set(rows(output)["status"].to_pylist()) == {"ok"}
+    # The workers are free for something else at once.
+    spread(tmp_path / "next", SWEEP, make_engine(cluster))
+    assert rows(tmp_path / "next").equals(plain)
 
 
-SIZES: list[int] = []
+def test_stopped_sweeps_resume_to_the_same_rows(cluster, plain, tmp_path):
+    sessions = [spread(tmp_path, SWEEP, make_engine(cluster, threads=1), max_time=1e-9)]
+    while sessions[-1].stopped:
+        assert len(sessions) < 40
+        sessions.append(spread(tmp_path, SWEEP, make_engine(cluster, threads=1), max_time=1e-9))
+    assert sum(result.done for result in sessions) == 80
+    assert rows(tmp_path).equals(plain)
 
 
-def weighed(order: str, index: int, begun: bool) -> Any:
-    """A block, with the bytes of the answer noted: workers are threads of this process."""
-    answer = daskworker.do_block(order, index, begun)
-    SIZES.append(len(pickle.dumps(answer)))
-    return answer
+def test_rows_that_cannot_be_written_end_the_sweep_and_free_the_workers(
+    cluster, plain, tmp_path, monkeypatch
+):
+    def full(*args: Any) -> None:
+        raise OutputError("the disk is full")
 
-
-def test_progress_is_told_and_what_flies_and_travels_is_bounded(cluster, tmp_path, monkeypatch):
-    from distributed import Client
-
-    flying, ever, honest = [], [], Client.submit
-
-    def submit(self: Any, *args: Any, **kwargs: Any) -> Any:
-        flying.append(honest(self, *args, **kwargs))
-        ever.append(sum(not future.done() for future in flying))
-        return flying[-1]
-
-    monkeypatch.setattr(Client, "submit", submit)
-    monkeypatch.setattr(daskengine, "do_block", weighed)
-    seen: list[Progress] = []
-    spread(tmp_path, cluster, changes={"block_size": 10}, report=seen.append)
-    fractions = [progress.fraction for progress in seen]
-    assert fractions == sorted(fractions)
-    assert fractions[-1] == pytest.approx(1.0)
-    assert seen[-1].runs == seen[-1].total == 360
-    assert len(set(fractions)) > 3
-    assert 2 <= max(ever) <= 2 * 2
-    assert len(SIZES) == 36
-    assert max(SIZES) < 500
-
-
-def test_time_that_is_up_stops_the_driver_and_the_workers(cluster, tmp_path, monkeypatch):
-    monkeypatch.setattr(daskworker, "LOOK_EVERY", 0.1)
-    monkeypatch.setattr(session, "GRACE", 0.5)
-    output = tmp_path / "out"
-    # Spins that never reverse, and would be watched for hours; a few do, and are kept.
-    never = {"block_size": 40, "horizon": {"t": 1e10}, "spin": {"n_i": -0.9, "omega_xy0": 1e-3}}
-    report = spread(output, cluster, HELD, changes=never, max_time=0.5)
-    assert report.stopped is not None
-    assert report.stopped.startswith("the time")
-    assert not any(Store(output).is_complete(index) for index in Store(output).block_indices())
-    assert orders(output) == []
-    # The workers hear it: they are free for something else at once.
-    assert spread(tmp_path / "small", cluster).summary is not None
-
-
-@pytest.mark.slow
-def test_stopped_workers_hand_in_what_has_ended(cluster, held_plain, tmp_path):
-    reports = []
-    while not reports or reports[-1].stopped:
-        how = {"changes": {"block_size": 80}, "threads": 1, "max_time": 1e-9}
-        reports.append(spread(tmp_path, cluster, HELD, **how))
-        assert len(reports) < 30
-        proved(tmp_path)
-    assert sum(report.done for report in reports) == 80
-    assert content_hash(tmp_path) == held_plain
+    with monkeypatch.context() as patch:
+        patch.setattr(Runs, "append", full)
+        with pytest.raises(OutputError, match="the disk is full"):
+            spread(tmp_path, SWEEP, make_engine(cluster))
+    assert spread(tmp_path, SWEEP, make_engine(cluster)).done == 80
+    assert rows(tmp_path).equals(plain)
 
 
 # -- harm --------------------------------------------------------------------------------------
 
 
-def test_lost_workers_cost_nothing_but_time_and_a_lost_scheduler_is_one_sentence(
-    gate, own_cluster, held_plain, tmp_path, monkeypatch
+def test_lost_scheduler_and_one_without_workers_are_one_sentence(
+    own_cluster, tmp_path, plain, monkeypatch
 ):
-    from distributed import Client
-
-    monkeypatch.setattr(daskengine, "RETURN", 1.0)
-    it, output = own_cluster(0), tmp_path / "killed"
+    it, output = own_cluster, tmp_path / "out"
     with monkeypatch.context() as patch:
         patch.setattr(daskengine, "WORKERLESS", 1.0)
         with pytest.raises(OutputError) as caught:
-            spread(tmp_path / "none", it.address)
+            spread(output, SWEEP, make_engine(it.address))
     assert f"the scheduler at {it.address} has had no worker for 1 s" in str(caught.value)
-    assert f"`dask worker {it.address}`" in str(caught.value)
-    gate.touch()
-    (tmp_path / "shut").mkdir()
     it.worker()
-    mortal = it.worker(RATTLESWEEP_TESTS_GATE=str(tmp_path / "shut"))
-    with Client(it.address, set_as_default=False) as client:
-        client.wait_for_workers(2)
 
-    def kill_worker(progress: Progress) -> None:
-        if in_place(output) >= 4:  # it holds its blocks; the other does its own, and then those
-            mortal.kill()
-
-    spread(output, it.address, HELD, report=kill_worker)
-    assert mortal.wait() == -signal.SIGKILL
-    assert proved(output) == held_plain
-    gate.unlink()
-    lost = tmp_path / "lost"
-
-    def kill_scheduler(progress: Progress) -> None:
-        if in_place(lost) == 1:
+    def kill(progress: Progress) -> None:
+        if progress.runs == 10:  # the gate holds the other blocks
             it.scheduler.kill()
 
     with pytest.raises(OutputError) as caught:
-        spread(lost, it.address, HELD, report=kill_scheduler)
+        spread(output, SWEEP, make_engine(it.address), report=kill)
     assert str(caught.value) == (
-        f"the scheduler at {it.address} is lost; completed work is kept, and with a new one "
-        "the same command resumes from there"
+        f"the scheduler at {it.address} is lost; completed runs are kept, and with a new one the "
+        "same command resumes from there"
     )
-    assert (orders(lost), in_place(lost)) == ([], 1)
-    assert sweeping.sweep(lost, HELD).resumed_runs == 10
-    assert proved(lost) == held_plain
+    assert spread(output, SWEEP).resumed_runs == 10
+    assert rows(output).equals(plain)
 
 
-def children(pid: int) -> list[int]:
-    """Processes that come from one, in any generation."""
-    found = []
-    for path in Path(f"/proc/{pid}/task").glob("*/children"):
-        with suppress(OSError):  # the thread has just ended
-            for child in map(int, path.read_text().split()):
-                found += [child, *children(child)]
-    return found
+SCRIPT = f"""
+import json, sys
+from pathlib import Path
+from rattlesweep.sweeps import job
+from rattlesweep.sweeps.config.read import parse_config
+from rattlesweep.sweeps.dask import make_engine
+from rattlesweep.sweeps.plan import make_plan
+from rattlesweep.sweeps.run import run_sweep
+
+if __name__ == "__main__":
+    job.MOST_ROWS = 10
+    engine, plan = make_engine(**json.loads(sys.argv[2])), make_plan(parse_config({SWEEP!r}))
+    try:
+        run_sweep(plan, Path(sys.argv[1]), engine=engine)
+    except KeyboardInterrupt as error:
+        print(*error.__notes__, file=sys.stderr)
+        sys.exit(130)
+"""
 
 
-def command_of(pid: int) -> bytes:
-    """Its words; none of one that has ended."""
-    with suppress(OSError):
-        return Path(f"/proc/{pid}/cmdline").read_bytes()
-    return b""
+@pytest.fixture
+def driver(tmp_path, gate) -> Iterator[Callable[..., subprocess.Popen[str]]]:
+    """A driver in a process group of its own, as a terminal has it; one block has been done."""
+    started: list[subprocess.Popen[str]] = []
+
+    def start(output: Path, **options: Any) -> subprocess.Popen[str]:
+        (tmp_path / "script.py").write_text(SCRIPT)
+        helper = Path(__file__).parents[1] / "helpers" / "gate.py"
+        process = subprocess.Popen(
+            [sys.executable, tmp_path / "script.py", output, json.dumps(options)],
+            env=os.environ | {
+                "DASK_DISTRIBUTED__WORKER__PRELOAD": json.dumps([str(helper)]),
+                "RATTLESWEEP_TESTS_GATE": str(gate),
+            },
+            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+            start_new_session=True,
+        )  # fmt: skip
+        started.append(process)
+        wait_for(lambda: any(output.glob("runs/*.parquet")) or process.poll() is not None)
+        return process
+
+    yield start
+    for process in started:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
 
 
 def workers_of(process: subprocess.Popen[str]) -> list[int]:
-    """The two workers of an embedded cluster, told from Python's own helpers."""
-    found: list[int] = []
-
-    def look() -> bool:
-        found[:] = [c for c in children(process.pid) if b"multiprocessing.spawn" in command_of(c)]
-        return len(found) == 2
-
-    wait_for(look, process)
+    """Process ids of the workers of an embedded cluster, told from Python's own helpers."""
+    found = []
+    for path in Path(f"/proc/{process.pid}/task").glob("*/children"):
+        for child in map(int, path.read_text().split()):
+            with suppress(OSError):
+                if b"multiprocessing.spawn" in Path(f"/proc/{child}/cmdline").read_bytes():
+                    found.append(child)
     return found
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_signal_to_the_whole_group_ends_it_quietly(number, gate, begin, held_plain, tmp_path):
-    process = begin(HELD, "--workers", "2")
+def test_ctrl_c_to_the_whole_group_ends_an_embedded_cluster_quietly(driver, plain, tmp_path):
+    process = driver(tmp_path / "out", workers=2)
     workers = workers_of(process)
-    os.killpg(process.pid, number)
+    os.killpg(process.pid, signal.SIGINT)
     said = process.communicate(timeout=NEVER)[1]
-    assert process.returncode == 128 + number
-    word = "interrupted" if number == signal.SIGINT else "terminated"
-    assert re.fullmatch(
-        rf"{word}; \d+ runs are kept, \d+ in flight were lost, and the same command resumes from "
-        "there\n",
-        said,
-    )
-    wait_for(lambda: not any(map(command_of, workers)))
-    assert orders(tmp_path / "out") == []
-    sweeping.sweep(tmp_path / "out", HELD)
-    assert content_hash(tmp_path / "out") == held_plain
+    assert process.returncode == 130, said
+    assert re.fullmatch(r"\d+ runs are kept, \d+ in flight were lost\n", said)
+    assert len(workers) == 2
+    wait_for(lambda: not any(Path(f"/proc/{pid}").exists() for pid in workers))
+    spread(tmp_path / "out", SWEEP)
+    assert rows(tmp_path / "out").equals(plain)
 
 
 @pytest.mark.slow
 def test_killed_and_paused_workers_of_an_embedded_cluster_are_replaced(
-    gate, begin, held_plain, tmp_path
+    driver, gate, plain, tmp_path
 ):
-    process = begin(HELD, "--workers", "2")
+    process = driver(tmp_path / "out", workers=2)
     first, second = workers_of(process)
     os.kill(first, signal.SIGKILL)
     os.kill(second, signal.SIGSTOP)
-    gate.touch()
+    (gate / "open").touch()
     said = process.communicate(timeout=NEVER)[1]
-    assert process.returncode == 0, said
-    assert content_hash(tmp_path / "out") == held_plain
-    # What a killed worker was at may lie there, and the next run takes it away.
-    assert sweeping.sweep(tmp_path / "out", HELD).resumed_runs == 80
-    assert proved(tmp_path / "out") == held_plain
+    assert (process.returncode, said) == (0, "")
+    assert rows(tmp_path / "out").equals(plain)
 
 
 @pytest.mark.slow
-def test_paused_worker_is_given_up_and_may_come_back(
-    gate, own_cluster, begin, held_plain, tmp_path
-):
-    it = own_cluster(2, ttl="6s")
-    process = begin(HELD, "--scheduler", it.address, "--threads", "1")
-    os.kill(it.workers[0].pid, signal.SIGSTOP)
-    gate.touch()
-    said = process.communicate(timeout=NEVER)[1]
-    assert process.returncode == 0, said
-    assert content_hash(tmp_path / "out") == held_plain
-    os.kill(it.workers[0].pid, signal.SIGCONT)
-    time.sleep(3)
-    # It finds the order gone, or writes what is there already.
-    assert proved(tmp_path / "out") == held_plain
+def test_blocks_of_a_killed_driver_are_dropped(driver, own_cluster, gate, plain, tmp_path):
+    from distributed import Client
 
-
-@pytest.mark.slow
-def test_killed_driver_leaves_workers_that_stop_and_a_directory_that_goes_on(
-    gate, own_cluster, begin, held_plain, tmp_path
-):
-    it = own_cluster(2)
-    process = begin(HELD, "--scheduler", it.address, "--threads", "1")
+    own_cluster.worker()
+    process = driver(tmp_path / "out", scheduler=own_cluster.address)
     process.kill()
     process.communicate()
-    gate.touch()
-    assert spread(tmp_path / "out", it.address, HELD).summary is not None
-    assert orders(tmp_path / "out") == []
-    assert proved(tmp_path / "out") == held_plain
+    with Client(own_cluster.address, set_as_default=False) as client:
+        # The gate is still shut, so blocks end only if the worker sees that nobody waits for them.
+        wait_for(
+            lambda: not any(client.run(lambda dask_worker: dask_worker.active_threads).values())
+        )
+    (gate / "ticket").touch()
+    begun = driver(tmp_path / "next", scheduler=own_cluster.address)
+    assert not (gate / "ticket").exists()
+    (gate / "open").touch()
+    assert begun.wait(NEVER) == 0
+    assert rows(tmp_path / "next").equals(plain)
 
 
 def test_embedded_cluster_is_closed_to_others_and_has_a_directory_of_its_own(tmp_path, monkeypatch):
     from distributed import Client
 
-    # A place that somebody else has prepared.
-    planted = tmp_path / "dask-scratch-space"
+    planted = tmp_path / "dask-scratch-space"  # somebody else has prepared it
     planted.mkdir(mode=0o777)
-    (planted / "planted.py").write_text("")
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     monkeypatch.setenv("TMPDIR", str(tmp_path))
-
-    def look(dask_worker: Any) -> tuple[list[str], str]:
-        return sys.path, dask_worker.local_directory
-
-    # Where clusters open a page unless told otherwise.
-    taken = socket.socket()
-    with suppress(OSError):
-        taken.bind(("127.0.0.1", 8787))
-        taken.listen()
-    with closing(taken), daskcluster.embedded(1, 1) as client, daskcluster.quiet():
-        ((path, scratch),) = client.run(look).values()
+    before = sys.path[:]
+    with daskengine._quiet(), daskengine.embedded(1, 1) as client:
+        assert sys.path == before
+        (paths,) = client.run(lambda: sys.path).values()
         (private,) = tmp_path.glob("rattlesweep-dask-*")
         assert private.stat().st_mode & 0o777 == 0o700
-        assert Path(scratch).is_relative_to(private)
-        for place in (*path, *sys.path):
-            assert "dask-scratch-space" not in place
-        # No dashboard, and nothing to read where Dask opens a port all the same.
-        at = client.run_on_scheduler(lambda dask_scheduler: dask_scheduler.http_server.port)
-        for page in ("status", "info/main/workers.html", "metrics", "json/counts.json"):
-            with pytest.raises(urllib.error.HTTPError, match="404"):
-                urllib.request.urlopen(f"http://127.0.0.1:{at}/{page}", timeout=20)
+        below = [path for path in paths if Path(path).is_relative_to(tmp_path)]
+        assert all(Path(path).is_relative_to(private) for path in below)
         address = client.scheduler.address
         assert address.startswith("tls://127.0.0.1:")
         for other in (address, address.replace("tls", "tcp")):
             with pytest.raises((OSError, TypeError)):
                 Client(other, timeout=1, set_as_default=False)
-            # Now: collected while another begins, it waits for a lock that this one holds.
-            gc.collect()
     assert not private.exists()
-    assert [p.name for p in planted.iterdir()] == ["planted.py"]
+    assert not list(planted.iterdir())
 
 
-# -- workers that do not fit -------------------------------------------------------------------
+# -- what is refused ---------------------------------------------------------------------------
 
 
-def lose_worker(order: str, index: int, begun: bool) -> None:
+def test_worker_of_another_version_is_refused(cluster, tmp_path, monkeypatch):
+    answers = iter([{"numba": "0.1"}])  # the driver's; workers are threads of this process
+    monkeypatch.setattr(daskengine, "essentials", lambda: next(answers, {"numba": "0.2"}))
+    sentence = (
+        r"^the worker at tcp://127\S+ on \S+: it would compute other bits: numba 0.2 there, 0.1 "
+        "here; give all workers the environment of the driver$"
+    )
+    with pytest.raises(OutputError, match=sentence):
+        spread(tmp_path, SWEEP, make_engine(cluster))
+    assert not list(tmp_path.glob("runs/*"))
+
+
+def fails(*args: Any) -> None:
+    raise MemoryError("no room")
+
+
+def is_missing(*args: Any) -> None:
+    raise ModuleNotFoundError("No module named 'rattlesweep'")
+
+
+def kills(*args: Any) -> None:
     from distributed import KilledWorker
 
     raise KilledWorker("x", type("Worker", (), {"address": "tcp://127.0.0.1:5"})(), 3)
 
 
-def lack_package(order: str, index: int, begun: bool) -> None:
-    raise ModuleNotFoundError("No module named 'rattlesweep'")
-
-
 @pytest.mark.parametrize(
-    ("block", "words"),
+    ("name", "function", "words"),
     [
-        (lose_worker, r"block \d+ is given up: workers .*tcp://127.0.0.1:5"),
-        (lack_package, "a worker cannot import rattlesweep"),
-    ],
-)
-def test_blocks_that_no_worker_can_do_are_given_up(block, words, cluster, tmp_path, monkeypatch):
-    monkeypatch.setattr(daskengine, "do_block", block)
-    with pytest.raises(OutputError, match=words):
-        spread(tmp_path, cluster)
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        # As on a machine with another file system.
-        (None, r"the worker at tcp://127\S+ on \S+ does not see /"),
-        ({"essentials": {"numba": "0.1"}},
-         r"^the worker at tcp://127\S+ on \S+ would compute other bits: numba \S+ there, 0.1 here; "
-         "give all workers the environment of the driver$"),
-        ({"hash": "0"}, "sees another table of bodies than the driver on "),
+        ("compute", fails, r"^the worker at tcp://127\S+ on \S+: MemoryError: no room$"),
+        ("do_block", is_missing, "cannot read a block .*'rattlesweep'.*environment of the driver$"),
+        ("do_block", kills, r"^the block that begins with case 0, sample \d+ is given up: workers "
+                            r".*tcp://127.0.0.1:5"),
     ],
 )  # fmt: skip
-def test_workers_that_do_not_fit_are_named(change, words, cluster, tmp_path, monkeypatch):
-    honest = daskengine.place_order
-
-    def place(*args: Any) -> Path:
-        order = honest(*args)
-        if change is None:
-            order.unlink()
-        else:
-            order.write_text(json.dumps(json.loads(order.read_text()) | change))
-        return order
-
-    monkeypatch.setattr(daskengine, "place_order", place)
-    with pytest.raises(OutputError, match=words):
-        spread(tmp_path, cluster)
-    assert in_place(tmp_path) == 0
-
-
-def test_file_that_cannot_be_written_is_told_by_the_worker(cluster, tmp_path):
-    sweeping.sweep(tmp_path, CONFIG, shard=Shard(0, 2))
-    files = (tmp_path / f"runs/block-{index:06d}.parquet" for index in range(12))
-    absent = next(file for file in files if not file.exists())
-    absent.mkdir()
-    with pytest.raises(OutputError, match=rf"cannot write .*{absent.stem}"):
-        spread(tmp_path, cluster)
-
-
-# -- options, and living without it ------------------------------------------------------------
-
-
-@pytest.fixture
-def command(tmp_path) -> Callable[..., Any]:
-    """``run`` with some options."""
-    (tmp_path / "sweep.yaml").write_text(json.dumps(CONFIG))
-    place = ("run", tmp_path / "sweep.yaml", "--output", tmp_path / "out")
-    return lambda *options: invoke(*place, *options)
-
-
-def test_address_where_nobody_is_is_told(command, monkeypatch):
-    monkeypatch.setattr(daskcluster, "REACH", 1.0)
-    # Nor does it wait for the kernel, nor for a port where something else is silent.
-    monkeypatch.setattr(daskengine, "load_kernel", None)
-    with socket.socket() as other:
-        other.bind(("127.0.0.1", 0))
-        other.listen()
-        silent = f"tcp://127.0.0.1:{other.getsockname()[1]}"
-        for address in ("tcp://127.0.0.1:9", "nonsense", silent):
-            result = command("--engine", "dask", "--scheduler", address)
-            assert_refused(result, 1, f"--scheduler {address}: no Dask scheduler answers there")
-
-
-@pytest.mark.parametrize(
-    ("options", "sentence"),
-    [
-        (("--scheduler", "tcp://127.0.0.1:1"), "--scheduler: is for --engine dask"),
-        (("--workers", "2"), "--workers: is for --engine dask"),
-        (("--engine", "dask", "--scheduler", "tcp://127.0.0.1:1", "--workers", "2"),
-         "--workers: the workers of --scheduler are those that it has"),
-        (("--engine", "dask"), "pip install 'rattlesweep[dask]'"),
-    ],
-)  # fmt: skip
-def test_options_that_contradict_each_other_and_a_missing_dask_are_told(
-    options, sentence, command, tmp_path, monkeypatch
+def test_blocks_that_cannot_be_done_are_one_sentence(
+    name, function, words, cluster, tmp_path, monkeypatch
 ):
-    if len(options) == 2 and "dask" in options:
-        monkeypatch.setitem(sys.modules, "distributed", None)
-        with pytest.raises(ConfigError):
-            make_engine()
-    assert_refused(command(*options), 2, sentence)
-    assert not (tmp_path / "out").exists()
+    monkeypatch.setattr(daskengine, name, function)
+    with pytest.raises(OutputError, match=words):
+        spread(tmp_path, SWEEP, make_engine(cluster))
 
 
-def test_nothing_else_needs_dask(tmp_path):
-    script = f"""
-import sys
-sys.modules["dask"] = sys.modules["distributed"] = None
-import rattlesweep
-from rattlesweep.cli import COMMANDS, main
-from click.testing import CliRunner
-for command in COMMANDS:
-    assert CliRunner().invoke(main, [command, "--help"]).exit_code == 0, command
-rattlesweep.sweep({ {**CONFIG, "model": "gh", "output": str(tmp_path / "out")}!r})
-"""
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True,
-                          check=False)  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert in_place(tmp_path / "out") == 12
+def test_config_that_asks_for_too_much_is_the_same_error_as_without_dask(cluster, tmp_path):
+    aim = {"target": {"K_r": 5.0, "max_draws": 10}}
+    config = SWEEP | {"bodies": SWEEP["bodies"] | aim}
+    with pytest.raises(ConfigError, match=r"bodies.target.K_r: 5 was not met"):
+        spread(tmp_path, config, make_engine(cluster))
+
+
+def test_address_where_nobody_is_is_told(tmp_path, monkeypatch):
+    monkeypatch.setattr(daskengine, "REACH", 1.0)
+    with socket.socket() as silent:
+        silent.bind(("127.0.0.1", 0))
+        silent.listen()
+        port = silent.getsockname()[1]
+        for address in ("tcp://127.0.0.1:9", "nonsense", f"tcp://127.0.0.1:{port}"):
+            sentence = f"^--scheduler {address}: no Dask scheduler answers there"
+            with pytest.raises(OutputError, match=sentence):
+                spread(tmp_path, SWEEP, make_engine(address))
+
+
+def test_missing_dask_and_options_that_contradict_each_other_are_told(monkeypatch):
+    with pytest.raises(ConfigError, match="--workers: the workers of --scheduler are"):
+        make_engine("tcp://127.0.0.1:9", workers=2)
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(ConfigError, match=r"pip install '\.\[dask\]'"):
+        make_engine()

@@ -183,7 +183,7 @@ def test_summary_by_case_and_types(swept, tmp_path):
     assert proved(directory) != before
     assert invoke("classify", directory, "--set", "classify.dead_energy=0.01").exit_code == 0
     assert proved(directory) == before
-    for command in (["plan", path, "--budget", "0.3s"], ["validate", path],
+    for command in (["plan", path, "--budget", "0.3s"], ["plan", path, "--check"],
                     ["run", path, "--dry-run"]):  # fmt: skip
         done = invoke(*command)
         assert done.exit_code == 0
@@ -197,7 +197,7 @@ def test_runs_are_replayed_shown_and_reported(swept, tmp_path):
     replayed = invoke("replay", *one, "--points", 3)
     assert "bit for bit" in replayed.stderr
     page = tmp_path / "p.html"
-    assert invoke("show", "--from", *one, "--t-end", 20, "--output", page).exit_code == 0
+    assert invoke("show", *one, "--t-end", 20, "--output", page).exit_code == 0
     assert "rolling 0.001" in page.read_text()
     assert invoke("report", swept.directory, "--output", page).exit_code == 0
     assert 'class="number">σ</th>' in page.read_text()
@@ -367,7 +367,7 @@ def test_what_makes_no_sense_is_refused_in_a_sentence(name, tmp_path):
 
 def test_a_decay_that_only_some_runs_have_is_remarked(tmp_path):
     config = GH | {"dissipation": {"sigma": [0, 0.1]}, "horizon": {"t_decay": 3}}
-    warned = invoke("validate", written(tmp_path, config))
+    warned = invoke("plan", written(tmp_path, config), "--check")
     assert warned.exit_code == 0
     words = "horizon.t_decay: t_decay times gamma/sigma is not a finite time in 1 of the 2 runs"
     assert words in warned.stderr

@@ -477,7 +477,7 @@ def test_replay_and_show_say_it_of_a_run(marked, told, tmp_path):
     )
     assert cause in shown.stderr
     page = tmp_path / "a.html"
-    one = ("show", "--from", marked, "--where", where)
+    one = ("show", marked, "--where", where)
     assert cause in invoke(*one, "--output", page, "--points", 300).stderr
     assert '["sensitive", "' in page.read_text()
     (quiet,) = Replay(told).select(where="t_r_error < 0.000001 * t_r")

@@ -112,7 +112,7 @@ def test_a_sweep_of_states_can_be_had_again(tilted, tmp_path):
     page = ("--output", tmp_path / "page.html")
     for command in (
         ("verify", directory, "--recompute", 7), ("classify", directory), ("status", directory),
-        ("show", "--from", directory, "--case", 0, "--sample", 0, *page),
+        ("show", directory, "--case", 0, "--sample", 0, *page),
         ("replay", directory, "--where", "u_x > -1 and omega_z < 1", "--points", 2),
     ):  # fmt: skip
         assert invoke(*command).exit_code == 0, command

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import html
 import math
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -23,9 +25,11 @@ from rattlesweep.integrate.tableau import DOP853, METHODS
 from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.sweeps.launches import model_of, reduced_batch, with_energies
 from rattlesweep.sweeps.single import Launch, single_run
+from rattlesweep.text import counted
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
     from rattlesweep.integrate.batch import Batch
     from rattlesweep.sweeps.config.schema import Config
@@ -297,6 +301,48 @@ class Trajectory:
     n_steps: int
     units: dict[str, str]
     warning: str = ""
+
+    def __getitem__(self, columns: str | list[str]) -> Any:
+        """Return a column as a Series, or several as a DataFrame."""
+        return self.table[columns]
+
+    def __repr__(self) -> str:
+        turns = counted(len(self.reversals), "reversal")
+        names = ", ".join(map(str, self.table))
+        return (
+            f"<Trajectory of {names}: {counted(len(self.table), 'row')}, {turns} by "
+            f"t = {self.t_end:g}, {self.status}>"
+        )
+
+    def _repr_html_(self) -> str:
+        return f"<div>{html.escape(repr(self))}{self.table.to_html(max_rows=6)}</div>"
+
+    def plot(self, path: str | Path | None = None) -> Figure:
+        """Draw each column against the time, and write the figure to a file if `path` is given.
+
+        Raises
+        ------
+        ConfigError
+            If the table has no column ``t``, or no other one.
+        """
+        from rattlesweep.analysis import style
+
+        names = [str(name) for name in self.table if name != "t"]
+        if "t" not in self.table or not names:
+            raise ConfigError("channels: t and at least one other are needed for a plot")
+        with style.styled():
+            figure = style.new_figure(7.2, 1.2 + 1.6 * len(names))
+            panels = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
+            for panel, name in zip(panels, names, strict=True):
+                panel.plot(self.table["t"], self.table[name], color=style.BLUE, linewidth=0.9)
+                panel.set_ylabel(style.label(name, self.units[name]))
+                style.light_grid(panel)
+            panels[-1].set_xlabel(style.label("t", self.units["t"]))
+            if path is not None:
+                style.save(figure, [Path(path)], 150.0)
+        # A figure that is none of pyplot's is shown by no notebook unless it says how.
+        setattr(figure, "_repr_png_", lambda: style.encode(figure, "png", 110.0))  # noqa: B010
+        return figure
 
 
 def collect(course: Course) -> Trajectory:

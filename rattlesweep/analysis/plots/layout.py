@@ -197,8 +197,6 @@ def _listed(axis: Axis) -> str:
 
 def read_layout(directory: Path) -> Layout:
     """Read from its manifest what varies in a sweep that has runs already."""
-    if not directory.exists():
-        raise ConfigError(f"{directory}: there is no such directory")
     stored = open_stored(directory)
     if not stored.files():
         raise OutputError(f"{directory} holds no runs yet")

@@ -1,4 +1,4 @@
-"""`rattlesweep tradeoff`: speed against accuracy on this machine."""
+"""Commands that are studies of their own; the one of the paper has a module."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ from pathlib import Path
 import click
 from click import argument, option
 
-from rattlesweep.cli.common import Meter, command, options, say, to_json
+from rattlesweep.cli import options
+from rattlesweep.cli.command import command, say, to_json
+from rattlesweep.progress import Bar
 
 
 @command(
-    "Study",
+    "Studies",
     "rattlesweep tradeoff --quick",
     "rattlesweep tradeoff configs/tradeoff.yaml --output out/tradeoff",
 )
@@ -33,12 +35,12 @@ def tradeoff(
     threads: int | None,
     as_json: bool,
 ) -> None:
-    """Measure speed against accuracy of methods, settings and models on the same runs.
+    """Measure speed against accuracy on this machine.
 
-    Draws runs from CONFIG, by default shell-dumbbell bodies in both directions; ignores its model,
-    integrator and record. Prints a table and the cheapest settings for some errors of
-    t_r, and writes tradeoff.parquet, tradeoff.svg and tradeoff.png. Costs are measured on one
-    thread, whatever --threads says.
+    Integrates the same runs by several methods, settings and models. Draws them from CONFIG, by
+    default shell-dumbbell bodies in both directions; ignores its model, integrator and record.
+    Prints a table and the cheapest settings for some errors of t_r, and writes tradeoff.parquet,
+    tradeoff.svg and tradeoff.png. Costs are measured on one thread, whatever --threads says.
     """
     from rattlesweep.analysis.tradeoff.measure import measure
     from rattlesweep.analysis.tradeoff.runs import DEFAULT, FULL, QUICK
@@ -59,7 +61,7 @@ def tradeoff(
         samples=samples,
         scope=QUICK if quick else FULL,
         threads=threads or available_threads(),
-        report=Meter().stage,
+        report=Bar.of_command().stage,
     )
     files = save(study, directory)
     click.echo(to_json(as_data(study)) if as_json else as_text(study))

@@ -1,0 +1,223 @@
+"""The program: its commands, their help, and failures as one sentence and an exit code."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Literal, NoReturn, get_args
+
+import click
+
+from rattlesweep.errors import ConfigError, OutputError, printable
+from rattlesweep.integrate import SettingError, check_settings
+from rattlesweep.integrate.compile import listening
+from rattlesweep.progress import Bar
+from rattlesweep.text import align
+
+DONE, FAILED, WRONG, SOME_FAILED, EARLY, INTERRUPTED, TERMINATED = 0, 1, 2, 3, 75, 130, 143
+MOST_ROWS = 20
+"""Rows of a table that are printed."""
+
+# In the order of `--help`.
+Section = Literal["Sweeps", "Results of a sweep", "One run", "Studies"]
+
+
+class Terminated(BaseException):
+    """SIGTERM arrived."""
+
+
+# -- what goes out -----------------------------------------------------------------------------
+
+
+def say(text: str) -> None:
+    """Write a line to standard error, where everything goes that is no data."""
+    click.echo(printable(text), err=True)
+
+
+def to_json(data: Any) -> str:
+    """Return data as JSON that every reader takes."""
+    return json.dumps(data, indent=2, allow_nan=False, default=str)
+
+
+def probe(*files: Path | None) -> None:
+    """Raise an OutputError if files cannot be written, before anything is computed."""
+    from rattlesweep.sweeps.files import probe_directory
+
+    for path in filter(None, files):
+        if path.is_dir():
+            raise OutputError(f"cannot write {path}: a directory is in the way")
+        probe_directory(path.parent)
+
+
+# -- commands ----------------------------------------------------------------------------------
+
+
+class Command(click.Command):
+    """A command; its function returns the exit code, or None if all is done."""
+
+    section: Section
+
+    def invoke(self, ctx: click.Context) -> None:
+        """Check the environment, call the function and end with its exit code."""
+        check_settings()
+        quiet = bool(ctx.params.get("quiet"))
+        with listening(None if quiet else Bar.of_command(quiet).compiling):
+            code = super().invoke(ctx)
+        ctx.exit(code or DONE)
+
+
+class Program(click.Group):
+    """The group of all commands."""
+
+    def main(self, *args: Any, **settings: Any) -> NoReturn:
+        """Read the command line, call the command and end the process with its exit code."""
+        _mend_streams()
+        signal.signal(signal.SIGTERM, _terminate)
+        try:
+            code = super().main(*args, **{**settings, "standalone_mode": False})
+            sys.stdout.flush()
+        except (click.Abort, KeyboardInterrupt, Terminated) as error:
+            signal.signal(signal.SIGINT, signal.SIG_DFL)  # a second Ctrl-C ends it at once
+            kept: list[str] = getattr(error.__cause__ or error, "__notes__", [])
+            resumes = f"; {'; '.join(kept)}, and the same command resumes from there"
+            term = isinstance(error, Terminated)
+            say(("terminated" if term else "interrupted") + (resumes if kept else ""))
+            code = TERMINATED if term else INTERRUPTED
+        except BrokenPipeError:
+            code = FAILED  # the reader of standard output has gone, and there is nobody to tell
+        except click.ClickException as error:
+            message = error.format_message().rstrip(".").replace("'. (", "' (")
+            context = getattr(error, "ctx", None)
+            more = f"; see `{context.command_path} --help`" if context else ""
+            say(f"error: {message[:1].lower()}{message[1:]}{more}")
+            code = WRONG
+        except (ConfigError, SettingError, OutputError) as error:
+            for line in getattr(error, "messages", [str(error)]):
+                say(f"error: {line}")
+            code = FAILED if isinstance(error, OutputError) else WRONG
+        except OSError as error:
+            # Such as a full disk behind standard output.
+            what = f"{error.filename}" if error.filename else "cannot write to standard output"
+            say(f"error: {what}: {error.strerror or error}")
+            code = FAILED
+        _leave(code or DONE)
+
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
+        """Return the command of a command line; name the nearest one if there is none."""
+        name = args[0]
+        if name not in self.commands and name[:1] != "-" and not ctx.resilient_parsing:
+            from difflib import get_close_matches
+
+            near = get_close_matches(name, self.commands, n=1)
+            hint = f"did you mean {near[0]}?" if near else "`rattlesweep --help` lists all"
+            raise ConfigError(f"no such command: {name}; {hint}")
+        return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the commands by section, each with its whole first sentence."""
+        for section in get_args(Section):
+            with formatter.section(section):
+                formatter.write_dl(
+                    [
+                        (f"{name:<11}", command.get_short_help_str(limit=1000))
+                        for name, command in self.commands.items()
+                        if getattr(command, "section", None) == section
+                    ]
+                )
+
+
+def command(section: Section, *examples: str) -> Callable[[Callable[..., Any]], Command]:
+    """Make a function a command of the program.
+
+    `section` is where `--help` lists it, `examples` are the command lines that end its own help.
+    """
+
+    def make(function: Callable[..., Any]) -> Command:
+        head = "Examples" if len(examples) > 1 else "Example"
+        epilog = "\n  ".join([f"\b\n{head}:", *examples])
+        made = main.command(cls=Command, epilog=epilog)(function)
+        assert isinstance(made, Command)
+        made.section = section
+        return made
+
+    return make
+
+
+def _print_version(context: click.Context, option: click.Parameter, asked: bool) -> None:
+    """Print the version, and with --verbose all that numbers and speed depend on."""
+    if not asked or context.resilient_parsing:
+        return
+    from importlib.metadata import version
+
+    click.echo(f"rattlesweep, version {version('rattlesweep')}")
+    if context.params["verbose"]:
+        from rattlesweep.integrate.batch import available_threads
+        from rattlesweep.integrate.processor import vector_bits
+        from rattlesweep.sweeps.provenance import machine, versions
+
+        found = {name: str(text) for name, text in {**versions(), **machine()}.items()}
+        del found["rattlesweep"]
+        found |= {"vectors": f"{vector_bits()} bits", "threads": str(available_threads())}
+        click.echo(align(list(found.items()), "<"))
+    context.exit()
+
+
+@click.group(
+    cls=Program,
+    invoke_without_command=True,
+    context_settings={"help_option_names": ["-h", "--help"], "show_default": True},
+)
+@click.option("--verbose", is_flag=True, is_eager=True,
+              help="With --version: also of libraries and processor.")  # fmt: skip
+@click.option("--version", is_flag=True, expose_value=False, callback=_print_version,
+              help="Show the version and exit.")  # fmt: skip
+@click.pass_context
+def main(context: click.Context, verbose: bool) -> None:
+    """Parameter sweeps of rattlebacks: sample bodies, integrate, classify the runs, write Parquet.
+
+    Exit codes: 0 done, 1 failed, 2 the command or the config is wrong, 3 done but some runs have
+    a status other than ok, 75 stopped early on purpose, 130 interrupted, 143 terminated.
+
+    The words of tables and pictures are explained in docs/columns.md and docs/types.md.
+    """
+    if context.invoked_subcommand is None:
+        click.echo(context.get_help(), err=True)
+        context.exit(WRONG)
+
+
+# -- the process -------------------------------------------------------------------------------
+
+
+def _mend_streams() -> None:
+    """Replace streams that were closed when the process began.
+
+    Otherwise the next file that is opened would take their place.  What is written to the new
+    standard output fails, and a command that prints nothing succeeds.
+    """
+    if sys.stdout is None:
+        sys.stdout = os.fdopen(os.open(os.devnull, os.O_RDONLY), "w")
+    if sys.stderr is None:
+        sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
+
+
+def _terminate(number: int, frame: Any) -> NoReturn:
+    raise Terminated
+
+
+def _leave(code: int) -> NoReturn:
+    """End the process; at once where a kernel still compiles and would hold up the exit."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        # Python would try once more to write what could not be written, and fail.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    sys.stderr.flush()
+    # Ours by name: an embedding program, such as a test runner, may have daemons of its own.
+    if any(t.name.startswith("rattlesweep-") for t in threading.enumerate()):
+        os._exit(code)
+    raise SystemExit(code)

@@ -1,0 +1,318 @@
+"""Options that several commands have, and the kinds of their values.
+
+A value that is none of its kind is refused in one sentence.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import pkgutil
+import unicodedata
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import click
+from click import argument, option
+
+from rattlesweep.durations import seconds_of
+from rattlesweep.errors import ConfigError, one_line
+from rattlesweep.integrate import check_settings
+from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.units import SI, quantities, quantity
+
+Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+
+
+# -- kinds of values ---------------------------------------------------------------------------
+
+
+class Kind(click.ParamType):  # type: ignore[type-arg]
+    """Values that a function reads from text, and refuses by a ValueError.
+
+    The function may be given by its place, ``module:function``, for modules that take long to
+    import.
+    """
+
+    def __init__(self, name: str, read: Callable[[str], Any] | str) -> None:
+        self.name, self._read = name, read
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: Any) -> Any:
+        """Read what was typed."""
+        if not isinstance(value, str):
+            return value
+        read = pkgutil.resolve_name(self._read) if isinstance(self._read, str) else self._read
+        try:
+            return read(value)
+        except ValueError as error:
+            given = f"{_flag(param)} {one_line(value)}".strip()
+            raise ConfigError(f"{given}: {error}") from None
+
+
+class Choice(click.Choice[str]):
+    """One of some words, or perhaps a number."""
+
+    def __init__(self, words: Sequence[str], *, or_number: bool = False) -> None:
+        super().__init__(words)
+        self._or_number = or_number
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: Any) -> Any:
+        """Read what was typed, and name the nearest word if it is none."""
+        if value in self.choices:
+            return value
+        if self._or_number:
+            with suppress(ValueError):
+                return float(value)
+        from rattlesweep.sweeps.config.messages import not_one_of
+
+        raise ConfigError(f"{_flag(param)}: {not_one_of(value, self.choices)}")
+
+
+def _flag(param: click.Parameter | None) -> str:
+    return "" if param is None else max(param.opts, key=len)
+
+
+def _numbers(
+    count: int, fit: Callable[..., bool], wanted: str
+) -> Callable[[str], tuple[float, ...]]:
+    """Return a function that reads so many numbers, with commas between them, that fit."""
+
+    def read(text: str) -> tuple[float, ...]:
+        with suppress(ValueError):
+            values = tuple(map(float, text.split(",")))
+            if len(values) == count and fit(*values):
+                return values
+        raise ValueError(wanted)
+
+    return read
+
+
+def _measured(kind: str) -> Callable[[str], float]:
+    """Return a function that reads a number in the body's units, or one with an SI unit."""
+
+    def read(text: str) -> float:
+        try:
+            return float(text)
+        except ValueError:
+            return SI(quantity(text, kind))
+
+    return read
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+def _directory(text: str) -> Path:
+    if not text:
+        raise ValueError("the directory has no name; give one")
+    if text != text.encode(errors="replace").decode():
+        raise ValueError("the name is not UTF-8; give one that is")
+    return Path(text)
+
+
+def _file(endings: Sequence[str]) -> Kind:
+    def read(text: str) -> Path:
+        if not text.lower().endswith(tuple(endings)):
+            wanted = ", ".join(endings[:-1]) + " or " * (len(endings) > 1) + endings[-1]
+            raise ValueError(f"the name must end in {wanted}")
+        return Path(text)
+
+    return Kind("file", read)
+
+
+def _title(text: str) -> str:
+    bad = next((c for c in text if unicodedata.category(c) in ("Cc", "Cs")), None)
+    if bad is not None:
+        what = "a control character" if unicodedata.category(bad) == "Cc" else "no text"
+        raise ValueError(f"{ascii(bad)[1:-1]} in it is {what}; leave it out")
+    return text
+
+
+def _formula(text: str) -> str:
+    from rattlesweep.analysis.style import formula_error
+
+    if (error := formula_error(_title(text))) is not None:
+        raise ValueError(
+            f"the text between dollar signs cannot be read as a formula ({error}); write "
+            "\\$ for a dollar sign"
+        )
+    return text
+
+
+def _count(text: str) -> int:
+    """Read a whole number of threads."""
+    with suppress(ValueError):
+        if (count := int(text)) >= 1:
+            return count
+    raise ValueError("is no number of threads; give a whole number from 1 on")
+
+
+def check_threads(count: int | None) -> int | None:
+    """Raise a ConfigError for more threads than Numba can start, without importing Numba."""
+    check_settings()
+    affinity = getattr(os, "sched_getaffinity", None)
+    there = len(affinity(0)) if affinity else os.cpu_count() or 1
+    most = int(os.environ.get("NUMBA_NUM_THREADS", there))
+    if count is not None and count > most:
+        raise ConfigError(f"--threads {count}: is more than the {most} processors there are")
+    return count
+
+
+PICTURES = (".svg", ".png", ".pdf")
+COUNT = Kind("n", _count)
+TIME = Kind("time", seconds_of)
+SIZE = Kind("w,h", _numbers(2, lambda w, h: 1 <= w <= 60 and 1 <= h <= 60,
+            "give width and height in inches, each from 1 to 60, as in 7,4.5"))  # fmt: skip
+LIMITS = Kind("low,high", _numbers(2, lambda low, high: -math.inf < low < high < math.inf,
+              "give the lower and the upper end, as in 0.01,0.1"))  # fmt: skip
+VECTOR = Kind("x,y,z", _numbers(3, lambda *xyz: True,
+              "is no vector; give three numbers, such as 0,0,-1"))  # fmt: skip
+NAMES = Kind("a,b,...", _names)
+DIRECTORY = Kind("dir", _directory)
+SPIN, DURATION, LENGTH, DAMPING = (
+    Kind(name, _measured(kind))
+    for name, kind in (("spin", "spin"), ("time", "time"), ("length", "length"),
+                       ("sigma", "torque per spin"))
+)  # fmt: skip
+# Registries hold these words too, but take long to import; a test compares.
+PRESETS = Choice(["GH", "KL"])
+ACCURACIES = Choice(["draft", "standard", "reference"])
+MODELS = Choice(["full", "reduced", "gh"])
+PSI = Choice(["relevant", "pitch", "roll"], or_number=True)
+KINDS = Choice(["fractions", "times", "ratio", "map", "reversals", "distribution", "scatter"])
+
+
+# -- options -----------------------------------------------------------------------------------
+
+
+def stack(*decorators: Decorator) -> Decorator:
+    """Return one decorator for several options, in this order."""
+
+    def add(function: Callable[..., Any]) -> Callable[..., Any]:
+        for decorator in reversed(decorators):
+            function = decorator(function)
+        return function
+
+    return add
+
+
+def pick(given: dict[str, Any], *names: str) -> dict[str, Any]:
+    """Take options out of all that were read, and return those that were given."""
+    taken = {name: given.pop(name) for name in names if name in given}
+    return {name: value for name, value in taken.items() if value is not None}
+
+
+def output(help: str = "Output directory; overrides the config's.", **settings: Any) -> Decorator:
+    """Return the option of the directory to write."""
+    return option("-o", "--output", type=DIRECTORY, help=help, **settings)
+
+
+def file(name: str, *endings: str, help: str, **settings: Any) -> Decorator:
+    """Return the option of a file to write, whose ending tells the format."""
+    names = ("-o", name) if name == "--output" else (name,)
+    return option(*names, type=_file(endings), help=help, **settings)
+
+
+def title(formula: bool = False) -> Decorator:
+    """Return the option of the title of a page, or of a picture, which may hold a formula."""
+    kind = Kind("text", _formula if formula else _title)
+    return option("--title", type=kind, help="Title of the page or the picture.")
+
+
+config = argument("config", type=click.Path(path_type=Path))
+directory = argument("directory", type=click.Path(path_type=Path))
+overrides = option(
+    "--set", "overrides", metavar="KEY=VALUE", multiple=True,
+    help="Override a key of the config, such as bodies.samples=10; may be repeated.",
+)  # fmt: skip
+any_threads = option("-j", "--threads", type=COUNT,
+                     help="Threads of the kernel; by default one a processor.")  # fmt: skip
+threads = option("-j", "--threads", type=COUNT, callback=lambda _, option, n: check_threads(n),
+                 help="Threads of the kernel; by default one a processor.")  # fmt: skip
+as_json = option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
+quiet = option("-q", "--quiet", is_flag=True, help="No progress, closing words or warnings.")
+figure = file("--figure", *PICTURES, help="Also draw a figure, an .svg, .png or .pdf file.")
+data = file("--data", ".csv", ".parquet", help="Also write the numbers, as .csv or .parquet.")
+t_end = option("--t-end", type=DURATION, help="Horizon, in sqrt(a/g), or as in 20s; by default "
+               "5 t_rGH, or that of the sweep.")  # fmt: skip
+from_time = option("--from-time", type=float, help="Time of the first row, in sqrt(a/g).")
+
+BODY = ("preset", "alpha", "beta", "gamma", "f_sd", "theta", "phi", "xi", "xi_deg", "c", "mass",
+        "height", "inertia", "radii", "axes_angle", "z_up")  # fmt: skip
+body = stack(
+    option("--preset", type=PRESETS,
+           help="A named body (Garcia and Hubbard 1988, Kane and Levinson 1982)."),
+    option("--alpha", type=float, help="I_xx + 1, in M a^2."),
+    option("--beta", type=float, help="I_yy + 1, in M a^2."),
+    option("--gamma", type=float, help="I_zz, in M a^2."),
+    option("--f-sd", type=float, help="I_yy/I_zz of a shell-dumbbell body; replaces alpha, beta."),
+    option("--theta", type=float, help="Larger principal curvature, in 1/a."),
+    option("--phi", type=float, help="Smaller principal curvature, in 1/a."),
+    option("--xi", type=float, help="Skew angle in radians."),
+    option("--xi-deg", type=float, help="Skew angle in degrees."),
+    option("--c", type=LENGTH, help="Vertical semi-axis of an ellipsoid, in a, or as in 2cm."),
+    option("--mass", type=Kind("mass", partial(quantity, kind="mass")),
+           help="Instead of all these in SI units: mass, as in 85g."),
+    option("--height", type=Kind("length", partial(quantity, kind="length")),
+           help="Height of the centre of mass over the contact."),
+    option("--inertia", type=Kind("ixx,iyy,izz,ixy unit",
+           lambda text: quantities(text, "moment of inertia", 3, 4, 5, 6)),
+           help="Inertia about the centre of mass, as in '2,16,17,-0.2 kg cm^2'."),
+    option("--radii", type=Kind("r1,r2 unit", lambda text: quantities(text, "length", 2)),
+           help="Principal radii of curvature at the bottom, as in '50,1.5 cm'."),
+    option("--axes-angle", type=Kind("angle", partial(quantity, kind="angle")),
+           help="Angle from the x axis of --inertia to the direction of the first of --radii."),
+    option("--z-up", is_flag=True, default=None, help="The z axis of --inertia points up."),
+)  # fmt: skip
+DISSIPATION = ("sigma", "rolling")
+dissipation = stack(
+    option("--sigma", type=DAMPING, help="Dissipation: sigma of a torque -sigma omega, in "
+           "M a^2 sqrt(g/a), or as in '1e-4 N m s'."),
+    option("--rolling", type=LENGTH, help="Dissipation: lever of a rolling resistance, in a, or "
+           "as in 50um."),
+)  # fmt: skip
+SPIN_DEFAULTS = {"n_i": 0.1, "omega_xy0": 0.01}
+spin = stack(
+    option("--n-i", type=SPIN,
+           help="Initial spin, in sqrt(g/a), or as in 60rpm.  [default: 0.1]"),
+    option("--omega-xy0", type=SPIN,
+           help="Initial oscillation, in sqrt(g/a).  [default: 0.01]"),
+)  # fmt: skip
+LAUNCH = (*SPIN_DEFAULTS, "psi", "omega", "u")
+launch = stack(
+    spin,
+    option("--psi", type=PSI, metavar="DIRECTION", help="Direction of the oscillation: relevant, "
+           "pitch, roll, or degrees.  [default: relevant]"),
+    option("--omega", type=VECTOR, help="A full state instead: angular velocity along the body's "
+           "axes, in sqrt(g/a)."),
+    option("--u", type=VECTOR,
+           help="Vertical unit vector along the body's axes.  [default: 0,0,-1]"),
+)  # fmt: skip
+INTEGRATOR = ("method", "tol", "dt_step", "accuracy")
+integrator = stack(
+    option("--method", type=Choice(list(METHODS)),
+           help="Method of integration.  [default: dop853]"),
+    option("--tol", type=float, help="Tolerance of an adaptive method.  [default: 1e-9]"),
+    option("--dt-step", type=float, help="Step of a fixed-step method.  [default: 0.002]"),
+    option("--accuracy", type=ACCURACIES,
+           help="A named accuracy instead of a method and its tolerance."),
+)  # fmt: skip
+ROWS = ("points", "dt", "steps", "from_time")
+rows = stack(
+    option("--points", type=int, help="Number of rows, evenly spaced up to the horizon.  "
+           "[default: 2001, or 20 per pitch period if that is more]"),
+    option("--dt", type=float, help="Spacing of the rows in time."),
+    option("--steps", is_flag=True, default=None, help="One row per accepted step."),
+    from_time,
+)  # fmt: skip
+where = option("--where", metavar="CONDITION", help="Runs for which a pandas query on their "
+               "columns is true, as in 'type == \"SW\" and K_r < 0.005'.")  # fmt: skip
+which = stack(
+    option("--case", type=int, help="Case of the run."),
+    option("--sample", type=int, help="Sample of the run."),
+    where,
+)

@@ -1,0 +1,347 @@
+"""Commands about one body or one run."""
+
+from __future__ import annotations
+
+import os
+import stat
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+from click import argument, option
+
+from rattlesweep.cli import options
+from rattlesweep.cli.command import DONE, SOME_FAILED, command, probe, say, to_json
+from rattlesweep.cli.options import pick
+from rattlesweep.errors import ConfigError
+from rattlesweep.progress import Bar
+from rattlesweep.text import align, counted
+
+if TYPE_CHECKING:
+    from rattlesweep.analysis.onerun.course import Course, PreparedRun
+    from rattlesweep.analysis.onerun.rows import Rows
+    from rattlesweep.physics.si import Units
+    from rattlesweep.sweeps.single import Launch
+
+
+@command(
+    "One run",
+    "rattlesweep body --preset GH",
+    "rattlesweep body --mass 85g --height 1cm --inertia '60,900,920,-20 g cm^2' "
+    "--radii '50,1.5 cm' --n-i 60rpm",
+    "rattlesweep body --gamma 10 --f-sd 0.1 --theta 0.8 --phi 0.05 --xi-deg -3 --json",
+)
+@options.body
+@options.spin
+@options.dissipation
+@options.as_json
+def body(as_json: bool, **given: Any) -> None:
+    """Print the derived quantities of a body: modes, thresholds, reversal times.
+
+    The spin and the oscillation matter for the reversal times only. A body that was given in SI
+    units has all quantities in both systems, with g = 9.81 m/s^2.
+    """
+    from rattlesweep.analysis.derived import derived, in_units_of, make_body
+
+    made = make_body(pick(given, *options.BODY))
+    launch = options.SPIN_DEFAULTS | pick(given, *given)
+    values = derived(made, **in_units_of(made.units, launch))
+    if as_json:
+        si = {q.name: dict(zip(("value", "unit"), q.in_si, strict=True)) for q in values if q.in_si}
+        units = {} if made.units is None else {"units": asdict(made.units), "si": si}
+        click.echo(to_json({q.name: q.value for q in values} | units))
+        return
+    lines = []
+    for q in values:
+        number = "none" if q.value is None else f"{q.value:.10g}"
+        shown = ("", "") if q.in_si is None else (f"{q.in_si[0]:.5g}", q.in_si[1])
+        lines.append((q.name, number, q.unit, *(shown if made.units else ()), q.description))
+    click.echo(align(lines, "<><><" if made.units else "<><"))
+
+
+def _list_channels(
+    context: click.Context, parameter: click.Parameter, names: tuple[str, ...] | None
+) -> tuple[str, ...] | None:
+    """Print every channel with its unit and meaning, if the word is ``list``."""
+    if names != ("list",):
+        return names
+    from rattlesweep.analysis.onerun.channels import CHANNELS
+
+    lines = []
+    for c in CHANNELS.values():
+        models = "" if "gh" in c.models else f" ({', '.join(c.models)})"
+        lines.append((c.name, c.unit, c.description + models))
+    click.echo(align(lines, "<"))
+    context.exit()
+
+
+channels = option("--channels", type=options.NAMES, callback=_list_channels, help="Columns, and "
+                  "panels of the figure if given; 'list' prints all of them.  "
+                  "[default: t,n]")  # fmt: skip
+
+
+@command(
+    "One run",
+    "rattlesweep trajectory --preset GH --n-i -0.1 --t-end 1500 --figure spin.svg",
+    "rattlesweep trajectory --preset GH --theta 0.82 --t-end 2e4 --dt 0.5 "
+    "--channels t,n,E_p,E_r --output run.parquet",
+    "rattlesweep trajectory --preset GH --omega 0.02,0,-0.3 --u 0.01,0,-1 --t-end 500",
+)
+@options.body
+@options.launch
+@options.dissipation
+@options.t_end
+@options.rows
+@channels
+@options.integrator
+@option("--model", type=options.MODELS, default="full", help="Equations of motion.")
+@option("--e-p0", type=float, help="Energy of the pitch at the start of the reduced model.")
+@option("--e-r0", type=float, help="Energy of the roll at the start of the reduced model.")
+@options.file("--output", ".parquet", ".csv",
+              help="A .parquet or .csv file, instead of CSV on standard output.")  # fmt: skip
+@options.figure
+@options.quiet
+def trajectory(
+    channels: tuple[str, ...] | None,
+    output: Path | None,
+    figure: Path | None,
+    quiet: bool,
+    **given: Any,
+) -> int:
+    """Integrate one launch, past its reversals, as a time series.
+
+    Prints CSV unless a file or a figure is requested, of a long series only its head and tail; the
+    reversal times go to standard error. A reversal is counted once the spin has gone from beyond a
+    quarter of its initial value to beyond a quarter of it on the other side; of a launch without
+    spin (--n-i 0), a quarter of the spin that would hold all its energy.
+    """
+    from rattlesweep.analysis.onerun.rows import Rows
+
+    rows = Rows(**pick(given, *options.ROWS))
+    launch = _launched(given)
+    probe(output, figure)
+    course = _write_course(launch, channels, rows, output, figure, quiet)
+    return _say_outcome(course, quiet, launch.body.units)
+
+
+@command(
+    "One run",
+    "rattlesweep replay out/quickstart --case 3 --sample 17 --figure run.svg",
+    "rattlesweep replay out/quickstart --where 'type == \"SW\" and K_r < 0.005' --first 3 "
+    "--output run-{case}-{sample}.parquet",
+)
+@options.directory
+@options.which
+@option("--first", type=click.IntRange(1),
+        help="Number of runs to take from --where.  [default: 1]")  # fmt: skip
+@options.t_end
+@options.rows
+@channels
+@options.file("--output", ".parquet", ".csv",
+              help="A .parquet or .csv file; {case} and {sample} are substituted.")  # fmt: skip
+@options.file("--figure", *options.PICTURES,
+              help="Also draw a figure, an .svg, .png or .pdf file; likewise.")  # fmt: skip
+@options.quiet
+def replay(
+    directory: Path,
+    t_end: float | None,
+    channels: tuple[str, ...] | None,
+    output: Path | None,
+    figure: Path | None,
+    quiet: bool,
+    **given: Any,
+) -> int:
+    """Integrate stored runs again as time series.
+
+    They go on past their reversals. Each run is first integrated as in the sweep, and its row is
+    compared with the stored one, bit for bit; so is the first reversal of the series. Exits with 1
+    if any differs.
+    """
+    from rattlesweep.analysis.derived import in_units_of
+    from rattlesweep.analysis.onerun.replay import Replay, targets
+    from rattlesweep.analysis.onerun.rows import Rows
+
+    in_units_of(None, {"t_end": t_end})
+    rows = Rows(**pick(given, *options.ROWS))
+    source = Replay(directory)
+    runs = source.select(**pick(given, "case", "sample", "where", "first"))
+    outputs = targets(output, runs, "--output", printed=figure is None)
+    drawings = targets(figure, runs, "--figure")
+    probe(*outputs, *drawings)
+    codes = []
+    for run, out, drawing in zip(runs, outputs, drawings, strict=True):
+        source.prove(run)
+        course = _write_course(source.prepare(run, t_end), channels, rows, out, drawing, quiet)
+        run.check(course)
+        if not quiet:
+            say(run.proof)
+            if cause := source.cause(run):
+                say(cause)
+        codes.append(_say_outcome(course, quiet))
+    return max(codes)
+
+
+@command(
+    "One run",
+    "rattlesweep show --preset GH --n-i -0.1 --output spin.html",
+    "rattlesweep show out/quickstart --where 'type == \"SW\"' --output wobble.html",
+)
+@argument("directory", type=click.Path(path_type=Path), required=False)
+@options.which
+@options.body
+@options.launch
+@options.dissipation
+@options.t_end
+@option("--points", type=int, help="Number of rows.  [default: 20 per pitch period]")
+@options.from_time
+@options.integrator
+@options.title()
+@options.file("--output", ".html", required=True, help="An .html file.")
+@options.quiet
+def show(
+    directory: Path | None,
+    t_end: float | None,
+    points: int | None,
+    from_time: float | None,
+    title: str | None,
+    output: Path,
+    quiet: bool,
+    **given: Any,
+) -> int:
+    """Write an HTML page on which the body of one run rolls on the plane.
+
+    The run is a launch of a body, or a stored run of DIRECTORY. The page needs a browser but no
+    network. Play, pause, change the speed, drag to look around; the page lists its keys.
+    """
+    from rattlesweep.analysis.derived import in_units_of
+    from rattlesweep.analysis.onerun.replay import Replay
+    from rattlesweep.analysis.viewer import show as pages
+
+    probe(output)
+    which = pick(given, "case", "sample", "where")
+    stored = None
+    with Bar.of_command(quiet) as bar:
+        rows: dict[str, Any] = {
+            "points": points, "from_time": from_time, "watch": bar.counting("integrating")
+        }  # fmt: skip
+        if directory is not None:
+            for name in pick(given, *given):
+                flag = f"--{name.replace('_', '-')}"
+                raise ConfigError(f"{flag}: the sweep in {directory} says what the run was; leave "
+                                  "this out")  # fmt: skip
+            in_units_of(None, {"t_end": t_end})
+            source = Replay(directory)
+            stored = source.select(**which)[0]
+            course, scene = pages.save_stored(source, stored, output, title, t_end, **rows)
+        else:
+            if which:
+                raise ConfigError("--case, --sample and --where choose a run of a DIRECTORY; give "
+                                  "it too")  # fmt: skip
+            name = f"Rattleback {given['preset'] or ''}".rstrip()
+            course = pages.course_of(_launched(given | {"t_end": t_end}), **rows)
+            scene = pages.make_scene(course)
+            pages.save(course, scene, output, title or name)
+    click.echo(output)
+    if not quiet:
+        if stored is not None:
+            say(stored.proof)
+            if cause := dict(scene.about["facts"]).get("sensitive"):
+                say(cause)
+        say(f"{counted(len(scene.t), 'row')}, {output.stat().st_size / 1e6:.1f} MB")
+    return _say_outcome(course, quiet)
+
+
+# -- shared ------------------------------------------------------------------------------------
+
+
+def _launched(given: dict[str, Any]) -> Launch:
+    """Return the run that options ask for, in the units of its body."""
+    from rattlesweep.analysis.derived import in_units_of, make_body
+    from rattlesweep.sweeps.single import Launch
+
+    made = make_body(pick(given, *options.BODY))
+    integrator = pick(given, *options.INTEGRATOR)
+    if "dt_step" in integrator:
+        integrator["dt"] = integrator.pop("dt_step")
+    rest = pick(given, *given)
+    if not {"omega", "u"} & rest.keys():
+        rest = options.SPIN_DEFAULTS | rest
+    return Launch(made, integrator=integrator, **in_units_of(made.units, rest))
+
+
+def _write_course(
+    run: Launch | PreparedRun,
+    channels: Sequence[str] | None,
+    rows: Rows,
+    output: Path | None,
+    figure: Path | None,
+    quiet: bool,
+) -> Course:
+    """Integrate a run, write what is asked for, or print CSV if nothing is.
+
+    Of a long table only the head and the tail are printed, unless standard output is a file. A
+    figure has rows of its own, and channels if none are asked for.
+    """
+    from rattlesweep.analysis.onerun import files
+    from rattlesweep.analysis.onerun.course import Course
+
+    # A bar and a table would stand on one terminal.
+    on_one = output is None and figure is None and sys.stdout.isatty()
+    with Bar.of_command(quiet or on_one) as bar:
+        watch = bar.counting("integrating")
+        if output is not None or figure is None:
+            names = ("t", "n") if channels is None else channels
+            course = Course(run, channels=names, rows=rows, watch=watch)
+            cut = False
+            if output is not None:
+                files.save(course, output)
+            elif _goes_into_a_file():
+                files.write_csv(course, sys.stdout.buffer.write)
+            else:
+                cut = files.write_ends(course, sys.stdout.buffer.write)
+            sys.stdout.flush()
+            if cut:
+                say(f"only the first and the last {files.ENDS} rows are printed; for all of them "
+                    "give --output FILE, a .csv or .parquet")  # fmt: skip
+        if figure is not None:
+            # Matplotlib is loaded for figures alone.
+            from rattlesweep.analysis.onerun import figure as figures
+
+            course = figures.course_of(run, channels, watch, rows.from_time)
+            figures.save(course, figure)
+    return course
+
+
+def _goes_into_a_file() -> bool:
+    """Return whether standard output goes into a regular file."""
+    try:
+        return stat.S_ISREG(os.fstat(sys.stdout.fileno()).st_mode)
+    except (OSError, ValueError):  # no descriptor: a stream in memory
+        return False
+
+
+def _say_outcome(course: Course, quiet: bool, units: Units | None = None) -> int:
+    """Tell what became of a run, in SI units too where the body has some; return the exit code."""
+    if not quiet:
+        text = _times(course.reversals, "reversal")
+        if units is not None and course.reversals:
+            text += f" ({', '.join(f'{t * units.time:.4g} s' for t in course.reversals[:8])})"
+        if course.zeros != course.reversals:
+            text += f" ({_times(course.zeros, 'zero crossing')})"
+        say(f"{text}; {course.n_steps} steps to t = {course.t:g}")
+        if course.observer.warning:
+            say(f"warning: {course.observer.warning}")
+    if course.status.label != "ok":
+        say(f"the run failed: {course.status.label}, {course.status.meaning}")
+        return SOME_FAILED
+    return DONE
+
+
+def _times(times: list[float], word: str) -> str:
+    """Return such as ``2 reversals at 112.1, 387.5``."""
+    shown = ", ".join(f"{time:.10g}" for time in times[:8])
+    more = f" and {len(times) - 8} more" if len(times) > 8 else ""
+    return f"{counted(len(times), word)} at {shown}{more}" if times else f"no {word}s"
