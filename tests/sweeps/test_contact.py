@@ -3,7 +3,8 @@
 import pytest
 
 import rattlesweep as rs
-from rattlesweep.sweeps.summary import closing_table
+from rattlesweep.sweeps.stored import open_stored
+from rattlesweep.sweeps.summary import closing_table, summarise
 from rattlesweep.sweeps.verify import verify
 
 CONFIG = {
@@ -23,7 +24,7 @@ def test_shares_are_those_of_the_rows(tmp_path):
     for name, true in zip(SHARES, (ratio > 0.3, ratio > 0.6, normal < 0), strict=True):
         assert shares[name].tolist() == pytest.approx(true.groupby(runs.case).mean().tolist())
         assert shares[name].nunique() > 1
-    head = closing_table(rs.load(tmp_path)._stored.summary()).splitlines()[0]
+    head = closing_table(summarise(open_stored(tmp_path))).splitlines()[0]
     assert all(heading in head for heading in HEADINGS)
     assert not list(verify(tmp_path).problems)
 
@@ -31,5 +32,5 @@ def test_shares_are_those_of_the_rows(tmp_path):
 def test_null_where_contact_is_not_recorded(tmp_path):
     sweep = rs.sweep(CONFIG | {"model": "gh"}, output=tmp_path)
     assert sweep.summary[SHARES].isna().all(axis=None)
-    head = closing_table(rs.load(tmp_path)._stored.summary()).splitlines()[0]
+    head = closing_table(summarise(open_stored(tmp_path))).splitlines()[0]
     assert not any(heading in head for heading in HEADINGS)
