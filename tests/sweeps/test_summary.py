@@ -207,7 +207,7 @@ def test_wilson_against_scipy():
 
 def test_closing_table():
     values = [0, None, 0.0041, -0.5, 0.001, 10_000_000, 0.5, 0.25, 0.25, 0.0, 0.125]
-    values += [812.4567, 3.0, 1600.0, 1.01557, 0.003, 12, 0, *[None] * 6]
+    values += [812.4567, 3.0, 1600.0, 1.01557, 0.003, 12, 0, *[None] * 9]
     first = dict(zip(summary_schema().names, values, strict=True))
     second = dict.fromkeys(first, None) | {"case": 11, "runs": 0, "failed": 0, "near_tangencies": 0}
     text = closing_table(pa.Table.from_pylist([first, second], summary_schema()))

@@ -30,6 +30,7 @@ from rattlesweep.sweeps.bodies.protocol import Bodies
 from rattlesweep.sweeps.bodies.tablefile import read_table, table_of
 from rattlesweep.sweeps.columns import F64, I64, MEASURED, RUNS, STATE, TEXT
 from rattlesweep.sweeps.config.schema import (
+    MAX_SIGMA,
     MAX_SPEED,
     MAX_TIME,
     MIN_OSCILLATION,
@@ -80,7 +81,9 @@ SIZES = {
     "gravity_m_s2": "acceleration",
 }  # fmt: skip
 RULES: tuple[tuple[tuple[str, ...], float, float, str], ...] = (
-    ((*LAUNCH, *OMEGA, "sigma"), -MAX_SPEED, MAX_SPEED, f"at most {MAX_SPEED:g} is allowed"),
+    ((*LAUNCH, *OMEGA), -MAX_SPEED, MAX_SPEED,
+     f"from {-MAX_SPEED:g} to {MAX_SPEED:g} sqrt(g/a) is allowed"),
+    (("sigma",), -np.inf, MAX_SIGMA, f"at most {MAX_SIGMA:g} is allowed"),
     (("t_end", *BODY, "gravity_m_s2"), POSITIVE, np.inf, "it must be positive"),
     (("t_end",), -np.inf, MAX_TIME, f"at most {MAX_TIME:g} is allowed"),
     (LOSSES, 0, np.inf, "it must be at least 0"),
