@@ -32,8 +32,8 @@ def _serve(folder: Path, config: str) -> None:
     for args in (("run", "warm.yaml", "--output", "warm"), ("classify", "warm"),
                  ("merge", "warm", "--output", "merged")):  # fmt: skip
         paths = [str(folder / a) if a.startswith(("warm", "merged")) else a for a in args]
-        with contextlib.redirect_stderr(io.StringIO()):
-            cli.main(paths, standalone_mode=False)
+        with contextlib.redirect_stderr(io.StringIO()), contextlib.suppress(SystemExit):
+            cli.main(paths)
     # Children that count references in memory of their parent's would copy it, page by page.
     gc.collect()
     gc.freeze()

@@ -201,7 +201,7 @@ def test_runs_that_fail_are_rows_with_a_status_and_the_exit_code_says_so(tmp_pat
     assert frame.type.isna().all()
     assert (summary.failed == 3).all()
     assert summary.fraction_R.isna().all()
-    assert f"{len(frame)} runs are not ok:" in result.stderr
+    assert f"{len(frame)} runs failed:" in result.stderr
     assert not np.isinf(frame.select_dtypes(float)).any(axis=None)
     # The same command again finds everything there, and says the same.
     again = run("quickstart.yaml", output, *sets)
@@ -259,7 +259,7 @@ def test_quiet_says_nothing_and_the_table_goes_to_standard_output(tmp_path):
     )
     verbose = run("gh.yaml", tmp_path / "v", options=("-v",))
     assert verbose.stdout == loud.stdout
-    assert re.search(r"^kernel .*[0-9.]+ s$", verbose.stderr, re.MULTILINE)
+    assert re.search(r"of integration", verbose.stderr, re.MULTILINE)
 
 
 @pytest.fixture
@@ -298,7 +298,7 @@ def test_a_terminal_gets_a_bar_with_the_time_left(monkeypatch):
             drawn += screen.read(65536)
     shown = drawn.decode(errors="ignore")
     assert re.search(r" 25%\|.*\| 250 of 1,000 runs, 0:03, 0:09 left", shown)
-    assert re.search(r"100%\|.*\| 1000/1000 runs, 0:12", shown)
+    assert re.search(r"100%\|.*\| 1,000 of 1,000 runs, 0:12", shown)
 
 
 def test_a_reader_that_goes_away_is_no_crash():
