@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from rattlesweep.analysis.onerun.channels import View, choose, formulas
+from rattlesweep.analysis.onerun.channels import View, choose, contact_force, spin
 from rattlesweep.analysis.onerun.rows import Rows
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
@@ -196,8 +196,7 @@ class Course:
             )
         self.zeros = self.observer.zeros = self._follower.zeros
         self.reversals = self.observer.reversals
-        self._view = partial(View, self.model, self.equations, launches, self.constants,
-                             self._follower.energy_0)  # fmt: skip
+        self._view = partial(View, self.model, launches, self.constants, self._follower.energy_0)
         self._beside = None
         if "reduced" in needs:
             beside = with_energies(reduced_batch(launches), *energies)
@@ -257,14 +256,15 @@ class Course:
 
     def _look(self, t: Floats, y: Floats) -> None:
         """Observe the accepted steps as they come, and at first the launch."""
-        if not len(t) or self.equations is None:
+        if not len(t):
             return
-        formula = formulas(self.equations)
         columns = np.ascontiguousarray(y.T)
         with np.errstate(all="ignore"):  # a run that goes wrong overflows
-            self.observer.spin(t, formula.spin(*columns))
-            if self.model != "reduced":
-                self.observer.forces(t, *formula.force(*columns, *self.constants))
+            if self.model == "reduced":
+                self.observer.spin(t, columns[0])
+            else:
+                self.observer.spin(t, spin(columns))
+                self.observer.forces(t, *contact_force(columns, self.constants))
 
 
 @dataclass(frozen=True)
