@@ -9,12 +9,13 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from rattlesweep.analysis.fill import FEWEST, fill
+from rattlesweep.analysis.fill import fill
 from rattlesweep.analysis.plots.layout import Axis, Layout
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.columns import RUNS, TEXT
 from rattlesweep.sweeps.config.messages import not_one_of
 from rattlesweep.sweeps.config.schema import PARAMETERS
+from rattlesweep.sweeps.decide import FEWEST
 from rattlesweep.sweeps.provenance import package_version
 
 if TYPE_CHECKING:

@@ -9,9 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattlesweep.arrays import Flags
-
-# Axes of fewer values are not refined (bodies.refine).
-FEWEST = 5
+from rattlesweep.sweeps.decide import nearest
 
 
 def fill(values: NDArray[Any], known: Flags, along: Sequence[bool] | None = None) -> NDArray[Any]:
@@ -37,24 +35,19 @@ def fill(values: NDArray[Any], known: Flags, along: Sequence[bool] | None = None
         Of the same shape and type; unchanged where nothing is known or nothing is missing.
     """
     from scipy.interpolate import LinearNDInterpolator
-    from scipy.ndimage import distance_transform_edt
 
-    along = [True] * values.ndim if along is None else list(along)
-    filled = values.copy()
-    others = [1 if own else n for own, n in zip(along, values.shape, strict=True)]
+    along = [True] * values.ndim if along is None else along
+    filled: NDArray[Any] = values[tuple(nearest(known, along))]
+    if not np.issubdtype(values.dtype, np.floating):
+        return filled
+    others = (1 if own else n for own, n in zip(along, values.shape, strict=True))
     for place in np.ndindex(*others):
         here = tuple(slice(None) if own else k for own, k in zip(along, place, strict=True))
-        own, there = values[here], known[here]
-        if there.all() or not there.any():
-            continue
-        nearest = distance_transform_edt(~there, return_distances=False, return_indices=True)
-        new = own[tuple(nearest)]
-        if np.issubdtype(new.dtype, np.floating):
-            wanted, source = ~there & np.isfinite(new), there & np.isfinite(own)
-            spread = all(len(np.unique(axis)) > 1 for axis in np.nonzero(source))
-            if wanted.any() and spread and new.ndim > 1 and source.sum() > new.ndim + 1:
-                interpolate = LinearNDInterpolator(np.argwhere(source), own[source])
-                between = interpolate(np.argwhere(wanted))
-                new[wanted] = np.where(np.isfinite(between), between, new[wanted])
-        filled[here] = new
+        own, new = values[here], filled[here]
+        wanted, source = ~known[here] & np.isfinite(new), known[here] & np.isfinite(own)
+        spread = all(len(np.unique(axis)) > 1 for axis in np.nonzero(source))
+        if wanted.any() and spread and new.ndim > 1 and source.sum() > new.ndim + 1:
+            interpolate = LinearNDInterpolator(np.argwhere(source), own[source])
+            between = interpolate(np.argwhere(wanted))
+            new[wanted] = np.where(np.isfinite(between), between, new[wanted])
     return filled

@@ -8,8 +8,13 @@ from typing import Any
 import numpy as np
 
 from rattlesweep.analysis.plots.layout import Layout
-from rattlesweep.analysis.plots.panels import draw_panels, legend_above, scale_axis
-from rattlesweep.analysis.plots.picture import Picture, abscissa
+from rattlesweep.analysis.plots.picture import (
+    Picture,
+    abscissa,
+    draw_panels,
+    legend_above,
+    scale_axis,
+)
 from rattlesweep.analysis.style import INK, TYPE_STYLE, label
 from rattlesweep.sweeps.counts import share, wilson
 
@@ -63,7 +68,7 @@ class Fractions(Picture):
         at = np.arange(len(x.values), dtype=float) if bars else x.values
         marks = [(name, mark) for name, mark in TYPE_STYLE.items() if name in cells.types]
         bondi = self.bondi()
-        for axes, _, where, _ in panels:
+        for axes, where in panels:
             here: Any = (slice(None), *where)
             ok = self.grid(cells.ok)[here]
             seen = ok > 0
@@ -108,8 +113,8 @@ class Fractions(Picture):
         figure.supxlabel(label(x.name), fontsize="medium")
         figure.supylabel("share of bodies", fontsize="medium")
         known: dict[str, Any] = {}
-        for panel in panels:
-            handles, words = panel.axes.get_legend_handles_labels()
+        for axes, _ in panels:
+            handles, words = axes.get_legend_handles_labels()
             known |= zip(words, handles, strict=True)
         for word in (UNSURE["label"], BONDI_LABEL):  # last, in whatever order they were drawn
             known |= {word: known.pop(word)} if word in known else {}

@@ -72,6 +72,8 @@ def choose_picture(
         )
     if kind is None and quantity is not None:
         kind = Map.name if default_kind(layout) in (Map.name, Reversals.name) else Distribution.name
+    if quantity is not None and kind not in (Map.name, Distribution.name):
+        raise ConfigError(f"--quantity: goes with --kind map or distribution, not {kind}")
     return KINDS[kind or default_kind(layout)](layout, x, quantity)
 
 
