@@ -85,9 +85,10 @@ def contact_force(y: Floats, constants: Floats) -> tuple[Floats, Floats]:
     known = cross(rate, omega) + cross(omega, v)  # of the acceleration dv/dt
     h = omega - (u * omega).sum(axis=0) * u
     torque = cross(r, known + u) - cross(omega, inertia * omega) - sigma * omega
-    turning, slowed = solve(torque), solve(h)
-    up = 1 + (u * (known + cross(r, turning))).sum(axis=0)
+    turning = solve(torque)
     if lever:
+        slowed = solve(h)
+        up = 1 + (u * (known + cross(r, turning))).sum(axis=0)
         change = (u * cross(r, slowed)).sum(axis=0)
         resisting = lever * up / (np.sqrt((h**2).sum(axis=0) + eps**2) + lever * change)
         turning = turning - np.maximum(resisting, 0) * slowed
