@@ -15,7 +15,6 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.columns import RUNS, TEXT
 from rattlesweep.sweeps.config.messages import not_one_of
 from rattlesweep.sweeps.config.schema import PARAMETERS
-from rattlesweep.sweeps.decide import FEWEST
 from rattlesweep.sweeps.provenance import package_version
 
 if TYPE_CHECKING:
@@ -96,7 +95,7 @@ def make_dataset(
         if fill_refined and layout.refined:
             if values.dtype.kind in "iu":
                 values = values.astype(float)
-            values = fill(values, known, [n >= FEWEST for n in shape])
+            values = fill(values, known)
         # Beside an axis of targets stands the coefficient of each body, which is near its target.
         own = f"{name}_body" if name in dims else name
         variables[own] = (dims, values, _attributes(fields[name]))

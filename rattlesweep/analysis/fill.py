@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rattlesweep.arrays import Flags
-from rattlesweep.sweeps.decide import nearest
+from rattlesweep.sweeps.decide import FEWEST, nearest
 
 
-def fill(values: NDArray[Any], known: Flags, along: Sequence[bool] | None = None) -> NDArray[Any]:
+def fill(values: NDArray[Any], known: Flags) -> NDArray[Any]:
     """Return an array in which points that were not run have a value too.
 
     A point takes the value of the nearest run, counted in steps of the grid. Between runs that have
     a finite number it takes the linear interpolation instead; where the nearest run has none (NaN),
-    as ``t_r`` without a reversal, it has none either.
+    as ``t_r`` without a reversal, it has none either. Axes of few values are not refined; planes
+    across them are filled apart.
 
     Parameters
     ----------
@@ -26,8 +26,6 @@ def fill(values: NDArray[Any], known: Flags, along: Sequence[bool] | None = None
         interpolated.
     known : ndarray of bool
         Points that were run, of the same shape.
-    along : sequence of bool, optional
-        Axes that are refined, by default all; planes across the others are filled apart.
 
     Returns
     -------
@@ -36,13 +34,15 @@ def fill(values: NDArray[Any], known: Flags, along: Sequence[bool] | None = None
     """
     from scipy.interpolate import LinearNDInterpolator
 
-    along = [True] * values.ndim if along is None else along
+    along = [n >= FEWEST for n in values.shape]
     filled: NDArray[Any] = values[tuple(nearest(known, along))]
     if not np.issubdtype(values.dtype, np.floating):
         return filled
     others = (1 if own else n for own, n in zip(along, values.shape, strict=True))
     for place in np.ndindex(*others):
         here = tuple(slice(None) if own else k for own, k in zip(along, place, strict=True))
+        if known[here].all() or not known[here].any():
+            continue
         own, new = values[here], filled[here]
         wanted, source = ~known[here] & np.isfinite(new), known[here] & np.isfinite(own)
         spread = all(len(np.unique(axis)) > 1 for axis in np.nonzero(source))

@@ -290,7 +290,7 @@ def nearest(known: Flags, refined: Sequence[bool]) -> Integers:
     others = (1 if own else n for own, n in zip(refined, known.shape, strict=True))
     for place in np.ndindex(*others):
         here = tuple(slice(None) if own else k for own, k in zip(refined, place, strict=True))
-        if known[here].any():
+        if known[here].any() and not known[here].all():
             index[(axes, *here)] = distance_transform_edt(
                 ~known[here], return_distances=False, return_indices=True
             )

@@ -411,7 +411,7 @@ def test_filled_points_are_those_of_the_nearest_run_and_between_runs():
     assert np.isnan(holes[6:]).all()
     assert np.isfinite(holes[:2]).all()
     stack = np.stack([np.where(known, plane, np.nan), np.full((9, 9), np.nan)])
-    apart = fill(stack, np.stack([known, np.zeros((9, 9), bool)]), [False, True, True])
+    apart = fill(stack, np.stack([known, np.zeros((9, 9), bool)]))
     np.testing.assert_allclose(apart[0], plane)
     assert np.isnan(apart[1]).all()
 

@@ -145,8 +145,6 @@ class Course:
         config, launches, batch = single_run(run) if isinstance(run, Launch) else run
         # The launch and what theory says of it, as arrays over this one run.
         self.launches, self.model = launches, str(config.model)
-        # What is integrated; None for the closed form.
-        self.equations = None if batch is None else model_of(config)
         self.channels = choose(channels, self.model)
         self.body = {name: float(getattr(launches.bodies, name)[0]) for name in PARAMETERS}
         if launches.bodies.c is not None and np.isfinite(launches.bodies.c[0]):
@@ -179,7 +177,7 @@ class Course:
         self.observer = Observer(float(launches.spin_scale[0]))
         self.constants = np.zeros(0) if batch is None else batch.constants[0]
         self._follower: Follower | _ClosedForm
-        if batch is None or self.equations is None:
+        if batch is None:
             self._follower = _ClosedForm(launches)
             # Its spin has one zero and goes through it for good.
             self.observer.reversals += self._follower.zeros
@@ -187,7 +185,7 @@ class Course:
             self._follower = Follower(
                 batch,
                 tableau,
-                self.equations,
+                model_of(config),
                 **setting,
                 max_steps=chosen.max_steps,
                 attitude="attitude" in needs,

@@ -63,9 +63,8 @@ def choose_picture(
     if kind is not None and kind not in KINDS:
         raise ConfigError(f"--kind: {not_one_of(kind, fitting)}")
     if kind is not None and kind not in fitting:
-        needs = ""
-        if kind == Reversals.name and Map.fits(layout):
-            needs = "it needs record: [reversals], "
+        recorded = kind != Reversals.name or not Map.fits(layout)
+        needs = "" if recorded else "it needs record: [reversals], "
         raise ConfigError(
             f"--kind {kind}: does not fit this sweep, {_why(layout)}; {needs}"
             f"{', '.join(fitting)} fit"

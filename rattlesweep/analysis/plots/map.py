@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -29,7 +30,6 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.physics.theory import bondi_threshold
 from rattlesweep.sweeps.bodies.sources import make_source
 from rattlesweep.sweeps.config.read import parse_config, resolved
-from rattlesweep.sweeps.decide import FEWEST
 
 # From this many values on along both sides, a grid is a map.
 SIDE = 8
@@ -112,12 +112,10 @@ class Map(Picture):
         code = np.where(runs == 0, CODES["missing"], code)
         value = self.grid(cells.ratio.means()) if name is None else self.mean(name)
         if self.layout.refined:
-            along = [len(axis.values) >= FEWEST for axis in self.axes]
-            done = self.done
-            code, value = fill(code, done, along), fill(value, done, along)
+            code, value = fill(code, self.done), fill(value, self.done)
         return code, value
 
-    @property
+    @cached_property
     def done(self) -> Flags:
         """Cells that hold runs, whether a condition chooses them or not."""
         runs = self.cells.runs
