@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import io
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from rattlesweep.analysis import style
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps.config.read import differences, fixed_part, resolved
-from rattlesweep.sweeps.files import replace_file
 from rattlesweep.sweeps.stored import Stored, open_stored
 from rattlesweep.text import align
 
@@ -103,9 +101,7 @@ class Comparison:
 
     def write_runs(self, path: Path) -> None:
         """Write the differences of all runs to a .csv or .parquet file, whole or not at all."""
-        csv, buffer = path.suffix.lower() == ".csv", io.BytesIO()
-        (self.runs.to_csv if csv else self.runs.to_parquet)(buffer, index=False)
-        replace_file(path, buffer.getvalue())
+        style.save_table(pa.Table.from_pandas(self.runs, preserve_index=False), path)
 
 
 def compare(a: Path, b: Path) -> Comparison:
@@ -179,33 +175,27 @@ def _settings(side: Stored) -> dict[str, Any]:
 
 def as_text(found: Comparison, most_cases: int) -> str:
     """Return all of it to be read, of many cases the first."""
-    return "\n".join(_lines(found, most_cases))
-
-
-def _lines(found: Comparison, most_cases: int) -> Iterator[str]:
-    data = found.data()
-    for name, side, missing in zip("AB", found.sides, data["missing"], strict=True):
+    data, lines = found.data(), []
+    for name, side, missing in zip("AB", found.sides, found.missing, strict=True):
         planned = len(side.cases) * side.samples
-        some = (
-            f"{missing:,} of {planned:,} runs are missing" if missing else f"all {planned:,} runs"
-        )
-        yield f"{name}  {side.directory}: {some}"
-    yield from (f"   {words}" for words in found.differ)
+        some = f"{missing:,} of {planned:,} runs are missing"
+        lines.append(f"{name}  {side.directory}: {some if missing else f'all {planned:,} runs'}")
+    lines += [f"   {words}" for words in found.differ]
     shown = [*data["cases"][:most_cases], {"case": "all"} | data["total"]]
-    yield "\n" + _table(shown)
+    lines.append("\n" + _table(shown))
     if (more := len(data["cases"]) - most_cases) > 0:
-        yield f"{more} more cases are in --json"
-    without = [n for n, stored in zip("AB", found.errors, strict=True) if not stored]
-    if without:
-        yield f"{' and '.join(without)}: no errors stored; add record: [error]"
+        lines.append(f"{more} more cases are in --json")
+    if without := [n for n, stored in zip("AB", found.errors, strict=True) if not stored]:
+        lines.append(f"{' and '.join(without)}: no errors stored; add record: [error]")
     for name, title in (
         ("differing_times", "t_r that differ most, by their relative difference"),
         ("beyond_errors", "t_r that differ by more than both errors, by that ratio"),
         ("differing_types", "types that differ, those that both are sure of first"),
     ):
         if data[name]:
-            yield f"\n{title} (`rattlesweep replay DIR --case CASE --sample SAMPLE` follows one)"
-            yield _table(data[name])
+            follow = "(`rattlesweep replay DIR --case CASE --sample SAMPLE` follows one)"
+            lines += [f"\n{title} {follow}", _table(data[name])]
+    return "\n".join(lines)
 
 
 def _table(rows: list[dict[str, Any]]) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from rattlesweep.analysis.fill import FEWEST, fill
+from rattlesweep.analysis.fill import fill
 from rattlesweep.analysis.plots.layout import Axis, Layout
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.columns import RUNS, TEXT
@@ -95,7 +95,7 @@ def make_dataset(
         if fill_refined and layout.refined:
             if values.dtype.kind in "iu":
                 values = values.astype(float)
-            values = fill(values, known, [n >= FEWEST for n in shape])
+            values = fill(values, known)
         # Beside an axis of targets stands the coefficient of each body, which is near its target.
         own = f"{name}_body" if name in dims else name
         variables[own] = (dims, values, _attributes(fields[name]))

@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rattlesweep.arrays import Flags
-
-# Axes of fewer values are not refined (bodies.refine).
-FEWEST = 5
+from rattlesweep.sweeps.decide import FEWEST, nearest
 
 
-def fill(values: NDArray[Any], known: Flags, along: Sequence[bool] | None = None) -> NDArray[Any]:
+def fill(values: NDArray[Any], known: Flags) -> NDArray[Any]:
     """Return an array in which points that were not run have a value too.
 
     A point takes the value of the nearest run, counted in steps of the grid. Between runs that have
     a finite number it takes the linear interpolation instead; where the nearest run has none (NaN),
-    as ``t_r`` without a reversal, it has none either.
+    as ``t_r`` without a reversal, it has none either. Axes of few values are not refined; planes
+    across them are filled apart.
 
     Parameters
     ----------
@@ -28,8 +26,6 @@ def fill(values: NDArray[Any], known: Flags, along: Sequence[bool] | None = None
         interpolated.
     known : ndarray of bool
         Points that were run, of the same shape.
-    along : sequence of bool, optional
-        Axes that are refined, by default all; planes across the others are filled apart.
 
     Returns
     -------
@@ -37,24 +33,21 @@ def fill(values: NDArray[Any], known: Flags, along: Sequence[bool] | None = None
         Of the same shape and type; unchanged where nothing is known or nothing is missing.
     """
     from scipy.interpolate import LinearNDInterpolator
-    from scipy.ndimage import distance_transform_edt
 
-    along = [True] * values.ndim if along is None else list(along)
-    filled = values.copy()
-    others = [1 if own else n for own, n in zip(along, values.shape, strict=True)]
+    along = [n >= FEWEST for n in values.shape]
+    filled: NDArray[Any] = values[tuple(nearest(known, along))]
+    if not np.issubdtype(values.dtype, np.floating):
+        return filled
+    others = (1 if own else n for own, n in zip(along, values.shape, strict=True))
     for place in np.ndindex(*others):
         here = tuple(slice(None) if own else k for own, k in zip(along, place, strict=True))
-        own, there = values[here], known[here]
-        if there.all() or not there.any():
+        if known[here].all() or not known[here].any():
             continue
-        nearest = distance_transform_edt(~there, return_distances=False, return_indices=True)
-        new = own[tuple(nearest)]
-        if np.issubdtype(new.dtype, np.floating):
-            wanted, source = ~there & np.isfinite(new), there & np.isfinite(own)
-            spread = all(len(np.unique(axis)) > 1 for axis in np.nonzero(source))
-            if wanted.any() and spread and new.ndim > 1 and source.sum() > new.ndim + 1:
-                interpolate = LinearNDInterpolator(np.argwhere(source), own[source])
-                between = interpolate(np.argwhere(wanted))
-                new[wanted] = np.where(np.isfinite(between), between, new[wanted])
-        filled[here] = new
+        own, new = values[here], filled[here]
+        wanted, source = ~known[here] & np.isfinite(new), known[here] & np.isfinite(own)
+        spread = all(len(np.unique(axis)) > 1 for axis in np.nonzero(source))
+        if wanted.any() and spread and new.ndim > 1 and source.sum() > new.ndim + 1:
+            interpolate = LinearNDInterpolator(np.argwhere(source), own[source])
+            between = interpolate(np.argwhere(wanted))
+            new[wanted] = np.where(np.isfinite(between), between, new[wanted])
     return filled

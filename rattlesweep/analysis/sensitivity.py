@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from rattlesweep.analysis import style
-from rattlesweep.analysis.plots.panels import legend_above
+from rattlesweep.analysis.plots.picture import legend_above
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps.config.schema import SdSource
@@ -152,10 +152,6 @@ def _indices(f: Floats) -> list[dict[str, Any]]:
 
 def as_text(found: Sensitivity, most_cases: int) -> str:
     """Return a table of indices with their intervals, of many cases the first."""
-    return "\n".join(_lines(found, most_cases))
-
-
-def _lines(found: Sensitivity, most_cases: int) -> Iterator[str]:
     table = [["case", "n_i", "omega_xy0", "of", "runs", "left out", "index", *found.parameters]]
     for case, of, rows in _grouped(found):
         if case >= most_cases:
@@ -166,12 +162,17 @@ def _lines(found: Sensitivity, most_cases: int) -> Iterator[str]:
             cells = ["{:.2f} ({:.2f} {:.2f})".format(*_values(row, index)) for row in rows]
             counts = [str(rows[0]["used"]), str(rows[0]["left_out"])]
             table.append([*head, of, *counts, index, *cells])
-    yield align(table)
-    yield "in brackets intervals of 95 %; left out: runs in groups without all values (t_r has one"
-    yield "only where the spin reverses), and those beyond a power of two"
-    yield from found.notes[: 2 * most_cases]
-    if (more := len(found.cases) - most_cases) > 0:
-        yield f"{more} more cases are in --json"
+    more = len(found.cases) - most_cases
+    return "\n".join(
+        [
+            align(table),
+            "in brackets intervals of 95 %; left out: runs in groups without all values (t_r has "
+            "one",
+            "only where the spin reverses), and those beyond a power of two",
+            *found.notes[: 2 * most_cases],
+            *([f"{more} more cases are in --json"] if more > 0 else []),
+        ]
+    )
 
 
 def _grouped(found: Sensitivity) -> Iterator[tuple[int, str, list[dict[str, Any]]]]:

@@ -10,6 +10,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import matplotlib as mpl
+import pyarrow as pa
+import pyarrow.csv as csv
+import pyarrow.parquet as parquet
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cbook import is_math_text
 from matplotlib.figure import Figure
@@ -143,6 +146,16 @@ def save(figure: Figure, paths: Sequence[Path], dpi: float) -> None:
     """Write a figure to some files, each in one step, in the formats of their endings."""
     for path in paths:
         replace_file(path, encode(figure, path.suffix.lower().removeprefix("."), dpi))
+
+
+def save_table(table: pa.Table, path: Path) -> None:
+    """Write a table as CSV or Parquet, by the ending, in one step."""
+    buffer = io.BytesIO()
+    if path.suffix.lower() == ".csv":
+        csv.write_csv(table, buffer)
+    else:
+        parquet.write_table(table, buffer)
+    replace_file(path, buffer.getvalue())
 
 
 def formula_error(text: str) -> str | None:

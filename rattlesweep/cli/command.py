@@ -27,6 +27,10 @@ MOST_ROWS = 20
 Section = Literal["Sweeps", "Results of a sweep", "One run", "Studies"]
 
 
+class Interrupted(BaseException):
+    """Ctrl-C was pressed while a command was at work."""
+
+
 class Terminated(BaseException):
     """SIGTERM arrived."""
 
@@ -66,8 +70,12 @@ class Command(click.Command):
         """Check the environment, call the function and end with its exit code."""
         check_settings()
         quiet = bool(ctx.params.get("quiet"))
-        with listening(None if quiet else Bar.of_command(quiet).compiling):
-            code = super().invoke(ctx)
+        try:
+            with listening(None if quiet else Bar.of_command(quiet).compiling):
+                code = super().invoke(ctx)
+        except KeyboardInterrupt as error:
+            # click would write an empty line before it hands this on.
+            raise Interrupted from error
         ctx.exit(code or DONE)
 
 
@@ -81,7 +89,7 @@ class Program(click.Group):
         try:
             code = super().main(*args, **{**settings, "standalone_mode": False})
             sys.stdout.flush()
-        except (click.Abort, KeyboardInterrupt, Terminated) as error:
+        except (click.Abort, KeyboardInterrupt, Interrupted, Terminated) as error:
             signal.signal(signal.SIGINT, signal.SIG_DFL)  # a second Ctrl-C ends it at once
             kept: list[str] = getattr(error.__cause__ or error, "__notes__", [])
             resumes = f"; {'; '.join(kept)}, and the same command resumes from there"

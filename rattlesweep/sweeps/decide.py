@@ -212,29 +212,13 @@ class Refining(_Known):
         return self._runs(wanted)
 
     def nearest(self, there: Flags) -> tuple[Integers, Integers]:
-        """Return for each run, by (case, sample), which of those that are `there` is nearest on the
-        grid.
+        """Return the case and the sample of the run nearest to each among those that are `there`.
 
-        Axes of few values, which are done whole, are no way to a neighbour.  Two arrays of the
-        shape (cases, samples): case and sample of that run.
+        Two arrays of the shape (cases, samples), as `there` is.
         """
-        from scipy.ndimage import distance_transform_edt
-
-        missing, numbers = ~self._grid(there), np.arange(there.size).reshape(there.shape)
-        number = self._grid(numbers)
-        whole = [axis for axis, stride in enumerate(self.strides) if stride == 1]
-        filled = np.empty(self.shape, dtype=np.int64)
-        for place in product(*(range(self.shape[axis]) for axis in whole)):
-            here: list[Any] = [slice(None)] * len(self.shape)
-            for axis, k in zip(whole, place, strict=True):
-                here[axis] = k
-            at = tuple(here)
-            if missing[at].all():
-                filled[at] = number[at]  # nothing there yet, so each is its own
-                continue
-            index = distance_transform_edt(missing[at], return_distances=False, return_indices=True)
-            filled[at] = number[at][tuple(index)]
-        case, sample = np.divmod(self._runs(filled), there.shape[1])
+        index = nearest(self._grid(there), [stride > 1 for stride in self.strides])
+        number = self._grid(np.arange(there.size).reshape(there.shape))
+        case, sample = np.divmod(self._runs(number[tuple(index)]), there.shape[1])
         return case, sample
 
     def _halve(
@@ -292,6 +276,26 @@ def strides(shape: Sequence[int], levels: int) -> tuple[int, ...]:
     """Return the steps of the coarse grid along axes of so many values: two at least, or 1."""
     return tuple(1 if n < FEWEST else min(1 << levels, 1 << ((n - 1) // 2).bit_length() - 1)
                  for n in shape)  # fmt: skip
+
+
+def nearest(known: Flags, refined: Sequence[bool]) -> Integers:
+    """Return the indices of the nearest known point of each point of a grid, shape (axes, ...).
+
+    Axes that are not `refined` are no way to a neighbour: planes across them are apart, and the
+    points of one without any known point have their own indices.
+    """
+    from scipy.ndimage import distance_transform_edt
+
+    index = np.indices(known.shape)
+    axes = np.flatnonzero(refined)
+    others = (1 if own else n for own, n in zip(refined, known.shape, strict=True))
+    for place in np.ndindex(*others):
+        here = tuple(slice(None) if own else k for own, k in zip(refined, place, strict=True))
+        if known[here].any() and not known[here].all():
+            index[(axes, *here)] = distance_transform_edt(
+                ~known[here], return_distances=False, return_indices=True
+            )
+    return index
 
 
 def ticks(length: int, stride: int) -> Integers:

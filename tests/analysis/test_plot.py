@@ -222,19 +222,6 @@ def test_a_map_shows_the_runs_and_bondis_line_between_them(sweeps):
     assert BONDI_LABEL in legend_words(figure)
 
 
-@pytest.mark.parametrize(
-    ("x", "select", "spins"), [("theta", [], (-0.5, -0.3)), ("phi", ["n_i=-0.3"], (-0.3,))]
-)
-def test_bondis_line_over_two_body_axes(sweeps, x, select, spins):
-    figure = picture(sweeps / "plane", x=x, select=select).figure()
-    for axes, n_i in zip(figure.axes[::2], spins, strict=False):
-        vertices, _ = contours(axes)
-        assert len(vertices) > 100
-        for point in vertices[::50]:
-            theta, phi = point if x == "theta" else point[::-1]
-            assert threshold(theta, phi) == pytest.approx(n_i, abs=2e-4)
-
-
 def test_failed_and_missing_cells_are_seen(sweeps, tmp_path):
     part = edited(sweeps / "map", tmp_path / "part", lambda rows: rows[:60])
     stuck = (rs.load(sweeps / "stuck").runs["status"] != "ok").sum()
@@ -386,19 +373,6 @@ def test_a_scatter_shows_each_reversal_once(sweeps, tmp_path, monkeypatch):
     assert few.table()["t_r"].to_pylist() == t_r[::stride].tolist()
 
 
-def test_a_condition_chooses_the_runs_that_are_drawn(sweeps, tmp_path):
-    where = "t_r < 2 * t_rgh and n_i > 0.2"
-    data, svg = tmp_path / "data.csv", tmp_path / "p.svg"
-    done = invoke("plot", sweeps / "unsteady", "--kind", "scatter", "--data", data, "--output", svg,
-                  "--where", where)  # fmt: skip
-    assert done.exit_code == 0, done.stderr
-    every = rs.load(sweeps / "unsteady").runs
-    runs = every[(every.t_r < 2 * every.t_rgh) & (every.n_i > 0.2)]
-    assert 0 < len(runs) < every.t_r.notna().sum()
-    assert sorted(pd.read_csv(data).t_r) == pytest.approx(sorted(runs.t_r))
-    assert "&lt; 2 * t_rgh" in svg.read_text()
-
-
 # -- any column, refined maps ----------------------------------------------------------------------
 
 
@@ -410,10 +384,6 @@ def test_a_map_of_any_column_has_its_means_and_its_unit(sweeps):
     np.testing.assert_allclose(figure.axes[0].collections[1].get_array(), values)
     (bar,) = [axes for axes in figure.axes if axes.get_label() == "<colorbar>"]
     assert bar.get_ylabel() == r"t_end ($\sqrt{a/g}$)"
-    with pytest.raises(ConfigError, match='"n_step" is not one of'):
-        picture(sweeps / "map", "map", quantity="n_step")
-    with pytest.raises(ConfigError, match="goes with --kind map or distribution"):
-        picture(sweeps / "map", "ratio", quantity="n_steps")
 
 
 def test_a_histogram_of_any_column_has_every_run_once(sweeps):
@@ -441,7 +411,7 @@ def test_filled_points_are_those_of_the_nearest_run_and_between_runs():
     assert np.isnan(holes[6:]).all()
     assert np.isfinite(holes[:2]).all()
     stack = np.stack([np.where(known, plane, np.nan), np.full((9, 9), np.nan)])
-    apart = fill(stack, np.stack([known, np.zeros((9, 9), bool)]), [False, True, True])
+    apart = fill(stack, np.stack([known, np.zeros((9, 9), bool)]))
     np.testing.assert_allclose(apart[0], plane)
     assert np.isnan(apart[1]).all()
 

@@ -15,12 +15,12 @@ from refusal import assert_refused
 from sweeping import invoke, rows, run
 
 import rattlesweep as rs
-from rattlesweep.analysis.onerun.channels import formulas
+from rattlesweep.analysis.onerun import channels
 from rattlesweep.analysis.onerun.course import Course
 from rattlesweep.analysis.onerun.replay import Replay
 from rattlesweep.analysis.onerun.rows import Rows
-from rattlesweep.integrate.model import FULL
-from rattlesweep.physics import full
+from rattlesweep.integrate.model import ELLIPSOID, FRICTION, FULL
+from rattlesweep.physics import full, stone
 
 
 @pytest.fixture(scope="module")
@@ -143,18 +143,24 @@ def test_other_models_are_replayed_too(tmp_path, model):
     assert pcsv.read_csv(table).num_rows == 3
 
 
-@full.scalar
-def slow_energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):
-    return full.energy(p, q, 0.5 * a, 0.5 * b, 0.5 * c, ix, iy, iz, cxx, cxy, cyy)
-
-
-def test_a_model_that_builds_on_another_has_channels_too():
-    found = formulas(replace(FULL, name="slow", energy=slow_energy))
-    states = np.random.default_rng(1).uniform(-0.5, 0.5, (5, 7))
-    constants = full.constants(13.04, 1.522, 12.28, 0.6429, 0.036, -0.03)
-    half = states * np.array([1, 1, 0.5, 0.5, 0.5])[:, None]
-    expected = [full.energy.py_func(*y, *constants) for y in half.T]
-    np.testing.assert_allclose(found.energy(*states, *constants), expected, rtol=1e-15)
+@pytest.mark.parametrize("model", [FULL, ELLIPSOID, *FRICTION.values()], ids=lambda m: m.name)
+def test_channels_are_what_the_equations_say(model):
+    """The formulas for arrays, in vectors, against the scalar functions of the kernels."""
+    y = np.random.default_rng(1).uniform(-0.3, 0.3, (model.n_state, 9))
+    body = full.constants(13.04, 1.522, 12.28, 0.6429, 0.036, -0.03)
+    constants = np.append(body, [1 / 3, 0.02, 0.03, 1e-4])[: model.n_constants]
+    constants[6:7] *= model.touch is stone.ellipsoid
+    constants[8:9] *= "rolling" in model.name
+    functions = model.spin, model.energy, model.contact
+    arguments = (), constants, constants
+    n, kept, force = (
+        np.array([function(*state, *more) for state in y.T])
+        for function, more in zip(functions, arguments, strict=True)
+    )
+    work = y[5] if len(y) > 5 else 0
+    np.testing.assert_allclose(channels.spin(y), n, rtol=1e-13, atol=1e-15)
+    np.testing.assert_allclose(channels.energy(y, constants), kept + work, rtol=1e-13)
+    np.testing.assert_allclose(channels.contact_force(y, constants), force.T, rtol=1e-10)
 
 
 def test_rows_may_begin_late(sweep, tmp_path):

@@ -22,7 +22,7 @@ from sweeping import ROOT, invoke
 from rattlesweep.analysis.style import styled
 from rattlesweep.analysis.tradeoff import runs as tradeoff
 from rattlesweep.analysis.tradeoff import table as figure
-from rattlesweep.analysis.tradeoff.measure import goal_kept, make_reference, measure
+from rattlesweep.analysis.tradeoff.measure import errors, make_reference, measure
 from rattlesweep.analysis.tradeoff.runs import DEFAULT, FULL, QUICK, REFERENCES, Setting, draw
 from rattlesweep.analysis.tradeoff.table import (
     QUANTILES,
@@ -46,8 +46,7 @@ model: gh
 integrator: {method: rk4, dt: 0.1}
 record: []
 """
-SMALL_SCOPE = replace(FULL, least=24, rounds=1, horizon=50.0, stages=1e8, scalar_stages=2e7,
-                      cost_stages=1e5)  # fmt: skip
+SMALL_SCOPE = replace(FULL, least=24, rounds=1, horizon=50.0, stages=1e8)
 # One kernel, the yardstick and the closed form; the slow suite has all, and two reference methods.
 FEW = (tradeoff.PLAIN, *tradeoff.settings(["dop853"]), tradeoff.GOAL, tradeoff.CLOSED_FORM)
 DOP853 = REFERENCES[1]
@@ -256,15 +255,16 @@ def test_equal_figures_have_equal_bytes(study, tmp_path, monkeypatch):
 
 
 def test_a_promise_is_kept_by_runs_that_do_not_say_otherwise():
-    both = np.array([True, True, True, True, False])
+    both, ones = np.array([True, True, True, True, False]), np.ones(5)
     t_r = np.array([1 + 1e-7, 1 + 1e-5, 1 + 1e-5, np.nan, 2.0])
     told = np.array([1e-7, 1e-7, 1e-4, np.nan, 1e-7])
-    solution = SimpleNamespace(t_r=np.ones(5))
-    reference: Any = SimpleNamespace(both=both, solution=solution)
-    found: Any = SimpleNamespace(t_r=t_r, t_r_error=told)
-    index = np.arange(5)
-    assert goal_kept(tradeoff.GOAL, found, reference, index) == {"kept": 0.5, "marked": 0.5}
-    assert math.isnan(goal_kept(FEW[1], found, reference, index)["kept"])
+    solution = SimpleNamespace(t_r=ones, types=ones)
+    reference: Any = SimpleNamespace(both=both, neither=~both, solution=solution)
+    found: Any = SimpleNamespace(t_r=t_r, t_r_error=told, types=ones, ok=ones > 0, drift=ones)
+    of = errors(tradeoff.GOAL, found, reference, np.arange(5))
+    assert (of["kept"], of["marked"]) == (0.5, 0.5)
+    assert (of["missed"], of["false"]) == (1, 1)
+    assert math.isnan(errors(FEW[1], found, reference, np.arange(5))["kept"])
 
 
 def test_runs_too_long_for_a_setting_are_no_error(tmp_path):

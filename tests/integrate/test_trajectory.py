@@ -323,7 +323,7 @@ BAD = [
     ({"times": [[0, 1]]}, "a list of finite numbers"),
     ({"steps": True, "model": "gh"}, "the model gh takes none"),
     ({"e_r0": 1e-5}, "no channel asks for it"),
-    ({"e_r0": -1.0, "model": "reduced"}, "must be finite and not negative"),
+    ({"e_r0": -1.0, "model": "reduced"}, "from 0 to"),
     ({"n_i": 0.0, "t_end": None}, "t_end: missing; a launch without spin has no t_rGH"),
     ({"omega": (0, 0, 1)}, "n_i and omega_xy0 given with a full state"),
     ({"method": "euler"}, "euler"),

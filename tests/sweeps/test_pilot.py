@@ -43,7 +43,7 @@ def test_it_says_what_the_plan_is_as_data_and_in_words(small):
     assert json.loads(json.dumps(small.as_data(), allow_nan=False))["runs"] == 2000
     text = replace(small, seconds=190.0, low=170.0, high=210.0, bytes=12_300_000).words
     assert "2,000 runs: 3:10 with 2 threads (95 %: 2:50 to 3:30), up to 12.3 MB on disk" in text
-    assert "a share takes about" in text
+    assert "a shard takes about" in text
     for change, words in (
         ({"few": 0.9}, "one run in a hundred takes 90 % of the time"),
         ({"unseen": 0.2}, "20 % of the pilot's runs were too long for it"),

@@ -78,12 +78,13 @@ def test_commands_know_the_columns(sweep):
         assert max(map(len, table[name].to_pylist())) == 8
 
 
-def test_failed_runs_have_none(tmp_path):
+def test_failed_runs_have_no_count_and_keep_their_first_zero(tmp_path):
     config = CONFIG | {"record": ["reversals"], "integrator": {"max_steps": 500}}
     runs = rs.sweep(config, output=tmp_path).runs
     failed = runs.status != "ok"
     assert failed.any()
-    assert runs[[*NEW, "t_r"]][failed].isna().all(axis=None)
+    assert runs[[*NEW, "type"]][failed].isna().all(axis=None)
+    assert (runs.t_r <= runs.t_end)[failed & runs.t_r.notna()].all()
 
 
 @pytest.mark.slow

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from functools import cache, cached_property, partial
-from types import CellType, FunctionType, ModuleType, SimpleNamespace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,73 +18,99 @@ from rattlesweep.sweeps.config.messages import not_one_of
 
 if TYPE_CHECKING:
     from rattlesweep.integrate.follow.trajectory import Samples
-    from rattlesweep.integrate.model import Model
     from rattlesweep.sweeps.launches import Launches
 
 
-def _arrays(function: Any) -> Callable[..., Any]:
-    """Return the formula for arrays: the scalar function's own code with NumPy's square root.
+def _touch(y: Floats, constants: Floats) -> tuple[Floats, Floats]:
+    """Return the contact point (Eqs. def-xy, def-z) and its rate, shape (3, ...) each."""
+    p, q, a, b, c = y[: full.N_STATE]
+    cxx, cxy, cyy, k = np.append(constants, 0.0)[3:7]  # no k: a paraboloid
+    dp, dq, _ = full.slope_rate.py_func(p, q, a, b, c)
+    x, y0 = p + cxx * p + cxy * q, q + cxy * p + cyy * q
+    s, rho_rate = x * p + y0 * q, k * (x * dp + y0 * dq)
+    rho = np.sqrt(1 + k * s)
+    rho_rate = rho_rate / rho
+    at = np.array([x / rho, y0 / rho, 1 - s / (rho + rho**2)])
+    dx = (dp + cxx * dp + cxy * dq - at[0] * rho_rate) / rho
+    dy = (dq + cxy * dp + cyy * dq - at[1] * rho_rate) / rho
+    return at, np.array([dx, dy, -p * dx - q * dy])  # in the plane
 
-    What it calls is replaced likewise, whether by its name or by that of its module.
-    """
-    formula = function.py_func
-    names = formula.__code__.co_names
 
-    def called(found: Mapping[str, Any]) -> dict[str, Any]:
-        # Names of attributes are among them, and may be its own.
-        named = {name: found.get(name) for name in names if found.get(name) is not function}
-        return {n: _arrays(f) for n, f in named.items() if hasattr(f, "py_func")}
+def spin(y: Floats) -> Floats:
+    """Return the spin of states of the full model, shape (5 or more, ...)."""
+    u, omega = full.to_vectors(y[: full.N_STATE])
+    n: Floats = (u * omega).sum(axis=0)
+    return n
 
-    others = called(formula.__globals__)
-    for name in names:
-        if isinstance(module := formula.__globals__.get(name), ModuleType):
-            others[name] = SimpleNamespace(**called(vars(module)))
-    cells = [cell.cell_contents for cell in formula.__closure__ or ()]
-    return FunctionType(
-        formula.__code__,
-        {**formula.__globals__, "sqrt": np.sqrt, **others},
-        formula.__name__,
-        None,
-        tuple(CellType(_arrays(f) if hasattr(f, "py_func") else f) for f in cells),
+
+def energy(y: Floats, constants: Floats) -> Floats:
+    """Return the energy of states of the full model; the potential is a sum of small terms."""
+    p, q = y[:2]
+    cxx, cxy, cyy, k = np.append(constants, 0.0)[3:7]
+    at, omega = _touch(y, constants)[0], y[2 : full.N_STATE]
+    v = np.cross(at, omega, axis=0)
+    tilt, bent = p * p + q * q, cxx * p * p + 2 * cxy * p * q + cyy * q * q
+    root = np.sqrt(1 + tilt)
+    half = (tilt + bent) / (1 + np.sqrt(1 + k * (tilt + bent)))
+    potential = (bent + (tilt / (1 + root)) ** 2 - k * half**2) / root
+    value: Floats = 0.5 * (
+        np.tensordot(constants[:3], omega**2, 1) + (v**2).sum(axis=0) + potential
     )
+    return value
 
 
-class Formulas(NamedTuple):
-    """Formulas of a model, for arrays."""
+def contact_force(y: Floats, constants: Floats) -> tuple[Floats, Floats]:
+    """Return the normal and the tangential contact force (Eq. em-1) of states of the full model.
 
-    spin: Callable[..., Any]
-    energy: Callable[..., Any]
-    force: Callable[..., Any]
-    touch: Callable[..., Any]
+    The angular acceleration solves Eq. diff-omega,
+    ``(I + r^2 - r r^T) domega/dt = r x (dr/dt x omega + omega x v + u) - omega x I omega - L``
+    with ``v = r x omega``. The couple ``L`` of the dissipation is ``sigma omega``, and the rolling
+    resistance against the part ``h`` of omega in the plane, which is linear in the force itself.
+    """
+    u, omega = full.to_vectors(y[: full.N_STATE])
+    r, rate = _touch(y, constants)
+    inertia = constants[:3, None]
+    sigma, lever, eps = constants[7:10] if len(constants) > 7 else (0.0, 0.0, 0.0)
 
+    cross = partial(np.cross, axis=0)
 
-@cache
-def formulas(model: Model) -> Formulas:
-    """Return spin, energy (what is conserved of it), contact force and point."""
-    touch = model.touch or model.contact
-    return Formulas(*map(_arrays, (model.spin, model.energy, model.contact, touch)))
+    def solve(torque: Floats) -> Floats:  # Sherman and Morrison's formula
+        square = (r**2).sum(axis=0)
+        d = inertia + square
+        along = (r * torque / d).sum(axis=0) / (inertia * r**2 / d).sum(axis=0)
+        rate: Floats = (torque + square * along * r) / d
+        return rate
+
+    v = cross(r, omega)
+    known = cross(rate, omega) + cross(omega, v)  # of the acceleration dv/dt
+    h = omega - (u * omega).sum(axis=0) * u
+    torque = cross(r, known + u) - cross(omega, inertia * omega) - sigma * omega
+    turning = solve(torque)
+    if lever:
+        slowed = solve(h)
+        up = 1 + (u * (known + cross(r, turning))).sum(axis=0)
+        change = (u * cross(r, slowed)).sum(axis=0)
+        resisting = lever * up / (np.sqrt((h**2).sum(axis=0) + eps**2) + lever * change)
+        turning = turning - np.maximum(resisting, 0) * slowed
+    acceleration = known + cross(r, turning)
+    lift = (u * acceleration).sum(axis=0)
+    return 1 + lift, np.sqrt(((acceleration - lift * u) ** 2).sum(axis=0))
 
 
 @dataclass(frozen=True)
 class View:
     """Quantities of a run at the same times, computed when they are first asked for.
 
-    `equations` are those integrated, None for the closed form, with their `constants` and the
-    launch's energy; `samples` are theirs, `beside` those of the reduced model.
+    `constants` are those of the equations, `samples` their states, `beside` those of the reduced
+    model; `energy_0` is the launch's energy.
     """
 
     model: str
-    equations: Model | None
     launches: Launches
     constants: Floats
     energy_0: float
     samples: Samples
     beside: Samples | None
-
-    @property
-    def _own(self) -> Formulas | None:
-        """Formulas of the run's model; None for the closed form."""
-        return None if self.equations is None else formulas(self.equations)
 
     @cached_property
     def y(self) -> Floats:
@@ -100,15 +125,17 @@ class View:
     @cached_property
     def n(self) -> Floats:
         """Spin."""
-        spin: Floats = self.gh if self._own is None else self._own.spin(*self.y)
-        return spin
+        if self.model == "full":
+            return spin(self.y)
+        return self.gh if self.model == "gh" else self.y[0]
 
     @cached_property
     def energy(self) -> Floats:
         """Energy."""
-        assert self._own is not None
-        kept: Floats = self._own.energy(*self.y, *self.constants)
-        return kept + self.work
+        if self.model == "full":
+            return energy(self.y, self.constants)
+        value: Floats = 0.5 * self.constants[2] * self.y[0] ** 2 + self.y[1] + self.y[2]
+        return value
 
     @property
     def work(self) -> Floats:
@@ -156,22 +183,14 @@ class View:
         return np.where(np.isfinite(value), value, np.nan)
 
     @cached_property
-    def contact(self) -> tuple[Floats, Floats, Floats]:
-        """Contact point in the body's frame (Eqs. def-xy, def-z)."""
-        p, q = self.y[:2]
-        assert self._own is not None
-        # Where it is does not depend on how it moves.
-        still = np.zeros_like(p)
-        shape = self.constants[3:7]
-        fx, fy, rise, *_ = self._own.touch(p, q, *[still] * 6, *shape)
-        return p + fx, q + fy, 1 - rise
+    def contact(self) -> Floats:
+        """Contact point in the body's frame, components first."""
+        return _touch(self.y, self.constants)[0]
 
     @cached_property
     def force(self) -> tuple[Floats, Floats]:
         """Normal and tangential contact force."""
-        assert self._own is not None
-        normal, tangential = self._own.force(*self.y, *self.constants)
-        return normal, tangential
+        return contact_force(self.y, self.constants)
 
     @cached_property
     def attitude(self) -> Floats:

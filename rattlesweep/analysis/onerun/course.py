@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from rattlesweep.analysis.onerun.channels import View, choose, formulas
+from rattlesweep.analysis.onerun.channels import View, choose, contact_force, spin
 from rattlesweep.analysis.onerun.rows import Rows
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
@@ -145,8 +145,6 @@ class Course:
         config, launches, batch = single_run(run) if isinstance(run, Launch) else run
         # The launch and what theory says of it, as arrays over this one run.
         self.launches, self.model = launches, str(config.model)
-        # What is integrated; None for the closed form.
-        self.equations = None if batch is None else model_of(config)
         self.channels = choose(channels, self.model)
         self.body = {name: float(getattr(launches.bodies, name)[0]) for name in PARAMETERS}
         if launches.bodies.c is not None and np.isfinite(launches.bodies.c[0]):
@@ -179,7 +177,7 @@ class Course:
         self.observer = Observer(float(launches.spin_scale[0]))
         self.constants = np.zeros(0) if batch is None else batch.constants[0]
         self._follower: Follower | _ClosedForm
-        if batch is None or self.equations is None:
+        if batch is None:
             self._follower = _ClosedForm(launches)
             # Its spin has one zero and goes through it for good.
             self.observer.reversals += self._follower.zeros
@@ -187,7 +185,7 @@ class Course:
             self._follower = Follower(
                 batch,
                 tableau,
-                self.equations,
+                model_of(config),
                 **setting,
                 max_steps=chosen.max_steps,
                 attitude="attitude" in needs,
@@ -196,8 +194,7 @@ class Course:
             )
         self.zeros = self.observer.zeros = self._follower.zeros
         self.reversals = self.observer.reversals
-        self._view = partial(View, self.model, self.equations, launches, self.constants,
-                             self._follower.energy_0)  # fmt: skip
+        self._view = partial(View, self.model, launches, self.constants, self._follower.energy_0)
         self._beside = None
         if "reduced" in needs:
             beside = with_energies(reduced_batch(launches), *energies)
@@ -257,14 +254,15 @@ class Course:
 
     def _look(self, t: Floats, y: Floats) -> None:
         """Observe the accepted steps as they come, and at first the launch."""
-        if not len(t) or self.equations is None:
+        if not len(t):
             return
-        formula = formulas(self.equations)
         columns = np.ascontiguousarray(y.T)
         with np.errstate(all="ignore"):  # a run that goes wrong overflows
-            self.observer.spin(t, formula.spin(*columns))
-            if self.model != "reduced":
-                self.observer.forces(t, *formula.force(*columns, *self.constants))
+            if self.model == "reduced":
+                self.observer.spin(t, columns[0])
+            else:
+                self.observer.spin(t, spin(columns))
+                self.observer.forces(t, *contact_force(columns, self.constants))
 
 
 @dataclass(frozen=True)

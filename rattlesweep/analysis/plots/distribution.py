@@ -9,8 +9,7 @@ import numpy as np
 import pyarrow as pa
 from matplotlib.ticker import MaxNLocator
 
-from rattlesweep.analysis.plots.panels import BESIDE, plain_ticks
-from rattlesweep.analysis.plots.picture import Picture
+from rattlesweep.analysis.plots.picture import BESIDE, Picture, plain_ticks
 from rattlesweep.analysis.plots.scatter import WIDE
 from rattlesweep.analysis.style import BLUE, FAILED, THEORY, TYPE_STYLE, Mark, label
 from rattlesweep.arrays import Floats
@@ -29,7 +28,6 @@ class Distribution(Picture):
     """
 
     name = "distribution"
-    takes_quantity = True
 
     @property
     def caption(self) -> str:  # type: ignore[override]

@@ -8,9 +8,15 @@ from typing import Any
 import numpy as np
 
 from rattlesweep.analysis.plots.layout import Layout
-from rattlesweep.analysis.plots.panels import draw_panels, legend_above, scale_axis
-from rattlesweep.analysis.plots.picture import Picture, abscissa
+from rattlesweep.analysis.plots.picture import (
+    Picture,
+    abscissa,
+    draw_panels,
+    legend_above,
+    scale_axis,
+)
 from rattlesweep.analysis.style import INK, TYPE_STYLE, label
+from rattlesweep.arrays import Floats
 from rattlesweep.sweeps.counts import share, wilson
 
 # With fewer values along the axis, areas between them would say nothing: bars.
@@ -63,30 +69,27 @@ class Fractions(Picture):
         at = np.arange(len(x.values), dtype=float) if bars else x.values
         marks = [(name, mark) for name, mark in TYPE_STYLE.items() if name in cells.types]
         bondi = self.bondi()
-        for axes, _, where, _ in panels:
+
+        def stack(axes: Any, below: Floats, above: Floats, **look: Any) -> None:
+            if bars:
+                axes.bar(at, above - below, 0.7, below, **look)
+            else:
+                axes.fill_between(at, below, above, **look)
+
+        for axes, where in panels:
             here: Any = (slice(None), *where)
             ok = self.grid(cells.ok)[here]
-            seen = ok > 0
-
-            def stack(below: Any, own: Any, axes: Any = axes, seen: Any = seen, **look: Any) -> Any:
-                if bars:
-                    axes.bar(at[seen], own, 0.7, below, **look)
-                else:
-                    axes.fill_between(at[seen], below, below + own, **look)
-                return below + own
-
-            top, part = np.zeros(int(seen.sum())), np.zeros_like(ok)
+            part = np.zeros_like(ok)
             for name, mark in marks:
-                own = self.grid(cells.types[name])[here]
-                look = {"facecolor": mark.colour, "hatch": mark.hatch, "linewidth": 0}
-                top = stack(top, share(own, ok)[seen], label=mark.label, **look)
-                unsure = share(self.grid(cells.unsure_types[name])[here], ok)[seen]
-                if unsure.any():
-                    stack(top - unsure, unsure, **UNSURE)
-                part = part + own
+                below, part = share(part, ok), part + self.grid(cells.types[name])[here]
+                middle = share(part, ok)
+                stack(axes, below, middle, label=mark.label, facecolor=mark.colour,
+                      hatch=mark.hatch, linewidth=0)  # fmt: skip
+                unsure = share(self.grid(cells.unsure_types[name])[here], ok)
+                if (unsure > 0).any():
+                    stack(axes, middle - unsure, middle, **UNSURE)
                 # Wilson's interval of the border above, itself a share of the runs.
                 low, high = wilson(part, ok)
-                middle = share(part, ok)
                 real = (part > 0) & (part < ok)
                 drawn = axes.errorbar(
                     at[real], middle[real], [(middle - low)[real], (high - middle)[real]],
@@ -108,8 +111,8 @@ class Fractions(Picture):
         figure.supxlabel(label(x.name), fontsize="medium")
         figure.supylabel("share of bodies", fontsize="medium")
         known: dict[str, Any] = {}
-        for panel in panels:
-            handles, words = panel.axes.get_legend_handles_labels()
+        for axes, _ in panels:
+            handles, words = axes.get_legend_handles_labels()
             known |= zip(words, handles, strict=True)
         for word in (UNSURE["label"], BONDI_LABEL):  # last, in whatever order they were drawn
             known |= {word: known.pop(word)} if word in known else {}

@@ -63,15 +63,16 @@ def choose_picture(
     if kind is not None and kind not in KINDS:
         raise ConfigError(f"--kind: {not_one_of(kind, fitting)}")
     if kind is not None and kind not in fitting:
-        needs = ""
-        if kind == Reversals.name and Map.fits(layout):
-            needs = "it needs record: [reversals], "
+        recorded = kind != Reversals.name or not Map.fits(layout)
+        needs = "" if recorded else "it needs record: [reversals], "
         raise ConfigError(
             f"--kind {kind}: does not fit this sweep, {_why(layout)}; {needs}"
             f"{', '.join(fitting)} fit"
         )
     if kind is None and quantity is not None:
         kind = Map.name if default_kind(layout) in (Map.name, Reversals.name) else Distribution.name
+    if quantity is not None and kind not in (Map.name, Distribution.name):
+        raise ConfigError(f"--quantity: goes with --kind map or distribution, not {kind}")
     return KINDS[kind or default_kind(layout)](layout, x, quantity)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -12,16 +13,16 @@ from matplotlib.colors import BoundaryNorm, ListedColormap, LogNorm, Normalize
 from matplotlib.patches import Patch
 
 from rattlesweep.analysis.boundaries import Boundaries, boundaries
-from rattlesweep.analysis.fill import FEWEST, fill
+from rattlesweep.analysis.fill import fill
 from rattlesweep.analysis.plots.layout import Axis, Layout
-from rattlesweep.analysis.plots.panels import (
+from rattlesweep.analysis.plots.picture import (
+    Picture,
     draw_panels,
     entry,
     legend_above,
     plain_ticks,
     scale_axis,
 )
-from rattlesweep.analysis.plots.picture import Picture
 from rattlesweep.analysis.plots.scatter import WIDE
 from rattlesweep.analysis.style import FAILED, MISSING, NO_REVERSAL, TYPE_STYLE, label
 from rattlesweep.arrays import Flags, Floats, Integers
@@ -64,7 +65,6 @@ class Map(Picture):
     """
 
     name = "map"
-    takes_quantity = True
     caption = (
         "Types, and times of the first reversal (the first zero of the spin) in units of Garcia "
         "and Hubbard's."
@@ -77,6 +77,9 @@ class Map(Picture):
                 raise ConfigError(
                     f"--kind map: only one value of {axis.name} is left; a map needs two or more"
                 )
+        # The column that is shown, and what the line of balanced damping needs.
+        growth = (GROWTH,) if layout.config.dissipation else ()
+        self.more = tuple(dict.fromkeys((*filter(None, [quantity]), *growth)))
 
     @staticmethod
     def fits(layout: Layout) -> bool:
@@ -90,16 +93,6 @@ class Map(Picture):
         names.sort(key=lambda name: -min(layout.lengths[name], SIDE))
         first = x or names[0]
         return (first, *(n for n in names if n != first and layout.lengths[n] > 1))
-
-    @property
-    def more(self) -> tuple[str, ...]:
-        """Return the column that is shown, and what the line of balanced damping needs."""
-        return tuple(
-            dict.fromkeys(
-                [self.quantity or ""] * (self.quantity is not None)
-                + [GROWTH] * bool(self.layout.config.dissipation)
-            )
-        )
 
     def size(self) -> tuple[float, float]:
         """Return a size by the number of rows."""
@@ -119,12 +112,10 @@ class Map(Picture):
         code = np.where(runs == 0, CODES["missing"], code)
         value = self.grid(cells.ratio.means()) if name is None else self.mean(name)
         if self.layout.refined:
-            along = [len(axis.values) >= FEWEST for axis in self.axes]
-            done = self.done
-            code, value = fill(code, done, along), fill(value, done, along)
+            code, value = fill(code, self.done), fill(value, self.done)
         return code, value
 
-    @property
+    @cached_property
     def done(self) -> Flags:
         """Cells that hold runs, whether a condition chooses them or not."""
         runs = self.cells.runs
@@ -163,9 +154,9 @@ class Map(Picture):
         look, extend, set_ticks = self.colours(value)
         bondi = balance = False
         mesh: Any = None
-        for axes, row, where, part in panels:
+        for k, (axes, where) in enumerate(panels):
             here: Any = (slice(None), slice(None), *where)
-            on_types = types_too and part == 0
+            on_types = types_too and k % 2 == 0
             colours = [colour for colour, _ in CELLS.values()]
             if not on_types:  # where there is a type and no value
                 colours[: len(TYPE_STYLE)] = [NO_REVERSAL] * len(TYPE_STYLE)
@@ -173,7 +164,7 @@ class Map(Picture):
             self._paint(axes, code[here], cmap=ListedColormap(colours), norm=norm)
             if not on_types:
                 mesh = self._paint(axes, value[here], **look)
-            if part == 0:
+            if on_types or not types_too:
                 axes.set_ylabel(label(y.name))
             bondi |= self._bondi(axes, where)
             balance |= self._balance(axes, here)
@@ -181,12 +172,13 @@ class Map(Picture):
                 scale_axis(axes, which, axis.values, axis.logarithmic(log), axis.name)
                 ends = _edges(axis)
                 getattr(axes, f"set_{which}lim")(ends[0], ends[-1])
-            if types_too and row == 0:
-                titles = ("most common type" if several else "type", self._title(several))
-                axes.set_title(titles[part], fontsize="medium")
+        if types_too:
+            titles = "most common type" if several else "type", self._title(several)
+            for (axes, _), title in zip(panels, titles, strict=False):
+                axes.set_title(title, fontsize="medium")
         figure.supxlabel(label(x.name), fontsize="medium")
         if np.isfinite(value).any():
-            bar = figure.colorbar(mesh, ax=[p.axes for p in panels], pad=0.03, extend=extend,
+            bar = figure.colorbar(mesh, ax=[axes for axes, _ in panels], pad=0.03, extend=extend,
                                   aspect=30 if len(panels) < 4 else 45)  # fmt: skip
             bar.set_label(self._title(several) + (" of runs that reverse" if types_too else ""))
             set_ticks(bar)
@@ -280,15 +272,13 @@ class Reversals(Map):
     """Number of turns by cell, the mean of several runs, in steps of one while it is small."""
 
     name = "reversals"
-    takes_quantity = False
     caption = (
         "Turns by the horizon: the spin goes from beyond a quarter of the launch's to beyond a "
         "quarter on the other side. A run of type R may have a zero of the spin and no turn."
     )
 
     def __init__(self, layout: Layout, x: str | None = None, quantity: str | None = None) -> None:
-        super().__init__(layout, x, quantity)
-        self.quantity, self.unit = REVERSALS, ""
+        super().__init__(layout, x, REVERSALS)
 
     @staticmethod
     def fits(layout: Layout) -> bool:

@@ -1,39 +1,40 @@
-"""What every kind of picture has: its axes, the runs counted by cell, the table that is drawn."""
+"""What pictures have in common: runs counted by cell, panels, axes, legend and heading."""
 
 from __future__ import annotations
 
-import io
 import math
+import textwrap
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from functools import cached_property
+from itertools import product
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
+import matplotlib as mpl
 import numpy as np
 import pyarrow as pa
-import pyarrow.csv as csv
-import pyarrow.parquet as parquet
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
 from rattlesweep.analysis.plots.layout import Axis, Layout
-from rattlesweep.analysis.plots.panels import BESIDE, add_heading, plain_ticks
-from rattlesweep.analysis.style import new_figure, value_text
+from rattlesweep.analysis.style import new_figure, save_table, value_text
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps.config.messages import not_one_of
 from rattlesweep.sweeps.counts import Counts, Moments, columns_for, floats, share, wilson
-from rattlesweep.sweeps.files import replace_file
 
 MOST_CELLS = 4_000_000
-
-
-class CellCounts(NamedTuple):
-    """Runs counted by cell, and means of some more columns; arrays over the cells are flat."""
-
-    counts: Counts
-    means: dict[str, Moments]
+MOST_PANELS = 40
+BESIDE = "<beside>"
+"""Label of Axes, like "<colorbar>", whose limits are their own."""
+# Shares of a figure that a legend may take, and the smallest type that can be read.
+WIDEST, HIGHEST, SMALLEST = 0.98, 0.35, 5.0
+# Inches of an abscissa on which no more than a few numbers have room.
+NARROW = 1.1
 
 
 class Picture(ABC):
@@ -46,11 +47,9 @@ class Picture(ABC):
 
     name: ClassVar[str]
     caption: ClassVar[str] = ""  # below it in a report
-    takes_quantity: ClassVar[bool] = False
+    more: tuple[str, ...] = ()
 
     def __init__(self, layout: Layout, x: str | None = None, quantity: str | None = None) -> None:
-        if quantity is not None and not self.takes_quantity:
-            raise ConfigError(f"--quantity: goes with --kind map or distribution, not {self.name}")
         self.layout, self.quantity = layout, quantity
         self.unit = "" if quantity is None else unit_of(layout, quantity, "--quantity")
         self.axes: tuple[Axis, ...] = tuple(layout.axes[name] for name in self.order(layout, x))
@@ -68,11 +67,6 @@ class Picture(ABC):
     @classmethod
     def order(cls, layout: Layout, x: str | None) -> Sequence[str]:
         """Return the names of `axes`, for the abscissa that is asked for."""
-        return ()
-
-    @property
-    def more(self) -> tuple[str, ...]:
-        """Columns of which each cell has a mean."""
         return ()
 
     @abstractmethod
@@ -95,24 +89,24 @@ class Picture(ABC):
         return tuple(len(axis.values) for axis in self.axes)
 
     @cached_property
-    def counted(self) -> CellCounts:
-        """The runs by cell, counted in one pass over the files."""
+    def counted(self) -> tuple[Counts, dict[str, Moments]]:
+        """The runs by cell and the moments of `more`, from one pass over the files."""
         cells = math.prod(self.shape)
-        found = CellCounts(Counts(cells), {name: Moments(cells) for name in self.more})
+        counts, means = Counts(cells), {name: Moments(cells) for name in self.more}
         columns = ("case", "sample", *columns_for(self.layout.config), *self.more)
         for rows in self.layout.rows(columns):
             cell = self.layout.cells(rows, self.axes)
-            found.counts.add(rows, cell)
-            for name, moments in found.means.items():
+            counts.add(rows, cell)
+            for name, moments in means.items():
                 values = floats(rows.column(name))
                 kept = (cell >= 0) & np.isfinite(values)
                 moments.add(cell[kept], values[kept])
-        return found
+        return counts, means
 
     @property
     def cells(self) -> Counts:
         """The runs by cell."""
-        return self.counted.counts
+        return self.counted[0]
 
     def __len__(self) -> int:
         """Return the number of runs that are shown."""
@@ -124,7 +118,7 @@ class Picture(ABC):
 
     def mean(self, column: str) -> Floats:
         """Return the mean of one of the columns `more`, in the shape of the axes."""
-        return self.grid(self.counted.means[column].means())
+        return self.grid(self.counted[1][column].means())
 
     def bondi(self) -> Floats:
         """Return the share of bodies past Bondi's threshold among those in the steady direction."""
@@ -151,7 +145,7 @@ class Picture(ABC):
             columns |= {f"{name}_mean": moments.means(), f"{name}_std": moments.deviations(),
                         f"{name}_sem": moments.errors()}  # fmt: skip
         columns["t_rgh_mean"] = cells.t_rgh.means()
-        columns |= {f"{name}_mean": m.means() for name, m in self.counted.means.items()}
+        columns |= {f"{name}_mean": m.means() for name, m in self.counted[1].items()}
         if cells.has_errors:
             columns["t_r_mean_error"] = cells.t_r_error.means()
             columns |= {"sensitive": cells.sensitive, "unsure": cells.unsure}
@@ -162,12 +156,7 @@ class Picture(ABC):
 
     def write_data(self, path: Path) -> None:
         """Write the numbers that are drawn as CSV or Parquet, in one step."""
-        buffer = io.BytesIO()
-        if path.suffix.lower() == ".csv":
-            csv.write_csv(self.table(), buffer)
-        else:
-            parquet.write_table(self.table(), buffer)
-        replace_file(path, buffer.getvalue())
+        save_table(self.table(), path)
 
     def words(self) -> str:
         """Return how much is shown."""
@@ -251,3 +240,116 @@ def unit_of(layout: Layout, column: str, option: str) -> str:
     if column not in units:
         raise ConfigError(f"{option}: {not_one_of(column, units)}")
     return units[column]
+
+
+# -- panels, axes, legend and heading ----------------------------------------------------------
+
+
+def draw_panels(
+    figure: Any, rows: Sequence[Axis], columns: Sequence[Axis], *, parts: int = 1
+) -> list[tuple[Any, tuple[int, ...]]]:
+    """Make panels: a row for each combination of some axes' values, columns likewise.
+
+    Values are written above each column and at the right of each row. Each combination has `parts`
+    panels, side by side. Returns the Axes of each panel with the places of its values; raises a
+    ConfigError if there would be too many.
+    """
+    down, across = (
+        list(product(*(range(len(axis.values)) for axis in axes))) for axes in (rows, columns)
+    )
+    if len(down) * len(across) > MOST_PANELS:
+        names = " and ".join(axis.name for axis in (*rows, *columns) if len(axis.values) > 1)
+        raise ConfigError(
+            f"there would be {len(down) * len(across)} panels, one for each {names}; choose some "
+            "with --select, as in --select n_i=-0.3,-0.5"
+        )
+    wide = [column for column in across for _ in range(parts)]
+    grid = figure.subplots(len(down), len(wide), sharex=True, sharey=True, squeeze=False)
+    for axes, column in zip(grid[0], wide, strict=True):
+        axes.set_title(_text(columns, column), fontsize="medium")
+    for axes, row in zip(grid[:, -1], down, strict=True):
+        axes.annotate(_text(rows, row), (1.02, 0.5), xycoords="axes fraction", rotation=270,
+                      va="center", ha="left")  # fmt: skip
+    places = [row + column for row, column in product(down, wide)]
+    return list(zip(grid.flat, places, strict=True))
+
+
+def _text(axes: Sequence[Axis], places: Sequence[int]) -> str:
+    return ", ".join(
+        value_text(axis.name, float(axis.values[place]))
+        for axis, place in zip(axes, places, strict=True)
+        if len(axis.values) > 1
+    )
+
+
+def add_heading(figure: Figure, lines: list[str]) -> None:
+    """Write lines at the top, above the legend where there is one."""
+    if not lines:
+        return
+    if figure.legends:
+        title: Any = figure.legends[0].get_title()
+        lines = [*lines, *(old for old in [title.get_text()] if old not in ("", "None"))]
+        figure.legends[0].set_title(" ")
+    else:
+        title = figure.suptitle("", fontsize="medium")
+    title.set_multialignment("center")
+    # Lines wider than the figure are broken; formulas cannot be, and are made smaller.
+    title.set_text("\n".join(lines))
+    if (wide := title.get_window_extent().width / figure.bbox.width) > 0.95:
+        most = max(10, int(0.9 * max(map(len, lines)) / wide))
+        title.set_text("\n".join(t if "$" in t else textwrap.fill(t, most) for t in lines))
+        wide = max(0.95, title.get_window_extent().width / figure.bbox.width)
+        title.set_fontsize(0.95 / wide * float(title.get_fontsize()))
+
+
+def entry(words: str, **look: Any) -> Line2D:
+    """Make an entry of a legend; without a look it is a remark."""
+    return Line2D([], [], label=words, **{"linestyle": "", **look})
+
+
+def legend_above(figure: Any, handles: list[Any], each: float, title: str | None = None) -> None:
+    """Put a legend above all panels, in as many columns of a width in inches as fit.
+
+    Smaller type makes it fit where one column is too wide, or all of it too high.
+    """
+    base = size = FontProperties(size=mpl.rcParams["legend.fontsize"]).get_size_in_points()
+    columns = most = max(2, min(len(handles), int(figure.get_figwidth() / each)))
+    while handles:
+        legend = figure.legend(handles=handles, loc="outside upper center", ncols=columns,
+                               title=title, columnspacing=1.4, fontsize=size)  # fmt: skip
+        box = legend.get_window_extent()
+        wide, high = box.width / figure.bbox.width, box.height / figure.bbox.height
+        if (wide <= WIDEST and high <= HIGHEST) or size <= SMALLEST:
+            return
+        legend.remove()
+        if wide > WIDEST and columns > 1:
+            columns -= 1
+        else:
+            size *= 0.9
+            columns = min(len(handles), int(most * base / size))
+
+
+def scale_axis(axes: Any, which: str, values: Any, log: bool, name: str = "t_r") -> None:
+    """Make an axis for values of some name logarithmic if `log`."""
+    if not log:
+        return
+    ends = float(np.min(values)), float(np.max(values))
+    if ends[0] <= 0:
+        raise ConfigError(f"--log: {name} has values that are not positive; leave it out")
+    getattr(axes, f"set_{which}scale")("log")
+    plain_ticks(axes, which, ends)
+
+
+def plain_ticks(axes: Any, which: str, ends: tuple[float, float]) -> None:
+    """Set ticks of a logarithmic axis in plain numbers, enough of them over half a decade too."""
+    span = ends[1] / ends[0] if ends[0] > 0 else 1.0
+    axis = getattr(axes, f"{which}axis")
+    subs: tuple[float, ...] = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
+    for least, coarser in ((4, (1.0, 2.0, 5.0)), (40, (1.0, 3.0)), (300, (1.0,))):
+        if span > least:
+            subs = coarser
+    if which == "x" and axes.get_position().width * axes.get_figure().get_figwidth() < NARROW:
+        subs = (1.0,) if span > 8 else (1.0, 3.0)
+    axis.set_major_locator(MaxNLocator(4) if span < 2 else LogLocator(subs=subs, numticks=20))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())

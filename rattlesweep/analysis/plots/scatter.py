@@ -10,8 +10,7 @@ import numpy as np
 import pyarrow as pa
 
 from rattlesweep.analysis.plots.layout import Layout
-from rattlesweep.analysis.plots.panels import entry, legend_above, scale_axis
-from rattlesweep.analysis.plots.picture import Picture, unit_of
+from rattlesweep.analysis.plots.picture import Picture, entry, legend_above, scale_axis, unit_of
 from rattlesweep.analysis.style import SERIES, THEORY, label, light_grid, value_text
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError

@@ -8,14 +8,15 @@ from typing import Any
 import numpy as np
 
 from rattlesweep.analysis.plots.layout import Axis, Layout
-from rattlesweep.analysis.plots.panels import (
+from rattlesweep.analysis.plots.picture import (
+    Picture,
+    abscissa,
     draw_panels,
     entry,
     legend_above,
     plain_ticks,
     scale_axis,
 )
-from rattlesweep.analysis.plots.picture import Picture, abscissa
 from rattlesweep.analysis.style import GREY, SERIES, THEORY, label, light_grid, symbol, value_text
 from rattlesweep.sweeps.counts import share
 
@@ -80,7 +81,7 @@ class Times(Picture):
                          cells.t_rgh.means(), share(moments.count, cells.ok))
         )  # fmt: skip
         panels = draw_panels(figure, (), panes)
-        for axes, _, where, _ in panels:
+        for axes, where in panels:
             for place, (colour, marker) in zip(shown, SERIES, strict=False):
                 here: Any = (slice(None), place, *where)
                 middle, half = mean[here], spread[here]
@@ -113,7 +114,7 @@ class Times(Picture):
             elif relative:
                 axes.set_ylim(0, 1.08 * float(np.nanmax(mean + spread, initial=1.0)))
         figure.supxlabel(label(x.name), fontsize="medium")
-        panels[0].axes.set_ylabel(label("ratio" if relative else "t_r"))
+        panels[0][0].set_ylabel(label("ratio" if relative else "t_r"))
 
         handles = [
             entry(value_text(curves.name, float(curves.values[place])), color=colour, ms=4.5,

@@ -95,17 +95,15 @@ class Scope:
     rounds: int = 3  # measurements of each cost
     horizon: float = 1000.0  # where runs are cut for the cost, in sqrt(a/g)
     # Evaluations of the right-hand side to spend on the errors of one setting, which come from a
-    # part of the runs where all would take more; on those of scalar RK4; on one cost.
+    # part of the runs where all would take more; a fifth of it on scalar RK4, a tenth on one cost.
     stages: float = 6e8
-    scalar_stages: float = 1e8
-    cost_stages: float = 5e7
 
 
 FULL = Scope((PLAIN, *settings(METHODS), GOAL, REDUCED, CLOSED_FORM))
 # A quick study needs no kernel but those of the references.
 QUICK = Scope(
     (PLAIN, *settings([s.method for s in REFERENCES]), GOAL, CLOSED_FORM),
-    least=300, rounds=2, horizon=500.0, stages=1e8, scalar_stages=2e7, cost_stages=1e7,
+    least=300, rounds=2, horizon=500.0, stages=1e8,
 )  # fmt: skip
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import platform
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -97,7 +97,8 @@ def advice(rows: pd.DataFrame) -> list[dict[str, Any]]:
 def as_text(study: Study) -> str:
     """Return everything that was measured, to be read."""
     f = study.facts
-    here = machine()
+    here, rows = machine(), study.rows.itertuples()
+    heads = [[one for one, _, _ in COLUMNS], [two for _, two, _ in COLUMNS]]
     return "\n".join(
         [
             f"{here['cpu']}, {here['processors']} processors, {here['system']}, Python "
@@ -110,7 +111,7 @@ def as_text(study: Study) -> str:
             f"{f['references_differ_p99']:.1e} (99 %)",
             f"costs on one thread, of runs cut at t = {f['timing_horizon']:g}",
             "",
-            _settings(study.rows),
+            align([*heads, *([cell(row) for *_, cell in COLUMNS] for row in rows)], "<>"),
             "",
             "cheapest setting",
             _advice(study.rows),
@@ -139,22 +140,13 @@ COLUMNS: tuple[tuple[str, str, Callable[[Any], str]], ...] = (
 )  # fmt: skip
 
 
-def _settings(rows: pd.DataFrame) -> str:
-    lines = [[first for first, _, _ in COLUMNS], [second for _, second, _ in COLUMNS]]
-    lines += [[cell(row) for _, _, cell in COLUMNS] for row in rows.itertuples()]
-    return align(lines, "<>")
-
-
 def _advice(rows: pd.DataFrame) -> str:
-    lines: list[Sequence[str]] = [
-        ("error of t_r", "median", "us a unit", "99 % of runs", "us a unit")
-    ]
+    lines = [["error of t_r", "median", "us a unit", "99 % of runs", "us a unit"]]
     for entry in advice(rows):
-        cells = [number(entry["error"])]
+        lines.append([number(entry["error"])])
         for word in QUANTILES:
             cost = entry[f"{word}_us_per_unit"]
-            cells += [entry[word] or "none", "-" if cost is None else f"{cost:.3g}"]
-        lines.append(cells)
+            lines[-1] += [entry[word] or "none", "-" if cost is None else f"{cost:.3g}"]
     return align(lines, "<")
 
 
