@@ -226,6 +226,10 @@ def interval(name: str, item: Any = None) -> Any:
     return Annotated[list[item], PAIR, AfterValidator(_check_order), words]
 
 
+TAGS = ("<word>", "<number>", "<goal>")
+"""Tags of unions, which stand in pydantic's locations of errors."""
+
+
 def _word_or_number(value: Any) -> str:
     return "<word>" if isinstance(value, str) else "<number>"
 
@@ -753,6 +757,7 @@ class Integrator(Base):
             yield "tol", f"{self.method} has steps of one size and takes no tol; leave it out"
 
 
+SOURCES = ("sd", "preset", "table", "grid")
 Bodies = Annotated[
     SdSource | PresetSource | TableSource | GridSource, Field(discriminator="source")
 ]
