@@ -100,6 +100,12 @@ def _findings(plan: Plan) -> Iterator[Finding]:
         key = ("bodies", "path")
     elif horizon.t is None:
         key = ("horizon", "t_rgh" if horizon.t_decay is None else "t_decay")
+    endless = ~np.isfinite(t_end)
+    if endless.any():
+        unit = "t_rgh times t_rGH" if horizon.t_rgh is not None else "t_decay times gamma/sigma"
+        message = f"{unit} is not a finite time in {told(endless)}; give t as well"
+        yield Finding(("horizon", unit.split()[0]), message, fatal=bool(endless.all()))
+        return
     brief, early = (t_end < period) & (config.model == "full"), t_end < t_rgh
     if brief.mean() >= MOST:
         message = f"the horizon of {_span(t_end)} is shorter than one pitch oscillation, "
@@ -111,8 +117,7 @@ def _findings(plan: Plan) -> Iterator[Finding]:
         yield Finding(key, f"{message}{np.median(t_rgh):.3g}, the median of t_rGH")
 
     method, dt = METHODS[config.integrator.method], config.integrator.dt
-    # Without a horizon there is nothing to judge by; the runs get a status of their own.
-    if dt is None or config.model != "full" or not np.isfinite(t_end).all():
+    if dt is None or config.model != "full":
         return
     batch = make_batch(launches, config.model)
     assert batch is not None

@@ -32,6 +32,7 @@ drawn | + | integrator: {method: rk4, dt: 0.3} | warned |  of 4096 runs drawn fr
 preset | + | horizon: {t_rgh: 0.5} | warned | 3: horizon.t_rgh: the horizon comes before t_rGH, the time of reversal by theory, in the only run, and few will be of type R; give t_rgh above 1
 drawn | + | horizon: {t: 100} | warned | 3: horizon.t: the horizon comes before t_rGH, the time of reversal by theory, in all of 4096 runs drawn from the ranges
 preset | + | horizon: {t: 3} | warned | 3: horizon.t: the horizon of 3 is shorter than one pitch oscillation, 4.37, in
+preset | theta: 0.82}}\n | xi: -1e-290}}\nhorizon: {t_rgh: 1e30}\n | refused | 2: horizon.t_rgh: t_rgh times t_rGH is not a finite time in the only run
 sd | K_r: [0.01, 0.03, 0.1] | K_r: [0.01, 7] | refused | 7: bodies.target.K_r: 7 is out of reach: in 65536 bodies drawn from the ranges K_r lies between
 sd | minus_xi_deg: [0, 6]}\n  target: {K_r: [0.01, 0.03, | minus_xi_deg: [3, 6]}\n  target: {K_r: [1e-4, | refused | bodies.target.K_r: 0.0001 is out of reach:
 sd | rel_tol: 1e-3 | rel_tol: 1e-12, max_draws: 4611686018427387904 | refused | hours for each; give
