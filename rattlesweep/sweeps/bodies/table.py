@@ -75,11 +75,13 @@ NUMBER = r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*$"
 WHOLE, PADDED = r"^\s*[+-]?\d{1,18}\s*$", r"^\s*[+-]?0\d"
 
 POSITIVE = np.nextafter(0.0, 1.0)
-SIZES = {
-    "mass_kg": "mass", "height_m": "length", "r1_m": "length", "r2_m": "length",
-    "gravity_m_s2": "acceleration",
-}  # fmt: skip
+SIZES = {"mass_kg": "mass", "height_m": "length", "r1_m": "length", "r2_m": "length",
+         "gravity_m_s2": "acceleration"}  # fmt: skip
 RULES: tuple[tuple[tuple[str, ...], float, float, str], ...] = (
+    # These two are for launches by a spin; full states may have no oscillation.
+    (("omega_xy0",), POSITIVE, np.inf, "it must be positive"),
+    (("omega_xy0",), MIN_OSCILLATION, np.inf,
+     f"at least {MIN_OSCILLATION:g} is allowed, as the square of a smaller one underflows"),
     ((*LAUNCH, *OMEGA, "sigma"), -MAX_SPEED, MAX_SPEED, f"at most {MAX_SPEED:g} is allowed"),
     (("t_end", *BODY, "gravity_m_s2"), POSITIVE, np.inf, "it must be positive"),
     (("t_end",), -np.inf, MAX_TIME, f"at most {MAX_TIME:g} is allowed"),
@@ -92,13 +94,6 @@ RULES: tuple[tuple[tuple[str, ...], float, float, str], ...] = (
       for name, kind in SIZES.items() for low, high, unit in [si.LIMITS[kind]]),
 )  # fmt: skip
 """Columns that are no parameters of bodies: the smallest and the largest value, and a sentence."""
-SPIN_RULES: tuple[tuple[tuple[str, ...], float, float, str], ...] = (
-    (("omega_xy0",), POSITIVE, np.inf, "it must be positive"),
-    (("omega_xy0",), MIN_OSCILLATION, np.inf,
-     f"at least {MIN_OSCILLATION:g} is allowed, as the square of a smaller one underflows"),
-)  # fmt: skip
-"""Rules of launches that are no full states, which may have no oscillation."""
-
 Problem = tuple[int, str]
 
 
@@ -439,7 +434,7 @@ def _kind(column: pa.ChunkedArray) -> pa.DataType:
 
 def check_value(name: str, values: Floats) -> tuple[int, str] | None:
     """Return the place of the first value that breaks a rule, and what is wanted."""
-    for names, low, high, wanted in (*RULES, *SPIN_RULES):
+    for names, low, high, wanted in RULES:
         if name in names and (bad := (values < low) | (values > high)).any():
             return int(np.argmax(bad)), wanted
     return None
@@ -479,10 +474,9 @@ def _impossible(columns: dict[str, Floats], names: Iterable[str]) -> list[Proble
 
 def _out_of_range(columns: dict[str, Floats]) -> list[Problem]:
     """Return the values that break a rule of their column; NaN, where it may stand, breaks none."""
-    rules = RULES if "u_x" in columns else (*RULES, *SPIN_RULES)
     return [
         (row, f"{name} is {columns[name][row]:g}; {wanted}")
-        for names, low, high, wanted in rules
+        for names, low, high, wanted in (RULES[2:] if "u_x" in columns else RULES)
         for name in names
         if name in columns
         for row in _first((columns[name] < low) | (columns[name] > high))
