@@ -185,10 +185,8 @@ class TableBodies:
         columns = dict(self.columns)
         c = columns.pop("c", np.full(self.samples, np.nan))
         if source.surface is None and source.c is None and self.has_semi_axes:
-            raise ConfigError(
-                "bodies.surface: missing; the table has a column c, so say ellipsoid, or "
-                "paraboloid to leave it out"
-            )
+            told = "missing; the table has a column c, so say ellipsoid, or paraboloid"
+            raise ConfigError(f"bodies.surface: {told} to leave it out")
         if source.ellipsoidal:
             if source.c is not None:
                 c = np.where(np.isnan(c), source.c, c)
@@ -266,9 +264,8 @@ def _bodies(table: pa.Table, where: str) -> TableBodies:
         _require((*OMEGA, *U), state, where, f"a full state has {' '.join((*OMEGA, *U))}")
     lone = [name for name in LAUNCH if name in columns]
     if len(lone) == 1 and not state:
-        raise ConfigError(
-            f"{where}: {lone[0]} stands alone; give both n_i and omega_xy0, or neither"
-        )
+        told = "stands alone; give both n_i and omega_xy0, or neither"
+        raise ConfigError(f"{where}: {lone[0]} {told}")
     refuse(where, _impossible(columns, PARAMETERS) + _out_of_range(columns))
     if "t_r" in columns and "t_end" in columns:
         # In an output table the t_end of a run that reversed is its result, and not its horizon.
@@ -285,9 +282,8 @@ def _bodies(table: pa.Table, where: str) -> TableBodies:
 def _numbers(column: pa.ChunkedArray, name: str, where: str) -> tuple[Floats, list[Problem]]:
     """Return a column as numbers, NaN where it has none, and the cells that are wrong."""
     if not (_is_text(column) or _is_number(column)):
-        raise ConfigError(
-            f"{where}: the column {name} is of type {column.type}; numbers are wanted"
-        )
+        told = f"the column {name} is of type {column.type}; numbers are wanted"
+        raise ConfigError(f"{where}: {told}")
     try:
         found = column.cast(F64, safe=False)
     except pa.ArrowInvalid:  # spaces, or text that is no number
@@ -309,8 +305,9 @@ def _is_text(column: pa.ChunkedArray) -> bool:
 
 
 def _is_number(column: pa.ChunkedArray) -> bool:
-    ours = (pa.types.is_integer, pa.types.is_floating, pa.types.is_decimal, pa.types.is_null)
-    return any(is_kind(column.type) for is_kind in ours)
+    kind, types = column.type, pa.types
+    plain = types.is_integer(kind) or types.is_floating(kind)
+    return bool(plain or types.is_decimal(kind) or types.is_null(kind))
 
 
 def _lose_units(columns: dict[str, Floats], where: str) -> Floats | None:
@@ -375,9 +372,8 @@ def launched_from(columns: dict[str, Floats], where: str) -> dict[str, Floats]:
             problems.append((row, f"u: {error}"))
     refuse(where, problems)
     n_i, omega_xy0, psi = spin_and_oscillation(omega, u)
-    for row in _first((omega == 0).all(axis=1) & (u[:, 2] == -1)):
-        told = "the body stands upright and at rest; give it an angular velocity"
-        problems.append((row, told))
+    told = "the body stands upright and at rest; give it an angular velocity"
+    problems += [(row, told) for row in _first((omega == 0).all(axis=1) & (u[:, 2] == -1))]
     given = columns.get("n_i", n_i)
     for row in _first(np.abs(given - n_i) > SLACK * np.linalg.norm(omega, axis=1)):
         told = f"n_i is {given[row]:g}, and the spin of the full state {n_i[row]:g}"
