@@ -30,10 +30,9 @@ from rattlesweep.integrate.follow.trajectory import Follower
 from rattlesweep.integrate.lanes import build
 from rattlesweep.integrate.model import MODELS
 from rattlesweep.integrate.tableau import METHODS
-from rattlesweep.sweeps.config.load import load_config
+from rattlesweep.sweeps.config.read import load_config
 from rattlesweep.sweeps.launches import make_batch, prepare
 from rattlesweep.sweeps.plan import make_plan
-from rattlesweep.sweeps.config.read import load_config
 
 HERE = Path(__file__).resolve()
 CONFIG = HERE.parent.parent / "configs" / "quickstart.yaml"

@@ -1,6 +1,6 @@
 """Reversal times in double-double arithmetic (32 digits): what the worst runs are measured against.
 
-Rounding alone moves the reversal time of a sensitive run (docs/sensitive.md).  Here the right-hand
+Rounding alone moves the reversal time of a sensitive run (docs/accuracy.md).  Here the right-hand
 side of :mod:`rattlesweep.physics.full` is compiled again with every number a pair of doubles, and
 integrated by the extrapolated midpoint rule of Gragg, Bulirsch and Stoer with a fixed number of
 columns.  There is no error control: the error is less than what another ``angle`` changes.

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from rattlesweep.analysis import style
-from rattlesweep.sweeps.block import finish_block, prepare_runs
-from rattlesweep.sweeps.plan import make_plan
+from rattlesweep.sweeps.block import columns_of, prepare_runs
 from rattlesweep.sweeps.config.read import parse_config
+from rattlesweep.sweeps.plan import make_plan
 
 CONFIG = {
     "spin": {"n_i": -0.3, "omega_xy0": 0.01},
@@ -32,8 +32,8 @@ def measure(draw: str, samples: int, seed: int) -> np.ndarray:
     bodies = {"source": "sd", "samples": samples, "draw": draw}
     plan = make_plan(parse_config(CONFIG | {"bodies": bodies, "seed": seed}))
     sample = np.arange(samples)
-    launches, batch = prepare_runs(plan, np.zeros(samples, dtype=np.int64), sample)
-    columns = finish_block(plan.config, launches, batch)
+    launches, _ = prepare_runs(plan, np.zeros(samples, dtype=np.int64), sample)
+    columns = columns_of(plan.config, launches, None, None)
     t_r = columns["t_r"]
     rows = np.stack([np.isfinite(t_r), np.abs(columns["n_c1"]) < 0.3, np.nan_to_num(t_r)])
     sums = np.cumsum(rows, axis=1)[:, [n - 1 for n in SIZES if n < samples] + [samples - 1]]

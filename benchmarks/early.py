@@ -25,8 +25,8 @@ from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.sweeps.block import prepare_runs
-from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.config.read import load_config
+from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.types import TYPES, classify
 
 AT_ONCE = 4_000

@@ -6,7 +6,7 @@
     python benchmarks/errors.py --worst 40     # the worst runs of quickstart in 32 digits
 
 The estimate and its constants are those of the package (rattlesweep/sweeps/error.py);
-docs/sensitive.md says what the runs are that it has to tell.
+docs/accuracy.md says what the runs are that it has to tell.
 
 The truth is verner98 at 1e-14; where dop853 at 1e-13 is off it by more than 1e-9, this is added
 to the error.  ``--exact 20`` takes the 20 runs of each mix with the largest difference in 32 digits
@@ -30,7 +30,9 @@ from rattlesweep.integrate.batch import integrate
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
-from rattlesweep.sweeps.block import prepare_block, prepare_runs, run_batch
+from rattlesweep.sweeps.block import prepare_runs, run_batch
+from rattlesweep.sweeps.config.read import load_config
+from rattlesweep.sweeps.config.schema import Integrator
 from rattlesweep.sweeps.error import (
     Estimated,
     Fit,
@@ -40,8 +42,6 @@ from rattlesweep.sweeps.error import (
     with_errors,
 )
 from rattlesweep.sweeps.plan import make_plan
-from rattlesweep.sweeps.config.schema import Integrator
-from rattlesweep.sweeps.config.read import load_config
 from rattlesweep.sweeps.types import classify, sure_types
 
 if TYPE_CHECKING:
@@ -228,7 +228,7 @@ def refit(pairs: list[Pair], wanted: float = 0.9953) -> None:
 
 
 def promised(name: str, share: float, goal: float) -> None:
-    """Print what accuracy: {t_r: ...} keeps, and what it costs in whole blocks of the config."""
+    """Print what accuracy: {t_r: ...} keeps, and what it costs in runs of the config."""
     mix = prepare(name, share, 0)
     asked = ["integrator={accuracy: {t_r: %g}}" % goal]  # noqa: UP031 - braces
     config = load_config(CONFIGS / f"{MIXES[name][0]}.yaml", asked)
@@ -252,21 +252,20 @@ def promised(name: str, share: float, goal: float) -> None:
 
 
 def price_of_goal(name: str, goal: float, step: int) -> None:
-    """Print the price of accuracy: {t_r: ...} over the plain config, every so many blocks."""
+    """Print the price of accuracy: {t_r: ...} over the plain config, of one in so many runs."""
     path = CONFIGS / f"{MIXES[name][0]}.yaml"
     asked = "integrator={accuracy: {t_r: %g}}" % goal  # noqa: UP031 - braces
     plan, config = make_plan(load_config(path)), load_config(path, [asked])
     spent = np.zeros(2)
-    for index in range(0, plan.n_blocks, step):
-        batch = prepare_block(plan, plan.block(index))[1]
-        assert batch is not None
-        for which, settings in enumerate((plan.config, config)):
-            begin = time.process_time()
-            run_batch(settings, batch, threads=1)
-            spent[which] += time.process_time() - begin
-    blocks = len(range(0, plan.n_blocks, step))
-    click.echo(f"{name}: {blocks} blocks of {plan.block_size} runs, "
-               f"{spent[1] / spent[0]:.3f} of the time of the config as it is")  # fmt: skip
+    keys = np.divmod(np.arange(0, plan.runs, step), plan.samples)
+    batch = prepare_runs(plan, *keys)[1]
+    assert batch is not None
+    for which, settings in enumerate((plan.config, config)):
+        begin = time.process_time()
+        run_batch(settings, batch, threads=1)
+        spent[which] += time.process_time() - begin
+    click.echo(f"{name}: {len(batch)} runs, {spent[1] / spent[0]:.3f} of the time of the config "
+               "as it is")  # fmt: skip
 
 
 def worst(count: int) -> None:

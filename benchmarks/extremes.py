@@ -2,7 +2,7 @@
 
     python benchmarks/extremes.py [--write]
 
-Prints the tables of docs/extremes.md; ``--write`` puts them there, between the marks.  The cases
+Prints the tables of benchmarks/extremes.md; ``--write`` puts them there, between the marks. Cases
 and the references are those of tests/helpers/extremes.py and tests/helpers/reference.py.
 """
 
@@ -18,7 +18,7 @@ import extremes  # noqa: E402
 import numpy as np  # noqa: E402
 import oracle  # noqa: E402
 
-PAGE = ROOT / "docs" / "extremes.md"
+PAGE = ROOT / "benchmarks" / "extremes.md"
 BEGIN, END = "<!-- tables: benchmarks/extremes.py --write -->", "<!-- end of tables -->"
 
 
@@ -147,7 +147,7 @@ PARTS = {
 
 
 @click.command()
-@click.option("--write", is_flag=True, help="Put the tables into docs/extremes.md.")
+@click.option("--write", is_flag=True, help="Put the tables into benchmarks/extremes.md.")
 def main(write):
     """Measure and print the tables."""
     text = "\n\n".join(f"### {head}\n\n{make()}" for head, make in PARTS.items())

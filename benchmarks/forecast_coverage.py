@@ -15,10 +15,10 @@ import tempfile
 import time
 from pathlib import Path
 
-from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.config.read import load_config
-from rattlesweep.sweeps.old.run import run_sweep
-from rattlesweep.sweeps.old.forecast import forecast
+from rattlesweep.sweeps.pilot import forecast
+from rattlesweep.sweeps.plan import make_plan
+from rattlesweep.sweeps.run import run_sweep
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 # A second or more of kernel on two threads each.
@@ -46,7 +46,7 @@ def main() -> None:
             name, *small = SMALL[trial % len(SMALL)]
             small.append(f"seed={abs(trial)}")
             plan = make_plan(load_config(str(CONFIGS / name), small))
-            f = forecast(plan, options.threads, budget=options.budget)
+            f = forecast(plan, options.threads, seconds=options.budget)
             begin = time.perf_counter()
             run_sweep(plan, Path(place) / str(trial), threads=options.threads)
             took = time.perf_counter() - begin
@@ -54,8 +54,8 @@ def main() -> None:
             held += holds and trial >= 0
             print(
                 f"{trial:3d}  {took:6.2f} s, forecast {f.seconds:6.2f} ({f.low:.2f} to "
-                f"{f.high:.2f}) {'holds' if holds else 'MISSES'}  {f.pilot_runs} of {f.runs} runs, "
-                f"{f.pilot_cut} cut, load {os.getloadavg()[0]:.1f}  {name}",
+                f"{f.high:.2f}) {'holds' if holds else 'MISSES'}  {f.runs} runs, "
+                f"{100 * f.unseen:.0f} % of the pilot cut, load {os.getloadavg()[0]:.1f}  {name}",
                 flush=True,
             )
     print(f"{held} of {options.trials} intervals hold")

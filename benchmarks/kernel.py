@@ -7,7 +7,7 @@ horizons spread as in a sweep of shell-dumbbell bodies, the longest thirty times
 run reverses within its horizon, so that all methods integrate the same time.  Measurements of all
 kernels are interleaved and repeated; the tables show medians.
 
-``--throughput`` prints the table of docs/accuracy.md: steps tried and accepted in the mix of
+``--throughput`` prints the table of benchmarks/README.md: steps tried and accepted in the mix of
 ``configs/steady.yaml``, and what share of the processor's fused multiply-adds they are.  Operations
 are counted in the machine code of the step for one lane, products and fused ones: both take the
 same units.  The peak is measured, as a loop of nothing else.

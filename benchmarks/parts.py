@@ -25,6 +25,7 @@ import click
 import numpy as np
 from numba import njit
 
+from rattlesweep.arrays import take
 from rattlesweep.integrate.batch import Batch
 from rattlesweep.integrate.lanes.build import problem_of
 from rattlesweep.integrate.lanes.lane import LANES, Layout
@@ -33,17 +34,16 @@ from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import DOP853
 from rattlesweep.physics import full, theory
 from rattlesweep.physics.steady import steady_modes
-from rattlesweep.sweeps.arrow import build_table
-from rattlesweep.sweeps.block import finish_block, run_batch
-from rattlesweep.sweeps.launches import full_batch, prepare, reduced_batch
-from rattlesweep.sweeps.plan import make_plan
-from rattlesweep.sweeps.config.schema import Integrator
+from rattlesweep.sweeps.arrow import build_table, write_parquet
+from rattlesweep.sweeps.block import columns_of, run_batch
+from rattlesweep.sweeps.columns import runs_schema
 from rattlesweep.sweeps.config.read import load_config
-from rattlesweep.sweeps.old.store import Store
+from rattlesweep.sweeps.config.schema import Config, Integrator
+from rattlesweep.sweeps.launches import Launches, full_batch, prepare, reduced_batch
 from rattlesweep.sweeps.plan import make_plan
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
 CONFIG = Path(__file__).resolve().parent.parent / "configs" / "tradeoff.yaml"
 HORIZON = 1000.0
@@ -77,6 +77,11 @@ class Part:
     unit: str = "run"
 
 
+def columns(config: Config, launches: Launches, batch: Batch) -> Mapping[str, Any]:
+    """Integrate runs on one thread, and return their columns."""
+    return columns_of(config, launches, batch, run_batch(config, batch, threads=1))
+
+
 def integration(samples: int) -> tuple[list[Part], Any, Any, dict[str, Any]]:
     """Variants of the integration, and the plan and launches they are of."""
     config = load_config(
@@ -93,7 +98,7 @@ def integration(samples: int) -> tuple[list[Part], Any, Any, dict[str, Any]]:
         parts.append(
             Part(
                 "record " + ", ".join(record) if record else "plain",
-                lambda changed=changed: finish_block(changed, launches, batch, threads=1),
+                lambda changed=changed: columns(changed, launches, batch),
                 len(batch),
             )
         )
@@ -102,7 +107,7 @@ def integration(samples: int) -> tuple[list[Part], Any, Any, dict[str, Any]]:
     parts.append(
         Part(
             "accuracy t_r 1e-6",
-            lambda changed=changed: finish_block(changed, launches, batch, threads=1),
+            lambda changed=changed: columns(changed, launches, batch),
             runs,
         )
     )
@@ -110,13 +115,13 @@ def integration(samples: int) -> tuple[list[Part], Any, Any, dict[str, Any]]:
     closed = config.model_copy(update={"model": "gh"})
     small = reduced_batch(launches)
     parts += [
-        Part("model reduced", lambda: finish_block(reduced, launches, small, threads=1), runs),
-        Part("model gh", lambda: finish_block(closed, launches, None), runs),
+        Part("model reduced", lambda: columns(reduced, launches, small), runs),
+        Part("model gh", lambda: columns_of(closed, launches, None, None), runs),
         Part("integration alone", lambda: run_batch(config, batch, threads=1), runs),
     ]
     # Where the horizon of 5 is not cut by the other one.
     short = np.flatnonzero(5.0 * launches.gh.t_rgh <= HORIZON)
-    chosen = Batch(**{name: getattr(batch, name)[short] for name in Batch.__dataclass_fields__})
+    chosen = take(batch, short)
     for units in (1.0, 2.0, 5.0):
         cut = replace(chosen, t_end=units * launches.gh.t_rgh[short])
         parts.append(
@@ -127,7 +132,7 @@ def integration(samples: int) -> tuple[list[Part], Any, Any, dict[str, Any]]:
                 "integration, horizon 5 t_rGH",
             )
         )
-    return parts, plan, launches, finish_block(config, launches, batch, threads=1)
+    return parts, plan, launches, columns(config, launches, batch)
 
 
 def scenes(samples: int) -> list[Part]:
@@ -154,13 +159,11 @@ def scenes(samples: int) -> list[Part]:
     return parts
 
 
-def around(plan: Any, launches: Any, columns: dict[str, Any], directory: Path) -> list[Part]:
+def around(plan: Any, launches: Any, found: Mapping[str, Any], directory: Path) -> list[Part]:
     """What is done before and after the kernel."""
     case, sample, b = launches.case, launches.sample, launches.bodies
     constants = full.constants(b.alpha, b.beta, b.gamma, b.theta, b.phi, b.xi)
     runs = len(sample)
-    store = Store(directory)
-    store.prepare()
     schema = runs_schema([], "full")
     return [
         Part("bodies", lambda: plan.source.bodies(np.nan, sample), runs),
@@ -168,7 +171,11 @@ def around(plan: Any, launches: Any, columns: dict[str, Any], directory: Path) -
         Part("theory: modes", lambda: theory.modes(b.alpha, b.beta, b.theta, b.phi, b.xi), runs),
         Part("steady modes", lambda: steady_modes(constants, launches.n_i), runs),
         Part("initial states, steady modes", lambda: full_batch(launches), runs),
-        Part("Parquet block", lambda: store.write_block(0, build_table(columns, schema)), runs),
+        Part(
+            "Parquet file",
+            lambda: write_parquet(build_table(found, schema), directory / "rows.parquet"),
+            runs,
+        ),
     ]
 
 
@@ -230,16 +237,16 @@ def measure(parts: list[Part], rounds: int) -> dict[str, float]:
 @click.option("--quick", is_flag=True, help="Fewer runs and repeats.")
 def main(quick: bool) -> None:
     """Print the price of each part."""
-    parts, plan, launches, columns = integration(20 if quick else 70)
+    parts, plan, launches, found = integration(20 if quick else 70)
     out = run_batch(plan.config, full_batch(launches), threads=1)
     tries = int(out.n_steps.sum() + out.n_rejected.sum())
     with tempfile.TemporaryDirectory() as directory:
         parts += scenes(20 if quick else 70)
-        parts += around(plan, launches, columns, Path(directory))
+        parts += around(plan, launches, found, Path(directory))
         parts += steps(2000 if quick else 10_000)
         seconds = measure(parts, 3 if quick else 7)
     click.echo(
-        f"{len(launches.n_i)} runs to the horizon {HORIZON:g}, {columns['t_end'].sum():.3g} units "
+        f"{len(launches.n_i)} runs to the horizon {HORIZON:g}, {found['t_end'].sum():.3g} units "
         f"of time, {tries:.3g} steps tried; one thread, medians"
     )
     click.echo(f"{'part':40}{'us':>10}{'of one':>8}{'ratio':>9}  to")

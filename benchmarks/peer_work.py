@@ -18,9 +18,9 @@ from rattlesweep.integrate.batch import Batch, integrate
 from rattlesweep.integrate.compile import source_hash
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.sweeps.config.read import load_config, parse_config
 from rattlesweep.sweeps.launches import full_batch, prepare
 from rattlesweep.sweeps.plan import make_plan
-from rattlesweep.sweeps.config.read import load_config, parse_config
 
 if TYPE_CHECKING:
     from collections.abc import Callable

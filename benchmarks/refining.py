@@ -8,36 +8,35 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 from matplotlib.colors import ListedColormap
-from rattlesweep.sweeps.old.stored import open_stored
 from scipy.ndimage import label as islands
 
 from rattlesweep.analysis import style
 from rattlesweep.analysis.boundaries import boundaries
 from rattlesweep.analysis.fill import fill
 from rattlesweep.analysis.plots.map import CELLS, CODES
+from rattlesweep.arrays import Flags
 from rattlesweep.sweeps.config.read import override_config, resolved
 from rattlesweep.sweeps.decide import Refining
+from rattlesweep.sweeps.stored import Stored, open_stored
 
 LEVELS = (2, 3, 4, 5)
 
 
-def refined(rows: pa.Table, stored, refine: dict) -> np.ndarray:
-    """Which of the runs a refined sweep does, in the order of their numbers."""
+def refined(rows: pa.Table, stored: Stored, refine: dict[str, Any]) -> Flags:
+    """Return which of the runs a refined sweep does, in the order of their keys."""
     data = resolved(stored.config)
     config = override_config(data | {"bodies": data["bodies"] | {"refine": refine}}, [])
-    decide = Refining(config, config.bodies.refine)
+    decide = Refining(config, stored.cases, stored.samples)
     table = rows.select([*decide.columns])
-    done = np.zeros(len(rows), dtype=bool)
-    numbers = decide.first()
-    while len(numbers):
-        done[numbers] = True
-        for batch in table.take(numbers).to_batches():
-            decide.add(batch)
-        numbers = decide.next()
+    done = np.zeros(decide.code.shape, dtype=bool)
+    while (todo := decide.wanted() & ~done).any():
+        decide.add(table.take(np.flatnonzero(todo)))
+        done |= todo
     return done
 
 
@@ -49,9 +48,9 @@ def main() -> None:
     options = parser.parse_args()
     stored = open_stored(options.full)
     names = ["case", "sample", "type", "status", "t_r", "t_rgh"]
-    rows = pa.Table.from_batches(stored.store.iter_batches(names))
+    rows = stored.read(names)
     spin = stored.config.spin
-    shape = (len(spin.n_i), len(spin.omega_xy0), stored.manifest.samples)
+    shape = (len(spin.n_i), len(spin.omega_xy0), stored.samples)
     types = rows.column("type").to_pylist()
     code = np.array([CODES[name] for name in types]).reshape(shape)
     ratio = rows.column("t_r").to_numpy() / rows.column("t_rgh").to_numpy()

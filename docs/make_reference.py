@@ -3,96 +3,38 @@
     python docs/make_reference.py [--check]
 
 With ``--check`` nothing is written, and the exit code is 1 if a page is not current; a test does
-that.  What a key, a column or a status means is said where it is defined, so a new one appears here
-by itself; one whose example is dull gets a line in ``EXAMPLES``.
+that.  The meaning of a key, a column or a status is written where it is defined, so a new one
+appears here by itself.  ``EXAMPLES`` holds one example for each section of the config.
 """
 
 # ruff: noqa: E501 - lines of Markdown
 from __future__ import annotations
 
-import json
 import math
-import re
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
 
 from rattlesweep.integrate.status import Status
+from rattlesweep.sweeps import columns
 from rattlesweep.sweeps.config.read import config_json_schema
 from rattlesweep.sweeps.config.schema import Config
-from rattlesweep.sweeps import columns
 
 DOCS = Path(__file__).parent
-TOP = "the top level"
-EXAMPLES = {
-    "name": "steady-kr-quick",
-    "seed": 2017,
-    "samples": 400,
-    "psi": "pitch",
-    "output": "out/steady-kr-quick",
-    "record": ["energy", "contact"],
-    "path": "bodies.csv",
-    "n_i": [-0.1, -0.3, -0.5],
-    "omega_xy0": {"logspace": [0.001, 0.1, 3]},
-    "omega": [0.0, 0.01, -0.1],
-    "t_rgh": 5,
-    "t": 3.0e4,
-    "t_decay": 5,
-    "method": "verner98",
-    "tol": 1.0e-9,
-    "dt": 0.002,
-    "accuracy": "standard",
-    "t_r": 0.02,
-    "integrator.accuracy.t_r": 1.0e-6,
-    "bodies.refine.tol": 0.1,
-    "K_r": [0.01, 0.03, 0.1],
-    "K_p": 0.5,
-    "alpha": 13.04,
-    "beta": 1.522,
-    "gamma": 12.28,
-    "f_sd": 0.1,
-    "theta": 0.6429,
-    "phi": 0.036,
-    "xi": -0.03,
-    "xi_deg": -1.72,
-    "minus_xi_deg": 1.72,
-    "surface": "paraboloid",
-    "c": 2.0,
-    "sigma": 0.003,
-    "rolling": 0.001,
-    # Of whole sections.
-    "dissipation": {"sigma": 0.003},
-    "stop": {"fraction": 0.01},
-    "fraction": 0.01,
-    "by": "type",
-    "levels": 4,
-    "refine": {"levels": 4, "by": "type"},
-    "bodies": {"source": "preset", "name": "GH"},
-    "launch": {"omega": [0.0, 0.01, -0.1]},
-    "spin": {"n_i": -0.3, "omega_xy0": 0.01},
-    "horizon": {"t_rgh": 5},
-    "integrator": {"accuracy": "standard"},
-    "classify": {"sw_departure": 0.1},
-    "ranges": {"theta": [0.7, 0.9]},
-    "target": {"K_r": 0.03},
-    "overrides": {"theta": 0.82},
-    "base": {"preset": "GH"},
-    "axes": {"theta": {"linspace": [0.6, 0.99, 200]}},
-}
-"""Examples of keys that have no default, or a dull one."""
+PARAMETERS = ("overrides", "base", "axes")
+"""Sections of `bodies` that hold parameters of a body; they share one table."""
 
 CONFIG_HEAD = """# The config, key by key
 
-A config is a YAML 1.2 file. An unknown or repeated key is an error that names its line; `rattlesweep plan CONFIG --check` says what is wrong
-and what the config comes to, `rattlesweep init` writes one to begin with, and `rattlesweep schema` prints the JSON Schema that editors
-take. `--set KEY=VALUE` overrides a key by its dotted name, such as `--set bodies.samples=100`. In Python a config is a mapping with the same keys.
+A config is a YAML 1.2 file. `rattlesweep init` writes one to begin with, and `rattlesweep plan CONFIG --check` checks one: each mistake is
+reported as `file:line: key: sentence`. `--set KEY=VALUE` overrides a key by its dotted name, such as `--set bodies.samples=100`.
+`rattlesweep schema` prints the JSON Schema for editors. In Python a config is a mapping with the same keys.
 
-Mass `M`, height of the centre of mass at rest `a` and gravity `g` are 1, so times are in `sqrt(a/g)`, spins and rates in `sqrt(g/a)`.
-Numbers that may be several are a number, a list, or spaced values: `{linspace: [low, high, n]}` or `{logspace: [low, high, n]}`, of
-which both ends are values.
+The body's mass `M`, the height `a` of its centre of mass at rest and gravity `g` are 1. Times are in `sqrt(a/g)`, spins and rates in
+`sqrt(g/a)`. Where a key takes several numbers, give one number, a list, `{linspace: [low, high, n]}` or `{logspace: [low, high, n]}`; both ends
+are values.
 
 ```yaml
 name: steady-kr-quick
@@ -104,28 +46,57 @@ record: [error]
 ```
 """
 
+EXAMPLES = {
+    "bodies": [
+        "bodies: {source: sd, samples: 400, target: {K_r: 0.03}}",
+        "bodies: {source: preset, name: GH, overrides: {theta: 0.82}}",
+        "bodies: {source: table, path: bodies.csv}",
+        "bodies: {source: grid, base: {preset: GH}, axes: {theta: {linspace: [0.6, 0.99, 200]}}}",
+    ],
+    "bodies.ranges": ["bodies: {source: sd, ranges: {theta: [0.7, 0.9], phi: [0.03, 0.03]}}"],
+    "bodies.target": ["bodies: {source: sd, target: {K_p: [0.1, 0.5], rel_tol: 1.0e-2}}"],
+    "bodies.overrides, bodies.base, bodies.axes": [
+        "bodies: {source: grid, base: {gamma: 10, f_sd: 0.1, theta: 0.8, phi: 0.05, xi_deg: -3}, axes: {phi: [0.02, 0.05], f_sd: {linspace: [0.05, 0.15, 11]}}}",
+    ],
+    "bodies.refine": [
+        "bodies: {source: grid, base: {preset: GH}, axes: {theta: {linspace: [0.6, 0.99, 401]}}, refine: {levels: 4, by: type}}"
+    ],
+    "stop": ["stop: {fraction: 0.01}"],
+    "launch": ["launch: {omega: [0, 0.01, -0.1], u: [0.01, 0, -1]}"],
+    "spin": ["spin: {n_i: [-0.1, -0.3], omega_xy0: {logspace: [0.001, 0.1, 3]}, psi: pitch}"],
+    "horizon": ["horizon: {t_rgh: 5, t: 1.0e+5}"],
+    "dissipation": ["dissipation: {sigma: [0.001, 0.003], rolling: 0.001}"],
+    "integrator": ["integrator: {method: verner98, tol: 1.0e-11}", "integrator: {accuracy: draft}"],
+    "integrator.accuracy": ["integrator: {accuracy: {t_r: 1.0e-6}}"],
+    "classify": ["classify: {sw_departure: 0.1}"],
+}
+
+SHARED = {
+    "bodies": "The source of the bodies: draw them at random, take one of the literature, read a table, or vary parameters over a grid.",
+    "bodies.overrides, bodies.base, bodies.axes": "Parameters of a body. `overrides` replace those of a preset. `base` is the body of a "
+    "grid: a preset, six parameters, or a shell-dumbbell body. `axes` vary over several values; the first axis varies slowest.",
+}
+
 TABLES = """## A table as a source
 
-`bodies: {source: table, path: bodies.csv}` reads CSV (with a header) or Parquet, or a directory of Parquet files; a relative path is looked
-for in the working directory, then beside the config. Each row is one body, in the columns `alpha beta gamma theta phi xi` (radians). Other
-columns, if there are any, replace parts of the config row by row; what no column says stands in the config:
+`bodies: {source: table, path: bodies.csv}` reads a CSV file with a header, a Parquet file, or a directory of Parquet files. A relative path is
+looked up in the working directory and then beside the config. Each row is one body, in the columns `alpha beta gamma theta phi xi` (radians).
+These columns may be added; each replaces a part of the config for its row:
 
-| columns | instead of | unit |
+| columns | replace | unit |
 |---|---|---|
 | `n_i` and `omega_xy0` | `spin` | `sqrt(g/a)` |
-| `psi`, beside these | `spin.psi` | radians |
-| `omega_x omega_y omega_z u_x u_y u_z` | `spin`: a full state | `sqrt(g/a)`; 1 |
-| `t_end` (empty: the config's) | `horizon` | `sqrt(a/g)` |
-| `c` (empty: the config's), with `bodies.surface` | `bodies.c` | `a` |
-| `sigma`, in all rows | `dissipation.sigma` | `M a^2 sqrt(g/a)` |
-| `rolling`, in all rows | `dissipation.rolling` | `a` |
+| `psi`, or `psi_deg` | `spin.psi` | radians, degrees |
+| `omega_x omega_y omega_z u_x u_y u_z` | `spin`, by a full state | `sqrt(g/a)`; 1 |
+| `t_end`; empty: the config's | `horizon` | `sqrt(a/g)` |
+| `c`; empty: the config's | `bodies.c` | `a` |
+| `sigma`, `rolling`, in all rows | those of `dissipation` | `M a^2 sqrt(g/a)`, `a` |
 | `xi_deg` | `xi` | degrees |
 
-In SI units a body is `mass_kg height_m ixx_kg_m2 iyy_kg_m2 izz_kg_m2 r1_m r2_m`, and perhaps `ixy_kg_m2 axes_angle_deg gravity_m_s2`, as
-`rs.Rattleback.from_si` takes them ([stones.md](stones.md)); a launch is `n_i_rpm omega_xy0_rpm`, and `t_end_s` a horizon; the vertical semi-axis is
-`c_m`, dissipation `sigma_N_m_s` (newton metre seconds, with `mass_kg`) and `rolling_m`. Where there is a
-`height_m`, be the body in SI units or not, the runs have `t_r_s` and `n_i_rpm` too. Columns of any other name are carried through to the runs:
-words, whole numbers and numbers, such as the name of a stone. A name that is that of a result is refused.
+A body in SI units has the columns `mass_kg height_m ixx_kg_m2 iyy_kg_m2 izz_kg_m2 r1_m r2_m` and, where they apply, `ixy_kg_m2 axes_angle_deg
+gravity_m_s2 c_m`. Launches are then `n_i_rpm omega_xy0_rpm`, the horizon is `t_end_s`, dissipation is `sigma_N_m_s` and `rolling_m`, and the runs have
+the columns `t_r_s` and `n_i_rpm` as well. [A stone of your own](own_stone.md) has an example. Columns of any other name, such as the name of a stone,
+are copied to the runs; the name of a result is refused.
 
 ```csv
 alpha,beta,gamma,theta,phi,xi,n_i,omega_xy0,t_end
@@ -133,26 +104,26 @@ alpha,beta,gamma,theta,phi,xi,n_i,omega_xy0,t_end
 13.04,1.522,12.28,0.7,0.05,-0.05,-0.2,0.1,
 ```
 
-The runs of another sweep are such a table: `path: out/quickstart/runs` takes its bodies with the launches they had, and their horizons,
-but for runs that reversed, whose `t_end` is the time of that. With another model or another tolerance this compares the two run by run.
-In Python, `rs.sweep(frame, output="out/mine", spin=...)` takes a DataFrame of these columns.
+The runs of a sweep are such a table: `path: out/quickstart/runs` repeats its launches and horizons, for example with another model or tolerance.
+A run that has reversed ends at its `t_end`, which is its reversal time. In Python, `rs.sweep(frame, output="out/mine", spin=...)` takes a
+DataFrame with these columns.
 """
 
 COLUMNS_HEAD = """# Columns of the tables
 
-`runs/*.parquet` has one row a run, `summary.parquet` one row a case. Every column carries its unit and its meaning in the metadata of its
-field (`attrs` of the DataFrames of the Python interface). Absent values are null; NaN and infinity never occur. `M`, `a` and `g` are 1.
+`runs/*.parquet` has one row for each run and `summary.parquet` one row for each case. The metadata of each column hold its unit and its meaning, and so do
+the `attrs` of the DataFrames of the Python interface. `M`, `a` and `g` are 1. A `?` marks columns that may be null; NaN and infinity never occur.
 """
 
 PARTS = {
-    "keys": "Which run",
+    "keys": "Keys",
     "body": "Body",
     "launch": "Launch",
     "theory": "Theory",
     "result": "Result",
-    "observation": "What the types are told by",
+    "observation": "Numbers behind the types",
     "STATE": "Launches from a full state",
-    "MEASURED": "Bodies of a known size",
+    "MEASURED": "Bodies in SI units",
 }
 
 ELSEWHERE = {
@@ -172,7 +143,7 @@ TYPES_TABLE = """## Types
 | `unclassified` | the oscillation grew, yet the spin had not visibly changed by the horizon |
 | `D` | dead: with dissipation, no reversal, and hardly any energy left |
 
-The thresholds behind "monotonically" and "visibly" are keys of [classify](config.md#classify); [types.md](types.md) has the evidence.
+[Types of runs](types.md) defines "monotonically" and "visibly".
 """
 
 
@@ -180,40 +151,86 @@ The thresholds behind "monotonically" and "visibly" are keys of [classify](confi
 
 
 def config_page() -> str:
-    """The page of the config."""
+    """Return the page of the config: a table for each section."""
     schema = config_json_schema()
-    parts = [CONFIG_HEAD]
-    for path, model in sections(schema, schema["$defs"]):
-        title = "## Keys of the top level" if path == TOP else f"## {path}"
-        words = "" if path == TOP else model.get("description", "")
-        rows = [
-            ("key", "default", "values", "unit", "meaning", "example"),
-            *(
-                row_of(path, name, key, name in model.get("required", ()))
-                for name, key in model["properties"].items()
-            ),
-        ]
-        parts.append("\n\n".join(filter(None, [title, words, table(rows)])) + "\n")
+    parts = [CONFIG_HEAD, "## Top level\n", table(rows_of({"": schema})), ""]
+    for path, models in sections(schema):
+        words = [model["description"].replace("\n", " ") for model in models.values()]
+        parts += [f"## {path}\n", SHARED.get(path, words[0]), ""]
+        parts += ["```yaml", *EXAMPLES[path], "```", "", table(rows_of(models)), ""]
     return "\n".join([*parts, TABLES])
 
 
-def sections(schema: dict[str, Any], known: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
-    """The top level, then every section by its path, with what tells alternatives apart."""
+def sections(schema: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
+    """Return the sections in order, by their paths, each with its alternatives by their names."""
+    known, found = schema["$defs"], {}
 
-    def walk(path: str, model: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
-        yield path or TOP, model
+    def walk(path: str, model: dict[str, Any]) -> None:
         for name, key in model["properties"].items():
-            found = [n for n in references(key) if n not in ("Linspace", "Logspace")]
-            for inner in found:
-                own = f"{path.split(',')[0]}.{name}".removeprefix(".")
-                label = own if len(found) == 1 else f"{own}, {told_apart(known[inner])}"
-                yield from walk(label, known[inner])
+            own = f"{path}.{name}".removeprefix(".")
+            for inner in references(key):
+                if inner in ("Linspace", "Logspace"):
+                    continue
+                title, label = own, own
+                if name in PARAMETERS and path == "bodies":
+                    title, label = ", ".join(f"bodies.{part}" for part in PARAMETERS), f"{name}"
+                elif own == "bodies":
+                    label = known[inner]["properties"]["source"]["const"]
+                found.setdefault(title, {})[label] = known[inner]
+                walk(own, known[inner])
 
-    return walk("", schema)
+    walk("", schema)
+    return [(path, found[path]) for path in sorted(found, key=lambda p: (p != "bodies",))]
+
+
+def rows_of(models: dict[str, dict[str, Any]]) -> list[tuple[str, ...]]:
+    """Return a table of keys with its head, of one model or of the alternatives of a section.
+
+    Where there are alternatives, a column says which of them have the key.
+    """
+    many = len(models) > 1
+    rows = [("key", *(("where",) if many else ()), "default", "values", "meaning")]
+    for name in dict.fromkeys(name for model in models.values() for name in model["properties"]):
+        having = {label: m for label, m in models.items() if name in m["properties"]}
+        keys = {label: model["properties"][name] for label, model in having.items()}
+        needed = all(name in model.get("required", ()) for model in having.values())
+        rows.append((
+            f"`{name}`",
+            *((", ".join(having) if len(having) < len(models) else "all",) if many else ()),
+            "required" if needed else together({n: default_of(name, key) for n, key in keys.items()}),
+            together({n: kind_of(key) for n, key in keys.items()}),
+            # What is no code would be taken for a tag.
+            together({n: words_of(key) for n, key in keys.items()}),
+        ))  # fmt: skip
+    return rows
+
+
+def together(values: dict[str, str]) -> str:
+    """Return what alternatives say of a key: once if they say the same, else each by its name."""
+    by_value: dict[str, list[str]] = {}
+    for label, value in values.items():
+        by_value.setdefault(value, []).append(label)
+    if len(by_value) == 1:
+        return next(iter(by_value))
+    if "axes" in values and {f"{value}; or several" for value in by_value} & set(by_value):
+        return min(by_value, key=len)  # the page says it once for all axes
+    common = min(by_value, key=len)
+    if all(value.endswith(common) for value in by_value):
+        rest = {", ".join(of): value.removesuffix(common) for value, of in by_value.items()}
+        return "; ".join([common, *(f"{of}: {w.strip(' .')}" for of, w in rest.items() if w)])
+    if all(value == f"`{label}`" for label, value in values.items()):
+        return ", ".join(by_value)
+    return "; ".join(f"{', '.join(labels)}: {value}" for value, labels in by_value.items())
+
+
+def words_of(key: dict[str, Any]) -> str:
+    """Return the description of a key."""
+    words: str = key["description"].removesuffix(".").replace("<", "&lt;")
+    return words
 
 
 def references(key: Any) -> list[str]:
-    """Names of the models that a value may be."""
+    """Return the names of the models that a value may be."""
     if "$ref" in key:
         return [key["$ref"].rsplit("/", 1)[1]]
     return [
@@ -221,70 +238,25 @@ def references(key: Any) -> list[str]:
     ]
 
 
-def told_apart(model: dict[str, Any]) -> str:
-    """What tells a model from its alternatives: a key's word, or its own keys."""
-    constants = [
-        f"{name}: {key['const']}" for name, key in model["properties"].items() if "const" in key
-    ]
-    return constants[0] if constants else "with " + " ".join(model["required"])
-
-
-def row_of(path: str, name: str, key: dict[str, Any], required: bool) -> tuple[str, ...]:
-    """One line of a table of keys."""
-    words = key["description"].removesuffix(".")
-    default = "required" if required else "–"
-    if not required and (value := default_of(path, name, key)) is not None:
-        default = code(value)
-    example = code(example_of(path, name, key))
-    # What is no code would be taken for a tag.
-    return f"`{name}`", default, kind_of(key), unit_of(words), words.replace("<", "&lt;"), example
-
-
-def default_of(path: str, name: str, key: dict[str, Any]) -> Any:
-    """The default of a key; of a section that has none of its own, None."""
-    if path == TOP and "default" not in key:
+def default_of(name: str, key: dict[str, Any]) -> str:
+    """Return the default of a key as code; a dash if there is none."""
+    value = key.get("default")
+    if value is None and name in Config.model_fields and "default" not in key:
         value = Config.model_fields[name].get_default(call_default_factory=True)
-        return value if isinstance(value, list) else value.model_dump(exclude_defaults=True) or None
-    return key.get("default")
-
-
-def example_of(path: str, name: str, key: dict[str, Any]) -> Any:
-    """A value that the key may have; in a range or along an axis, several."""
-    if "const" in key:
-        return key["const"]
-    if path.endswith("axes"):
-        return {"linspace": [float(f"{0.9 * EXAMPLES[name]:.3g}"), EXAMPLES[name], 20]}
-    if key.get("type") == "array" and "default" in key:
-        return key["default"]
-    chosen = EXAMPLES.get(f"{path.split(',')[0]}.{name}", EXAMPLES.get(name))
-    if chosen is not None and chosen in key.get("enum", [chosen]):
-        return chosen
-    if "enum" in key:
-        return key["enum"][-1]
-    if key.get("default") is not None:
-        return key["default"]
-    if inner := references(key):
-        model = config_json_schema()["$defs"][inner[0]]
-        names = model.get("required") or list(model["properties"])[:1]
-        return {n: example_of(inner[0], n, model["properties"][n]) for n in names}
-    if found := [each for way in ("anyOf", "oneOf") for each in key.get(way, ())]:
-        return example_of(path, name, found[0])
-    low = key.get("minimum", key.get("exclusiveMinimum"))
-    if low is None:
-        raise SystemExit(f"{path}: {name} needs an example: add one to EXAMPLES in {__file__}")
-    return (low + key.get("maximum", key.get("exclusiveMaximum", low + 2))) / 2
+        if hasattr(value, "model_dump"):
+            value = value.model_dump(exclude_defaults=True) or None
+    return "" if value is None or "const" in key else f"`{yaml(value)}`"
 
 
 def kind_of(key: dict[str, Any]) -> str:
-    """What a value may be, in words."""
+    """Return what a value may be, in words."""
     if "const" in key or "enum" in key:
         return ", ".join(f"`{word}`" for word in key.get("enum", [key.get("const")]))
     if "Linspace" in references(key):
         first = key
         while ways := first.get("anyOf") or first.get("oneOf"):
             first = ways[0]
-        spaced = "list of numbers, or spaced ones"
-        return spaced if first["type"] == "array" else f"{kind_of(first)}; or several"
+        return f"{kind_of(first)}; or several"
     if references(key):
         return "a section"
     for way in ("anyOf", "oneOf"):
@@ -306,18 +278,19 @@ def kind_of(key: dict[str, Any]) -> str:
 
 
 def limits(key: dict[str, Any]) -> str:
-    """The range of a number."""
+    """Return the range of a number."""
+    signs = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiveMaximum": "&lt;"}
+    # Limits that nobody meets are left out.
     found = [
         f"{sign} {short(key[name])}"
-        for name, sign in (("minimum", "≥"), ("exclusiveMinimum", ">"), ("maximum", "≤"),
-                           ("exclusiveMaximum", "<"))
-        if name in key
-    ]  # fmt: skip
-    return "".join(f", {limit}" for limit in found)
+        for name, sign in signs.items()
+        if name in key and (key[name] <= 1e5 or "Minimum" in name)
+    ]
+    return f" {', '.join(found)}" if found else ""
 
 
 def short(value: float) -> str:
-    """A limit as people write it."""
+    """Return a limit as people write it."""
     if value and abs(abs(value) - math.pi / 2) < 1e-12:
         return "-pi/2" if value < 0 else "pi/2"
     if isinstance(value, int) and value > 1e15:
@@ -326,24 +299,11 @@ def short(value: float) -> str:
     return f"{value:g}"
 
 
-UNITS = (
-    (r"\bno unit\b", "1"), (r"\bin radians\b", "rad"), (r"\bin degrees\b", "degree"),
-    (r"\bM a\^2 sqrt\(g/a\)", "`M a^2 sqrt(g/a)`"), (r"sqrt\(a/g\)", "`sqrt(a/g)`"),
-    (r"sqrt\(g/a\)", "`sqrt(g/a)`"), (r"units of t_rGH", "t_rGH"),
-    (r"units of gamma/sigma", "gamma/sigma"), (r"[Uu]nit vector|fraction", "1"),
-)  # fmt: skip
-
-
-def unit_of(words: str) -> str:
-    """The unit that a description names."""
-    return next((unit for pattern, unit in UNITS if re.search(pattern, words)), "")
-
-
 # --------------------------------------------------------------- columns
 
 
 def columns_page() -> str:
-    """The page of the columns."""
+    """Return the page of the columns."""
     parts = [COLUMNS_HEAD, "## `runs`\n"]
     asked = {name: fields for name, fields in columns.RUNS.items() if name in columns.RECORD_PARTS}
     always = {name: fields for name, fields in columns.RUNS.items() if name not in asked}
@@ -371,37 +331,35 @@ def columns_page() -> str:
 
 
 def fields_table(fields: tuple[pa.Field, ...]) -> str:
-    """Columns as lines of a table."""
-    rows = [
-        (f"`{f.name}`", str(f.type).replace("list<element: double>", "list of double"),
-         f"`{f.metadata[b'unit'].decode()}`", "yes" if f.nullable else "",
-         f.metadata[b"description"].decode().replace("<", "&lt;"))
-        for f in fields
-    ]  # fmt: skip
-    return table([("column", "type", "unit", "may be null", "meaning"), *rows])
+    """Return columns as a table."""
+    rows = [("column", "type, unit", "meaning")]
+    for f in fields:
+        kind = str(f.type).replace("list<element: double>", "list of double")
+        unit = f.metadata[b"unit"].decode()
+        rows.append((
+            f"`{f.name}`",
+            f"{kind}{'?' if f.nullable else ''}{'' if unit == '1' else f', `{unit}`'}",
+            f.metadata[b"description"].decode().replace("<", "&lt;"),
+        ))  # fmt: skip
+    return table(rows)
 
 
 # ------------------------------------------------------------------ both
 
 
-def code(value: Any) -> str:
-    """A value as YAML in one line."""
-    return f"`{yaml(value)}`"
-
-
 def yaml(value: Any) -> str:
-    """A value as YAML has it between brackets."""
+    """Return a value as YAML has it between brackets."""
     if isinstance(value, dict):
         return "{" + ", ".join(f"{name}: {yaml(inner)}" for name, inner in value.items()) + "}"
     if isinstance(value, list):
         return "[" + ", ".join(map(yaml, value)) + "]"
-    if isinstance(value, bool) or value is None:
-        return json.dumps(value)
+    if isinstance(value, bool):
+        return str(value).lower()
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def table(rows: list[tuple[str, ...]]) -> str:
-    """Lines of Markdown."""
+    """Return a table of Markdown."""
     head, *body = [" | ".join(cell.replace("|", "\\|") for cell in row) for row in rows]
     ruler = "|".join(["---"] * len(rows[0]))
     return "\n".join([f"| {head} |", f"|{ruler}|", *(f"| {line} |" for line in body)])

@@ -1,4 +1,4 @@
-"""What the site has beside docs/*.md: pages of the root, and `--help` of every command.
+"""Pages of the site that are no files of docs/: pages of the root and of benchmarks/, and `--help`.
 
 A hook of MkDocs (see mkdocs.yml).
 """
@@ -15,27 +15,46 @@ from mkdocs.structure.files import File
 from rattlesweep.cli import main
 
 ROOT = Path(__file__).resolve().parent.parent
-COPIED = {"CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md"}
+COPIED = {
+    "CONTRIBUTING.md": "contributing.md",
+    "CODE_OF_CONDUCT.md": "conduct.md",
+    "CHANGELOG.md": "changelog.md",
+    "benchmarks/README.md": "measurements.md",
+    "benchmarks/extremes.md": "extremes.md",
+    "benchmarks/claims.md": "claims.md",
+}
 
 
 def on_files(files: Any, *, config: Any) -> Any:
     """Add pages that are no files of docs/."""
     for source, name in COPIED.items():
-        text = (ROOT / source).read_text(encoding="utf-8").replace("](docs/", "](")
-        files.append(File.generated(config, name, content=text))
+        path = ROOT / source
+        links = path.read_text(encoding="utf-8")
+        files.append(File.generated(config, name, content=relinked(links, path.parent)))
     files.append(File.generated(config, "commands.md", content=commands()))
     return files
 
 
 def on_page_markdown(markdown: str, **rest: Any) -> str:
-    """Let links to files of the root lead to their pages."""
-    for source, name in {**COPIED, "README.md": "index.md"}.items():
-        markdown = re.sub(rf"\]\((\.\./)?{re.escape(source)}", f"]({name}", markdown)
-    return markdown
+    """Let links to files beside docs/ lead to their pages."""
+    return relinked(markdown, ROOT / "docs")
+
+
+def relinked(markdown: str, folder: Path) -> str:
+    """Return a page of a folder with its links to other pages as links within the site."""
+
+    def place(match: re.Match[str]) -> str:
+        target = (folder / match[1]).resolve()
+        if not target.is_relative_to(ROOT):
+            return match[0]
+        path = target.relative_to(ROOT).as_posix()
+        return f"]({COPIED.get(path, path.removeprefix('docs/'))}{match[2] or ''})"
+
+    return re.sub(r"\]\(([^)#:\s]+\.md)(#[^)\s]*)?\)", place, markdown)
 
 
 def commands() -> str:
-    """One page of all that `--help` says."""
+    """Return one page of all that `--help` prints."""
     parts = ["# Commands", "`rattlesweep COMMAND --help` prints the same."]
     with click.Context(main, info_name="rattlesweep") as context:
         parts.append(f"```text\n{main.get_help(context)}\n```")

@@ -13,11 +13,11 @@ import pytest
 # The files that take longest, in seconds: 30 to 5.  They begin first, so that no worker is left
 # alone with one of them at the end.
 LONGEST = (
-    "test_run", "test_dask", "test_paper_run", "test_show", "test_faults", "test_net",
-    "test_damage", "test_two", "test_stop", "test_tutorial", "test_sensitivity", "test_plot",
-    "test_invariance", "test_report", "test_kill", "test_merge", "test_compare", "test_early",
-    "test_kernel_cache", "test_config_fuzz", "test_forecast", "test_grow", "test_stone",
-    "test_tradeoff", "test_lanes",
+    "test_run", "test_dask", "test_paper_run", "test_show", "test_harm", "test_net",
+    "test_stop_resume", "test_decide", "test_tutorial", "test_sensitivity", "test_plot",
+    "test_invariance", "test_report", "test_merge", "test_compare", "test_early",
+    "test_kernel_cache", "test_config_fuzz", "test_pilot", "test_stone", "test_tradeoff",
+    "test_lanes",
 )  # fmt: skip
 
 # What is imported stays: to look for garbage in it again and again is a twelfth of the time.

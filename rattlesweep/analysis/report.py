@@ -49,6 +49,9 @@ CASE_COLUMNS = {
     "t_r_over_t_rgh_sem": "± error of the mean",
     "sensitive": "sensitive",
     "unsure": "type not sure",
+    "share_friction_above_0_3": "needs friction above 0.3",
+    "share_friction_above_0_6": "needs friction above 0.6",
+    "share_lift_off": "lifts off",
     "failed": "failed",
 }
 """Columns of `summary` that are shown, with their headings."""

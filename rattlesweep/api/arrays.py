@@ -152,7 +152,8 @@ def full_states(omega: Any, u: Any) -> dict[str, Floats]:
             raise ConfigError(
                 f"{name}: a vector has three components, x, y, z; its shape is {vectors.shape}"
             )
-        state |= {f"{name}_{x}": vectors[..., k] for k, x in enumerate("xyz")}
+        for k, x in enumerate("xyz"):
+            state[f"{name}_{x}"] = numbers(f"{name}_{x}", vectors[..., k])
     return state
 
 

@@ -70,6 +70,9 @@ class Batch:
         Oscillation (its square in :attr:`Model.error`) from which on it only decays: where it has
         come down to this, and its amplitude never grew, a run ends after a window.  0 is never;
         empty, too, for all runs.
+    dead : ndarray, optional
+        Share of the launch's energy, of runs with friction, below which a zero of the spin is no
+        reversal.  0 or empty: all zeros are.
     """
 
     y0: Floats
@@ -84,6 +87,7 @@ class Batch:
     scale: Floats
     tapped: NDArray[np.bool_]
     settled: Floats = field(default_factory=lambda: np.zeros(0))
+    dead: Floats = field(default_factory=lambda: np.zeros(0))
 
     def __len__(self) -> int:
         """Return the number of runs."""
@@ -189,7 +193,8 @@ def _threads(threads: int, control: Control) -> Iterator[bool]:
 def has_settled(batch: Batch, outcome: Outcome) -> NDArray[np.bool_]:
     """Which runs ended before their horizon, at :attr:`Batch.settled`."""
     ended = (outcome.t_end < batch.t_end) & np.isnan(outcome.t_r)
-    settled: NDArray[np.bool_] = ended & (outcome.status == Status.OK)
+    # Without this column a run that ended early was dead at a zero of its spin.
+    settled: NDArray[np.bool_] = ended & (outcome.status == Status.OK) & (len(batch.settled) > 0)
     return settled
 
 
@@ -322,6 +327,7 @@ def run_plans(
     plan[:, C.FAR] = PLATEAU_SHARE * batch.scale
     plan[:, C.TAPPED] = batch.tapped
     plan[:, C.SETTLED] = batch.settled if len(batch.settled) else 0.0
+    plan[:, C.DEAD] = batch.dead if len(batch.dead) else 0.0
     return plan
 
 

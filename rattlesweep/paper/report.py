@@ -96,8 +96,8 @@ def markdown(done: Reproduction) -> str:
         "# The paper's claims and what was measured",
         "",
         "This page is `out/paper/claims.md`, as `rattlesweep paper` writes it, copied:",
-        "`rattlesweep paper && cp out/paper/claims.md docs/claims.md`. [The paper,",
-        "reproduced](paper.md) says how each verdict is made.",
+        "`rattlesweep paper && cp out/paper/claims.md benchmarks/claims.md`.",
+        "[The paper, reproduced](../docs/paper.md) says how each verdict is made.",
         "",
         f"{len(done.claims)} claims: {tally(done.claims)}. Made with {sizes}, by rattlesweep "
         f"{package_version()}.",

@@ -212,6 +212,10 @@ PRESETS: dict[str, Callable[[], Rattleback]] = {"GH": Rattleback.gh, "KL": Rattl
 """Bodies of the literature."""
 
 
+MAX_INERTIA = 1e6
+"""Moments of inertia in ``M a^2`` are at most this: the body is then 1000 times as wide as high."""
+
+
 def shell_dumbbell(gamma: T, f_sd: T) -> tuple[T, T]:
     """``alpha`` and ``beta`` of shell-dumbbell bodies; the sampler compiles it for scalars."""
     return (1 - f_sd) * gamma + 1, f_sd * gamma + 1
@@ -240,6 +244,9 @@ def violations(
     rules: tuple[tuple[NDArray[np.bool_], Callable[[int], str]], ...] = (
         (np.isfinite(alpha + beta + gamma + theta + phi + xi),
          lambda i: "a parameter is not a finite number"),
+        (np.maximum(alpha, gamma) <= MAX_INERTIA,
+         lambda i: f"the moment of inertia {max(alpha[i], gamma[i]):g} M a^2 is out of range; "
+                   f"at most {MAX_INERTIA:g} is allowed"),
         (phi > 0, lambda i: f"phi is {phi[i]:g}; {both}"),
         (theta < 1, lambda i: f"theta is {theta[i]:g}; {both}"),
         (phi < theta, lambda i: f"phi {phi[i]:g} is not below theta {theta[i]:g}; {both}"),

@@ -5,6 +5,7 @@ Each page of a file carries a checksum, which every reader here verifies.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -99,15 +100,20 @@ def write_parquet(table: pa.Table, path: Path, metadata: Mapping[str, str] | Non
     # Chunk borders would move page borders.
     table = table.combine_chunks().replace_schema_metadata(dict(metadata or {}) or None)
     with streamed_file(path) as file:
-        pq.write_table(
-            table,
-            file,
-            row_group_size=ROW_GROUP,
-            version="2.6",
-            compression="zstd",
-            use_dictionary=[name for name in table.schema.names if name in REPEATING],
-            write_page_checksum=True,
-        )
+        encode(table, file)
+
+
+def encode(table: pa.Table, sink: Any) -> None:
+    """Write a table as Parquet to a file that is open."""
+    pq.write_table(
+        table,
+        sink,
+        row_group_size=ROW_GROUP,
+        version="2.6",
+        compression="zstd",
+        use_dictionary=[name for name in table.schema.names if name in REPEATING],
+        write_page_checksum=True,
+    )
 
 
 @contextmanager
@@ -124,10 +130,12 @@ def parquet_file(path: Path) -> Iterator[pq.ParquetFile]:
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
             yield file
-    except (pa.ArrowException, OSError, EOFError) as error:
+    except MemoryError:
+        raise  # Arrow's own is an ArrowException too, and says nothing about the file
+    except (pa.ArrowException, OSError, EOFError, UnicodeDecodeError) as error:
         # Arrow raises OSError, without a number, for pages and footers that are not as they were.
         if isinstance(error, OSError) and error.errno is not None:
-            raise OutputError(f"cannot read {path}: {reason(error)}") from error
+            raise OutputError(f"cannot read {path}: {os.strerror(error.errno)}") from error
         raise DamagedError(f"{path} is damaged: {reason(error)}") from error
 
 

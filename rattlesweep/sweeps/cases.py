@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 from rattlesweep.errors import ConfigError
@@ -24,10 +25,12 @@ class Case:
     sigma: float | None = None
     rolling: float | None = None
 
-    @property
+    @cached_property
     def key(self) -> tuple[Any, ...]:
         """Everything but the number."""
-        return (self.target_name, self.target, *(getattr(self, name) for name in VARIES))
+        return (
+            self.target_name, self.target, self.n_i, self.omega_xy0, self.sigma, self.rolling
+        )  # fmt: skip
 
     def dump(self) -> dict[str, Any]:
         """Return the case as JSON data: its number, and what it has."""
@@ -66,6 +69,8 @@ def grown(held: Sequence[Case], asked: Sequence[Case]) -> tuple[Case, ...]:
     ConfigError
         If the config has lost a case.
     """
+    if tuple(held) == tuple(asked):
+        return tuple(held)  # as a rule, and there may be many
     there, wanted = {case.key for case in held}, {case.key for case in asked}
     if lost := [case for case in held if case.key not in wanted]:
         raise ConfigError(
@@ -82,6 +87,7 @@ def recovered(found: Mapping[int, Case], asked: Iterable[Case]) -> tuple[Case, .
 
     Files tell the numbers of some; the others fill the gaps in the order of the config.
     """
+    asked = list(asked)
     known = {case.key for case in found.values()}
     rest = iter([case for case in asked if case.key not in known])
     cases: list[Case] = []
@@ -90,6 +96,6 @@ def recovered(found: Mapping[int, Case], asked: Iterable[Case]) -> tuple[Case, .
         if case is None:
             break
         cases.append(replace(case, index=len(cases)))
-    if len(cases) <= max(found, default=-1):
+    if len(cases) <= max(found, default=-1) or not known <= {case.key for case in asked}:
         raise ConfigError("its files hold cases that the config does not ask for")
     return tuple(cases)

@@ -47,7 +47,10 @@ def classify_stored(directory: Path, overrides: Sequence[str] = ()) -> Classifie
     """Give the stored runs of a directory the types that some thresholds ask for, and renew the
     summary.
 
-    Each file is rewritten in one step; after a kill the same command goes on.
+    Each file is rewritten in one step; after a kill the same command goes on.  With dissipation
+    `dead_energy` cannot change: a zero of the spin after the energy has fallen below it is not
+    stored as ``t_r``, so that neither a smaller nor, later, the sweep's own value could bring it
+    back.
 
     Parameters
     ----------
@@ -89,6 +92,11 @@ def _changed(stored: Stored, overrides: Sequence[str]) -> Config:
         raise ConfigError("--set: only keys of classify can change here; others need a new sweep")
     if config.classify.early != stored.config.classify.early:
         raise ConfigError("--set classify.early: decides how far runs go; it needs a new sweep")
+    if config.dissipation and config.classify.dead_energy != stored.config.classify.dead_energy:
+        raise ConfigError(
+            "--set classify.dead_energy: decides which zeros of the spin are reversals; with "
+            "dissipation it needs a new sweep"
+        )
     return config
 
 

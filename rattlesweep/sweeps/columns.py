@@ -68,14 +68,17 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
         field("K_p", F64, "1", "asymmetric torque coefficient of pitch"),
         field("K_r", F64, "1", "asymmetric torque coefficient of roll"),
         field("n_c1", F64, RATE,
-              "Bondi's threshold spin of the steady direction; null: no threshold"),
+              "Bondi's threshold spin of the steady direction; null: no threshold; beyond it a "
+              "steady spin is stable, but for some bodies with I_zz < I_xx"),
         field("n_0", F64, RATE, "spin that would hold all the energy"),
         field("t_rgh", F64, TIME,
               "Garcia and Hubbard's reversal time of this spin direction; null: no reversal"),
     ),
     "result": (
         required("t_end", F64, TIME, "time reached"),
-        field("t_r", F64, TIME, "first zero of the spin; null: none by t_end"),
+        field("t_r", F64, TIME,
+              "first zero of the spin; null: none by t_end, or with dissipation none before the "
+              "body is dead; a run that fails behind it, where reversals are recorded, keeps it"),
         field("type", TEXT, "1", "R, SS, SW, unclassified or D; null where status is not ok"),
         required("status", TEXT, "1", "ok, or a word for what went wrong"),
         field("n_end", F64, RATE,
@@ -165,7 +168,7 @@ STATE: tuple[pa.Field, ...] = tuple(
 """Columns of `runs` launched from a full state, behind all others."""
 
 MEASURED: tuple[pa.Field, ...] = (
-    field("t_r_s", F64, "s", "first zero of the spin; null: none by t_end"),
+    field("t_r_s", F64, "s", "t_r in seconds"),
     required("n_i_rpm", F64, "rpm", "initial spin, positive = unsteady direction"),
 )
 """Columns of `runs` of bodies whose size in SI units is known."""
@@ -218,6 +221,12 @@ SUMMARY: tuple[pa.Field, ...] = (
           "share of type D among runs with status ok; null without dissipation"),
     field("sigma", F64, DAMPING, "torque -sigma omega; null: no dissipation, or rows differ"),
     field("rolling", F64, "a", "lever of the rolling resistance; null likewise"),
+    # Of runs that do not record contact, null.
+    field("share_friction_above_0_3", F64, "1",
+          "share of runs with status ok that need a coefficient of friction above 0.3 to roll"),
+    field("share_friction_above_0_6", F64, "1", "the same above 0.6"),
+    field("share_lift_off", F64, "1",
+          "share of runs with status ok whose normal force becomes negative: they would lift off"),
 )
 """Columns of `summary` in their order."""
 # fmt: on

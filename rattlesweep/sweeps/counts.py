@@ -26,6 +26,10 @@ ERRORS = ("t_r_error", "type_sure")
 """Columns that it reads too, where they are recorded."""
 LOSSES = ("energy_left", "sigma", "rolling")
 """And where there is dissipation."""
+CONTACT = ("contact_ratio_max", "contact_normal_min")
+"""And where contact is recorded."""
+FRICTION = {"share_friction_above_0_3": 0.3, "share_friction_above_0_6": 0.6}
+"""Coefficients of friction by the columns of the shares of runs that need a larger one."""
 SENSITIVE = 1e-6
 """A run is sensitive if its ``t_r_error`` is a larger share of ``t_r``."""
 Z95 = 1.959963984540054
@@ -35,7 +39,9 @@ Z95 = 1.959963984540054
 def columns_for(config: Config) -> tuple[str, ...]:
     """Columns of the runs of a sweep that `Counts.add` reads."""
     losses = LOSSES if config.dissipation else ()
-    return (*COLUMNS, *(ERRORS if "error" in config.record else ()), *losses)
+    errors = ERRORS if "error" in config.record else ()
+    contact = CONTACT if "contact" in config.record else ()
+    return (*COLUMNS, *errors, *losses, *contact)
 
 
 class Moments:
@@ -103,8 +109,11 @@ class Counts:
         Of runs of type R that have one.
     sensitive, unsure_types
         Runs of type R whose error is large, and runs of each of `TYPES` whose type is not sure.
-    has_errors, has_losses : bool
-        Whether any rows told errors, and whether they have dissipation.
+    slips, lifts
+        Runs that need a larger coefficient of friction than each of `FRICTION`, and runs that lift
+        off, of those with status ``ok``.
+    has_errors, has_losses, has_contact : bool
+        Whether any rows told errors, have dissipation, and tell the forces of contact.
     """
 
     def __init__(self, cells: int) -> None:
@@ -112,7 +121,9 @@ class Counts:
             np.zeros(cells, np.int64) for _ in range(5)
         )
         self.sensitive = np.zeros(cells, np.int64)
-        self.has_errors = self.has_losses = False
+        self.lifts = np.zeros(cells, np.int64)
+        self.slips = {name: np.zeros(cells, np.int64) for name in FRICTION}
+        self.has_errors = self.has_losses = self.has_contact = False
         # Of the runs that were done, where they count for others as well.
         self.stored_failed: Integers | None = None
         self._types = {name: np.zeros(cells, np.int64) for name in TYPES}
@@ -161,6 +172,12 @@ class Counts:
             unsure = floats(rows.column("type_sure"))[kept] == 0
             for code, name in enumerate(TYPES):
                 np.add.at(self.unsure_types[name], cell[unsure & (kind == code)], 1)
+        if "contact_ratio_max" in rows.schema.names:
+            self.has_contact = True
+            ratio, normal = (floats(rows.column(name))[kept] for name in CONTACT)
+            for name, most in FRICTION.items():
+                np.add.at(self.slips[name], cell[ok & (ratio > most)], 1)
+            np.add.at(self.lifts, cell[ok & (normal < 0)], 1)
 
     @property
     def unsure(self) -> Integers:
@@ -196,6 +213,12 @@ class Counts:
             **{
                 name: part if self.has_errors else pa.nulls(len(part), pa.int64())
                 for name, part in (("sensitive", self.sensitive), ("unsure", self.unsure))
+            },
+            **{
+                name: share(part, self.ok)
+                if self.has_contact
+                else pa.nulls(len(part), pa.float64())
+                for name, part in {**self.slips, "share_lift_off": self.lifts}.items()
             },
         }
 

@@ -200,9 +200,10 @@ class Refining(_Known):
             more = np.zeros(self.shape, dtype=bool)
             # Only what this wave and those before it have found counts.
             seen = np.where(wanted, code, np.int8(-1))
+            seen_value = None if value is None else np.where(wanted, value, np.nan)
             stride = self.strides
             while max(stride) > 1:
-                self._halve(stride, more, seen, value)
+                self._halve(stride, more, seen, seen_value)
                 stride = tuple(max(1, s // 2) if s == max(stride) else s for s in stride)
             more &= ~wanted
             if not more.any():
@@ -228,6 +229,9 @@ class Refining(_Known):
             for axis, k in zip(whole, place, strict=True):
                 here[axis] = k
             at = tuple(here)
+            if missing[at].all():
+                filled[at] = number[at]  # nothing there yet, so each is its own
+                continue
             index = distance_transform_edt(missing[at], return_distances=False, return_indices=True)
             filled[at] = number[at][tuple(index)]
         case, sample = np.divmod(self._runs(filled), there.shape[1])
@@ -326,11 +330,10 @@ def filled(stored: Stored, names: Sequence[str]) -> Iterator[pa.Table]:
         return
     case, sample = refining.nearest(place >= 0)
     for number in range(shape[0]):
-        found = rows.take(pa.array(place[case[number], sample[number]]))
-        for name, values in (
-            ("case", np.full(shape[1], number)),
-            ("sample", np.arange(shape[1])),
-        ):
+        nearest = place[case[number], sample[number]]
+        points = np.flatnonzero(nearest >= 0)  # of a sweep that has just begun, there may be none
+        found = rows.take(pa.array(nearest[points]))
+        for name, values in (("case", np.full(len(points), number)), ("sample", points)):
             at = found.schema.get_field_index(name)
             found = found.set_column(
                 at, rows.schema.field(at), pa.array(values, rows.schema.field(at).type)

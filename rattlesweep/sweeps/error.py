@@ -21,7 +21,7 @@ the run by chance, so T is then a tenth of (s' / PARTED)^2 at least, with s' the
 two.
 
 How far that holds is measured by ``benchmarks/errors.py``, which also finds the constants again
-after a change of the integrator; docs/sensitive.md says what the runs are that part.
+after a change of the integrator; docs/accuracy.md says what the runs are that part.
 """
 
 from __future__ import annotations
@@ -88,7 +88,9 @@ class Estimated(Outcome):
     t_r_error, amp_growth_error, n_departure_error : ndarray
         The columns of the same names.
     reversal_sure : ndarray of bool
-        Whether a run that reverses does so before its horizon for any error of this size.
+        Whether a run that reverses does so before its horizon for any error of this size; whether
+        the companion of a run that does not reverse does not either, and no extremum of the spin
+        grazes zero.
     tol, companion_tol : ndarray
         Tolerances of the run and its companion; NaN with a fixed step.
     apart, companion_t_r : ndarray
@@ -231,6 +233,8 @@ def with_errors(
     departure = np.where(ok, DIFFER * np.abs(runs.n_departure - companions.n_departure), np.nan)
     # A companion that failed has numbers, but says nothing; one that reversed says R.
     departure[companions.status != Status.OK] = np.nan
+    neither = np.isnan(runs.t_r) & np.isnan(companions.t_r) & (companions.status == Status.OK)
+    grazes = runs.near_tangencies + companions.near_tangencies
     # Where a stop has kept a companion from its end, the run has not been either.
     cut = companions.status == Status.STOPPED
     runs = replace(
@@ -243,12 +247,13 @@ def with_errors(
         t_r_error=t_r_error,
         amp_growth_error=growth,
         n_departure_error=departure,
-        reversal_sure=(relative < 1.0) & (runs.t_r + t_r_error < batch.t_end),
+        reversal_sure=((relative < 1.0) & (runs.t_r + t_r_error < batch.t_end))
+        | (neither & (grazes == 0)),
         tol=np.full(len(batch), value if tableau.adaptive else np.nan),
         apart=apart,
         companion_tol=np.full(len(batch), looser if tableau.adaptive else np.nan),
         companion_t_r=companions.t_r,
-        grazes=runs.near_tangencies + companions.near_tangencies,
+        grazes=grazes,
         tries=_tries(runs) + _tries(companions),
     )
 

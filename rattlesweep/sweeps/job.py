@@ -75,12 +75,14 @@ class Job:
     kernel_seconds: float = 0.0
     load_seconds: float = 0.0
     lost: int = 0  # runs that were under way when it was stopped
+    waves: bool = False  # whether more may be wanted once this is done
     remarks: list[str] = field(default_factory=list)
     resources: ExitStack = field(default_factory=ExitStack)  # what an engine keeps between waves
     _start: float = field(default_factory=time.monotonic)
     _begun: float | None = None
-    _shown: float = 0.0
     _wanted: int = 0
+    _shown: float = 0.0  # what was reported last, and when the wave began
+    _base: float = 0.0
     _todo: Any = None  # runs of each case that were to do, and that are left
     _left: Any = None
     _expected: Any = None  # expected cost and steps of the runs done, by case
@@ -93,9 +95,9 @@ class Job:
         cases = len(self.cost)
         if self._steps is None:
             self._expected, self._steps = np.zeros(cases), np.zeros(cases)
+        self._base = self._shown
         self._left = todo.sum(axis=1)
         self._wanted, self._todo = wanted, self._left.copy()
-        self._shown = 0.0  # another wave is another whole
 
     # ----------------------------------------------------------------- blocks
 
@@ -173,11 +175,20 @@ class Job:
         whole = float((self._todo * self.cost) @ factors) * self._wanted / max(1, todo)
         there = self._wanted - int(self._left.sum())
         fraction = 1.0 - (left - part) / whole if whole > 0 else there / max(1, self._wanted)
-        # What runs take is learned on the way; a bar does not go back for it.
-        self._shown = fraction = min(1.0, max(self._shown, fraction))
-        self.report(Progress(fraction, there + runs, self._wanted, now - self._start, remaining))
+        fraction = min(1.0, max(0.0, fraction))
+        if self.waves:  # nobody knows how many follow
+            fraction = self._base + (1.0 - self._base) * fraction / 2
+        # What is learned of later cases can make what is done less.
+        self._shown = max(self._shown, fraction)
+        elapsed = now - self._start
+        self.report(Progress(self._shown, there + runs, self._wanted, elapsed, remaining))
         if self.over(self.done > 0 or runs > 0):
             raise OutOfTime
+
+    def complete(self) -> None:
+        """Report that nothing is left to do."""
+        elapsed = time.monotonic() - self._start
+        self.report(Progress(1.0, self._wanted, self._wanted, elapsed, 0.0))
 
     def _factors(self) -> Floats:
         """Return how many steps the runs of each case take for each unit of expected cost.
@@ -185,9 +196,11 @@ class Job:
         Most runs end before their horizon, and how many do differs from case to case.
         """
         factors = np.ones(len(self.cost))
-        if self._steps.sum() > 0:
+        if self._steps.sum() > 0 and self._expected.sum() > 0:
             factors[:] = self._steps.sum() / self._expected.sum()
-            np.divide(self._steps, self._expected, out=factors, where=self._steps > 0)
+            np.divide(
+                self._steps, self._expected, out=factors, where=self._steps * self._expected > 0
+            )
         return factors
 
     def over(self, some_done: bool = True) -> bool:

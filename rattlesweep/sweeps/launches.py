@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,7 +15,7 @@ from rattlesweep.integrate.model import ELLIPSOID, FRICTION, FULL, MODELS, Model
 from rattlesweep.physics import full, launch, reduced, stone, theory
 from rattlesweep.physics.steady import settled_oscillation, steady_modes
 from rattlesweep.sweeps.bodies.protocol import Bodies
-from rattlesweep.sweeps.config.schema import Config, Horizon
+from rattlesweep.sweeps.config.schema import MAX_SPEED, Config, Horizon
 from rattlesweep.sweeps.plan import Plan
 
 # A window has at least this many periods of the slower mode, so that it contains the largest
@@ -54,6 +53,8 @@ class Launches:
         Horizons; not finite where there is none.
     sigma, rolling : ndarray or None
         Dissipation; None in a sweep without.
+    dead : ndarray or None
+        Share of the launch's energy below which a body is dead; None likewise.
     """
 
     case: Integers
@@ -69,6 +70,7 @@ class Launches:
     t_end: Floats
     sigma: Floats | None = None
     rolling: Floats | None = None
+    dead: Floats | None = None
 
     @property
     def second(self) -> Floats | None:
@@ -112,9 +114,12 @@ def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
     else:
         psi = launch.direction(modes, n_i, spin.psi if spin is not None else "relevant")
     losses = (value("sigma"), value("rolling")) if plan.config.dissipation else None
-    return with_theory(
+    launches = with_theory(
         case, sample, bodies, n_i, omega_xy0, psi, modes, plan.config.horizon, losses
     )
+    if losses is None:
+        return launches
+    return replace(launches, dead=np.full(len(sample), plan.config.classify.dead_energy))
 
 
 def with_theory(
@@ -244,6 +249,7 @@ def full_batch(launches: Launches) -> Batch:
         first_mark=MARK_PERIODS * 2 * np.pi / slower,
         scale=launches.spin_scale,
         tapped=launches.tapped,
+        dead=np.zeros(0) if launches.dead is None else launches.dead,
     )
 
 
@@ -277,8 +283,8 @@ def with_energies(batch: Batch, e_p0: float | None, e_r0: float | None) -> Batch
     for column, name, value in ((1, "e_p0", e_p0), (2, "e_r0", e_r0)):
         if value is None:
             continue
-        if not (math.isfinite(value) and value >= 0):
-            raise ConfigError(f"{name} {value:g}: the energy must be finite and not negative")
+        if not 0 <= value <= MAX_SPEED**2:
+            raise ConfigError(f"{name} {value:g}: from 0 to {MAX_SPEED**2:g} M g a is allowed")
         y0[:, column] = value
     return replace(batch, y0=y0)
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 from rattlesweep.errors import OutputError
-from rattlesweep.sweeps.files import explained
+from rattlesweep.sweeps.files import ABANDONED, explained, remove_temporaries
 from rattlesweep.sweeps.sessions import who_holds
 
 FOLDER = ".locks"
@@ -31,6 +31,8 @@ NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EINVAL)
 @contextlib.contextmanager
 def hold(directory: Path, share: str | None = None) -> Iterator[None]:
     """Hold a directory, or a share of it such as ``shard-0-of-4``, for a block of code.
+
+    What processes that died there were writing is removed.
 
     Raises
     ------
@@ -47,6 +49,8 @@ def hold(directory: Path, share: str | None = None) -> Iterator[None]:
         for path in sorted(folder.iterdir()):
             if path.name != mine and _excludes(path.name, share) and at_work(path):
                 raise _in_use(directory, None if path.name == WHOLE else path.name)
+        for place in (directory, directory / "runs", directory / "sessions"):
+            remove_temporaries(place, 0.0 if share is None else ABANDONED)
         yield
 
 

@@ -14,11 +14,18 @@ import numpy as np
 import pyarrow as pa
 
 from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.sweeps.decide import decides
+from rattlesweep.sweeps.config.read import differences, fixed_part, resolved
+from rattlesweep.sweeps.decide import decision
 from rattlesweep.sweeps.files import explained, streamed_file
 from rattlesweep.sweeps.locks import hold
 from rattlesweep.sweeps.rows import Runs
-from rattlesweep.sweeps.stored import MANIFEST, Stored, open_stored, write_manifest
+from rattlesweep.sweeps.stored import (
+    MANIFEST,
+    Stored,
+    foreign_name,
+    open_stored,
+    write_manifest,
+)
 from rattlesweep.sweeps.summary import summarise, write_summary
 
 
@@ -55,16 +62,21 @@ def merge(directories: Sequence[Path], output: Path) -> Merged:
     for directory in directories:
         if [other.resolve() for other in directories].count(directory.resolve()) > 1:
             raise ConfigError(f"{directory}: is given twice; give each directory once")
+        if directory.resolve() == output.resolve():
+            raise ConfigError(
+                f"{directory}: is the output, whose runs are kept; leave it out of what is merged"
+            )
     sources = [open_stored(directory) for directory in directories]
     there = [open_stored(output)] if (output / MANIFEST).exists() else []
     everything = [*there, *sources]
     largest = max(everything, key=lambda stored: (len(stored.cases), stored.samples))
     _check(everything, largest)
-    if not there and output.exists() and any(output.iterdir()):
+    if not there and (foreign_name(output) or Runs(output).files()):
         raise ConfigError(f"{output}: holds other files; give a new directory")
     with contextlib.ExitStack() as stack:
         for stored in sources:
-            stack.enter_context(hold(stored.directory))
+            if os.access(stored.directory, os.W_OK):  # nobody works in one that is read-only
+                stack.enter_context(hold(stored.directory))
         with explained(f"cannot write in {output}", folder=True):
             (output / "runs").mkdir(parents=True, exist_ok=True)
         stack.enter_context(hold(output))
@@ -76,13 +88,20 @@ def merge(directories: Sequence[Path], output: Path) -> Merged:
         done, failed = np.zeros((len(largest.cases), largest.samples), dtype=bool), 0
         for runs in [here, *(stored.runs for stored in sources)]:
             found = runs.find(
-                largest.cases, largest.samples, largest.hash, largest.schema, merged_before
-            )
+                largest.cases, largest.samples, largest.hash, largest.schema, merged_before,
+                put_aside=False,
+            )  # fmt: skip
             if found.aside:
                 raise OutputError(
-                    f"{found.aside[0]} is a file that was damaged; do its runs again with "
-                    "`rattlesweep run` before merging"
+                    f"{found.aside[0]} is damaged; do its runs again with `rattlesweep run` before "
+                    "merging"
                 )
+            for typed, paths in found.typed.items():
+                if typed != largest.typed:
+                    raise OutputError(
+                        f"{paths[0]} was typed by other thresholds; `rattlesweep classify` ends "
+                        "what was begun"
+                    )
             if (twice := done & found.done).any():
                 case, sample = np.argwhere(twice)[0]
                 raise OutputError(
@@ -97,7 +116,11 @@ def merge(directories: Sequence[Path], output: Path) -> Merged:
             for path in stored.files():
                 if path not in merged_before:
                     _put(path, here.free(path.stem))
-        missing = 0 if decides(largest.config) else int((~done).sum())
+        wanted = np.ones_like(done)
+        if (decide := decision(merged.config, merged.cases, merged.samples)) is not None:
+            decide.read(merged)
+            wanted = decide.wanted()
+        missing = int((wanted & ~done).sum())
         summary = None
         if not missing:
             summary = summarise(merged)
@@ -108,7 +131,11 @@ def merge(directories: Sequence[Path], output: Path) -> Merged:
 def _check(everything: Sequence[Stored], largest: Stored) -> None:
     for stored in everything:
         if stored.hash != largest.hash:
-            raise ConfigError(f"{stored.directory} and {largest.directory} hold different sweeps")
+            ours, theirs = (fixed_part(resolved(s.config)) for s in (stored, largest))
+            what = "; ".join(differences(ours, theirs)[:3]) or "the tables of bodies differ"
+            raise ConfigError(
+                f"{stored.directory} and {largest.directory} hold different sweeps ({what})"
+            )
         if [c.key for c in stored.cases] != [c.key for c in largest.cases[: len(stored.cases)]]:
             raise ConfigError(
                 f"{stored.directory} and {largest.directory} number their cases differently, as "

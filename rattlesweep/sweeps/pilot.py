@@ -13,13 +13,12 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from rattlesweep.arrays import Floats, take
 from rattlesweep.durations import clock
 from rattlesweep.integrate.batch import available_threads
 from rattlesweep.integrate.status import Status
-from rattlesweep.sweeps.arrow import build_table
+from rattlesweep.sweeps.arrow import build_table, encode
 from rattlesweep.sweeps.block import columns_of, load_kernel, run_batch
 from rattlesweep.sweeps.cost import SEED, expected_cost, sample_keys
 from rattlesweep.sweeps.decide import decides
@@ -88,7 +87,7 @@ class Forecast:
             f"the longest run takes up to {_time(self.longest)}",
         ]
         if self.share is not None:
-            lines.append(f"a share takes about {_time(self.share)}")
+            lines.append(f"a shard takes about {_time(self.share)}")
         if self.few >= FEW_LIMIT:
             lines.append(
                 f"one run in a hundred takes {100 * self.few:.0f} % of the time, as t_rGH goes to "
@@ -186,8 +185,11 @@ def _measure(plan: Plan, launches: Launches, threads: int, most: int) -> _Pilot:
     table = build_table(columns, plan.schema)
     steps = np.ones(len(cost)) if outcome is None else outcome.n_steps.astype(float)
     cut = np.zeros(len(cost), bool) if outcome is None else outcome.status == Status.STEP_LIMIT
-    half = len(table) // 2
-    row_bytes = (_encoded(table) - _encoded(table.slice(0, half))) / (len(table) - half)
+    # Runs are drawn with replacement, and those that come again compress to nothing.
+    _, once = np.unique([launches.case, launches.sample], axis=1, return_index=True)
+    rows = table.take(pa.array(np.sort(once)))
+    half = len(rows) // 2
+    row_bytes = (_encoded(rows) - _encoded(rows.slice(0, half))) / (len(rows) - half)
     return _Pilot(np.maximum(steps, 1.0), cost, cut, float(steps.sum()) / seconds, row_bytes)
 
 
@@ -214,7 +216,7 @@ def _known(plan: Plan) -> Launches:
 
 def _encoded(table: pa.Table) -> int:
     sink = io.BytesIO()
-    pq.write_table(table, sink, compression="zstd")
+    encode(table, sink)
     return sink.tell()
 
 

@@ -12,6 +12,7 @@ manifest be made again.
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -79,7 +80,7 @@ class Runs:
 
     def files(self) -> list[Path]:
         """Return the files in the order of their names; none where there is no folder."""
-        with explained(f"cannot read {self.folder}"):
+        with explained(f"cannot read {self.folder}", folder=True):
             try:
                 return sorted(path for path in self.folder.iterdir() if _is_ours(path))
             except FileNotFoundError:
@@ -169,6 +170,10 @@ class Runs:
             except DamagedError:
                 found.aside.append(_put_aside(path) if put_aside else path)
                 continue
+            except OutputError:
+                if path.exists():
+                    raise
+                continue  # damaged, and put aside by another share meanwhile
             place = self._places(path, table, found.done.shape)
             if found.done.ravel()[place].any() or len(np.unique(place)) < len(place):
                 self._refuse_twice(path, place, owner, samples)
@@ -186,20 +191,13 @@ class Runs:
         self, path: Path, file: pq.ParquetFile, cases: Sequence[Case], sweep: str, schema: pa.Schema
     ) -> None:
         metadata = _metadata(file)
-        if SWEEP not in metadata or CASES not in metadata:
-            raise OutputError(
-                f"{path} was not written by rattlesweep; move it out of the output directory"
-            )
-        if metadata[SWEEP] != sweep:
-            raise OutputError(
-                f"{path} holds runs of another sweep; move it away, or use another output"
-            )
+        _check_sweep(path, metadata, sweep)
         if not same_schema(file.schema_arrow, schema):
             raise OutputError(
                 f"{path} has the columns of another version of rattlesweep; use another output"
             )
         for case in _cases(metadata, path):
-            if case.index >= len(cases) or cases[case.index].key != case.key:
+            if case.index >= len(cases) or cases[case.index] != case:
                 raise OutputError(
                     f"{path} numbers its cases in another way: case {case.index} is {case} there; "
                     "move it away, or use another output"
@@ -239,22 +237,24 @@ class Runs:
                 )
         raise OutputError(f"{path} holds a run twice; move it away, and it will be done again")
 
-    def cases(self) -> dict[int, Case]:
+    def cases(self, sweep: str) -> dict[int, Case]:
         """Return the cases that the files tell of, by their numbers.
 
         Raises
         ------
         OutputError
-            If files do not agree.
+            If files do not agree, or are not of this sweep.
         """
         found: dict[int, Case] = {}
         for path in self.files():
             try:
                 with parquet_file(path) as file:
                     metadata = _metadata(file)
+                    cases = _cases(metadata, path)
             except DamagedError:
                 continue
-            for case in _cases(metadata, path):
+            _check_sweep(path, metadata, sweep)
+            for case in cases:
                 if found.setdefault(case.index, case).key != case.key:
                     raise OutputError(
                         f"{path} numbers its cases unlike other files: case {case.index} is {case} "
@@ -326,6 +326,27 @@ def _metadata(file: pq.ParquetFile) -> dict[str, str]:
     return {k.decode(): v.decode() for k, v in (file.schema_arrow.metadata or {}).items()}
 
 
+def is_of_a_sweep(path: Path) -> bool:
+    """Return whether a file holds rows of some sweep, as far as can be told: it may be damaged."""
+    try:
+        with parquet_file(path) as file:
+            return SWEEP in _metadata(file)
+    except DamagedError:
+        return path.name.startswith("case")
+
+
+def _check_sweep(path: Path, metadata: Mapping[str, str], sweep: str) -> None:
+    """Raise an OutputError unless a file is of this sweep."""
+    if SWEEP not in metadata or CASES not in metadata:
+        raise OutputError(
+            f"{path} was not written by rattlesweep; move it out of the output directory"
+        )
+    if metadata[SWEEP] != sweep:
+        raise OutputError(
+            f"{path} holds runs of another sweep; move it away, or use another output"
+        )
+
+
 def _cases(metadata: Mapping[str, str], path: Path) -> list[Case]:
     try:
         return [Case.load(data) for data in json.loads(metadata.get(CASES, "[]"))]
@@ -351,6 +372,6 @@ def _put_aside(path: Path) -> Path:
     while aside.exists():
         again += 1
         aside = path.with_suffix(f".damaged-{again}")
-    with explained(f"cannot rename {path}"):
-        path.rename(aside)
+    with explained(f"cannot rename {path}"), contextlib.suppress(FileNotFoundError):
+        path.rename(aside)  # unless another share was quicker
     return aside

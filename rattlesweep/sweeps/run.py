@@ -17,18 +17,26 @@ import numpy as np
 import pyarrow as pa
 
 from rattlesweep.arrays import Flags
-from rattlesweep.errors import ConfigError
+from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.integrate.batch import available_threads
 from rattlesweep.sweeps.cost import case_costs
 from rattlesweep.sweeps.decide import Refining, Stopping, decides, decision
-from rattlesweep.sweeps.files import ABANDONED, explained, remove_temporaries
+from rattlesweep.sweeps.files import explained
 from rattlesweep.sweeps.job import Engine, Job, OutOfTime, Progress
 from rattlesweep.sweeps.local import local
 from rattlesweep.sweeps.locks import hold
 from rattlesweep.sweeps.plan import Plan
 from rattlesweep.sweeps.rows import Found, Runs
 from rattlesweep.sweeps.sessions import Session
-from rattlesweep.sweeps.stored import MANIFEST, SUMMARY, Stored, begin, examine, note_thresholds
+from rattlesweep.sweeps.stored import (
+    MANIFEST,
+    SUMMARY,
+    Stored,
+    begin,
+    check_removable,
+    examine,
+    note_thresholds,
+)
 from rattlesweep.sweeps.summary import summarise, write_summary
 from rattlesweep.sweeps.types import with_types
 
@@ -75,6 +83,7 @@ class Result:
     """What a session came to."""
 
     directory: Path
+    counted: bool = False  # whether the rows on disk have been
     runs: int = 0  # rows of the share on disk
     resumed_runs: int = 0  # of these, found there
     done: int = 0  # runs integrated in this session
@@ -149,24 +158,30 @@ def run_sweep(
             f"{decides(plan.config)}: what is run next depends on all runs before, so there are no "
             "shares that know nothing of each other; use all cores, or --engine dask"
         )
-    if not fresh:
-        examine(plan, directory)  # before anything is made there
+    if fresh:
+        check_removable(directory)
+    else:
+        held = examine(plan, directory)  # before anything is made there
+        if held is not None and shard is not None and _typed(plan) != held.typed:
+            raise ConfigError(
+                f"{directory}: its runs are typed by other thresholds than those of the config; "
+                "run `rattlesweep classify` there before its shares go on"
+            )
     with explained(f"cannot write in {directory}", folder=True):
         directory.mkdir(parents=True, exist_ok=True)
     result = Result(directory)
     with hold(directory, share):
         if fresh:
             _start_over(directory)
-        remove_temporaries(directory, 0.0 if shard is None else ABANDONED)
-        remove_temporaries(directory / "runs", 0.0 if shard is None else ABANDONED)
         stored = begin(plan, directory, base, share)
         plan = plan.with_cases(stored.cases)
         session = Session(directory, share, threads)
-        decide = decision(plan.config, plan.cases, plan.samples)
-        work = _Sweep(plan, stored, shard, decide, result, session)
-        deadline = None if max_time is None else start + max_time
-        job = Job(plan, threads, case_costs(plan), work.progress(report), deadline)
         try:
+            decide = decision(plan.config, plan.cases, plan.samples)
+            work = _Sweep(plan, stored, shard, decide, result, session)
+            deadline = None if max_time is None else start + max_time
+            job = Job(plan, threads, case_costs(plan), work.progress(report), deadline)
+            job.waves = decide is not None
             work.find(retry_failed)
             with job.resources:
                 work.work_off(job, engine)
@@ -175,8 +190,8 @@ def run_sweep(
         except BaseException as error:
             result.seconds = time.monotonic() - start
             how = "failed" if isinstance(error, Exception) else "interrupted"
-            work.session.end(how, runs=result.done, seconds=round(result.seconds, 3))
-            if not isinstance(error, Exception):
+            session.end(how, runs=result.done, seconds=round(result.seconds, 3))
+            if not isinstance(error, Exception) and result.counted:
                 error.add_note(result.kept)
             raise
     return result
@@ -227,6 +242,7 @@ class _Sweep:
         if self.shard is None:
             note_thresholds(stored, None)
         if retry_failed and self.found.failed:
+            self._remove_summary()
             self.result.retried = sum(map(self.runs.drop_failed, self.found.failed))
             self.found = self._find()
 
@@ -246,27 +262,37 @@ class _Sweep:
             todo = wanted & ~self.done
             if first:
                 result.resumed_runs = int((wanted & self.done).sum())
-                result.runs, first = result.resumed_runs, False
+                result.runs, result.counted, first = result.resumed_runs, True, False
             job.count(int(wanted.sum()), todo)
             if not todo.any():
+                job.complete()
                 break
-            if (self.stored.directory / SUMMARY).exists():  # it is of fewer runs
-                with explained(f"cannot remove {self.stored.directory / SUMMARY}"):
-                    (self.stored.directory / SUMMARY).unlink(missing_ok=True)
+            self._remove_summary()  # it is of fewer runs
             try:
                 self._drain(job, engine(job, job.blocks(todo)))
+                if left := int((todo & ~self.done).sum()):
+                    raise OutputError(
+                        f"{left} runs did not come back from the engine; run it again"
+                    )
             except OutOfTime:
-                result.stopped = (
-                    "the time is up"
-                    if job.done
-                    else "the time was up before one run had ended, give more"
-                )
+                # It may be up when the last run has ended.
+                if (todo & ~self.done).any():
+                    result.stopped = (
+                        "the time is up"
+                        if job.done
+                        else "the time was up before one run had ended, give more"
+                    )
             finally:
                 result.done, result.lost = job.done, job.lost
                 result.kernel_seconds, result.load_seconds = job.kernel_seconds, job.load_seconds
                 result.remarks += [line for line in job.remarks if line not in result.remarks]
-            if result.stopped is not None or self.decide is None:
+            if result.stopped is not None:
                 break
+
+    def _remove_summary(self) -> None:
+        path = self.stored.directory / SUMMARY
+        with explained(f"cannot remove {path}"):
+            path.unlink(missing_ok=True)
 
     def _wanted(self) -> Flags:
         if self.decide is not None:

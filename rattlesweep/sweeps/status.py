@@ -85,7 +85,9 @@ def status(directory: Path) -> Status:
                 if entry["values"] is not None:
                     counter[entry["values"]] += entry["counts"]
     sessions = read_sessions(directory)
-    working = [session for session in sessions if _is_at_work(stored, session)]
+    # Of several that died without a word or live, the last of each share holds its lock.
+    last = {session.get("share"): session for session in sessions if _runs(session)}
+    working = [session for session in last.values() if _is_at_work(stored, session)]
     ended = [session for session in sessions if session not in working]
     data = {
         "runs": runs,
@@ -108,11 +110,15 @@ def _wanted(stored: Stored) -> int:
     return int(decide.wanted().sum())
 
 
+def _runs(session: dict[str, Any]) -> bool:
+    return session.get("how") == "running"
+
+
 def _is_at_work(stored: Stored, session: dict[str, Any]) -> bool:
     """Return whether the process of a session lives, by the lock that it would hold."""
     share = session.get("share")
     lock = stored.directory / FOLDER / (share or WHOLE)
-    return session.get("how") == "running" and lock.exists() and at_work(lock)
+    return lock.exists() and at_work(lock)
 
 
 def _who(session: dict[str, Any]) -> str:

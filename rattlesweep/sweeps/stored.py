@@ -6,6 +6,7 @@ written when a sweep begins or grows, and says nothing of what has been done.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 from collections.abc import Iterator, Sequence
@@ -29,9 +30,10 @@ from rattlesweep.sweeps.config.read import (
 )
 from rattlesweep.sweeps.config.schema import Classify, Config
 from rattlesweep.sweeps.files import explained, reason, replace_file
+from rattlesweep.sweeps.locks import FOLDER as LOCKS
 from rattlesweep.sweeps.locks import manifest_lock, others_at_work
 from rattlesweep.sweeps.provenance import command_line, machine, now, versions
-from rattlesweep.sweeps.rows import Runs
+from rattlesweep.sweeps.rows import Runs, is_of_a_sweep
 
 if TYPE_CHECKING:
     from rattlesweep.sweeps.plan import Plan
@@ -90,6 +92,11 @@ class Stored:
             return self.config.classify
         return self.config.classify.model_copy(update=typed)
 
+    @property
+    def typed(self) -> str:
+        """The same as JSON, as each file of rows has it."""
+        return json.dumps(self.thresholds.thresholds, sort_keys=True)
+
     @cached_property
     def runs(self) -> Runs:
         """The rows."""
@@ -113,11 +120,18 @@ class Stored:
 
         Raises
         ------
+        ConfigError
+            If there is no such column.
         OutputError
-            If a file cannot be read or is damaged, or has no such column.
+            If a file cannot be read or is damaged.
         """
         schema = self.schema
         if names is not None:
+            if unknown := [name for name in names if name not in schema.names]:
+                raise ConfigError(
+                    f"{self.directory}: its runs have no column {unknown[0]}; they have "
+                    f"{', '.join(schema.names)}"
+                )
             schema = pa.schema([self.schema.field(name) for name in names])
         tables = [schema.remove_metadata().empty_table(), *self.runs.batches(names)]
         return pa.concat_tables(tables).cast(schema)
@@ -224,7 +238,7 @@ def begin(plan: Plan, directory: Path, base: Path | None, share: str | None) -> 
             runs.folder.mkdir(exist_ok=True)
         if held is None:
             cases = plan.cases
-            if found := runs.cases():
+            if found := runs.cases(sweep_hash(plan)):
                 cases = _located(directory, recovered, found, plan.cases)
         else:
             cases = _located(directory, grown, held.cases, plan.cases)
@@ -259,16 +273,11 @@ def examine(plan: Plan, directory: Path) -> Stored | None:
     if not (directory / MANIFEST).exists():
         if directory.exists() and not directory.is_dir():
             raise ConfigError(f"{where}is a file; give the path of a directory")
-        ours = ("runs", "sessions", ".locks", SUMMARY)
-        with explained(f"cannot read {directory}"):
-            names = sorted(p.name for p in directory.iterdir()) if directory.exists() else []
-        # Bodies from memory are kept before the sweep begins.
-        ours_too = (".", "bodies-")
-        foreign = [name for name in names if name not in ours and not name.startswith(ours_too)]
-        if foreign and not (directory / "runs").is_dir():
+        if (foreign := foreign_name(directory)) and not Runs(directory).files():
             raise ConfigError(
-                f"{where}holds other files, such as {foreign[0]}; give an empty or new directory"
+                f"{where}holds other files, such as {foreign}; give an empty or new directory"
             )
+        Runs(directory).cases(sweep_hash(plan))  # refuses what is of another sweep
         return None
     held = open_stored(directory)
     if held.hash != sweep_hash(plan):
@@ -282,6 +291,41 @@ def examine(plan: Plan, directory: Path) -> Stored | None:
         )
     _located(directory, grown, held.cases, plan.cases)
     return held
+
+
+def foreign_name(directory: Path) -> str | None:
+    """Return the name of a file in a directory that is no part of a sweep; None if there is none,
+    no such directory, or one in which a sweep has worked: figures may lie beside it.
+    """
+    if (directory / LOCKS).is_dir():
+        return None
+    ours = ("runs", "sessions", MANIFEST, SUMMARY)
+    with explained(f"cannot read {directory}"):
+        names = sorted(p.name for p in directory.iterdir()) if directory.is_dir() else []
+    # Bodies from memory are kept before the sweep begins.
+    ours_too = (".", "bodies-")
+    return next((n for n in names if n not in ours and not n.startswith(ours_too)), None)
+
+
+def check_removable(directory: Path) -> None:
+    """Raise a ConfigError if a directory holds files, and no sweep.
+
+    A sweep of another version, or one whose manifest is damaged or lost, is one all the same.
+    """
+    path = directory / MANIFEST
+    with contextlib.suppress(OSError, ValueError):
+        data = json.loads(path.read_bytes())
+        if isinstance(data, dict) and "config_hash" in data:
+            return
+    if files := Runs(directory).files():
+        foreign = next((file.name for file in files if not is_of_a_sweep(file)), None)
+    else:
+        foreign = MANIFEST if path.exists() else foreign_name(directory)
+    if foreign:
+        raise ConfigError(
+            f"{directory}: holds other files, such as {foreign}, and no sweep that --fresh could "
+            "start over; give an empty or new directory"
+        )
 
 
 def note_thresholds(stored: Stored, thresholds: Classify | None) -> None:
@@ -323,7 +367,8 @@ def _asks_for(config: Config) -> dict[str, Any]:
     """Return the part of a config that may change while its sweep goes on."""
     data = resolved(config)
     kept = {key: data.get(key) for key in ("name", "classify", "stop")}
-    return kept | {"refine": data["bodies"].get("refine")}
+    limits = {"max_steps": data["integrator"]["max_steps"]}
+    return kept | limits | {"refine": data["bodies"].get("refine")}
 
 
 def _located(directory: Path, function: Any, *arguments: Any) -> tuple[Case, ...]:

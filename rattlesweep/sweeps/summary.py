@@ -13,7 +13,7 @@ from rattlesweep.arrays import Floats, Integers
 from rattlesweep.sweeps.arrow import build_table, read_parquet, write_parquet
 from rattlesweep.sweeps.cases import Case
 from rattlesweep.sweeps.columns import summary_schema
-from rattlesweep.sweeps.counts import Counts, columns_for
+from rattlesweep.sweeps.counts import FRICTION, Counts, columns_for
 from rattlesweep.sweeps.decide import decides, filled
 from rattlesweep.text import align
 
@@ -121,6 +121,9 @@ _SHOWN = {
     "t_r_over_t_rgh_mean": ("mean t_r/t_rGH", ".4f"),
     "sensitive": ("sensitive", "d"),
     "unsure": ("type unsure", "d"),
+    "share_friction_above_0_3": ("friction > 0.3", ".3f"),
+    "share_friction_above_0_6": ("friction > 0.6", ".3f"),
+    "share_lift_off": ("lift-off", ".3f"),
     "failed": ("failed", "d"),
 }
 
@@ -128,7 +131,7 @@ _SHOWN = {
 def absent_columns(summary: pa.Table) -> set[str]:
     """Return the columns that say nothing of these cases, as none or all have it."""
     cases = len(summary)
-    optional = ("sensitive", "unsure", "fraction_D")
+    optional = ("sensitive", "unsure", "fraction_D", "share_lift_off", *FRICTION)
     return {n for n in optional if summary.column(n).null_count == cases} | {
         n for n in ("sigma", "rolling") if len(summary.column(n).unique()) < 2
     }
@@ -140,7 +143,8 @@ def closing_table(summary: pa.Table) -> str:
     The means are over type R, the second of the ratio of each run. "beyond Bondi" is the share of
     runs whose spin is beyond Bondi's threshold. What a case has nothing of is "-". Sensitive runs
     and unsure types are shown where errors are recorded, type D where there is dissipation, and
-    the dissipation where cases differ in it.
+    the dissipation where cases differ in it. Where contact is recorded, "friction > 0.3" is the
+    share of runs that need a larger coefficient of friction to roll.
     """
     shown_columns = {
         name: how for name, how in _SHOWN.items() if name not in absent_columns(summary)

@@ -1,6 +1,7 @@
 """Types of runs: R, SS, SW, unclassified (the paper, "Steady initial spin direction"), and D.
 
-R: the spin reached zero by the horizon.  Otherwise SS: the amplitude of the relevant oscillation
+R: the spin reached zero by the horizon, with dissipation while the body was not yet dead (below).
+Otherwise SS: the amplitude of the relevant oscillation
 decayed monotonically.  Otherwise SW: the spin left its plateau.  Otherwise unclassified: the
 oscillation grew, yet the spin had not visibly changed.  With dissipation what would be one of these
 three is D, dead, once so little energy is left that nothing more will come of it.
@@ -54,7 +55,7 @@ def sure_types(
     """Whether types survive errors of this size.
 
     `observed` are ``amp_growth`` and ``n_departure``, `errors` those of their columns; of a run of
-    type R only `reversal_sure` counts.
+    type R or D only `reversal_sure` counts, whether it is certain that it reverses or does not.
     """
     (growth, departure), (growth_error, departure_error) = observed, errors
     beyond = np.abs(growth - thresholds.ss_growth)
@@ -66,8 +67,8 @@ def sure_types(
     # A spin that comes near zero may cross it.
     stays = 1.0 - departure > departure_error
     # The dead stay dead: their share of the energy is far smoother than their phases.
-    others = (codes == DEAD) | (apart & ((codes == SS) | leaves))
-    sure = np.where(codes == R, reversal_sure, stays & others)
+    others = apart & ((codes == SS) | leaves)
+    sure = np.where((codes == R) | (codes == DEAD), reversal_sure, stays & others)
     return sure & (codes >= 0)
 
 
@@ -85,7 +86,7 @@ def with_types(rows: pa.Table, thresholds: Classify) -> pa.Table:
     indices = pa.array(codes, mask=codes < 0)
     changed = {"type": pa.DictionaryArray.from_arrays(indices, pa.array(TYPES)).cast(pa.string())}
     if "type_sure" in names:
-        # That of a reversal does not depend on thresholds.
+        # Whether a reversal is certain does not depend on thresholds.
         before = pc.fill_null(rows.column("type_sure"), False).to_numpy()
         errors = of("amp_growth_error"), of("n_departure_error")
         sure = sure_types(codes, before, observed, errors, thresholds)
@@ -96,7 +97,7 @@ def with_types(rows: pa.Table, thresholds: Classify) -> pa.Table:
     return rows
 
 
-# Between the growth that no chaos is needed for and that of chaos; evidence in docs/lyapunov.md.
+# Between the growth that no chaos is needed for and that of chaos; evidence in docs/dynamics.md.
 LEAST_GROWTH = 10.0
 
 

@@ -262,7 +262,7 @@ sd | method: dop853, tol: 1e-9 | accuracy: 1e-6 | 14: integrator.accuracy: 1e-06
 sd | tol: 1e-9 | tol: .nan | 14: integrator.tol: nan is given here; it should be a finite number
 sd | 0.001, 0.01, 0.1] | 0.001, 1e999] | 10: spin.omega_xy0[1]: inf is given here; it should be a finite number
 sd | seed: 2017 | seed: 36893488147419103232 | 2: seed: 36893488147419103232 is out of range; it must be at most 9.22337203685478e+18
-sd | n_i: [-0.1, | n_i: [-1e7, | 9: spin.n_i[0]: -10000000.0 is out of range; it must be at least -1000000
+sd | n_i: [-0.1, | n_i: [-1e7, | 9: spin.n_i[0]: -10000000.0 is out of range; it must be at least -1000
 sd | 0.01, 0.1]\n | -0.01]\n | 10: spin.omega_xy0[1]: -0.01 is out of range; it must be at least 1e-140
 sd | t_rgh: 5 | t_rgh: 1e300 | 13: horizon.t_rgh: 1e+300 is out of range; it must be at most 1e+30
 sd | t_rgh: 5 |  | 13: horizon: neither t_rgh nor t is given; give one of them, or both

@@ -7,24 +7,22 @@ compared is in `tests/sweeps/test_golden.py`.
 
 import json
 import sys
-import tempfile
 from pathlib import Path
 
 import pyarrow.parquet as pq
 
-import rattlesweep as rs
-from rattlesweep.sweeps.old.content_hash import content_hash
+from rattlesweep.sweeps.config.read import load_config
+from rattlesweep.sweeps.memory import integrate_plan
+from rattlesweep.sweeps.plan import make_plan
+from rattlesweep.sweeps.provenance import machine, versions
 
 HERE = Path(__file__).parent
 
 
 def make(target: Path) -> None:
-    """Run the sweep and keep its rows, with the machine and the hash of all bits."""
-    with tempfile.TemporaryDirectory() as folder:
-        sweep = rs.sweep(HERE / "golden.yaml", output=folder)
-        table = pq.read_table(Path(folder) / "runs")
-        origin = {key: sweep.manifest[key] for key in ("versions", "machine")}
-        origin["content_hash"] = content_hash(folder)
+    """Integrate the sweep, and write its rows with the versions and the machine."""
+    table = integrate_plan(make_plan(load_config(HERE / "golden.yaml")))
+    origin = {"versions": versions(), "machine": machine()}
     pq.write_table(table.replace_schema_metadata({"origin": json.dumps(origin)}), target)
 
 

@@ -1,6 +1,6 @@
 """Compiled scalar formulas as plain Python: for mpmath's numbers, or for complex ones."""
 
-from types import FunctionType
+from types import CellType, FunctionType, ModuleType, SimpleNamespace
 
 from mpmath import mp
 
@@ -8,10 +8,15 @@ from mpmath import mp
 def exactly(function, sqrt=mp.sqrt, **others):
     """The same formulas with another square root, those that they call too, by their names."""
     formula = function.py_func
-    known = formula.__globals__
-    called = {
-        name: exactly(known[name], sqrt, **others)
-        for name in formula.__code__.co_names
-        if hasattr(known.get(name), "py_func") and name not in others
-    }
-    return FunctionType(formula.__code__, known | {"sqrt": sqrt} | called | others)
+    names, known = formula.__code__.co_names, formula.__globals__
+
+    def plain(value):
+        if isinstance(value, ModuleType):
+            there = vars(value)
+            return SimpleNamespace(**{name: plain(there[name]) for name in names if name in there})
+        return exactly(value, sqrt, **others) if hasattr(value, "py_func") else value
+
+    called = {name: plain(known[name]) for name in names if name in known}
+    closure = tuple(CellType(plain(cell.cell_contents)) for cell in formula.__closure__ or ())
+    variables = known | called | {"sqrt": sqrt} | others
+    return FunctionType(formula.__code__, variables, closure=closure or None)

@@ -6,23 +6,22 @@ A case goes the way of a sweep: a row of a table of bodies, a config, a block.
 import math
 import tempfile
 import time
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from unittest import mock
 
 import numpy as np
 import pandas as pd
 import reference
 from mpmath import mp
 from oracle import GH
+from sweeping import prepared
 from theory_mp import growth_exact
 
 from rattlesweep.integrate.lanes.build import kernel
 from rattlesweep.physics import full, theory
-from rattlesweep.sweeps import block as blocks
-from rattlesweep.sweeps.plan import make_plan
+from rattlesweep.sweeps.block import columns_of, run_batch
 from rattlesweep.sweeps.config.read import parse_config
+from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.types import TYPES
 
 
@@ -207,19 +206,6 @@ class Answer:
         return self.row[name]
 
 
-@contextmanager
-def _outcomes():
-    """Keep what `run_batch` returns, so that the state at the end can be seen."""
-    kept, original = [], blocks.run_batch
-
-    def keep(*args, **options):
-        kept.append((args[1], original(*args, **options)))
-        return kept[-1][1]
-
-    with mock.patch.object(blocks, "run_batch", keep):
-        yield kept
-
-
 def ask(cases, integrator=None, max_steps=100_000_000):
     """Run cases as one block; ``integrator`` as in a config."""
     frame = pd.DataFrame(
@@ -237,12 +223,11 @@ def ask(cases, integrator=None, max_steps=100_000_000):
         })  # fmt: skip
         plan = make_plan(config)
     kernel(config.integrator.method, config.model)  # compiled before the clock runs
-    with _outcomes() as kept:
-        launches, batch = blocks.prepare_block(plan, plan.block(0))
-        begin = time.perf_counter()
-        columns = blocks.finish_block(config, launches, batch, threads=1)
-        seconds = time.perf_counter() - begin
-    batch, outcome = kept[0]
+    launches, batch = prepared(plan)
+    begin = time.perf_counter()
+    outcome = run_batch(config, batch, threads=1)
+    columns = columns_of(config, launches, batch, outcome)
+    seconds = time.perf_counter() - begin
     answers = []
     codes, status = columns["type"][0], columns["status"]
     for k, case in enumerate(cases):

@@ -1,8 +1,7 @@
 """Small sweeps that come to harm, and what must be left of them.
 
-Each sweep runs in a process of its own, forked from one that has everything loaded, so that it
-takes some 50 ms: hundreds of kills and faults are a matter of seconds. The model is gh, which needs
-no kernel; only where the kernel is the point are tests to start the real program.
+Each command runs in a process of its own, forked from one that has everything loaded, so that it
+takes some 50 ms: hundreds of kills and faults are a matter of seconds.
 """
 
 from __future__ import annotations
@@ -22,38 +21,29 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import duckdb
-import pandas as pd
+import numpy as np
+import pyarrow as pa
 
-from rattlesweep.sweeps.old.content_hash import content_hash
-from rattlesweep.sweeps.old.verify import verify
-from rattlesweep.sweeps.old import sealed as sealedjson
+from rattlesweep.sweeps.memory import same_bits
+from rattlesweep.sweeps.rows import Runs
+from rattlesweep.sweeps.stored import open_stored
+from rattlesweep.sweeps.verify import verify
 
-PROGRAM = Path(sys.executable).with_name("rattlesweep")
-BLOCKS = 12
 TINY = """\
 name: tiny
 bodies: {source: sd, samples: 12}
 spin: {n_i: [-0.1, 0.2], omega_xy0: 0.01}
 model: gh
 horizon: {t: 1000}
-block_size: 2
 """
 # At these thresholds some runs of the closed form change their type.
 OTHER_TYPES = "classify.sw_departure=1e-6"
 
 
-def tiny(folder: Path, *lines: str, **changes: Any) -> Path:
-    """A config of 12 blocks of two runs; `changes` replace its keys."""
+def tiny(folder: Path, *lines: str) -> Path:
+    """A config of 24 runs: four blocks in the nursery."""
     path = folder / "tiny.yaml"
-    text = TINY
-    for key, value in changes.items():
-        text = "".join(
-            f"{key}: {value}\n" if line.startswith(f"{key}:") else line
-            for line in text.splitlines(keepends=True)
-        )
-        assert f"{key}: {value}\n" in text
-    path.write_text(text + "".join(f"{line}\n" for line in lines))
+    path.write_text(TINY + "".join(f"{line}\n" for line in lines))
     return path
 
 
@@ -72,27 +62,25 @@ class Ended:
 class Child:
     """A `rattlesweep` command in a process of its own."""
 
-    def __init__(self, nursery: Nursery, number: int, pid: int, folder: Path) -> None:
-        self.pid = pid
-        self._nursery, self._number, self._folder = nursery, number, folder
+    def __init__(self, nursery: Nursery, number: int, pid: int) -> None:
+        self.pid, self._nursery, self._number = pid, nursery, number
 
     def kill(self, number: int = signal.SIGKILL) -> None:
-        """Send a signal."""
+        """Send a signal; SIGUSR1 lets the blocks go on that ``hold`` keeps back."""
         os.kill(self.pid, number)
-
-    def go_on(self) -> None:
-        """Let the blocks go on that ``hold`` keeps back."""
-        self.kill(signal.SIGUSR1)
 
     def ended(self) -> bool:
         """Whether it has ended."""
         return self._nursery.code(self._number, 0) is not None
 
-    def wait(self, seconds: float = 60) -> Ended:
+    def wait(self, seconds: float = 120) -> Ended:
         """Wait for the end."""
         code = self._nursery.code(self._number, seconds)
         assert code is not None, f"no end within {seconds} s"
-        out, err = ((self._folder / f"{self._number}.{n}").read_text() for n in ("out", "err"))
+        folder = self._nursery.folder
+        paths = [folder / f"{self._number}.{name}" for name in ("out", "err")]
+        # Killed at once, it has not made them.
+        out, err = (path.read_text() if path.exists() else "" for path in paths)
         return Ended(code, out, err)
 
 
@@ -118,11 +106,9 @@ class Nursery:
         Parameters
         ----------
         how
-            ``calls``: arguments of `syscalls.Calls`. ``pace``: seconds that each block takes.
-            ``hold``: how many blocks are done before `Child.go_on`. ``grace``: seconds that a first
-            run is waited for when the time is up.
-            ``uid``: user to become. ``fsize``: largest file that may be written, in bytes.
-            ``full``: whether standard output takes nothing.
+            ``calls``: arguments of `syscalls.Calls`. ``hold``: how many blocks are done before a
+            SIGUSR1. ``grace``: seconds that a first run is waited for when the time is up.
+            ``rows``: runs of a block.
         """
         self._number += 1
         number = self._number
@@ -131,8 +117,8 @@ class Nursery:
         self._process.stdin.write(json.dumps(order, default=str).encode() + b"\n")
         self._process.stdin.flush()
         while number not in self._pids:
-            self._hear(60)
-        return Child(self, number, self._pids[number], self.folder)
+            assert self._hear(60), "the nursery does not answer"
+        return Child(self, number, self._pids[number])
 
     def run(self, *args: Any, **how: Any) -> Ended:
         """Start a command and wait for it."""
@@ -173,89 +159,49 @@ def nursery() -> Nursery:
 # -- what must be left --------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Reference:
-    """A sweep to which nothing has happened."""
-
-    runs: dict[str, bytes]
-    summary: bytes
-    hash: str
-
-    @classmethod
-    def of(cls, directory: Path) -> Reference:
-        """Remember a directory."""
-        return cls(
-            blocks_of(directory),
-            (directory / "summary.parquet").read_bytes(),
-            content_hash(directory),
-        )
+def rows_of(directory: Path) -> pa.Table:
+    """All rows in the order of their keys."""
+    return open_stored(directory).read()
 
 
-def blocks_of(directory: Path) -> dict[str, bytes]:
-    """What `runs/*.parquet` matches."""
-    return {p.name: p.read_bytes() for p in sorted(directory.glob("runs/*.parquet"))}
+def check_equal(directory: Path, expected: Path) -> None:
+    """Rows and summary are equal to the last bit, all is whole, and nothing else is there."""
+    assert same_bits(rows_of(directory), rows_of(expected))
+    summaries = [(d / "summary.parquet").read_bytes() for d in (directory, expected)]
+    assert summaries[0] == summaries[1]
+    found = verify(directory)
+    assert (found.problems, found.missing) == ([], 0)
+    left = {str(p.relative_to(directory)) for p in directory.rglob("*") if p.is_file()}
+    left = {name for name in left if not name.startswith((".locks/", "sessions/2"))}
+    names = {f"runs/{path.name}" for path in Runs(directory).files()}
+    assert left == {"manifest.json", "summary.parquet", *names}
 
 
-# States of `runs` that readers have been shown: most kills leave one that another has left.
-_READ: set[int] = set()
-
-
-def check_whole(directory: Path, *references: Reference) -> int:
-    """Every file that readers see is a whole block of one of the sweeps; returns how many."""
-    blocks = blocks_of(directory)
-    for name, data in blocks.items():
-        assert any(r.runs.get(name) == data for r in references), f"{name} is nobody's"
-    if blocks and (state := hash(tuple(blocks.items()))) not in _READ:
-        keys = [*pd.read_parquet(directory / "runs")[["case", "sample"]].itertuples(index=False)]
-        every = duckdb.sql(f"select * from '{directory}/runs/*.parquet'").fetchall()
-        assert len(every) == len(keys) == len(set(keys)) == len({row[:2] for row in every})
-        _READ.add(state)
+def check_whole(directory: Path, *expected: Path) -> int:
+    """Each file that readers see is whole, no run is there twice, and each row is one of those of
+    other directories; return how many rows there are.
+    """
     if (directory / "manifest.json").exists():
-        manifest(directory)
-    return len(blocks)
+        open_stored(directory)
+    rows = Runs(directory).read()
+    if rows is None:
+        return 0
+    keys = keys_of(rows)
+    assert len(set(keys)) == len(keys)
+    good = np.zeros(len(rows), bool)
+    for table in map(rows_of, expected):
+        place = {key: k for k, key in enumerate(keys_of(table))}
+        if place.keys() >= {*keys} and same_bits(rows, table.take([place[key] for key in keys])):
+            return len(keys)
+        for k, key in enumerate(keys):
+            good[k] |= key in place and same_bits(rows.slice(k, 1), table.slice(place[key], 1))
+    assert good.all(), [key for key, fine in zip(keys, good, strict=True) if not fine]
+    return len(keys)
 
 
-def check_finished(directory: Path, reference: Reference) -> None:
-    """The sweep is what it would have been, to the last bit, and nothing else is there."""
-    # Equal bytes, so equal contents: there is no need to hash them anew.
-    assert blocks_of(directory) == reference.runs
-    assert (directory / "summary.parquet").read_bytes() == reference.summary
-    said = manifest(directory)
-    assert said["state"] == "complete"
-    assert said["blocks"] == len(reference.runs)
-    assert list(said["receipts"]) == [str(k) for k in range(len(reference.runs))], said["receipts"]
-    problems = verify(directory).problems
-    assert problems == [], problems
-    files = {"manifest.json", "summary.parquet", "runs", *(f"runs/{n}" for n in reference.runs)}
-    assert everything_in(directory) == files, everything_in(directory) ^ files
-
-
-def check_goes_on(config: Path, directory: Path, reference: Reference) -> None:
-    """The same command again ends well, and the sweep is what it would have been."""
-    done = nursery().run("run", config, "--output", directory, "-q")
-    assert done.code == 0, done
-    check_finished(directory, reference)
-
-
-def everything_in(directory: Path) -> set[str]:
-    """Names of all files and folders, hidden ones too; but for the locks, which stay."""
-    names = {str(path.relative_to(directory)) for path in directory.rglob("*")}
-    return {name for name in names if not name.startswith(".locks")}
-
-
-def manifest(directory: Path) -> dict[str, Any]:
-    """What `manifest.json` says, proved whole."""
-    return sealedjson.load((directory / "manifest.json").read_bytes())
-
-
-def trace(directory: Path, log: Path, *args: Any, kinds: tuple[str, ...]) -> list[str]:
-    """Run a command to which nothing happens; the calls it makes of these kinds, in order."""
-    log.unlink(missing_ok=True)
-    done = nursery().run(*args, calls={"root": directory, "kinds": kinds, "log": log})
-    assert done.code in (0, 3), done.err
-    assert "Traceback" not in done.err
-    lines = log.read_text().splitlines()
-    return [line for line in lines if line.split()[0] in kinds]
+def keys_of(rows: pa.Table) -> list[tuple[int, int]]:
+    """Case and sample of each row."""
+    return list(zip(rows["case"].to_pylist(), rows["sample"].to_pylist(), strict=True))
 
 
 def one_sentence(err: str) -> bool:
@@ -266,7 +212,7 @@ def one_sentence(err: str) -> bool:
 
 def wait_until(
     what: Callable[[], Any],
-    seconds: float = 60,
+    seconds: float = 120,
     process: subprocess.Popen[str] | None = None,
 ) -> None:
     """Wait for something to become true, which a process brings about that has not ended."""
@@ -274,4 +220,4 @@ def wait_until(
     while not what():
         assert time.monotonic() < end, f"not within {seconds} s"
         assert process is None or process.poll() is None, process.communicate()
-        time.sleep(0.002)
+        time.sleep(0.005)

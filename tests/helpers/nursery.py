@@ -7,7 +7,6 @@ import gc
 import io
 import json
 import os
-import resource
 import select
 import signal
 import sys
@@ -19,14 +18,22 @@ from typing import Any
 from syscalls import Calls
 
 from rattlesweep import cli
-from rattlesweep.sweeps.old import remainder, session
+from rattlesweep.sweeps import job, local
+
+ROWS = 6
+"""Runs of a block, so that small sweeps have several files."""
 
 
 def _serve(folder: Path, config: str) -> None:
     """Fork a process for each line of standard input; say what becomes of it."""
     answers = os.dup(1)
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-    _warm_up(folder, config)
+    (folder / "warm.yaml").write_text(config)
+    for args in (("run", "warm.yaml", "--output", "warm"), ("classify", "warm"),
+                 ("merge", "warm", "--output", "merged")):  # fmt: skip
+        paths = [str(folder / a) if a.startswith(("warm", "merged")) else a for a in args]
+        with contextlib.redirect_stderr(io.StringIO()), contextlib.suppress(SystemExit):
+            cli.main(paths)
     # Children that count references in memory of their parent's would copy it, page by page.
     gc.collect()
     gc.freeze()
@@ -46,28 +53,13 @@ def _serve(folder: Path, config: str) -> None:
                 at_work[pid] = order["number"]
                 os.write(answers, f"pid {order['number']} {pid}\n".encode())
         while at_work:
-            pid, status = os.waitpid(-1, os.WNOHANG)
+            pid, ended = os.waitpid(-1, os.WNOHANG)
             if pid == 0:
                 break
-            code = os.waitstatus_to_exitcode(status)
+            code = os.waitstatus_to_exitcode(ended)
             os.write(answers, f"code {at_work.pop(pid)} {code}\n".encode())
     for pid in at_work:
         os.kill(pid, signal.SIGKILL)
-
-
-def _warm_up(folder: Path, config: str) -> None:
-    """Load what the commands load late."""
-    output = folder / "warm"
-    (folder / "warm.yaml").write_text(config)
-    commands = (
-        ["run", str(folder / "warm.yaml"), "--output", str(output), "--retry-failed"],
-        ["classify", str(output), "--set", "classify.sw_departure=0.5"],
-        ["merge", str(output), "--output", str(folder / "merged")],
-        ["verify", str(output)],
-    )
-    for args in commands:
-        with contextlib.redirect_stderr(io.StringIO()):
-            cli.main(args, standalone_mode=False)
 
 
 def _become(order: dict[str, Any], folder: Path) -> None:
@@ -94,49 +86,30 @@ def _prepare(order: dict[str, Any]) -> None:
     # A kill of the process takes nothing from the system's memory: whether that is on the disk
     # is a question of power cuts, and costs most of the time.
     os.fsync = os.fstat  # type: ignore[assignment]
-    if "uid" in order:
-        os.setgroups([])
-        os.setgid(order["uid"])
-        os.setuid(order["uid"])
-    if order.get("full"):
-        os.dup2(os.open("/dev/full", os.O_WRONLY), 1)
-        # As Python has it, whatever PYTHONUNBUFFERED says here.
-        sys.stdout = open(1, "w", closefd=False)  # noqa: SIM115
-    if "fsize" in order:
-        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (order["fsize"],) * 2)
-    session.GRACE = order.get("grace", session.GRACE)
-    if "pace" in order:
-        finish = remainder.finish_block
-
-        def slowly(*args: Any, control: Any, **kwargs: Any) -> Any:
-            end = time.monotonic() + order["pace"]
-            while time.monotonic() < end and not control.stopping:
-                time.sleep(0.005)
-            if control.stopping:
-                raise remainder.Interrupted
-            return finish(*args, control=control, **kwargs)
-
-        remainder.finish_block = slowly
+    job.MOST_ROWS, job.GRACE = order.get("rows", ROWS), order.get("grace", job.GRACE)
     if "hold" in order:
-        honest, passed, released = remainder.finish_block, [], []
-        signal.signal(signal.SIGUSR1, lambda *_: released.append(True))
-
-        def held(*args: Any, control: Any, **kwargs: Any) -> Any:
-            while len(passed) >= order["hold"] and not released:
-                if control.stopping:
-                    raise remainder.Interrupted
-                time.sleep(0.005)
-            passed.append(None)
-            return honest(*args, control=control, **kwargs)
-
-        remainder.finish_block = held
+        _hold(order["hold"])
     if "calls" in order:
         calls = dict(order["calls"])
         log = calls.pop("log", None)
-        root = Path(calls.pop("root"))
-        kinds = tuple(calls.pop("kinds"))
+        root, kinds = Path(calls.pop("root")), tuple(calls.pop("kinds"))
         Calls(root, kinds, log=None if log is None else Path(log), **calls).install()
+
+
+def _hold(blocks: int) -> None:
+    """Let so many blocks pass, and the others wait for SIGUSR1 or a stop."""
+    honest, passed, released = local.compute, [], []
+    signal.signal(signal.SIGUSR1, lambda *_: released.append(True))
+
+    def held(config: Any, schema: Any, prepared: Any, threads: int, control: Any) -> Any:
+        while len(passed) >= blocks and not released:
+            if control.stopping:
+                return schema.remove_metadata().empty_table(), 0
+            time.sleep(0.005)
+        passed.append(None)
+        return honest(config, schema, prepared, threads, control)
+
+    local.compute = held  # type: ignore[assignment]
 
 
 if __name__ == "__main__":

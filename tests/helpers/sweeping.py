@@ -9,13 +9,17 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 from click.testing import CliRunner
 
 from rattlesweep import cli
+from rattlesweep.integrate.batch import Batch
+from rattlesweep.sweeps.block import prepare_runs
 from rattlesweep.sweeps.config.read import load_config, parse_config
+from rattlesweep.sweeps.launches import Launches
 from rattlesweep.sweeps.plan import Plan, make_plan
 from rattlesweep.sweeps.run import run_sweep
 from rattlesweep.sweeps.stored import open_stored
@@ -77,6 +81,13 @@ def plan_of(config: str | Path | dict[str, Any], *sets: str, **changes: Any) -> 
     return make_plan(load_config(CONFIGS / config, sets))
 
 
+def prepared(plan: Plan) -> tuple[Launches, Batch]:
+    """Return launches and batch of all runs of a plan."""
+    launches, batch = prepare_runs(plan, *np.divmod(np.arange(plan.runs), plan.samples))
+    assert batch is not None
+    return launches, batch
+
+
 def sweep(output: Path, config: str | Path | dict[str, Any], *sets: str, **options: Any) -> Any:
     """Run such a plan without the command; `options` are those of `run_sweep`."""
     return run_sweep(plan_of(config, *sets), output, **options)
@@ -101,7 +112,7 @@ def proved(output: Path, recompute: int = 0) -> str:
     """Content of a directory that proves whole, and some of its runs computed anew."""
     problems = verify(output, recompute=recompute, seed=1).problems
     assert problems == [], problems
-    return str(open_stored(output).read().to_pydict())
+    return content_hash(output)
 
 
 def content_hash(output: Path) -> str:

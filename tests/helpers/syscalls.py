@@ -19,12 +19,23 @@ from typing import Any
 
 import pyarrow.parquet as pq
 
-CHANGES = ("create", "write", "truncate", "fsync", "rename", "unlink", "mkdir", "rmdir", "lock")
+CHANGES = (
+    "create",
+    "write",
+    "truncate",
+    "fsync",
+    "rename",
+    "unlink",
+    "mkdir",
+    "rmdir",
+    "lock",
+    "link",
+)
 READS = ("read", "list", "stat")
 # Which calls may fail with what. A full disk lets go of files; who may not write may look.
 MAY_FAIL = {
-    errno.ENOSPC: ("create", "write", "fsync", "rename", "mkdir"),
-    errno.EDQUOT: ("create", "write", "fsync", "rename", "mkdir"),
+    errno.ENOSPC: ("create", "write", "fsync", "rename", "mkdir", "link"),
+    errno.EDQUOT: ("create", "write", "fsync", "rename", "mkdir", "link"),
     errno.EIO: (*CHANGES, *READS),
     errno.EACCES: ("create", "rename", "unlink", "mkdir", "rmdir", *READS),
 }
@@ -103,6 +114,8 @@ class Calls:
             ("listdir", "list"), ("scandir", "list"), ("fsync", "fsync"), ("stat", "stat"),
         ):  # fmt: skip
             setattr(os, name, self._before(kind, getattr(os, name)))
+        link = os.link
+        os.link = lambda path, to: (self.come("link", self.mine(to)), link(path, to))[1]
         self._open_of_os, self._close_of_os = os.open, os.close
         os.open, os.close = self._open, self._close
         os.fdopen = self._fdopen

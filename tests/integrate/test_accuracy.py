@@ -8,7 +8,7 @@ import pytest
 from rattlesweep.integrate.batch import integrate
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import METHODS
-from rattlesweep.sweeps.block import prepare_block, run_batch
+from rattlesweep.sweeps.block import prepare_runs, run_batch
 from rattlesweep.sweeps.config.read import load_config
 from rattlesweep.sweeps.plan import make_plan
 
@@ -20,7 +20,7 @@ def prepared(name, *changes):
     """A shipped config with changes, and its runs."""
     config = load_config(CONFIGS / f"{name}.yaml", changes)
     plan = make_plan(config)
-    return config, prepare_block(plan, Block(0, 0, plan.runs))[1]
+    return config, prepare_runs(plan, *np.divmod(np.arange(plan.runs), plan.samples))[1]
 
 
 def drifts(name, integrator):

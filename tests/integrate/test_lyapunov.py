@@ -4,7 +4,6 @@ import kernels
 import numpy as np
 import oracle
 import pandas as pd
-import pyarrow.parquet as pq
 import pytest
 from mpmath import mp
 from scipy.integrate import solve_ivp
@@ -17,7 +16,6 @@ from rattlesweep.integrate.model import FULL, REDUCED
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import DOP853, METHODS, RK4
 from rattlesweep.physics import full, reduced, steady, tangent, theory
-from rattlesweep.sweeps import block
 from rattlesweep.sweeps.types import LEAST_GROWTH, is_chaotic
 
 GH = oracle.GH
@@ -299,7 +297,7 @@ def test_chaotic_is_what_grows_in_the_second_half():
 
 
 def test_chaotic_and_almost_periodic_runs_of_a_sweep(tmp_path):
-    """Runs as in the paper's example of a chaotic SW (Fig. 7b); docs/lyapunov.md has them all."""
+    """Runs as in the paper's example of a chaotic SW (Fig. 7b); benchmarks/README.md has all."""
     config = {
         "seed": 2017,
         "bodies": {"source": "sd", "samples": 150, "target": {"K_r": [0.0041], "rel_tol": 0.1}},
@@ -313,51 +311,6 @@ def test_chaotic_and_almost_periodic_runs_of_a_sweep(tmp_path):
     assert 0.05 < chaotic.mean() < 0.6
     assert wobbling.lyapunov_late[chaotic].between(1e-4, 0.1).all()
     assert not is_chaotic(runs.lyapunov_late, runs.t_end)[runs.type == "SS"].any()
-
-
-def test_directories_of_before_the_column_have_it_all_the_same(tmp_path, monkeypatch):
-    config = {
-        "bodies": {"source": "sd", "samples": 6},
-        "spin": {"n_i": [-0.5], "omega_xy0": [0.1]},
-        "horizon": {"t": 100},
-        "record": ["lyapunov"],
-            }
-    output = tmp_path / "out"
-    now = rs.sweep(config, output=output).runs
-    digest = content_hash(output)
-    store = Store(output)
-
-    def age(keep=4):
-        """Make the blocks, of the second one so many rows, what an earlier version wrote."""
-        receipts = {}
-        for index in (0, 1):
-            file = store.read_block(index)
-            rows = file.table().drop_columns(["chaotic"]).slice(0, keep if index else 4)
-            receipts[index] = store.write_block(index, rows, file.note)
-        whole = keep >= 2
-        store.update_manifest(
-            lambda m: setattr(m, "receipts", receipts if whole else {0: receipts[0]})
-        )
-
-    age()
-    assert "chaotic" not in pq.read_schema(store.block_path(0)).names
-    old = rs.load(output)
-    pd.testing.assert_frame_equal(old.runs, now)
-    pd.testing.assert_frame_equal(old.read(["chaotic", "n_i"]), now[["chaotic", "n_i"]])
-    assert len(old.read(where="chaotic = false")) == (now.chaotic == False).sum()  # noqa: E712
-    assert content_hash(output) == digest
-    assert verify(output, recompute=6).problems == []
-    # It goes on without integrating, and what other readers see is then complete.
-    with monkeypatch.context() as patch:
-        patch.setattr(block, "integrate", lambda *args, **kwargs: pytest.fail("integrated"))
-        pd.testing.assert_frame_equal(rs.sweep(config, output=output).runs, now)
-    assert "chaotic" in pq.read_schema(store.block_path(0)).names
-    assert content_hash(output) == digest
-    assert verify(output).problems == []
-    # So does a block of which there is a part.
-    age(keep=1)
-    pd.testing.assert_frame_equal(rs.sweep(config, output=output).runs, now)
-    assert verify(output, recompute=6).problems == []
 
 
 @pytest.mark.parametrize("model", ["full", pytest.param("reduced", marks=pytest.mark.slow)])

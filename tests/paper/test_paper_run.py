@@ -349,7 +349,7 @@ def test_the_command_refuses_in_one_sentence(tmp_path):
 def test_the_full_size_says_of_the_paper_what_the_docs_say(tmp_path):
     """Minutes: 240,000 runs, RK4, and Lyapunov exponents of what wobbles."""
     done = reproduce(tmp_path, choose(None))
-    rows = re.findall(r"^\| (\w+) \| (agree|partly|disagree),", (ROOT / "docs" / "claims.md")
+    rows = re.findall(r"^\| (\w+) \| (agree|partly|disagree),", (ROOT / "benchmarks" / "claims.md")
                       .read_text(), re.MULTILINE)  # fmt: skip
     assert {claim["id"]: claim["verdict"] for claim in done.claims} == dict(rows)
     compared = pd.read_parquet(tmp_path / "fig7_rk4_runs.parquet")

@@ -82,7 +82,7 @@ def test_what_is_just_inside_is_a_body(xi):
     Rattleback(1 + 2e-9, 1 + 1e-9, 2e-9, 0.5, 0.1, -0.1)
 
 
-@pytest.mark.parametrize("scale", [1.0, 1e-6, 1e6])
+@pytest.mark.parametrize("scale", [1.0, 1e-6, 1e4])
 def test_shell_dumbbells_are_bodies_all_of_them(scale):
     """They sit on I_zz = I_xx + I_yy; rounding puts half of them past it."""
     rng = np.random.default_rng(32)

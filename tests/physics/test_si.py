@@ -207,7 +207,7 @@ def test_semi_axis_and_dissipation_with_units(c):
     data = json.loads(told.stdout)
     assert data["c"] == 2
     assert data["si"]["c"] == {"value": pytest.approx(0.02), "unit": "m"}
-    # Over M a^2 sqrt(g/a), as docs/stones.md has it.
+    # Over M a^2 sqrt(g/a), as docs/dynamics.md has it.
     assert data["sigma"] == pytest.approx(1e-4 / (1e-4 * math.sqrt(981)), rel=1e-14)
     assert data["si"]["sigma"] == {"value": pytest.approx(1e-4), "unit": "N m s"}
     rolling = json.loads(invoke("body", *OPTIONS, "--rolling", "50um", "--json").stdout)

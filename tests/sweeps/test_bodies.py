@@ -9,27 +9,24 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 import sweeping
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy import stats
 from scipy.stats import qmc
-from sweeping import content_hash, rows
+from sweeping import prepared, rows
 
 import rattlesweep as rs
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import PARAMETERS
-from rattlesweep.sweeps.block import prepare_block
 from rattlesweep.sweeps.bodies import sources, tablefile
 from rattlesweep.sweeps.bodies.philox import uniforms
 from rattlesweep.sweeps.bodies.sampler import draw_bodies
 from rattlesweep.sweeps.bodies.sources import CHUNK
-from rattlesweep.sweeps.config.schema import Target
 from rattlesweep.sweeps.config.read import parse_config, physics_hash
+from rattlesweep.sweeps.config.schema import Target
 from rattlesweep.sweeps.launches import prepare
 
 SPIN = {"n_i": -0.1, "omega_xy0": 0.01}
@@ -157,8 +154,7 @@ def test_targets_are_met(name, values):
 def test_cases_of_one_target_share_their_bodies():
     spin = {"n_i": [-0.1, -0.5], "omega_xy0": [0.001, 0.1]}
     made = plan(drawn(7, target={"K_r": [0.03, 0.1], "rel_tol": 0.05}), spin)
-    launches, _ = prepare_block(made, made.block(0))
-    cases = columns(launches.bodies).T.reshape(8, 7, 6)
+    cases = columns(prepared(made)[0].bodies).T.reshape(8, 7, 6)
     assert (cases.reshape(2, 4, 7, 6) == cases[::4, None]).all()
     assert not np.isin(cases[0], cases[4]).any()
     # Targets first, then spins, then oscillations: the order of the config.
@@ -180,11 +176,20 @@ def test_a_body_depends_on_seed_target_and_sample_alone(target):
     assert not np.isin(bodies_of(plan(config | {"samples": 20}, seed=4), value), whole).any()
 
 
-@pytest.mark.parametrize("draw", ["sobol", "saltelli"])
-def test_more_samples_leave_the_points_of_a_sequence(draw):
-    n = CHUNK + 48
-    few, more = (plan(drawn(size, draw=draw, c=[1.5, 3])) for size in (n, 2 * n))
-    assert np.array_equal(bodies_of(few), bodies_of(more, samples=np.arange(n)))
+@pytest.mark.parametrize("semi_axis", [{}, {"c": [1.5, 4]}], ids=["seven", "eight with c"])
+def test_samples_of_a_group_differ_in_one_parameter_each(semi_axis):
+    """Saltelli's design: a point, another, and each parameter of the first taken from the other."""
+    names = ["gamma", "f_sd", "theta", "phi", "xi", *semi_axis]
+    n, group = len(names), len(names) + 2
+    made = plan(drawn(group * 512, draw="saltelli", **semi_axis))
+    assert made.config.bodies.group == group
+    b = made.source.bodies(math.nan, np.arange(group * 40))
+    values = np.array([getattr(b, name) for name in names]).reshape(n, 40, group)
+    first, second, others = values[:, :, 0], values[:, :, 1], values[:, :, 2:]
+    assert (first != second).all()
+    for k in range(n):
+        for p in range(n):
+            assert np.array_equal(others[p, :, k], (second if p == k else first)[p])
 
 
 def test_targets_in_front_or_between_leave_the_draws_of_the_others():
@@ -220,7 +225,7 @@ def test_a_source_is_pickled_without_what_it_has_drawn(draw):
     assert np.array_equal(columns(there), bodies)
 
 
-def test_a_body_does_not_depend_on_threads_or_blocks():
+def test_a_body_does_not_depend_on_threads_or_neighbours():
     target = Target(K_r=[0.05], rel_tol=0.01)
     one, *others = (
         draw_bodies(1, np.arange(301), RANGES, target, 0.05, threads=threads)
@@ -228,15 +233,13 @@ def test_a_body_does_not_depend_on_threads_or_blocks():
     )
     for other in others:
         assert [part.tobytes() for part in other] == [part.tobytes() for part in one]
-    # A block may end one case and begin the next, and `verify` asks for runs here and there.
-    made = plan(drawn(33, target={"K_r": [0.01, 0.1], "rel_tol": 0.1}), block_size=7)
-    whole = prepare(made, *np.divmod(np.arange(66), 33))
+    # Whichever runs are asked for together, and in whatever order.
+    made = plan(drawn(33, target={"K_r": [0.01, 0.1], "rel_tol": 0.1}))
+    whole = prepared(made)[0]
     order = np.random.default_rng(5).permutation(66)
     mixed = prepare(made, *np.divmod(order, 33))
     assert np.array_equal(columns(mixed.bodies), columns(whole.bodies)[:, order])
     assert np.array_equal(mixed.gh.t_rgh, whole.gh.t_rgh[order])
-    blocks = [prepare_block(made, made.block(k))[0].bodies for k in range(made.n_blocks)]
-    assert np.array_equal(np.hstack([columns(b) for b in blocks]), columns(whole.bodies))
 
 
 @pytest.mark.parametrize(("name", "value"), [("K_r", 5.0), ("K_p", 1e-9)])
@@ -245,10 +248,10 @@ def test_an_impossible_target_says_how_close_the_ranges_get(name, value):
     assert line.startswith(f"bodies.target.{name}: {value:g} was not met to 0.001 in 20000 draws")
     nearest = float(line.split("the nearest being ")[1].split(";")[0])
     b = draw_bodies(0, np.arange(200_000), RANGES)[0]
-    all_ = getattr(theory.modes(b[5], b[6], b[2], b[3], b[4]), name)
+    every = getattr(theory.modes(b[5], b[6], b[2], b[3], b[4]), name)
     # The nearest of 20,000 draws of one sample: of the order of the nearest of all.
-    assert abs(math.log(nearest / (all_.max() if value > 1 else all_.min()))) < 5
-    assert min(all_) < nearest < max(all_) * 1.5
+    assert abs(math.log(nearest / (every.max() if value > 1 else every.min()))) < 5
+    assert every.min() < nearest < every.max() * 1.5
 
 
 # -- presets and grids -------------------------------------------------------------------------
@@ -345,32 +348,24 @@ BAD_TABLES = {
     "missing column": ("alpha,beta,gamma,theta,phi\n1,2,3,4,5\n", "the column xi is missing"),
     "text cell": (f"{HEAD}\n{GH}\n13,1.5,12,abc,0.1,-0.1\n", "row 2: theta is 'abc'; a finite"),
     "empty cell": (f"{HEAD}\n{GH}\n13,1.5,12,,0.1,-0.1\n", "row 2: theta is empty; a finite"),
-    "too large": (f"{HEAD}\n13,1.5,1e999,0.5,0.1,-0.1\n", "row 1: gamma is '1e999'; a finite"),
     "impossible body": (f"{HEAD}\n{GH}\n{GH}\n13,1.5,12.3,1.2,0.1,-0.1\n", "row 3: theta is 1.2;"),
     "no skew": (f"{HEAD}\n13,1.5,12.3,0.5,0.2,0\n", "row 1: xi is 0 rad"),
     "n_i alone": (f"{HEAD},n_i\n{GH},0.1\n", "n_i stands alone; give both"),
     "no u": (f"{HEAD},omega_x,omega_y,omega_z\n{GH},0,0,1\n", "the column u_x is missing; a full"),
     "u too long": (f"{STATE}\n{GH},0,0,1,0,0.5,-1\n",
                    "row 1: u: its length is 1.11803; give a unit"),
-    "upside down": (f"{STATE}\n{GH},0,0,1,0,0,1\n", "row 1: u: u_z is 1; it must be negative"),
     "at rest": (f"{STATE}\n{GH},0,0,0,0,0,-1\n",
                 "row 1: the body stands upright and at rest; give"),
     "another spin": (f"{STATE},n_i,omega_xy0\n{GH},0,0,1,0,0,-1,1,0.1\n",
                      "row 1: n_i is 1, and the spin of the full state -1; leave n_i and omega_xy0"),
-    "omega below 0": (f"{HEAD},n_i,omega_xy0\n{GH},1,-1\n", "row 1: omega_xy0 is -1; it must be"),
     "horizon of 0": (f"{HEAD},t_end\n{GH},0\n", "row 1: t_end is 0; it must be positive"),
-    "empty launch": (f"{HEAD},n_i,omega_xy0\n{GH},,0.1\n", "row 1: n_i is empty; a finite"),
     "repeated": (f"{HEAD},theta\n{GH},0.7\n", "there are 2 columns theta; keep one of them"),
     "a cell more in each row": (f"{HEAD}\n{GH},\n{GH},\n",
-                                "cannot be read as a table (Error tokenizing data. C error: Expected"),
+                                "cannot be read as a table (Error tokenizing data. C error"),
     "no rows": (f"{HEAD}\n", "the table has no rows; give at least one body"),
-    "too many cells": (f"{HEAD}\n{GH}\n{GH},1,2,3\n", "fields in line 3, saw 9)"),
-    "underflow": (f"{HEAD},n_i,omega_xy0\n{GH},1,1e-150\n",
-                  "row 1: omega_xy0 is 1e-150; at least 1e-140 is allowed"),
     "degrees": (f"{HEAD},n_i,omega_xy0,psi\n{GH},1,0.1,30\n",
                 "row 1: psi is 30; an angle from -2 pi to 2 pi in radians is allowed; a column in "
                 "degrees is called psi_deg"),
-    "many turns": (f"{HEAD},n_i,omega_xy0,psi_deg\n{GH},1,0.1,400\n", "row 1: psi_deg is 400; an"),
 }  # fmt: skip
 
 
@@ -394,14 +389,13 @@ def test_a_bad_table_is_told_by_its_row_and_what_is_none_by_its_name(name, tmp_p
 
 
 def test_the_first_bad_rows_are_told_together(tmp_path):
-    rows_ = [GH, GH.replace("0.6429", "1.2"), GH, GH.replace("1.522", "0.5"), GH]
-    lines = refusals(table(tmp_path, "\n".join([HEAD, *rows_, *rows_])))
-    assert [line.split(": ")[2] for line in lines] == ["row 2", "row 4", "row 7", "row 9"]
+    bad = [GH, GH.replace("0.6429", "1.2"), GH, GH.replace("1.522", "0.5")]
+    lines = refusals(table(tmp_path, "\n".join([HEAD, *bad * 2])))
+    assert [line.split(": ")[2] for line in lines] == ["row 2", "row 4", "row 6", "row 8"]
     assert "theta is 1.2" in lines[0]
     assert "beta is 0.5" in lines[3]
-    many = "\n".join([f"{HEAD},n_i,omega_xy0", *[f"{GH},x,-1"] * 9])
-    *five, last = refusals(table(tmp_path, many))
-    assert [f"row {k}: n_i is 'x'" in line for k, line in enumerate(five, 1)] == [True] * 5
+    *five, last = refusals(table(tmp_path, "\n".join([HEAD, *[bad[1]] * 9])))
+    assert len(five) == 5
     assert last.endswith("there are more bad rows")
 
 
@@ -435,12 +429,6 @@ def test_a_table_is_known_by_its_content(tmp_path):
     assert sources.content_hash(plan(PRESET).source) == ""
 
 
-def test_directions_in_degrees(tmp_path):
-    text = f"{HEAD},n_i,omega_xy0,psi_deg\n{GH},0.1,0.02,30\n{GH},0.1,0.02,-90\n"
-    source = plan(table(tmp_path, text)).source
-    assert source.columns["psi"].tolist() == [math.radians(30), math.radians(-90)]
-
-
 def test_a_table_without_launch_needs_a_spin(tmp_path):
     line = refusal(table(tmp_path, f"{HEAD}\n{GH}\n"), spin=None)
     assert line.startswith("spin: missing; the table has no columns n_i and omega_xy0")
@@ -453,16 +441,11 @@ def test_types_inside_parquet(tmp_path):
     for values, words in (
         ({"theta": ["0.5", "x", "0.6"]}, "row 2: theta is 'x'; a finite number is needed"),
         ({"theta": [0.6, None, 0.6]}, "row 2: theta is empty"),
-        ({"theta": [[1.0], [2.0], [3.0]]}, "theta"),
         ({"alpha": [pd.Timestamp("2020-01-01")] * 3}, "column alpha is of type timestamp[us]; num"),
-        ({"alpha": [b"0.5"] * 3}, ": the column alpha is of type binary; numbers are wanted"),
         ({"alpha": [True, None, True]}, ": the column alpha is of type bool; numbers are wanted"),
-        ({"alpha": [pd.Timedelta(1)] * 3}, "alpha is of type duration[ns]; numbers are wanted"),
     ):
         frame.assign(**values).to_parquet(path)
         assert words in refusal(source)
-    pq.write_table(pa.table([pa.array([0.5])] * 7, names=[*PARAMETERS, "theta"]), path)
-    assert "there are 2 columns theta; keep one of them" in refusal(source)
     # Any type of numbers is good, and columns that are not read may be of any type.
     good = frame.assign(alpha=[Decimal("13.5")] * 3, beta=np.float32(1.5), note=[True] * 3)
     good.assign(gamma=["12"] * 3).to_parquet(path)
@@ -478,22 +461,21 @@ def test_an_output_table_is_a_valid_input_and_gives_the_same_results(psi, tmp_pa
         "horizon": {"t_rgh": 3},
     }
 
-    def again(name: str, path: Any, horizon: dict[str, float]) -> pd.DataFrame:
-        config = {"bodies": {"source": "table", "path": str(path)}, "horizon": horizon}
-        sweeping.sweep(tmp_path / name, config)
-        return rows(tmp_path / name)
-
     sweeping.sweep(tmp_path / "first", data)
     first, runs = rows(tmp_path / "first"), tmp_path / "first" / "runs"
     had = first.t_r.notna().to_numpy()
     assert 0 < had.sum() < len(first) == 24
     assert (first.t_end[had] == first.t_r[had]).all()
+
+    def again(name: str, horizon: dict[str, float]) -> pd.DataFrame:
+        config = {"bodies": {"source": "table", "path": str(runs)}, "horizon": horizon}
+        sweeping.sweep(tmp_path / name, config)
+        return rows(tmp_path / name)
+
     same = [c for c in first.columns if c not in ("case", "sample")]
-    for name, path in (("folder", runs), ("file", runs / "block-000000.parquet")):
-        other = again(name, path, {"t_rgh": 3})
-        pd.testing.assert_frame_equal(first[same], other[same], check_exact=True)
-    assert content_hash(tmp_path / "folder") == content_hash(tmp_path / "file")
+    other = again("again", {"t_rgh": 3})
+    pd.testing.assert_frame_equal(first[same], other[same], check_exact=True)
     # With a shorter horizon in the config, only rows that have a t_r are cut.
-    cut = again("short", runs, {"t": 10})
+    cut = again("short", {"t": 10})
     assert (cut.t_end[had] <= 10).all()
     assert np.array_equal(cut.t_end[~had], first.t_end[~had])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,14 +16,12 @@ from refusal import assert_refused
 from sweeping import content_hash, invoke, proved, rows
 
 import rattlesweep as rs
-from rattlesweep.errors import OutputError
-from rattlesweep.integrate.batch import most_threads
-from rattlesweep.physics import theory
-from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.analysis.onerun.course import Course
 from rattlesweep.analysis.onerun.replay import Replay
-from rattlesweep.sweeps.shards import Shard
-from rattlesweep.sweeps.old.merge import merge
+from rattlesweep.errors import OutputError
+from rattlesweep.physics import theory
+from rattlesweep.physics.body import PARAMETERS
+from rattlesweep.sweeps.run import Shard
 
 SETS = (
     "bodies.samples=12", "bodies.target={K_r: [0.0041, 0.02], rel_tol: 0.1}",
@@ -44,8 +43,8 @@ def ended(early: pd.DataFrame, full: pd.DataFrame) -> pd.Series:
 def both(tmp_path_factory) -> Path:
     """The same runs to their horizons and ended early."""
     root = tmp_path_factory.mktemp("early")
-    sweep(root / "full", "block_size=50")
-    sweep(root / "early", "block_size=50", EARLY)
+    sweep(root / "full")
+    sweep(root / "early", EARLY)
     return root
 
 
@@ -65,8 +64,6 @@ def test_no_type_changes_and_steady_runs_take_a_fraction_of_their_steps(both, ta
     assert 10 < 0.8 * steady.sum() < some.sum()
     assert early.n_steps[steady].sum() < 0.3 * full.n_steps[steady].sum()
     pd.testing.assert_frame_equal(early[~some], full[~some], check_exact=True)
-    summary = [pd.read_parquet(both / name / "summary.parquet") for name in ("early", "full")]
-    pd.testing.assert_frame_equal(*summary, check_exact=True)
 
 
 def test_what_a_run_that_has_ended_early_says_of_itself(tables):
@@ -91,7 +88,7 @@ def test_other_thresholds_give_the_types_of_runs_to_the_horizon(both, tmp_path):
     for k, sets in enumerate((["classify.ss_growth=1e-12"], ["classify.sw_departure=1e-6"])):
         for name in ("full", "early"):
             copy = tmp_path / f"{name}{k}"
-            merge([both / name], copy)
+            shutil.copytree(both / name, copy)
             done = invoke("classify", copy, *(word for one in sets for word in ("--set", one)))
             assert done.exit_code == 0, done.stderr
         assert rows(tmp_path / f"early{k}").type.equals(rows(tmp_path / f"full{k}").type)
@@ -101,13 +98,9 @@ def test_other_thresholds_give_the_types_of_runs_to_the_horizon(both, tmp_path):
 def test_it_is_no_threshold_and_another_sweep(both):
     full, early = both / "full", both / "early"
     done = invoke("classify", full, "--set", EARLY)
-    assert_refused(done, 2, "early: it decides when runs end, which takes their integration")
-    done = invoke("classify", early, "--set", "classify.early=false")
-    assert_refused(done, 2, "run the config again with it, into another directory")
+    assert_refused(done, 2, "classify.early: decides how far runs go; it needs a new sweep")
     done = sweeping.run("steady.yaml", full, *SETS, EARLY, options=("-q",))
-    assert_refused(done, 2, "holds the runs of another config (classify.early: not set against tr")
-    done = invoke("merge", full, early, "--output", both / "merged")
-    assert_refused(done, 2, "classify.early: false against true")
+    assert_refused(done, 2, "holds another sweep (classify.early: false against true)")
     # A comparison takes it as another way to integrate.
     done = invoke("compare", full, early, "--json")
     assert done.exit_code == 0, done.stderr
@@ -118,9 +111,8 @@ def test_it_is_no_threshold_and_another_sweep(both):
 
 
 def test_the_same_content_however_it_is_run(both, tmp_path):
-    for index, threads in enumerate((most_threads(), 1)):
-        share = {"shard": Shard(index, 2), "threads": threads}
-        sweep(tmp_path, EARLY, "block_size=17", **share)
+    for index, threads in enumerate((2, 1)):
+        sweep(tmp_path, EARLY, shard=Shard(index, 2), threads=threads)
     assert proved(tmp_path, recompute=5) == content_hash(both / "early")
     assert content_hash(both / "early") != content_hash(both / "full")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -11,42 +12,33 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pytest
 import sweeping
-from sweeping import content_hash, invoke, proved
+from sweeping import content_hash, invoke, prepared, proved
 
+from rattlesweep.analysis.onerun.course import Course
+from rattlesweep.analysis.onerun.replay import Replay, cause_of
+from rattlesweep.analysis.plots.fractions import UNSURE
+from rattlesweep.analysis.plots.kinds import choose_picture
+from rattlesweep.analysis.plots.layout import read_layout
+from rattlesweep.analysis.style import styled
 from rattlesweep.integrate.batch import Batch, Control, Outcome, integrate
 from rattlesweep.integrate.model import FULL, MODELS
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import DOP853, METHODS
 from rattlesweep.physics import full
-from rattlesweep.analysis.onerun.course import Course
-from rattlesweep.analysis.onerun.replay import Replay, cause_of
-from rattlesweep.analysis.plots.fractions import UNSURE
-from rattlesweep.analysis.plots.layout import read_layout
-from rattlesweep.analysis.plots.kinds import choose_picture
-from rattlesweep.analysis.style import styled
 from rattlesweep.sweeps import error
-from rattlesweep.sweeps.block import (
-    Interrupted,
-    columns_of,
-    finish_block,
-    prepare_block,
-    prepare_runs,
-    run_batch,
-)
-from rattlesweep.sweeps.plan import Plan
-from rattlesweep.sweeps.shards import Shard
-from rattlesweep.sweeps.old import pilot
-from rattlesweep.sweeps.old.forecast import forecast
-from rattlesweep.sweeps.old.retype import retype
-from rattlesweep.sweeps.old.status import describe, status_of
-from rattlesweep.sweeps.summary import closing_table
-from rattlesweep.sweeps.old.store import Store
-from rattlesweep.sweeps.arrow import build_table
+from rattlesweep.sweeps.block import columns_of, compute, run_batch
+from rattlesweep.sweeps.classify import classify_stored
 from rattlesweep.sweeps.columns import RUNS, runs_schema
+from rattlesweep.sweeps.memory import same_bits
+from rattlesweep.sweeps.plan import Plan
+from rattlesweep.sweeps.run import Shard
+from rattlesweep.sweeps.stored import open_stored
+from rattlesweep.sweeps.summary import closing_table, read_summary
 from rattlesweep.sweeps.types import SS, SW, UNCLASSIFIED, R, sure_types
 
 SETS = (
     "record=[error]",
+    "seed=8",
     "bodies.samples=8",
     "bodies.target={K_r: [0.02], rel_tol: 0.1}",
     "spin.n_i=[-0.1, -0.5, 0.2]",
@@ -71,13 +63,13 @@ def made(directory: Path, *sets: str) -> Path:
 @pytest.fixture(scope="module")
 def told(tmp_path_factory) -> Path:
     """A sweep with the errors of its reversal times."""
-    return made(tmp_path_factory.mktemp("told"), "block_size=7")
+    return made(tmp_path_factory.mktemp("told"))
 
 
 @pytest.fixture(scope="module")
 def kept(tmp_path_factory) -> Path:
     """A sweep whose reversal times are asked to be accurate."""
-    return made(tmp_path_factory.mktemp("kept"), GOAL, "record=[]", "block_size=7")
+    return made(tmp_path_factory.mktemp("kept"), GOAL, "record=[]")
 
 
 @pytest.fixture(scope="module")
@@ -87,7 +79,7 @@ def marked(tmp_path_factory) -> Path:
 
 
 def rows_of(directory: Path) -> pa.Table:
-    return pa.Table.from_batches(Store(directory).iter_batches())
+    return open_stored(directory).read()
 
 
 # -- the formula -------------------------------------------------------------------------------
@@ -158,13 +150,9 @@ def test_distances_are_those_of_the_step_control(name):
     ("settings", "expected"),
     [
         ("tol: 1e-9", [2e-6, 1e-9]),
-        ("tol: 1e-12", [2e-9, 1e-12]),
-        ("tol: 1e-7", [1e-5, 1e-7]),
         ("tol: 1e-4", [1e-3, 1e-4]),
         ("method: rk4, dt: 1e-3", [2e-3, 1e-3]),
         ("accuracy: {t_r: 1e-6}", [1e-4, 3e-7, 3e-9, 3e-11]),
-        ("accuracy: {t_r: 1e-9}", [6e-7, 3e-10, 3e-12, 3e-14]),
-        ("accuracy: {t_r: 1e-3}", [1e-4, 1e-6, 1e-8, 1e-10]),
         ("accuracy: {t_r: 1e-12}", [6e-10, 3e-13, 1e-14]),
     ],
 )
@@ -202,19 +190,33 @@ def test_sure_types(code, reversal, growth, departure, errors, sure):
 # -- runs --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("setting", ["record=[error]", "integrator={accuracy: {t_r: 1e-6}}"])
-def test_a_sensitive_run_says_so_and_an_ordinary_one_does_not(setting):
-    plan = sweeping.plan_of("quickstart.yaml", setting)
-    columns = finish_block(plan.config, *prepare_runs(plan, np.array([0, 4]), np.array([1, 99])))
+# An ordinary body with its spin, and one of a delayed loss of stability: docs/accuracy.md has its
+# story.
+BODIES = """alpha,beta,gamma,theta,phi,xi,n_i,omega_xy0
+9.545489698418077,1.6720679189491787,9.217557617367255,0.9371833135368323,0.0752860292708197,\
+-0.053164759101669096,-0.1,0.01
+7.878870827057267,1.672473618626555,7.551344445683823,0.6342951334607377,0.07268222085424973,\
+-0.006448836432918283,-0.5,0.01
+"""
+TRUE = 2467.883536
+"""In 32 digits (`benchmarks/double_double.py`)."""
+
+
+@pytest.mark.parametrize("asked", [{"record": ["error"]}, {"accuracy": {"t_r": 1e-6}}])
+def test_a_sensitive_run_says_so_and_an_ordinary_one_does_not(asked, tmp_path):
+    (tmp_path / "b.csv").write_text(BODIES)
+    config = {"bodies": {"source": "table", "path": str(tmp_path / "b.csv")}}
+    config |= {"integrator": asked} if "accuracy" in asked else asked
+    plan = sweeping.plan_of(config | {"horizon": {"t_rgh": 5}})
+    columns = compute(plan.config, plan.schema, prepared(plan))[0].to_pydict()
     t_r, told = columns["t_r"], columns["t_r_error"]
-    # In 32 digits (benchmarks/double_double.py); docs/sensitive.md has its story.
-    assert abs(t_r[1] - 2467.883536) <= told[1] < 0.5 * t_r[1]
+    assert abs(t_r[1] - TRUE) <= told[1] < 0.5 * t_r[1]
     assert told[1] > 1e-6 * t_r[1]
     assert 0 < told[0] < 1e-6 * t_r[0]
     if "tol" in columns:
         assert columns["tol"] == pytest.approx([3e-9, 3e-11])
     else:
-        assert abs(t_r[1] - 2467.883536) > 1.0
+        assert abs(t_r[1] - TRUE) > 1.0
 
 
 def test_columns_and_nulls(told, tmp_path):
@@ -227,14 +229,12 @@ def test_columns_and_nulls(told, tmp_path):
     share = pc.divide(rows["t_r_error"], rows["t_r"]).drop_null().to_numpy()
     assert ((share > 5e-10) & (share <= 1)).all()
     # What is there without it has the same bits, and nothing is said of errors.
-    sweep(tmp_path, "record=[]", "block_size=7")
+    sweep(tmp_path, "record=[]")
     assert rows_of(tmp_path).equals(rows.drop_columns([column.name for column in RUNS["error"]]))
-    summary, status = Store(tmp_path).read_summary(), status_of(tmp_path)
+    summary = read_summary(open_stored(tmp_path))
     for name in ("sensitive", "unsure", "t_r_mean_error"):
         assert summary[name].null_count == len(summary)
-    assert status.sensitive is status.unsure is None
-    assert "sensitive" not in describe(status)
-    assert "sens." not in closing_table(summary)
+    assert "unsure" not in closing_table(summary)
 
 
 def test_runs_have_the_error_that_is_asked_for(kept, told):
@@ -257,26 +257,25 @@ def test_runs_have_the_error_that_is_asked_for(kept, told):
 def test_one_content_however_it_is_cut_and_mended(goal, told, kept, tmp_path):
     whole, sets = (kept, (GOAL, "record=[]")) if goal else (told, ())
     for index in (1, 0):
-        sweep(tmp_path / "shards", *sets, "block_size=3", shard=Shard(index, 2), threads=2 - index)
+        sweep(tmp_path / "shards", *sets, shard=Shard(index, 2), threads=2 - index)
     # A limit that stops runs, but none of their companions; then the others again.
     for steps in (300, 600, 100_000_000):
         accuracy = "accuracy: {t_r: 1e-7}, " if goal else ""
         limit = f"integrator={{{accuracy}max_steps: {steps}}}"
-        report = sweep(tmp_path / "limits", *sets, "block_size=24", limit, retry_failed=True)
+        report = sweep(tmp_path / "limits", *sets, limit, retry_failed=True)
         rows = rows_of(tmp_path / "limits")
         failed = rows.filter(pc.not_equal(rows["status"], "ok"))
         for name in ("t_r_error", "type_sure", "n_departure_error", "amp_growth_error"):
             assert failed[name].null_count == len(failed) == report.failed["step_limit"]
     for name in ("shards", "limits"):
         assert proved(tmp_path / name, recompute=8) == content_hash(whole)
-        summary = (tmp_path / name / "summary.parquet").read_bytes()
-        assert summary == (whole / "summary.parquet").read_bytes()
+        assert read_summary(open_stored(tmp_path / name)).equals(read_summary(open_stored(whole)))
 
 
 @pytest.mark.parametrize(("goal", "after"), [("", 0), ("", 1), (GOAL, 0), (GOAL, 1), (GOAL, 2)])
 def test_a_stop_leaves_whole_rows(goal, after, told, kept, monkeypatch):
     """Asked for before the companions are integrated, the runs, or those that are done again."""
-    plan, control = plan_of("block_size=24", *([goal] if goal else [])), Control()
+    plan, control = plan_of(*([goal] if goal else [])), Control()
     real, calls = error.integrate, []
 
     def stopping(*args: Any, **kwargs: Any) -> Outcome:
@@ -286,30 +285,23 @@ def test_a_stop_leaves_whole_rows(goal, after, told, kept, monkeypatch):
         return real(*args, **kwargs)
 
     monkeypatch.setattr(error, "integrate", stopping)
-    with pytest.raises(Interrupted) as stop:
-        finish_block(plan.config, *prepare_block(plan, plan.block(0)), threads=1, control=control)
-    assert stop.value.lost > 0
+    some, lost = compute(plan.config, plan.schema, prepared(plan), 1, control)
+    assert lost > 0
     if after == 2:
         # Those that need not be done again are there.
-        assert stop.value.columns is not None
-        assert stop.value.lost <= calls[2] < calls[1]
+        assert len(some) > 0
+        assert lost <= calls[2] < calls[1]
         assert control.runs_done >= 24 - calls[2]
-    if stop.value.columns is not None:
-        some = build_table(stop.value.columns, runs_schema(plan.config.parts))
-        place = pc.add(pc.multiply(pc.cast(some["case"], pa.int64()), 8), some["sample"])
-        assert some.equals(rows_of(kept if goal else told).take(place))
+    whole = rows_of(kept if goal else told)
+    place = pc.add(pc.multiply(pc.cast(some["case"], pa.int64()), 8), some["sample"])
+    assert same_bits(some, whole.take(place))
 
 
 def test_runs_that_may_come_out_otherwise_are_done_again(monkeypatch):
     """What fails or misses its companion's reversal, but not where steps or time were up."""
-    plan, control, seen, real = (
-        plan_of(GOAL, "spin.n_i=[-0.1, 0.2]"),
-        Control(),
-        [],
-        error.integrate,
-    )
-    _, batch = prepare_block(plan, plan.block(0))
-    assert batch is not None
+    plan, control = plan_of(GOAL, "spin.n_i=[-0.1, 0.2]"), Control()
+    seen: list[Any] = []
+    real, (_, batch) = error.integrate, prepared(plan)
     honest = run_batch(plan.config, batch)
     assert isinstance(honest, error.Estimated)
     once = np.flatnonzero((honest.tol == 3e-8) & np.isfinite(honest.t_r))
@@ -353,37 +345,18 @@ def test_classify_tells_again_which_types_are_sure(told, tmp_path):
     # So near its value that its companion may be on the other side.
     sw_departure = float(near["n_departure"] + near["n_departure_error"] / 2)
     sets = (f"classify.sw_departure={sw_departure!r}", "classify.ss_growth=1e-8")
-    sweep(tmp_path / "fresh", *sets, "block_size=7")
-    sweep(tmp_path / "again", "block_size=7")
-    assert content_hash(tmp_path / "again") == content_hash(told)
-    assert retype(tmp_path / "again", sets).changed > 0
+    sweep(tmp_path / "fresh", *sets)
+    shutil.copytree(told, tmp_path / "again")
+    assert classify_stored(tmp_path / "again", sets).changed > 0
     assert proved(tmp_path / "again") == content_hash(tmp_path / "fresh")
     assert not rows_of(tmp_path / "again")["type_sure"][near.name].as_py()
-
-
-def test_a_forecast_knows_what_an_error_costs(monkeypatch):
-    class Timed(pilot.Task):
-        """Says that every kernel takes a second, so that what is left is the price."""
-
-        def wait(self, tick: Any = None) -> Any:
-            found = super().wait(None)
-            self.seconds = 1.0
-            return found
-
-    monkeypatch.setattr(pilot, "Task", Timed)
-    plain, goal = (
-        forecast(plan_of(*sets), 1, budget=5.0).kernel_seconds
-        for sets in (("integrator={tol: 3.0e-8}", "record=[]"), (GOAL,))
-    )
-    assert 1.3 * plain < goal < 4.0 * plain
 
 
 @pytest.mark.slow
 def test_quickstart_keeps_its_promise():
     """No run that is not marked is off by more: against order 9 at 1e-14."""
     plan = sweeping.plan_of("quickstart.yaml", "integrator={accuracy: {t_r: 1e-6}}")
-    launches, batch = prepare_runs(plan, *np.divmod(np.arange(plan.runs), plan.samples))
-    assert batch is not None
+    launches, batch = prepared(plan)
     found = run_batch(plan.config, batch)
     assert isinstance(found, error.Estimated)
     true = integrate(batch, METHODS["verner98"], FULL, tol=1e-14).t_r
@@ -395,15 +368,15 @@ def test_quickstart_keeps_its_promise():
     assert not (known & ~marked & ~(off <= 1e-6)).any()
     # One without a reversal that should have one does not say that it is sure.
     columns = columns_of(plan.config, launches, batch, found)
-    sure = build_table(columns, runs_schema(plan.config.parts))["type_sure"].to_numpy()
+    sure = columns["type_sure"].fill_null(False).to_numpy(zero_copy_only=False)
     assert not (np.isfinite(true) & ~known & sure).any()
 
 
 # -- what is told ------------------------------------------------------------------------------
 
 
-def test_counts_in_summary_status_and_closing_table(marked):
-    rows, summary = rows_of(marked).to_pandas(), Store(marked).read_summary()
+def test_counts_in_summary_and_closing_table(marked):
+    rows, summary = rows_of(marked).to_pandas(), read_summary(open_stored(marked))
     reversing = rows[rows["type"] == "R"]
     large = reversing[reversing["t_r_error"] > 1e-6 * reversing["t_r"]]
     unsure = rows[rows["type_sure"] == False]  # noqa: E712
@@ -414,26 +387,20 @@ def test_counts_in_summary_status_and_closing_table(marked):
     means = reversing.groupby("case")["t_r_error"].mean()
     found = summary["t_r_mean_error"].drop_null().to_numpy()
     assert found == pytest.approx(means.to_numpy(), rel=1e-12)
-    status = status_of(marked)
-    assert (status.sensitive, status.unsure) == (len(large), len(unsure))
-    assert f"errors   {len(large)} sensitive" in describe(status)
-    assert closing_table(summary).split("\n")[0].split()[-3:] == ["sens.", "unsure", "fail"]
+    assert "unsure" in closing_table(summary).split("\n")[0]
 
 
 def test_types_that_are_not_sure_are_hatched(marked, told):
-    pale: dict[Path, list[float]] = {}
     for directory in (marked, told):
         with styled():
             figure = choose_picture(read_layout(directory), "fractions").figure()
-        patches = [patch for axes in figure.axes for patch in axes.patches]
-        pale[directory] = [p.get_height() for p in patches if p.get_hatch() == UNSURE["hatch"]]
-    rows = rows_of(marked).to_pandas()
-    rows = rows[rows["status"] == "ok"]
-    unsure = rows[rows["type_sure"] == False].groupby(["case", "type"]).size()  # noqa: E712
-    shares = unsure / rows.groupby("case").size()
-    assert sorted(h for h in pale[marked] if h > 0) == pytest.approx(sorted(shares.dropna()))
-    assert len(unsure) > 0
-    assert not any(pale[told])
+        pale = [p.get_height() for axes in figure.axes for p in axes.patches
+                if p.get_hatch() == UNSURE["hatch"] and p.get_height() > 0]  # fmt: skip
+        rows = rows_of(directory).to_pandas().query("status == 'ok'")
+        unsure = rows[rows["type_sure"] == False].groupby(["case", "type"]).size()  # noqa: E712
+        shares = unsure / rows.groupby("case").size()
+        assert sorted(pale) == pytest.approx(sorted(shares.dropna()))
+        assert (len(pale) > 0) == (directory == marked)
 
 
 LOSS, CHAOS = "a delayed loss of stability: ", "chaos: at tol 2e-06 it reverses at 95 instead"
@@ -465,21 +432,15 @@ def test_causes_in_words(changes, n_i, words):
     assert "nan" not in said
 
 
-def test_replay_and_show_say_it_of_a_run(marked, told, tmp_path):
-    where = "t_r_error > 0.01 * t_r and type_sure = true"
+def test_replay_says_it_of_a_run(marked, told):
+    where = "t_r_error > 0.01 * t_r and type_sure"
     (run,) = Replay(marked).select(where=where)
     assert f"t_r {run.t_r!r} +- {run.t_r_error:.2g} (sensitive) and type R as" in run.proof
     Replay(marked).prove(run)
     cause = Replay(marked).cause(run)
     assert f"{run.name}: " in cause
-    shown = invoke(
-        "replay", marked, "--where", where, "--output", tmp_path / "a.csv", "--points", 9
-    )
+    shown = invoke("replay", marked, "--where", where, "--points", 9)
     assert cause in shown.stderr
-    page = tmp_path / "a.html"
-    one = ("show", marked, "--where", where)
-    assert cause in invoke(*one, "--output", page, "--points", 300).stderr
-    assert '["sensitive", "' in page.read_text()
     (quiet,) = Replay(told).select(where="t_r_error < 0.000001 * t_r")
     assert Replay(told).cause(quiet) == ""
 
@@ -487,7 +448,7 @@ def test_replay_and_show_say_it_of_a_run(marked, told, tmp_path):
 def test_replay_takes_the_tolerance_of_the_run(kept):
     replay = Replay(kept)
     for level in ("tol > 1e-9", "tol < 1e-9"):
-        (run,) = replay.select(where=f"type = 'R' and {level}")
+        (run,) = replay.select(where=f"type == 'R' and {level}")
         replay.prove(run)
         course = Course(replay.prepare(run))
         course.columns()

@@ -17,9 +17,11 @@ import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
-from sweeping import content_hash
 
 import rattlesweep as rs
+from rattlesweep.sweeps.memory import same_bits
+from rattlesweep.sweeps.provenance import machine, versions
+from rattlesweep.sweeps.stored import open_stored
 
 HERE = Path(__file__).parents[1] / "golden"
 GOLDEN = HERE / "golden.parquet"
@@ -41,7 +43,7 @@ def ordinary(rows: pd.DataFrame) -> pd.Series:
 
 
 def assert_close(now: pd.DataFrame, then: pd.DataFrame) -> None:
-    """Compare all numbers, and those of sensitive runs (docs/sensitive.md) within their errors."""
+    """Compare all numbers, and those of sensitive runs (docs/accuracy.md) within their errors."""
     assert list(now.columns) == list(then.columns)
     for name in ("case", "sample", "type", "status", "near_tangencies"):
         assert now[name].equals(then[name]), name
@@ -58,15 +60,14 @@ def assert_close(now: pd.DataFrame, then: pd.DataFrame) -> None:
 
 
 def test_the_golden_sweep_comes_out_again(tmp_path):
-    today = rs.sweep(HERE / "golden.yaml", output=tmp_path / "out")
-    origin, manifest = json.loads(pq.read_schema(GOLDEN).metadata[b"origin"]), today.manifest
-    versions = [[m["versions"][name] for name in ("numpy", "numba", "llvmlite")]
-                for m in (origin, manifest)]  # fmt: skip
-    processors = [m["machine"]["cpu"] for m in (origin, manifest)]
-    if versions[0] == versions[1] and processors[0] == processors[1]:
-        assert content_hash(today.directory) == origin["content_hash"]
-    then = pd.read_parquet(GOLDEN)
-    assert_close(today.runs, then)
+    now = open_stored(rs.sweep(HERE / "golden.yaml", output=tmp_path / "out").directory).read()
+    golden = pq.read_table(GOLDEN)
+    origin = json.loads(golden.schema.metadata[b"origin"])
+    same = all(origin["versions"][n] == versions()[n] for n in ("numpy", "numba", "llvmlite"))
+    if same and origin["machine"]["cpu"] == machine()["cpu"]:
+        assert same_bits(now, golden)
+    then = golden.to_pandas()
+    assert_close(now.to_pandas(), then)
     # It holds something of everything.
     assert set(then.type) == {"R", "SS", "SW", "unclassified"}
     assert then.n_i.min() < 0 < then.n_i.max()

@@ -1,119 +1,261 @@
-"""One content, however a sweep is cut, shared, ordered, stopped or mended; under the full model."""
+"""One content, however a sweep is cut, shared, ordered, stopped, grown or mended."""
 
 from __future__ import annotations
 
 import random
 import shutil
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 import sweeping
-from stopping import Stop, after
-from sweeping import proved
+from hardship import check_equal
+from sweeping import changed, plan_of
 
+from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.integrate.batch import most_threads
-from rattlesweep.sweeps.shards import Shard
-from rattlesweep.sweeps.old import local
-from rattlesweep.sweeps.old.session import Session
-from rattlesweep.sweeps.old.merge import merge
+from rattlesweep.sweeps import job
+from rattlesweep.sweeps.job import Job, Keys
+from rattlesweep.sweeps.local import local
+from rattlesweep.sweeps.memory import integrate_plan, same_bits
+from rattlesweep.sweeps.merge import merge
+from rattlesweep.sweeps.run import Shard
+from rattlesweep.sweeps.stored import open_stored
 
-SETS = (
-    "bodies.samples=8",
-    "bodies.target={K_r: [0.02, 0.1], rel_tol: 0.1}",
-    "spin.n_i=[-0.1, -0.3, -0.5]",
-)
+# Under the full model, of runs that take from 200 to 20,000 steps.
+FULL: dict[str, Any] = {
+    "bodies": {"source": "sd", "samples": 8, "target": {"K_r": [0.02, 0.1], "rel_tol": 0.1}},
+    "spin": {"n_i": [-0.1, -0.3, -0.5], "omega_xy0": 0.01},
+    "horizon": {"t_rgh": 3, "t": 2000},
+    "record": ["windows"],
+}
 RUNS = 48
+SMALL: dict[str, Any] = {
+    "bodies": {"source": "sd", "samples": 12},
+    "spin": {"n_i": [-0.1, 0.2], "omega_xy0": [0.01]},
+    "model": "gh",
+    "horizon": {"t": 1000},
+}
+LARGE = changed(SMALL, bodies={"samples": 31})
+TARGET = {"K_r": [0.1], "rel_tol": 0.5}
+AIMED = changed(SMALL, bodies={"target": TARGET})
+SPIN = {"n_i": [-0.2, -0.1, 0.1, 0.2], "omega_xy0": [0.001, 0.01]}
 
 
-def sweep(output, *sets, **options):
-    return sweeping.sweep(output, "quickstart.yaml", *SETS, *sets, **options)
+class Stop(Exception):
+    """The engine has had enough."""
 
 
-def contents(output: Path) -> tuple[str, bytes]:
-    """All rows as one number, and the summary, of a directory that proves whole."""
-    return proved(output), (output / "summary.parquet").read_bytes()
+def cut(rows: int, most: int = 10**9, dice: random.Random | None = None) -> Any:
+    """Return an engine that does blocks of so many runs, and breaks off after so many blocks."""
+
+    def engine(work: Job, blocks: Iterator[Keys]) -> Any:
+        case, sample = (np.concatenate(part) for part in zip(*blocks, strict=True))
+        parts = [(case[k : k + rows], sample[k : k + rows]) for k in range(0, len(case), rows)]
+        if dice is not None:
+            dice.shuffle(parts)
+        yield from local(work, iter(parts[:most]))
+        if len(parts) > most:
+            raise Stop
+
+    return engine
+
+
+def sweep(output: Path, config: dict[str, Any] = FULL, **options: Any) -> Any:
+    return sweeping.sweep(output, config, **options)
 
 
 @pytest.fixture(scope="module")
-def expected(tmp_path_factory) -> tuple[str, bytes]:
-    output = tmp_path_factory.mktemp("expected") / "out"
-    report = sweep(output, "block_size=7", threads=1)
-    assert report.runs == RUNS
-    assert not report.failed
-    return contents(output)
+def whole(tmp_path_factory) -> Path:
+    """The sweep done at once by one thread."""
+    output = tmp_path_factory.mktemp("whole") / "out"
+    result = sweep(output, threads=1)
+    assert (result.runs, result.done, result.resumed_runs) == (RUNS, RUNS, 0)
+    assert not result.failed
+    return output
 
 
-@pytest.mark.parametrize(("size", "threads"), [(1, 2), (16, 1), (47, 2), (1000, 1)])
-def test_blocks_and_threads_and_the_order_of_blocks(size, threads, expected, tmp_path):
-    order = []
-
-    def shuffled(session: Session) -> None:
-        random.Random(1).shuffle(session.pending)
-        order.extend(block.index for block in session.pending)
-        local.work_off(session)
-
-    sweep(tmp_path, f"block_size={size}", threads=min(threads, most_threads()), engine=shuffled)
-    assert contents(tmp_path) == expected
-    assert (order != sorted(order)) == (size < RUNS)
+@pytest.mark.parametrize(("rows", "threads"), [(1, 2), (16, 1), (47, 2), (1000, 1)])
+def test_blocks_and_threads_and_the_order_of_blocks(rows, threads, whole, tmp_path):
+    engine = cut(rows, dice=random.Random(1))
+    sweep(tmp_path, threads=min(threads, most_threads()), engine=engine)
+    assert len(open_stored(tmp_path).files()) == -(-RUNS // rows)
+    check_equal(tmp_path, whole)
 
 
-def test_shards_in_one_directory_and_in_their_own(expected, tmp_path):
-    shared, count = tmp_path / "shared", 5
+def test_in_memory(whole):
+    assert same_bits(integrate_plan(plan_of(FULL)), open_stored(whole).read())
+
+
+def test_shards_in_one_directory_and_in_their_own(whole, tmp_path):
+    shared, count = tmp_path / "shared", 3
     parts = [tmp_path / str(index) for index in range(count)]
-    reports = []
-    for index in random.Random(count).sample(range(count), count):
-        share = partial(sweep, shard=Shard(index, count))
-        reports.append(share(shared, "block_size=3"))
-        share(parts[index], "block_size=3")
-    assert contents(shared) == expected
-    assert sum(report.runs for report in reports) == RUNS
-    assert [report.summary is not None for report in reports] == [False] * (count - 1) + [True]
-    merge(parts, tmp_path / "merged")
-    assert contents(tmp_path / "merged") == expected
+    results = []
+    for index in (2, 0, 1):
+        share = partial(sweep, shard=Shard(index, count), engine=cut(5))
+        results.append(share(shared))
+        share(parts[index])
+    check_equal(shared, whole)
+    assert [result.runs for result in results] == [RUNS // 3] * 3
+    assert [result.missing for result in results] == [32, 16, 0]
+    assert [result.summary is not None for result in results] == [False, False, True]
+    merged = merge(parts, tmp_path / "merged")
+    assert (merged.runs, merged.missing, merged.failed) == (RUNS, 0, 0)
+    check_equal(tmp_path / "merged", whole)
 
 
-def test_shares_of_different_deals_leave_nothing_out(expected, tmp_path):
+@pytest.mark.parametrize("count", [1, 2, 5, 40])
+def test_every_run_is_of_one_share_and_shares_are_alike(count):
+    shape = (6, 30)
+    flags = np.array([Shard(index, count).runs(shape) for index in range(count)])
+    assert (flags.sum(axis=0) == 1).all()
+    assert np.ptp(flags.sum(axis=(1, 2))) <= 6
+    # Cases may differ a hundredfold in cost: each is dealt evenly.
+    assert np.ptp(flags.sum(axis=2)) <= 1
+
+
+def test_shares_of_different_deals_leave_nothing_out(whole, tmp_path):
     """Who forgets how many shares there were gets the rest by running everything."""
-    sweep(tmp_path, "block_size=3", shard=Shard(1, 2))
-    sweep(tmp_path, "block_size=3", shard=Shard(0, 7))
-    assert 0 < sweep(tmp_path, "block_size=3").resumed_runs < RUNS
-    assert contents(tmp_path) == expected
+    sweep(tmp_path, shard=Shard(1, 2))
+    sweep(tmp_path, shard=Shard(0, 7))
+    result = sweep(tmp_path)
+    assert 24 < result.resumed_runs < RUNS
+    assert result.done == RUNS - result.resumed_runs
+    check_equal(tmp_path, whole)
 
 
-def test_resumed_again_and_again_and_moved_in_between(expected, tmp_path):
-    output = tmp_path / "0"
-    for done in range(0, 8, 2):
-        with pytest.raises(Stop):
-            sweep(output, "block_size=5", engine=after(2), threads=1 + done // 2 % 2)
-        assert len(list(output.glob("runs/*.parquet"))) == done + 2
-        output = Path(shutil.move(output, tmp_path / str(done + 2)))
-    assert sweep(output, "block_size=5").resumed_runs == 40
-    assert contents(output) == expected
+def test_broken_off_again_and_again_moved_and_harmed(whole, tmp_path):
+    dice, output, stops = random.Random(3), tmp_path / "0", 0
+    while True:
+        try:
+            sweep(output, engine=cut(5, 2, dice), threads=1 + stops % 2 % most_threads())
+            break
+        except Stop:
+            stops += 1
+        files = open_stored(output).files()
+        if stops % 3 == 1:
+            dice.choice(files).unlink()
+        if stops % 3 == 2:
+            dice.choice(files).write_bytes(b"PAR1")
+            (output / "manifest.json").unlink()
+        output = Path(shutil.move(output, tmp_path / str(stops)))
+    assert stops > 4
+    for path in output.glob("runs/*.damaged*"):
+        path.unlink()
+    check_equal(output, whole)
 
 
-def test_blocks_that_were_lost_are_the_same_again(expected, tmp_path):
-    sweep(tmp_path, "block_size=5")
-    for seed in range(2):
-        rng = random.Random(seed)
-        for path in rng.sample(sorted(tmp_path.glob("runs/*.parquet")), 4):
-            path.unlink()
-        if seed % 2:
-            (tmp_path / "manifest.json").unlink()
-        sweep(tmp_path, "block_size=5", threads=rng.choice([1, min(2, most_threads())]))
-        assert contents(tmp_path) == expected
-
-
-def test_runs_that_failed_and_were_done_again(expected, tmp_path):
+def test_runs_that_failed_and_were_done_again(whole, tmp_path):
     failed = [RUNS]
-    for steps in (1000, 4000):
-        limit = f"integrator.max_steps={steps}"
-        report = sweep(tmp_path, "block_size=5", limit, retry_failed=len(failed) > 1)
-        assert report.retried == (failed[-1] if len(failed) > 1 else 0)
-        failed.append(report.failed["step_limit"])
+    for steps in (1000, 3000):
+        config = FULL | {"integrator": {"max_steps": steps}}
+        result = sweep(tmp_path, config, retry_failed=True, engine=cut(7))
+        assert result.retried == (failed[-1] if len(failed) > 1 else 0)
+        failed.append(result.failed["step_limit"])
     assert RUNS > failed[1] > failed[2] > 0
-    proved(tmp_path)
-    report = sweep(tmp_path, "block_size=5", retry_failed=True)
-    assert report.retried == failed[2]
-    assert not report.failed
-    assert contents(tmp_path) == expected
+    # Without the flag they are done.
+    assert sweep(tmp_path).done == 0
+    result = sweep(tmp_path, retry_failed=True)
+    assert (result.retried, result.done, result.failed) == (failed[2], failed[2], {})
+    check_equal(tmp_path, whole)
+
+
+def test_an_engine_that_loses_runs_is_found_out(tmp_path):
+    def losing(work: Job, blocks: Iterator[Keys]) -> Any:
+        for table in local(work, blocks):
+            yield table.slice(1)
+
+    with pytest.raises(OutputError, match="1 runs did not come back"):
+        sweep(tmp_path, SMALL, engine=losing)
+    assert not (tmp_path / "summary.parquet").exists()
+    assert sweep(tmp_path, SMALL).done == 1
+
+
+# -- growth ----------------------------------------------------------------------------------------
+
+STEPS = {
+    "cases between the others": (SMALL, changed(SMALL, spin=SPIN)),
+    "samples too": (SMALL, changed(SMALL, spin=SPIN, bodies={"samples": 13})),
+    "in samples, cases and targets": (
+        AIMED,
+        changed(AIMED, bodies={"samples": 40, "target": TARGET | {"K_r": [0.05, 0.1]}}, spin=SPIN),
+    ),
+    "of a sequence": (
+        changed(SMALL, bodies={"draw": "sobol"}),
+        changed(SMALL, bodies={"draw": "sobol", "samples": 40}),
+    ),
+}
+
+
+def by_key(directory: Path) -> Any:
+    """All rows in the order of their launches, whatever the numbers of their cases."""
+    stored = open_stored(directory)
+    rows = stored.read()
+    table = rows.to_pandas()
+    table["target"] = np.array([case.target or 0.0 for case in stored.cases])[table.case]
+    order = ["target", "n_i", "omega_xy0", "sample"]
+    return table.sort_values(order, ignore_index=True).drop(columns="case")
+
+
+@pytest.mark.parametrize(("small", "more"), STEPS.values(), ids=STEPS)
+def test_is_as_if_begun_with_more(small, more, tmp_path):
+    sweep(tmp_path / "whole", more)
+    grown = tmp_path / "grown"
+    before = sweep(grown, small).runs
+    cases = open_stored(grown).cases
+    result = sweep(grown, more)
+    assert (result.resumed_runs, result.done) == (before, result.runs - before)
+    assert open_stored(grown).cases[: len(cases)] == cases
+    assert by_key(grown).equals(by_key(tmp_path / "whole"))
+    # A lost manifest comes back as it was, with the cases that were appended.
+    cases = open_stored(grown).cases
+    (grown / "manifest.json").unlink()
+    assert sweep(grown, more).done == 0
+    assert open_stored(grown).cases == cases
+
+
+def test_step_by_step_with_a_damaged_file(tmp_path, monkeypatch):
+    monkeypatch.setattr(job, "MOST_ROWS", 7)
+    sweep(tmp_path / "whole", LARGE)
+    grown = tmp_path / "grown"
+    sweep(grown, SMALL)
+    path = open_stored(grown).files()[1]
+    path.write_bytes(path.read_bytes()[:-9])
+    result = sweep(grown, changed(SMALL, bodies={"samples": 20}))
+    assert result.done == 7 + 16
+    (remark,) = result.remarks
+    assert remark.startswith(f"a file was damaged and is now {path.with_suffix('.damaged')}")
+    sweep(grown, LARGE)
+    path.with_suffix(".damaged").unlink()
+    check_equal(grown, tmp_path / "whole")
+
+
+REFUSED = {
+    "fewer samples": (changed(SMALL, bodies={"samples": 11}), "a sweep can only grow"),
+    "a case less": (changed(SMALL, spin={"n_i": [-0.1, 0.3]}), "holds runs with n_i 0.2"),
+    "another seed too": (changed(LARGE, seed=1), "holds another sweep (seed: 0 against 1)"),
+    "another draw too": (changed(LARGE, bodies={"draw": "sobol"}), "bodies.draw"),
+    "another tolerance": (SMALL | {"integrator": {"tol": 1e-8}}, "integrator.tol: "),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_is_no_growth_is_refused(name, tmp_path):
+    config, words = REFUSED[name]
+    sweep(tmp_path / "out", SMALL)
+    shutil.copytree(tmp_path / "out", tmp_path / "before")
+    for options in ({}, {"shard": Shard(0, 2)}):
+        with pytest.raises(ConfigError) as refused:
+            sweep(tmp_path / "out", config, **options)
+        assert len(refused.value.messages) == 1
+        assert words in refused.value.messages[0]
+    assert sweeping.tree(tmp_path / "out") == sweeping.tree(tmp_path / "before")
+    # Nor are its rows taken for those of another sweep where the manifest is lost.
+    (tmp_path / "out" / "manifest.json").unlink()
+    with pytest.raises((ConfigError, OutputError)):
+        sweep(tmp_path / "out", config)
+    assert sweep(tmp_path / "out", SMALL).resumed_runs == 24
+    check_equal(tmp_path / "out", tmp_path / "before")

@@ -1,22 +1,21 @@
-"""Shares of a sweep, dealt fairly, and what `merge` makes of their directories."""
+"""What `merge` makes of the directories of shares, and what it does not."""
 
 from __future__ import annotations
 
-import re
 import shutil
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import pyarrow.parquet as pq
 import pytest
 import sweeping
+from hardship import check_equal
 from refusal import assert_refused
-from sweeping import content_hash, invoke, manifest, plan_of, proved, rows
+from sweeping import changed, invoke, tree
 
-from rattlesweep.sweeps.cost import Costs
-from rattlesweep.sweeps.shards import Shard, deal
-from rattlesweep.sweeps.old import merge as merging
+from rattlesweep.sweeps.classify import classify_stored
+from rattlesweep.sweeps.rows import Runs
+from rattlesweep.sweeps.run import Shard
+from rattlesweep.sweeps.sessions import read_sessions
 
 CONFIG: dict[str, Any] = {
     "name": "shares",
@@ -24,8 +23,8 @@ CONFIG: dict[str, Any] = {
     "bodies": {"source": "sd", "samples": 30, "target": {"K_r": [0.03, 0.1], "rel_tol": 0.1}},
     "spin": {"n_i": [-0.1, -0.5, 0.2], "omega_xy0": [0.01, 0.1]},
     "model": "gh",
-    "block_size": 32,
 }
+RUNS = 360
 
 
 def sweep(output: Path, share: tuple[int, int] | None = None, **changes: Any) -> Any:
@@ -37,11 +36,9 @@ def merge(*directories: Path, to: Path, options: tuple[str, ...] = ()) -> Any:
     return invoke("merge", *directories, "--output", to, *options)
 
 
-def shares(place: Path, count: int) -> list[Path]:
-    """Each share in a directory of its own."""
-    for index in range(count):
-        sweep(place / f"share-{index}", (index, count))
-    return [place / f"share-{index}" for index in range(count)]
+def files(directory: Path) -> dict[str, bytes]:
+    """What is there but for locks."""
+    return {name: data for name, data in tree(directory).items() if ".locks" not in name}
 
 
 @pytest.fixture(scope="module")
@@ -54,156 +51,125 @@ def plain(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def thirds(tmp_path_factory) -> list[Path]:
-    return shares(tmp_path_factory.mktemp("thirds"), 3)
+    """Each share in a directory of its own."""
+    folder = tmp_path_factory.mktemp("thirds")
+    for index in range(3):
+        sweep(folder / str(index), (index, 3))
+    return [folder / str(index) for index in range(3)]
 
 
-@pytest.mark.parametrize("count", [1, 2, 5, 12, 40])
-def test_every_block_is_dealt_once_and_shares_cost_about_the_same(count):
-    plan = plan_of(CONFIG, model="full")
-    costs = Costs(plan)
-    dealt = deal(plan, count, costs)
-    assert sorted(block.index for part in dealt for block in part) == list(range(12))
-    sums = [sum(costs.of(block) for block in part) for part in dealt]
-    # No share is above the mean by more than one block.
-    assert max(sums) <= np.mean(sums) + max(costs.of(plan.block(i)) for i in range(12))
-    assert sums.count(0.0) == max(0, count - 12)
-
-
-# -- the same table ----------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("count", [1, 7])
-def test_shares_come_to_the_same_table(count, plain, tmp_path):
-    merged = tmp_path / "merged"
-    assert merge(*shares(tmp_path, count), to=merged).exit_code == 0
-    assert proved(merged) == content_hash(plain)
-    assert (merged / "summary.parquet").read_bytes() == (plain / "summary.parquet").read_bytes()
-    assert len(list((merged / "runs").iterdir())) == 1  # 360 rows are one file
-
-
-def test_files_hold_so_many_runs_and_an_interrupted_merge_goes_on(plain, tmp_path, monkeypatch):
-    monkeypatch.setattr(merging, "MERGED_SIZE", 100)
-    output, done, honest = tmp_path / "out", [], merging.Store.write_block
-
-    def write(self: Any, index: int, *args: Any) -> Any:
-        if len(done) == 2:
-            raise KeyboardInterrupt
-        done.append(index)
-        return honest(self, index, *args)
-
-    monkeypatch.setattr(merging.Store, "write_block", write)
-    assert merge(plain, to=output).exit_code == 130
-    done.clear()
-    result = merge(plain, to=output, options=("-q",))
-    assert (result.exit_code, result.stdout) == (0, "")
-    assert done == [2, 3]
-    files = sorted((output / "runs").iterdir())
-    assert [pq.read_metadata(f).num_rows for f in files] == [100, 100, 100, 60]
-    assert proved(output) == content_hash(plain)
-    said = manifest(output)
-    assert (said["state"], said["blocks"], said["config"]["block_size"]) == ("complete", 4, 100)
+def test_shares_come_to_the_same_table_and_stay_as_they_are(plain, thirds, tmp_path):
+    before = [files(third) for third in thirds]
+    result = merge(*thirds, to=tmp_path / "out")
+    assert result.exit_code == 0
+    assert f"{RUNS} runs in 3 files" in result.stderr
+    assert len(result.stdout.splitlines()) == 1 + 12
+    check_equal(tmp_path / "out", plain)
+    assert [files(third) for third in thirds] == before
     # An output directory like any other: nothing is left to run there.
-    report = sweep(output)
-    assert (report.resumed_runs, report.blocks) == (360, 0)
+    assert sweep(tmp_path / "out").done == 0
+    # Other types in it are not those of the shares.
+    classify_stored(tmp_path / "out", ["classify.sw_departure=1e-6"])
+    assert [files(third) for third in thirds] == before
 
 
-def test_a_missing_share_is_named_and_run_does_the_rest(plain, thirds, tmp_path):
-    result = merge(*thirds[:2], to=tmp_path)
+def test_a_missing_share_is_said_and_run_or_merge_does_the_rest(plain, thirds, tmp_path):
+    result = merge(*thirds[:2], to=tmp_path / "a")
     assert result.exit_code == 75
-    plan = plan_of(CONFIG)
-    absent = {block.index for block in deal(plan, 3, Costs(plan))[2]}
-    assert f"missing: runs {32 * min(absent)} to " in result.stderr
-    assert "merge the other shards too, with the same --output" in result.stderr
-    assert not (tmp_path / "summary.parquet").exists()
-    assert len(rows(tmp_path)) == sum(plan.block(i).rows for i in range(12) if i not in absent)
-    proved(tmp_path)
-    assert sweep(tmp_path).missing == 0
-    assert proved(tmp_path) == content_hash(plain)
+    assert "120 runs missing; merge the other shards too" in result.stderr
+    assert not (tmp_path / "a" / "summary.parquet").exists()
+    shutil.copytree(tmp_path / "a", tmp_path / "b")
+    assert sweep(tmp_path / "a").resumed_runs == 240
+    check_equal(tmp_path / "a", plain)
+    # What is there already is not there twice.
+    assert merge(*thirds[1:], to=tmp_path / "b").exit_code == 0
+    assert merge(*thirds, to=tmp_path / "b").exit_code == 0
+    check_equal(tmp_path / "b", plain)
 
 
-@pytest.mark.parametrize("again", [0, 2], ids=["all", "the rest"])
-def test_another_merge_completes_what_is_there(again, plain, thirds, tmp_path):
-    assert merge(*thirds[:2], to=tmp_path).exit_code == 75
-    result = merge(*thirds[again:], to=tmp_path)
-    assert result.exit_code == 0, result.stderr
-    assert "missing" not in result.stderr
-    assert "360 runs in 12 files" in result.stderr
-    assert proved(tmp_path) == content_hash(plain)
-    # Of all that was done, each session once.
-    said, parts = manifest(tmp_path), [manifest(third) for third in thirds]
-    assert said["state"] == "complete"
-    assert [s["shard"] for s in said["sessions"]] == ["0/3", "1/3", "2/3"]
-    for key in ("seconds", "kernel_seconds"):
-        assert said[key] == pytest.approx(sum(part[key] for part in parts), abs=1e-2)
-    assert said["peak_memory"] == max(part["peak_memory"] for part in parts)
-    assert said["bytes"] == sum(f.stat().st_size for f in (tmp_path / "runs").iterdir())
-    assert all(part["command"] in said["commands"] for part in parts)
-    assert all("command" in session for session in said["sessions"])
+def test_files_that_are_copied_are_a_merge_too(plain, thirds, tmp_path):
+    shutil.copytree(thirds[0], tmp_path, dirs_exist_ok=True)
+    for third in thirds[1:]:
+        for path in Runs(third).files():
+            shutil.copy(path, tmp_path / "runs" / f"{third.name}-{path.name}")
+    assert sweep(tmp_path).done == 0
+    check_equal(tmp_path, plain)
 
 
-def test_blocks_of_other_sizes_and_more_than_was_given(plain, tmp_path):
-    """The directory is judged, and not what was given to this merge."""
-    halves, other = shares(tmp_path, 2), tmp_path / "other"
-    sweep(other, (0, 2), block_size=50)
-    assert merge(other, *halves, to=tmp_path / "all").exit_code == 0
-    assert merge(halves[0], to=tmp_path / "all").exit_code == 0
-    assert content_hash(tmp_path / "all") == content_hash(plain)
-    # Blocks of 32 that cover no block of 50 as a whole are not in the output.
-    result = merge(other, halves[0], to=tmp_path / "mixed")
-    files = list((tmp_path / "mixed" / "runs").iterdir())
-    runs = sum(pq.read_metadata(file).num_rows for file in files)
+def test_an_interrupted_merge_goes_on(plain, thirds, tmp_path):
+    (tmp_path / "runs").mkdir()
+    (tmp_path / ".locks").mkdir()
+    assert merge(*thirds, to=tmp_path, options=("-q",)).exit_code == 0
+    Runs(tmp_path).files()[1].unlink()
+    (tmp_path / "summary.parquet").unlink()
+    assert merge(*thirds, to=tmp_path).exit_code == 0
+    check_equal(tmp_path, plain)
+
+
+def test_shares_of_a_smaller_sweep(plain, tmp_path):
+    small = changed(CONFIG, bodies={"samples": 20})
+    sweeping.sweep(tmp_path / "0", small, shard=Shard(0, 2))
+    sweep(tmp_path / "1", (1, 2))
+    result = merge(tmp_path / "0", tmp_path / "1", to=tmp_path / "out")
     assert result.exit_code == 75
-    assert f"{runs} runs in {len(files)} files" in result.stderr
-    spans = re.findall(r"(\d+) to (\d+)", result.stderr.split("missing: runs ")[1])
-    assert sum(int(b) - int(a) + 1 for a, b in spans) == 360 - runs
-
-
-# -- what does not go together -----------------------------------------------------------------
+    assert "60 runs missing" in result.stderr
+    sweep(tmp_path / "out")
+    check_equal(tmp_path / "out", plain)
 
 
 @pytest.mark.parametrize(
     ("changes", "word"),
     [
-        ({"seed": 12}, "seed"),
-        ({"bodies": CONFIG["bodies"] | {"samples": 31}}, "samples"),
-        ({"classify": {"sw_departure": 0.2}}, "sw_departure"),
-        ({"integrator": {"tol": 1e-8}}, "tol"),
+        ({"seed": 12}, "hold different sweeps (seed: 11 against 12)"),
+        ({"integrator": {"tol": 1e-8}}, "integrator.tol: 1e-09 against 1e-08"),
+        ({"classify": {"sw_departure": 0.2}}, "types of different thresholds"),
+        ({"spin": {"n_i": [0.2, -0.1], "omega_xy0": 0.1}}, "number their cases differently"),
     ],
 )
 def test_only_shares_of_one_config_are_joined(changes, word, plain, tmp_path):
     sweep(tmp_path / "other", (0, 12), **changes)
-    result = merge(plain, tmp_path / "other", to=tmp_path / "out")
-    assert_refused(result, 2, "its config is not that of", word)
+    result = merge(tmp_path / "other", plain, to=tmp_path / "out")
+    assert_refused(result, 2, word)
     assert not (tmp_path / "out").exists()
 
 
-def test_what_contradicts_or_is_damaged_is_not_passed_on(plain, tmp_path):
-    other, output = Path(shutil.copytree(plain, tmp_path / "other")), tmp_path / "out"
-    store = merging.Store(other)
-    found = store.read_block(3)
-    place, values = found.schema.get_field_index("n_end"), found.table()["n_end"].to_numpy()
-    wrong = found.table().set_column(place, found.schema.field(place), [np.nextafter(values, 1.0)])
-    store.write_block(3, wrong, found.note)
-    words = ("contradicts another directory's runs 96 to 127", "verify --recompute")
-    assert_refused(merge(plain, other, to=output), 1, *words)
-    path = other / "runs" / "block-000003.parquet"
-    data = bytearray(path.read_bytes())
-    data[len(data) // 2] ^= 1
-    path.write_bytes(data)
-    output = tmp_path / "next"
-    assert_refused(merge(other, to=output), 1, f"{path} is damaged")
+def test_what_is_there_twice_or_damaged_is_not_passed_on(plain, thirds, tmp_path):
+    result = merge(plain, thirds[0], to=tmp_path / "a")
+    assert_refused(result, 1, "120 runs, such as case 0 sample 0, stand in", "give each share once")
+    other = Path(shutil.copytree(thirds[0], tmp_path / "other"))
+    (path,) = Runs(other).files()
+    path.write_bytes(path.read_bytes()[:-9])
+    assert_refused(
+        merge(other, *thirds[1:], to=tmp_path / "b"), 1, f"{path} is damaged; do its runs"
+    )
+    assert path.exists()
     # The work of others is not at risk: the next merge with a good copy ends well.
-    shutil.copy(plain / "runs" / path.name, path)
-    assert merge(other, to=output).exit_code == 0
-    assert content_hash(output) == content_hash(plain)
+    shutil.copy(Runs(thirds[0]).files()[0], path)
+    assert merge(other, *thirds[1:], to=tmp_path / "b").exit_code == 0
+    check_equal(tmp_path / "b", plain)
 
 
-def test_output_must_be_new(plain, tmp_path):
-    assert_refused(merge(plain, to=plain), 2, "is one of the directories to be merged")
-    used = tmp_path / "used"
-    sweep(used, (0, 12), seed=3)
-    before = content_hash(used)
-    assert_refused(merge(plain, to=used), 2, "it holds another sweep")
-    assert content_hash(used) == before
+def test_files_that_a_killed_classify_has_left_are_not_mixed(thirds, tmp_path):
+    other = Path(shutil.copytree(thirds[0], tmp_path / "other"))
+    manifest = (other / "manifest.json").read_bytes()
+    classify_stored(other, ["classify.sw_departure=0.2"])
+    (other / "manifest.json").write_bytes(manifest)
+    result = merge(other, *thirds[1:], to=tmp_path / "out")
+    assert_refused(result, 1, "was typed by other thresholds; `rattlesweep classify` ends")
+    classify_stored(other)
+    assert merge(other, *thirds[1:], to=tmp_path / "out").exit_code == 0
+
+
+def test_output_must_be_new(plain, thirds, tmp_path):
+    assert_refused(merge(plain, to=plain), 2, "is the output, whose runs are kept")
+    assert_refused(merge(plain, plain, to=tmp_path / "a"), 2, "is given twice")
+    sweep(tmp_path / "used", (0, 12), seed=3)
+    before = tree(tmp_path / "used")
+    assert_refused(merge(plain, to=tmp_path / "used"), 2, "hold different sweeps (seed")
+    assert tree(tmp_path / "used") == before
+    (tmp_path / "foreign").mkdir()
+    (tmp_path / "foreign" / "a").touch()
+    assert_refused(merge(plain, to=tmp_path / "foreign"), 2, "holds other files")
     result = merge(tmp_path / "nothing", to=tmp_path / "out")
     assert_refused(result, 2, "is not an output directory")
+    assert read_sessions(thirds[0])[-1]["share"] == "shard-0-of-3"

@@ -1,8 +1,10 @@
-"""The summary against pandas, and that it does not depend on how runs are cut into blocks."""
+"""The summary against pandas, and that it does not depend on how runs lie in files."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -10,28 +12,41 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pytest
 import scipy.stats
-from test_store import SCHEMA, fill, random_columns
+from test_rows import SCHEMA, random_columns
 
-from rattlesweep.errors import OutputError
-from rattlesweep.sweeps.summary import closing_table, same_summary, summarise
-from rattlesweep.sweeps.old.store import Store
-from rattlesweep.sweeps.arrow import build_table, same_schema
-from rattlesweep.sweeps.counts import Moments, wilson
+from rattlesweep.sweeps import rows as rows_module
+from rattlesweep.sweeps.arrow import build_table, read_parquet, same_schema
+from rattlesweep.sweeps.cases import Case
 from rattlesweep.sweeps.columns import summary_schema
+from rattlesweep.sweeps.counts import Moments, wilson
+from rattlesweep.sweeps.rows import Runs
+from rattlesweep.sweeps.summary import closing_table, same_summary, summarise, write_summary
+
+CASES = (
+    Case(0, "K_r", 0.01, -0.1, 0.01),
+    Case(1, "K_p", 0.3, -0.1, 0.01),
+    Case(2, None, None, None, None),
+)
 
 
-@dataclass
-class Case:
-    index: int
-    target_name: str | None = None
-    target: float | None = None
-    n_i: float | None = -0.1
-    omega_xy0: float | None = 0.01
-    sigma: float | None = None
-    rolling: float | None = None
+def fill(directory: Path, size: int, rows: int = 1000, seed: int = 1, cases: Any = CASES) -> Any:
+    """Write the same rows into files of `size`, and return what reads as a sweep."""
+    case = np.sort(np.random.default_rng(seed).integers(0, 3, rows))
+    sample = np.arange(rows) - np.searchsorted(case, case)
+    return write(directory, random_columns(case, sample, seed), size, cases)
 
 
-CASES = [Case(0, "K_r", 0.01), Case(1, "K_p", 0.3), Case(2, n_i=None, omega_xy0=None)]
+def write(directory: Path, columns: dict[str, Any], size: int = 10**9, cases: Any = CASES) -> Any:
+    table, runs = build_table(columns, SCHEMA), Runs(directory)
+    runs.folder.mkdir(parents=True)
+    for start in range(0, len(table), size):
+        runs.append(table[start : start + size], "sweep", "{}", cases)
+    config = SimpleNamespace(dissipation=None, record=(), stop=None, bodies=None)
+
+    def batches(names: Any) -> Any:
+        return (batch for piece in runs.batches(names) for batch in piece.to_batches())
+
+    return SimpleNamespace(directory=directory, cases=cases, config=config, batches=batches)
 
 
 def oracle(runs: pd.DataFrame) -> dict[str, float]:
@@ -58,10 +73,10 @@ def oracle(runs: pd.DataFrame) -> dict[str, float]:
 
 @pytest.mark.parametrize(("seed", "size", "rows"), [(1, 300, 2000), (2, 1 << 18, (1 << 17) + 5)])
 def test_against_pandas(tmp_path, seed, size, rows):
-    store = fill(tmp_path, size, rows, seed=seed)  # the second case has more than a row group
-    summary = summarise(store, CASES)
+    stored = fill(tmp_path, size, rows, seed=seed)  # the second case has more than a row group
+    summary = summarise(stored)
     assert same_schema(summary.schema, summary_schema())
-    runs = pd.read_parquet(store.runs)
+    runs = pd.read_parquet(tmp_path / "runs")
     for row, (_, group) in zip(summary.to_pylist(), runs.groupby("case"), strict=True):
         for name, value in oracle(group).items():
             assert row[name] == pytest.approx(value, rel=1e-12), name
@@ -70,22 +85,30 @@ def test_against_pandas(tmp_path, seed, size, rows):
     assert summary.column("K_p").to_pylist() == [None, 0.3, None]
     assert summary.column("n_i").to_pylist() == [-0.1, -0.1, None]
     # It is written as it was made.
-    store.write_summary(summary)
-    assert pd.read_parquet(store.summary_path).equals(summary.to_pandas())
-    metadata = store.read_summary().schema.field("t_r_mean").metadata
-    assert metadata[b"unit"] == b"sqrt(a/g)"
+    path = write_summary(stored, summary)
+    assert pd.read_parquet(path).equals(summary.to_pandas())
+    assert read_parquet(path).schema.field("t_r_mean").metadata[b"unit"] == b"sqrt(a/g)"
 
 
-def test_block_size_does_not_show(tmp_path):
-    tables = [summarise(fill(tmp_path / str(n), n, 3000), CASES) for n in (3000, 1024, 100)]
-    assert tables[0].equals(tables[1])
-    assert tables[0].equals(tables[2])
+def test_how_rows_lie_in_files_does_not_show(tmp_path, monkeypatch):
+    monkeypatch.setattr(rows_module, "PIECE", 700)
+    tables = [summarise(fill(tmp_path / str(n), n, 3000)) for n in (3000, 1024, 100)]
+    # Every other row in a file of its own, as retried runs are.
+    stored = fill(tmp_path / "cut", 10**9, 3000)
+    (path,) = Runs(tmp_path / "cut").files()
+    rows = Runs(tmp_path / "cut").table(path)
+    path.unlink()
+    for part in range(7):
+        chosen = np.arange(part, len(rows), 7)
+        Runs(tmp_path / "cut").append(rows.take(pa.array(chosen)), "sweep", "{}", CASES)
+    tables.append(summarise(stored))
+    assert all(table.equals(tables[0]) for table in tables)
     for name in ("t_r_mean", "t_r_std", "t_rgh_mean", "t_r_over_t_rgh_mean", "t_r_over_t_rgh_sem"):
         assert len({t.column(name).to_numpy().tobytes() for t in tables}) == 1
 
 
 def test_last_digits_are_no_difference(tmp_path):
-    one = summarise(fill(tmp_path, 300), CASES)
+    one = summarise(fill(tmp_path, 300))
     for factor, same in ((1 + 1e-13, True), (1 + 1e-6, False)):
         values = pc.multiply(one["t_r_std"], factor)
         other = one.set_column(one.schema.get_field_index("t_r_std"), "t_r_std", values)
@@ -98,14 +121,11 @@ NAN = np.nan
 
 def one_case(directory, **change):
     """Summary of three runs: one that reverses at 7, and two steady ones."""
-    store = Store(directory)
-    store.prepare()
     columns = random_columns(np.zeros(3, int), np.arange(3)) | {"K_p": np.full(3, 0.3)}
     ok = {"status": ["ok"] * 3, "type": ["R", "SS", "SS"], "t_r": [7.0, NAN, NAN]}
     changed = {name: values if name in ("status", "type") else np.array(values, float)
                for name, values in {**ok, **change}.items()}  # fmt: skip
-    store.write_block(0, build_table(columns | changed, SCHEMA))
-    return summarise(store, CASES[:1]).to_pylist()[0]
+    return summarise(write(directory, columns | changed, cases=CASES[:1])).to_pylist()[0]
 
 
 DIVERGED = {"status": ["diverged"] * 3, "type": [None] * 3}
@@ -147,17 +167,12 @@ def test_bondi_share(n_c1, n_i, omega_p, expected, tmp_path):
         assert row["fraction_bondi"] == expected
 
 
-def test_cases_not_yet_run_and_runs_that_do_not_belong(tmp_path):
-    store = Store(tmp_path / "none")
-    store.prepare()
-    summary = summarise(store, CASES)
-    assert summary.column("runs").to_pylist() == [0, 0, 0]
-    assert summary.column("fraction_R").null_count == 3
-    store.write_summary(summary)
-    assert store.read_summary().equals(summary)
+def test_cases_not_yet_run(tmp_path):
+    columns = random_columns(np.ones(3, int), np.arange(3))
+    summary = summarise(write(tmp_path, columns))
+    assert summary.column("runs").to_pylist() == [0, 3, 0]
+    assert summary.column("fraction_R").null_count == 2
     assert "NaN" not in closing_table(summary)
-    with pytest.raises(OutputError, match="case 2, which"):
-        summarise(fill(tmp_path / "three", 300), CASES[:2])
 
 
 def test_moments_do_not_lose_digits_over_many_pieces():
@@ -192,7 +207,7 @@ def test_wilson_against_scipy():
 
 def test_closing_table():
     values = [0, None, 0.0041, -0.5, 0.001, 10_000_000, 0.5, 0.25, 0.25, 0.0, 0.125]
-    values += [812.4567, 3.0, 1600.0, 1.01557, 0.003, 12, 0, *[None] * 6]
+    values += [812.4567, 3.0, 1600.0, 1.01557, 0.003, 12, 0, *[None] * 9]
     first = dict(zip(summary_schema().names, values, strict=True))
     second = dict.fromkeys(first, None) | {"case": 11, "runs": 0, "failed": 0, "near_tangencies": 0}
     text = closing_table(pa.Table.from_pylist([first, second], summary_schema()))
@@ -203,4 +218,4 @@ def test_closing_table():
     )
     assert two.split()[:3] == ["11", "-", "-"]
     assert len({len(line) for line in (head, one, two)}) == 1
-    assert len(head) <= 104
+    assert len(head) <= 130

@@ -212,7 +212,7 @@ class Replay:
 def cause_of(found: Estimated, swing: float, n_i: float) -> str:
     """Return why the error of the only run of an outcome is large: what its companion did.
 
-    `swing` is how long the spin takes to swing once; docs/sensitive.md tells of each kind.
+    `swing` is how long the spin takes to swing once; docs/accuracy.md tells of each kind.
     """
     looser, apart, grazes = (
         getattr(found, name)[0] for name in ("companion_tol", "apart", "grazes")

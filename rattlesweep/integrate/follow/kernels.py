@@ -34,7 +34,7 @@ from rattlesweep.integrate.lanes.intrinsics import (
 )
 from rattlesweep.integrate.lanes.kernel import ATTEMPT, DECIDE, OK, commit, decide
 from rattlesweep.integrate.lanes.lane import lane_of
-from rattlesweep.integrate.lanes.runs import derive, energy_at, idle, stay
+from rattlesweep.integrate.lanes.runs import derive, energy_at, idle, is_dead, stay
 from rattlesweep.integrate.model import ATTITUDES, find_model
 from rattlesweep.integrate.tableau import DOP853, METHODS
 
@@ -66,7 +66,7 @@ def record_steps(problem, parts, w, y0, constants, probe, plan, options,
     steps : ndarray, shape (rows, 2 + 2 n_state)
         Written to: where the run has come to, and the accepted steps' ends.
     zeros : ndarray
-        Written to: the times of the zeros found.
+        Written to: the times of the zeros found, but for those after the body is dead.
     counts : int64 ndarray, shape (N_COUNTS,)
     energies : ndarray, shape (2,)
         Written to: energies of the launch and of the last row.
@@ -99,8 +99,9 @@ def record_steps(problem, parts, w, y0, constants, probe, plan, options,
         if decide(problem, w, dt, max_steps) > 0:
             status, move = call_for_two(parts[DECIDE], (problem, w, 0, max_steps, False))
             if move == REVERSED:
-                zeros[found] = lane.t + (lane.h - lane.t_low)
-                found += 1
+                if not is_dead(lane):
+                    zeros[found] = lane.t + (lane.h - lane.t_low)
+                    found += 1
                 behind, move = call_for_two(parts[DECIDE], (problem, w, 0, max_steps, True))
                 status = behind if move == HOLD else status
             ended = status != OK or (move != HOLD and lane.last > 0.0)

@@ -77,7 +77,7 @@ class Follower:
     t : float
         Time reached by the accepted steps.
     zeros : list of float
-        Times of the zeros of the spin so far.
+        Times of the zeros of the spin so far, but for those after the body is dead.
     status : Status
         What became of the run so far.
     energy_0 : float

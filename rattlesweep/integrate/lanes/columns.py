@@ -15,10 +15,10 @@ N_COUNTS = 5
 # ``plan``: horizon, fastest swing of the spin, window, bound of its rate, first step, expected
 # cost, the depth below which an extremum of the spin is undecided, first comparison of amplitudes;
 # the spin from which on it has a side, and 1 for a launch without spin; the oscillation below
-# which the run has settled.
+# which the run has settled; the share of the launch's energy below which it is dead.
 HORIZON, SWING, WINDOW, RATE, FIRST_STEP, COST, FUZZ, FIRST_MARK = 0, 1, 2, 3, 4, 5, 6, 7
-FAR, TAPPED, SETTLED = 8, 9, 10
-N_PLAN = 11
+FAR, TAPPED, SETTLED, DEAD = 8, 9, 10, 11
+N_PLAN = 12
 # ``options``: 1/tol^2, fixed step, most steps.
 N_OPTIONS = 3
 # ``record``: what is asked for beyond the types' needs.

@@ -171,6 +171,9 @@ class Lane:
     reversals: float
     n_after: float
 
+    # Share of the launch's energy below which a zero of the spin is no reversal; 0 for none.
+    dead: float
+
     # Exponent of the power of two taken out of the tangent.
     shift: float
 

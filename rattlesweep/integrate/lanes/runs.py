@@ -132,9 +132,20 @@ def see_contact(lane, y):
 
 
 @njit(**INNER)
+def is_dead(lane):
+    """Return whether so little energy is left after the step just tried that the spin has no sign.
+
+    With friction the last component of the state is the work, which is negative.
+    """
+    return lane.dead > 0.0 and 1.0 + lane.y1[-1] / lane.energy0 < lane.dead
+
+
+@njit(**INNER)
 def see_zero(lane, t):
     """Note a zero of the spin at time ``t``, of a run that goes on behind it."""
     lane.n_least = min(lane.n_least, 0.0)
+    if is_dead(lane):
+        return
     if lane.t_zero < 0.0:
         lane.t_zero = t
     if lane.t_pending < 0.0:
@@ -152,7 +163,8 @@ def see_side(lane, windows, record):
     n = lane.n1
     if abs(n) > lane.far:
         side = 1.0 if n > 0.0 else -1.0
-        if side * lane.side < 0.0:
+        # A body that is dead at the zero does not reverse.
+        if side * lane.side < 0.0 and lane.t_pending >= 0.0:
             k = int(lane.reversals)
             lane.reversals += 1.0
             lane.n_after = 0.0
@@ -206,6 +218,7 @@ def start(lane, run, y0, constants, probe, plan, record):
     if record[C.REC_CONTACT]:
         see_contact(lane, lane.y)
     lane.fuzz = plan[run, C.FUZZ]
+    lane.dead = plan[run, C.DEAD]
     h = plan[run, C.FIRST_STEP]
     if h >= plan[run, C.HORIZON]:
         h = plan[run, C.HORIZON]
@@ -257,10 +270,11 @@ def finish(lane, status, reversal, t, run, result, counts, windows, record):
     if record[C.REC_CONTACT]:
         see_contact(lane, lane.y1)
     result[run, C.T_END] = t
-    result[run, C.T_R] = t if reversal and status == OK else nan
+    result[run, C.T_R] = t if reversal and status == OK and not is_dead(lane) else nan
     if record[C.REC_REVERSALS]:
         see_side(lane, windows, record)
-        if lane.t_zero > 0.0 and status == OK:
+        # What goes wrong behind the first zero leaves it as it is, but for energy that has drifted.
+        if lane.t_zero > 0.0 and status != ENERGY:
             result[run, C.T_R] = lane.t_zero
     result[run, C.N_END] = n
     result[run, C.DRIFT] = drift

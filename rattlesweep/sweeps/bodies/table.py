@@ -30,6 +30,7 @@ from rattlesweep.sweeps.bodies.protocol import Bodies
 from rattlesweep.sweeps.bodies.tablefile import read_table, table_of
 from rattlesweep.sweeps.columns import F64, I64, MEASURED, RUNS, STATE, TEXT
 from rattlesweep.sweeps.config.schema import (
+    MAX_SIGMA,
     MAX_SPEED,
     MAX_TIME,
     MIN_OSCILLATION,
@@ -82,7 +83,9 @@ RULES: tuple[tuple[tuple[str, ...], float, float, str], ...] = (
     (("omega_xy0",), POSITIVE, np.inf, "it must be positive"),
     (("omega_xy0",), MIN_OSCILLATION, np.inf,
      f"at least {MIN_OSCILLATION:g} is allowed, as the square of a smaller one underflows"),
-    ((*LAUNCH, *OMEGA, "sigma"), -MAX_SPEED, MAX_SPEED, f"at most {MAX_SPEED:g} is allowed"),
+    ((*LAUNCH, *OMEGA), -MAX_SPEED, MAX_SPEED,
+     f"from {-MAX_SPEED:g} to {MAX_SPEED:g} sqrt(g/a) is allowed"),
+    (("sigma",), -np.inf, MAX_SIGMA, f"at most {MAX_SIGMA:g} is allowed"),
     (("t_end", *BODY, "gravity_m_s2"), POSITIVE, np.inf, "it must be positive"),
     (("t_end",), -np.inf, MAX_TIME, f"at most {MAX_TIME:g} is allowed"),
     (LOSSES, 0, np.inf, "it must be at least 0"),

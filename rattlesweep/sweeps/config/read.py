@@ -104,7 +104,8 @@ def fixed_part(data: Mapping[str, Any]) -> dict[str, Any]:
 
     The lists of cases, the number of samples and what decides which runs there are, are left out,
     since a sweep may grow in them; so are the limit of steps, which runs that end do not notice,
-    and the thresholds between types. Of the dissipation its kind stays, which chooses the kernel.
+    and the thresholds between types. Of the dissipation its kind stays, which chooses the kernel,
+    and with it `dead_energy`, which decides which zeros of the spin are reversals.
     """
     part = {key: value for key, value in data.items() if key not in ("name", "output", "stop")}
     # A table is known by what it holds, wherever it lies.
@@ -117,6 +118,8 @@ def fixed_part(data: Mapping[str, Any]) -> dict[str, Any]:
     part["integrator"] = _without(data["integrator"], "max_steps")
     part["classify"] = {"early": data["classify"]["early"]}
     part["dissipation"] = {"kind": Dissipation.model_validate(data["dissipation"]).kind}
+    if part["dissipation"]["kind"]:
+        part["classify"]["dead_energy"] = data["classify"]["dead_energy"]
     return part
 
 

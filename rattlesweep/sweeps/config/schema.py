@@ -27,12 +27,16 @@ from pydantic import (
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.defaults import DT, MAX_STEPS, TOL
 from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.physics.body import MAX_INERTIA
 from rattlesweep.sweeps.config.messages import Key, Places, describe, dotted
 
 Clash = Iterator[tuple[str, str]]
 """Keys, empty for the section, and what is wrong with them."""
-MAX_SPEED = 1e6
-"""Largest spin or oscillation in sqrt(g/a): 5e6 turns a second of a body of 1 cm."""
+MAX_SPEED = 1e3
+"""Largest spin or oscillation in sqrt(g/a): 5000 turns a second of a body of 1 cm.  At this
+spin a tilt of 1e-6 rad takes a contact force as large as the weight."""
+MAX_SIGMA = 1e6
+"""Largest torque of friction over the angular velocity, in M a^2 sqrt(g/a)."""
 MAX_TIME = 1e30
 """Largest horizon in sqrt(a/g) or t_rGH, beyond any run; sums of such numbers stay finite."""
 MAX_AXIS, MAX_BODIES, MAX_CASES, MAX_SOBOL = 10**6, 10**12, 100_000, 2**30
@@ -53,9 +57,12 @@ class Parameter(NamedTuple):
 
 
 PARAMETERS = {
-    "alpha": Parameter(1, 1e6, "I_xx / (M a^2) + 1, inertia about the x axis; no unit, > beta."),
-    "beta": Parameter(1, 1e6, "I_yy / (M a^2) + 1, inertia about the y axis; no unit, > 1."),
-    "gamma": Parameter(0, 1e6, "I_zz / (M a^2), inertia about the spin axis; no unit, above 0."),
+    "alpha": Parameter(1, MAX_INERTIA,
+                       "I_xx / (M a^2) + 1, inertia about the x axis; no unit, > beta."),
+    "beta": Parameter(1, MAX_INERTIA,
+                      "I_yy / (M a^2) + 1, inertia about the y axis; no unit, > 1."),
+    "gamma": Parameter(0, MAX_INERTIA,
+                       "I_zz / (M a^2), inertia about the spin axis; no unit, above 0."),
     "theta": Parameter(0, 1, "Larger curvature at the bottom times a; no unit, phi < theta < 1."),
     "phi": Parameter(0, 1, "Smaller curvature at the bottom times a; no unit, 0 < phi < theta."),
     "xi": Parameter(-math.pi / 2, 0, "Skew from inertia to curvature axes in radians; negative."),
@@ -418,7 +425,8 @@ class TableSource(Surfaced):
     source: Literal["table"]
     """Read bodies from a table."""
     path: str = Field(min_length=1, pattern=r"^[^\x00]*$")
-    """CSV or Parquet file with columns alpha beta gamma theta phi xi, and perhaps others."""
+    """CSV or Parquet file, or a directory of Parquet files, with a body in each row; other columns
+    replace spin, horizon and dissipation row by row."""
     c: C | None = Field(None, description=f"Of rows without a c. {PARAMETERS['c'].meaning}")
 
 
@@ -579,7 +587,7 @@ class Dissipation(Base):
     The word `table` stands for the column of that name in a table of bodies.
     """
 
-    sigma: losses(MAX_SPEED) = 0.0
+    sigma: losses(MAX_SIGMA) = 0.0
     """Torque -sigma omega about the centre of mass, in M a^2 sqrt(g/a)."""
     rolling: losses(1) = 0.0
     """Lever of the rolling resistance, in a: its moment over the normal force."""
@@ -616,8 +624,9 @@ class Classify(Base):
     """SW, unless SS, if n/n_i falls below 1 by more than this fraction at some time."""
     early: bool = False
     """Whether a run of the model full ends as soon as it is certain to be SS."""
-    dead_energy: float = Field(default=0.01, gt=0, lt=1)
-    """With dissipation: D, unless R, if less than this fraction of the launch's energy is left."""
+    dead_energy: float = Field(default=0.01, ge=1e-6, lt=1)
+    """With dissipation: D, unless R, if less than this fraction of the launch's energy is left. A
+    zero of the spin after that is no reversal, so stored runs keep their dead_energy."""
 
     @property
     def thresholds(self) -> dict[str, float]:

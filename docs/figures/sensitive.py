@@ -1,9 +1,13 @@
-"""The picture of docs/sensitive.md: where the error of one reversal time comes from.
+"""Draw for docs/accuracy.md where the error of one reversal time comes from.
 
-python docs/figure_sensitive.py docs/sensitive.png
-python docs/figure_sensitive.py worst    # the last columns of its table
+python docs/figures/sensitive.py docs/sensitive.png
+python docs/figures/sensitive.py worst    # the last columns of the table in benchmarks/README.md
+
+The runs are those of sensitive.csv: ten of the worst of configs/quickstart.yaml, as version 0.2.0
+drew its bodies.
 """
 
+import csv
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -19,26 +23,32 @@ from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics.steady import growth, steady_modes
 from rattlesweep.sweeps.block import prepare_runs
+from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.plan import make_plan
-from rattlesweep.sweeps.config.read import load_config
 
-CONFIG = Path(__file__).resolve().parent.parent / "configs" / "quickstart.yaml"
-CASE, SAMPLE = 4, 99
-# Its reversal time in double-double arithmetic (benchmarks/errors.py --worst).
+RUNS = Path(__file__).with_name("sensitive.csv")
+ROW = 4
+# Its reversal time in double-double arithmetic (benchmarks/double_double.py).
 TRUE = 2467.883536
-WORST = ((4, 349), (4, 158), (4, 361), (3, 361), (4, 99), (4, 207), (4, 31), (3, 349), (4, 219),
-         (4, 278))  # fmt: skip
 TOLS = {1e-6: "#D55E00", 1e-9: "#0072B2", 1e-12: "#009E73"}
 KICKS = {1e-13: "#009E73", 1e-11: "#56B4E9", 1e-9: "#0072B2"}
 
 
+def launch(row):
+    """Return the name of a run and the run, as a batch of one."""
+    plan = make_plan(parse_config({"bodies": {"source": "table", "path": str(RUNS)}}))
+    _, one = prepare_runs(plan, np.array([0]), np.array([row]))
+    with RUNS.open() as file:
+        return list(csv.DictReader(file))[row]["run"], one
+
+
 def path(one, tol, times):
-    """States of the run at times, by dop853."""
+    """Return the states of the run at times, by dop853."""
     return Follower(one, METHODS["dop853"], FULL, tol=tol).at(times).y
 
 
 def pitch(one, difference, y):
-    """Amplitude of the pitch in a difference of two runs, at the spin of the state ``y``."""
+    """Return the amplitude of the pitch in a difference of two runs, at the spin of ``y``."""
     p, q, a, b, c = y.T
     n = -(p * a + q * b + c) / np.sqrt(1 + p * p + q * q)
     probe = steady_modes(one.constants[0][:, None], n).pitch_probe
@@ -46,12 +56,12 @@ def pitch(one, difference, y):
 
 
 def envelope(values, width=25):
-    """Largest of the values around each."""
+    """Return the largest of the values around each."""
     return np.array([values[max(0, k - width) : k + width].max() for k in range(len(values))])
 
 
 def shifts(one, times, y, size, repeats=12):
-    """Median change of t_r by kicks of a relative size, in random directions, at some times."""
+    """Return the median change of t_r by kicks in random directions, at some times."""
     rng = np.random.default_rng(0)
     many = take(one, np.zeros(len(times) * repeats, dtype=int))
     kick = rng.standard_normal((len(many), 4))
@@ -68,9 +78,7 @@ def main(target: str) -> None:
     """Draw where the errors of one run come from."""
     mpl.use("Agg")
     plt.rcParams.update({"font.size": 9, "axes.linewidth": 0.6, "legend.frameon": False})
-    plan = make_plan(load_config(CONFIG, []))
-    _, one = prepare_runs(plan, np.array([CASE]), np.array([SAMPLE]))
-    assert one is not None
+    _, one = launch(ROW)
     figure, (left, middle, right) = plt.subplots(1, 3, figsize=(10.0, 3.3), layout="constrained")
 
     times = np.arange(0.0, 2440.0, 1.0)
@@ -105,10 +113,9 @@ def main(target: str) -> None:
 
 def worst() -> None:
     """Print by how much the pitch decays, how fast its error then grows, and when."""
-    plan, width = make_plan(load_config(CONFIG, [])), 40
-    for case, sample in WORST:
-        _, one = prepare_runs(plan, np.array([case]), np.array([sample]))
-        assert one is not None
+    width = 40
+    for row in range(10):
+        name, one = launch(row)
         t_r = integrate(one, METHODS["verner98"], FULL, tol=1e-14, threads=1).t_r[0]
         times = np.arange(0.0, int(t_r) - 5)
         exact, y = path(one, 1e-15, times), path(one, 1e-9, times)
@@ -123,7 +130,7 @@ def worst() -> None:
         late = (times[: len(rate)] > 0.8 * t_r) & (apart[width:] < 0.3 * size[width:])
         at = np.flatnonzero(late)[np.argmax(rate[late])]
         when = (at + width / 2) / t_r
-        print(f"{case}, {sample}: e^{decay:.0f}, then {rate[at]:.2f} at {when:.2f}")
+        print(f"{name}: e^{decay:.0f}, then {rate[at]:.2f} at {when:.2f}")
 
 
 if __name__ == "__main__":

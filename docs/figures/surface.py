@@ -1,6 +1,6 @@
 """How much the surface matters: reversal times of ellipsoids over those of paraboloids, against c.
 
-    python docs/figure_surface.py [docs/surface.png]
+    python docs/figures/surface.py [docs/surface.png]
 
 The first 300 shell-dumbbell bodies of seed 2017, launched along their relevant modes.
 """

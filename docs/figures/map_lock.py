@@ -1,8 +1,8 @@
-"""The numbers of docs/map.md: where the island of SW lies, and what runs of type SW do.
+"""Print the numbers about the resonance in docs/sampling.md: where SW lies, and what its runs do.
 
 rattlesweep run configs/map_theta_spin.yaml
 rattlesweep run configs/steady.yaml
-python docs/map_lock.py out/map-theta-spin out/steady
+python docs/figures/map_lock.py out/map-theta-spin out/steady
 """
 
 import sys

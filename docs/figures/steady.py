@@ -1,7 +1,7 @@
-"""The picture in the README: what random rattlebacks do when spun in the steady direction.
+"""Draw the picture in the README: what random rattlebacks do when spun in the steady direction.
 
 rattlesweep run configs/steady.yaml
-python docs/figure_steady.py out/steady docs/steady.png
+python docs/figures/steady.py out/steady docs/steady.png
 """
 
 import sys

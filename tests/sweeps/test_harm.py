@@ -1,0 +1,277 @@
+"""Kills and faults at each call with which a command touches its directory.
+
+After each: what readers see is whole, the same command again ends with the same rows and summary,
+and nothing is left of the process that died.
+"""
+
+from __future__ import annotations
+
+import errno
+import random
+import shutil
+import signal
+import subprocess
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pytest
+from hardship import (
+    OTHER_TYPES,
+    Ended,
+    check_equal,
+    check_whole,
+    nursery,
+    one_sentence,
+    tiny,
+)
+from sweeping import CONFIGS, PROGRAM
+from syscalls import CHANGES, MAY_FAIL
+
+from rattlesweep.sweeps.rows import Runs
+
+GRID = (
+    "bodies: {source: grid, base: {preset: GH}, "
+    "axes: {theta: {linspace: [0.6, 0.99, 17]}}, refine: {levels: 2}}"
+)
+SPINS = "spin: {n_i: {linspace: [-0.4, 0.4, 6]}, omega_xy0: 0.01}"
+SD = "bodies: {source: sd, samples: 600}"
+SCENES = ("run", "classify", "retry", "fresh", "merge", "grow", "refine", "stop")
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A command, ``{out}`` in it for the directory, which is a copy of `before` each time."""
+
+    before: Path | None
+    command: tuple[Any, ...]
+    after: Path
+    rows: int = 12
+
+    def begin(self, output: Path) -> list[str]:
+        """Put the directory there, and say the command."""
+        shutil.rmtree(output, ignore_errors=True)
+        if self.before is not None:
+            shutil.copytree(self.before, output)
+        return [str(part).replace("{out}", str(output)) for part in self.command]
+
+    def run(self, output: Path, **how: Any) -> Ended:
+        """Give the command to what is there."""
+        args = [str(part).replace("{out}", str(output)) for part in self.command]
+        return nursery().run(*args, rows=self.rows, **how)
+
+
+def make_scene(name: str, folder: Path) -> Scene:
+    """One of `SCENES`, on a sweep of two blocks: more pass through the same calls."""
+    config, rows = tiny(folder), 12
+    if name in ("refine", "stop"):
+        changes = {"bodies": GRID, "spin": SPINS} if name == "refine" else {"bodies": SD}
+        lines = [changes.get(line.split(":")[0], line) for line in config.read_text().splitlines()]
+        config.write_text("\n".join(lines) + "\n" + "stop: {fraction: 0.04}\n" * (name == "stop"))
+        rows = 20 if name == "refine" else 400
+    run = ("run", config, "--output", "{out}", "-q")
+
+    def did(command: tuple[Any, ...], output: Path) -> Path:
+        done = Scene(None, command, output, rows).run(output)
+        assert done.code == 0, done
+        return output
+
+    whole = did(run, folder / "whole")
+    if name in ("run", "refine", "stop"):
+        return Scene(None, run, whole, rows)
+    if name == "merge":
+        shards = [did((*run, "--shard", f"{k}/2"), folder / str(k)) for k in range(2)]
+        return Scene(None, ("merge", *shards, "--output", "{out}"), whole)
+    if name == "classify":
+        command = ("classify", "{out}", "--set", OTHER_TYPES)
+        after = did(command, Path(shutil.copytree(whole, folder / "after")))
+        return Scene(whole, command, after)
+    if name == "fresh":
+        return Scene(did((*run, "--set", "seed=1"), folder / "other"), (*run, "--fresh"), whole)
+    if name == "retry":
+        before = Path(shutil.copytree(whole, folder / "failed"))
+        fail_some(before)
+        return Scene(before, (*run, "--retry-failed"), whole)
+    smaller = ("--set", "spin.n_i=0.2", "--set", "bodies.samples=7")
+    before = did((*run, *smaller), folder / "smaller")
+    return Scene(before, run, did(run, Path(shutil.copytree(before, folder / "after"))))
+
+
+def fail_some(directory: Path) -> None:
+    """Make every third row one of a run that came to its limit of steps."""
+    runs = Runs(directory)
+    for path in runs.files():
+        table = runs.table(path)
+        columns = table.to_pydict()
+        for row, sample in enumerate(columns["sample"]):
+            if sample % 3 == 1:
+                columns["status"][row] = "step_limit"
+                columns["type"][row] = columns["t_r"][row] = None
+        runs.rewrite(path, pa.table(columns, schema=table.schema))
+
+
+def at_every_call(
+    name: str,
+    folder: Path,
+    kinds: tuple[str, ...],
+    judge: Callable[[Ended], bool],
+    stride: int,
+    **harm: Any,
+) -> int:
+    """Do harm at one call of a command after the other, look, and give it again; how often."""
+    scene, output, log = make_scene(name, folder), folder / "out", folder / "log"
+    scene.begin(output)
+    done = scene.run(output, calls={"root": output, "kinds": kinds, "log": log})
+    assert done.code == 0, done
+    calls = [line for line in log.read_text().splitlines() if line.split()[0] in kinds]
+    assert len(calls) > 10
+    check_equal(output, scene.after)
+    known = (scene.after, *([scene.before] if scene.before else []))
+    places = range(stride // 2, len(calls), stride)
+    for at in places:
+        scene.begin(output)
+        done = scene.run(output, calls={"root": output, "kinds": kinds, "at": at, **harm})
+        where = f"{harm} at call {at}, {calls[at]}: {done}"
+        assert judge(done), where
+        if output.exists():
+            check_whole(output, *known)
+        again = scene.run(output)
+        assert again.code == 0, (where, again)
+        check_equal(output, scene.after)
+    return len(places)
+
+
+SLOW = pytest.mark.slow
+
+
+@pytest.mark.parametrize("stride", [60, pytest.param(1, marks=SLOW)])
+@pytest.mark.parametrize("name", SCENES)
+def test_killed_at_every_call(name, stride, tmp_path, record_property):
+    kills = at_every_call(name, tmp_path, CHANGES, lambda done: done.code == -9, stride)
+    record_property("kills", kills)
+
+
+def fails(done: Ended) -> bool:
+    """A fault ends in a sentence, or in nothing where it does not matter: a session's record."""
+    return done.code == 0 or (done.code == 1 and one_sentence(done.err))
+
+
+@pytest.mark.parametrize("stride", [90, pytest.param(1, marks=SLOW)])
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EIO], ids=errno.errorcode.get)
+@pytest.mark.parametrize("name", SCENES)
+def test_faults_at_every_call(name, number, stride, tmp_path, record_property):
+    # A full disk stays full; a disk that fails once may do so anywhere.
+    kinds = MAY_FAIL[number]
+    count = at_every_call(
+        name, tmp_path, kinds, fails, stride, number=number, for_good=number == errno.ENOSPC
+    )
+    record_property("faults", count)
+
+
+@pytest.mark.parametrize("stride", [60, pytest.param(1, marks=SLOW)])
+@pytest.mark.parametrize(
+    ("number", "code", "word"),
+    [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")],
+)
+@pytest.mark.parametrize("name", ["run", "refine"])
+def test_stopped_at_every_call(name, number, code, word, stride, tmp_path):
+    def stopped(done: Ended) -> bool:
+        words = (
+            done.err.startswith(f"{word}; ") and "the same command resumes from there" in done.err
+        )
+        return done.code == code and words and len(done.err.splitlines()) == 1
+
+    at_every_call(name, tmp_path, CHANGES, stopped, stride, sent=number)
+
+
+def test_the_counter_kills_and_lets_live(tmp_path):
+    """The tests above would pass if nothing were ever killed or failed: so prove the tool."""
+    scene, output = make_scene("run", tmp_path), tmp_path / "out"
+    log, calls = tmp_path / "log", {"root": output, "kinds": CHANGES}
+    scene.run(output, calls=calls | {"log": log})
+    lines = [line for line in log.read_text().splitlines() if line.split()[0] in CHANGES]
+    at = next(k for k, line in enumerate(lines) if line.startswith("write runs/.case"))
+    shutil.rmtree(output)
+    assert scene.run(output, calls=calls | {"at": at + 1}).code == -9
+    (left,) = output.glob("runs/.*.tmp")
+    assert 1000 < left.stat().st_size < 20_000  # half-written
+    # Files are forced to the disk before they take their place, and the folder after.
+    for place, line in enumerate(lines):
+        kind, path = line.split()
+        if kind == "rename":
+            own = [x.split()[0] for x in lines[:place] if x.split()[1] == path]
+            assert (own[0], {*own[1:-1]}, own[-1]) == ("create", {"write"}, "fsync")
+            assert lines[place + 1] == f"fsync {Path(path).parent}"
+
+
+# -- the real program, at any instant ------------------------------------------------------------
+
+SETS = ("bodies.samples=1500", "bodies.target=", "spin.n_i=[-0.3, -0.5]", "horizon={t: 3000}")
+
+
+@SLOW
+@pytest.mark.parametrize("kind", SCENES)
+def test_killed_at_random_instants(kind, tmp_path, record_property):
+    """200 kills of commands that are made to work on many small files."""
+    scene, output = make_scene(kind, tmp_path), tmp_path / "out"
+    scene = Scene(scene.before, scene.command, scene.after, rows=max(1, scene.rows // 12))
+    scene.begin(output)
+    began = time.monotonic()
+    assert scene.run(output).code == 0
+    seconds = time.monotonic() - began
+    known = (scene.after, *([scene.before] if scene.before else []))
+    dice, counts = random.Random(kind), Counter[str]()
+    scene.begin(output)
+    while counts["killed"] < 25:
+        args = [str(part).replace("{out}", str(output)) for part in scene.command]
+        child = nursery().start(*args, rows=scene.rows)
+        time.sleep(seconds * dice.uniform(0.0, 1.0))
+        if child.ended():
+            assert child.wait().code == 0
+            counts["through"] += 1
+            check_equal(output, scene.after)
+            scene.begin(output)
+            continue
+        child.kill()
+        child.wait()
+        counts["killed"] += 1
+        if output.exists():
+            counts["half"] += check_whole(output, *known) > 0
+    assert scene.run(output).code == 0
+    check_equal(output, scene.after)
+    record_property("counts", dict(counts))
+
+
+@SLOW
+def test_the_program_killed_at_random_instants(tmp_path, record_property):
+    """The real command with the kernel, in a process of its own."""
+    sets = [part for text in SETS for part in ("--set", text)]
+    output, whole = tmp_path / "out", tmp_path / "whole"
+    command = [PROGRAM, "run", CONFIGS / "quickstart.yaml", "-q", *sets, "--output"]
+    began = time.monotonic()
+    subprocess.run([*command, whole], check=True, capture_output=True)
+    seconds = time.monotonic() - began
+    dice, counts = random.Random(2017), Counter[str]()
+    while counts["killed"] < 10:
+        process = subprocess.Popen([*command, output], stderr=subprocess.PIPE, text=True)
+        try:
+            # Nearly all of the time goes into loading: most instants are to fall after that.
+            _, err = process.communicate(timeout=seconds * dice.uniform(0.5, 1.1))
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.communicate()
+            counts["killed"] += 1
+            if output.exists():
+                counts["half"] += 0 < check_whole(output, whole) < 3000
+        else:
+            assert process.returncode == 0, err
+            check_equal(output, whole)
+            counts["through"] += 1
+            shutil.rmtree(output)
+    subprocess.run([*command, output], check=True, capture_output=True)
+    check_equal(output, whole)
+    record_property("counts", dict(counts))

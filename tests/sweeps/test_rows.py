@@ -1,0 +1,367 @@
+"""Tables and files of rows: what is written is whole, and what is read is what was written."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import shutil
+import stat
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from sweeping import plan_of, rows, sweep
+
+from rattlesweep.errors import ConfigError, DamagedError, OutputError
+from rattlesweep.sweeps import columns as units
+from rattlesweep.sweeps import rows as rows_module
+from rattlesweep.sweeps.arrow import build_table, ragged, read_parquet, write_parquet
+from rattlesweep.sweeps.cases import Case
+from rattlesweep.sweeps.columns import RECORD_PARTS, runs_schema, summary_schema
+from rattlesweep.sweeps.files import replace_file, streamed_file
+from rattlesweep.sweeps.memory import same_bits
+from rattlesweep.sweeps.rows import SWEEP, Found, Runs
+from rattlesweep.sweeps.stored import open_stored
+
+SCHEMA = runs_schema(("energy", "contact", "windows"))
+TYPES = ["R", "SS", "SW", "unclassified"]
+CONFIG: dict[str, Any] = {
+    "name": "rows",
+    "bodies": {"source": "sd", "samples": 30},
+    "spin": {"n_i": [-0.1, 0.2], "omega_xy0": 0.01},
+    "model": "gh",
+    "horizon": {"t": 1000},
+}
+
+
+def random_columns(case: np.ndarray, sample: np.ndarray, seed: int = 1) -> dict[str, Any]:
+    """Columns of every kind, with nulls wherever the schema lets them be."""
+    rng = np.random.default_rng(seed)
+    n = len(case)
+    columns: dict[str, Any] = {"case": case, "sample": sample}
+    for field in SCHEMA:
+        if field.name in columns:
+            continue
+        if pa.types.is_floating(field.type):
+            values = rng.normal(size=n) * 10.0 ** rng.integers(-8, 8, n)
+            if field.nullable:
+                values[rng.random(n) < 0.2] = np.nan
+                values[rng.random(n) < 0.05] = np.inf
+            columns[field.name] = values
+        elif pa.types.is_integer(field.type):
+            columns[field.name] = rng.integers(0, 3, n)
+        elif pa.types.is_list(field.type):
+            columns[field.name] = ragged(rng.normal(size=(n, 5)), rng.integers(-1, 6, n))
+    status = (rng.random(n) < 0.1).astype(np.int8)
+    columns["status"] = (status, ["ok", "diverged"])
+    columns["type"] = (np.where(status == 0, rng.integers(0, 4, n), -1), TYPES)
+    return columns
+
+
+def random_rows(cases: int, samples: int, seed: int = 1) -> pa.Table:
+    """Rows of a whole sweep in the order of their keys."""
+    case, sample = np.divmod(np.arange(cases * samples), samples)
+    return build_table(random_columns(case, sample, seed), SCHEMA)
+
+
+CASES = tuple(Case(k, None, None, -0.1 * (k + 1), 0.01) for k in range(5))
+
+
+def scatter(directory: Path, table: pa.Table, parts: Any) -> Runs:
+    """Write rows into files; ``parts`` says for each row in which."""
+    runs = Runs(directory)
+    runs.folder.mkdir(parents=True)
+    for part in np.unique(parts):
+        runs.append(table.filter(pa.array(parts == part)), "sweep", "{}", CASES)
+    return runs
+
+
+def find(runs: Runs, **options: Any) -> Found:
+    return runs.find(CASES, 400, "sweep", SCHEMA, **options)
+
+
+# -- tables ----------------------------------------------------------------------------------------
+
+
+def test_every_column_says_what_it_is() -> None:
+    rates = (units.TIME, units.RATE, units.ENERGY, units.FORCE)
+    for column in (*runs_schema(RECORD_PARTS), *summary_schema()):
+        unit = column.metadata[b"unit"].decode()
+        assert unit in {"1", "rad", "a", "M a^2 sqrt(g/a)", *rates}, column.name
+        assert len(column.metadata[b"description"]) > 5, column.name
+
+
+def test_unknown_or_impossible_record_is_an_error() -> None:
+    with pytest.raises(ConfigError, match="none of energy, contact, windows"):
+        runs_schema(["forces"])
+    with pytest.raises(ConfigError, match="reduced"):
+        runs_schema(["contact"], "reduced")
+
+
+def test_what_is_not_finite_becomes_null_and_lists_are_as_long_as_counted() -> None:
+    columns = random_columns(np.zeros(50, int), np.arange(50))
+    table = build_table(columns, SCHEMA)
+    for field in SCHEMA:
+        if pa.types.is_floating(field.type):
+            null = ~np.isfinite(columns[field.name])
+            assert np.array_equal(table[field.name].is_null().to_numpy(), null), field.name
+    lists = ragged(np.arange(6.0).reshape(2, 3), np.array([2, -1])).to_pylist()
+    assert lists == [[0.0, 1.0], None]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda c: c.pop("t_r"), "columns"),
+        (lambda c: c.update(more=[1]), "columns"),
+        (lambda c: c.update(alpha=np.full(50, np.nan)), "without a finite value"),
+        (lambda c: c.update(t_r=np.zeros(3)), "t_r expected length 50 but got length 3"),
+        (lambda c: c.update(sample=[2**70] * 50), "too big|too large"),
+    ],
+)
+def test_mistakes_of_the_calling_code_are_found(change, words) -> None:
+    columns = random_columns(np.zeros(50, int), np.arange(50))
+    change(columns)
+    with pytest.raises((ValueError, OverflowError), match=words):
+        build_table(columns, SCHEMA)
+
+
+# -- files -----------------------------------------------------------------------------------------
+
+
+def test_a_file_is_whole_or_not_there(tmp_path):
+    path = tmp_path / "a"
+    replace_file(path, b"one")
+
+    def broken() -> None:
+        with streamed_file(path) as file:
+            file.write(b"two")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        broken()
+    assert path.read_bytes() == b"one"
+    assert os.listdir(tmp_path) == ["a"]
+    with pytest.raises(OutputError, match=r"cannot write .*: No such file"):
+        replace_file(tmp_path / "none" / "a", b"")
+
+
+def test_equal_tables_give_equal_files_that_anybody_may_read(tmp_path):
+    table = random_rows(2, 300)
+    pieces = pa.concat_tables([table.slice(0, 100), table.slice(100)])
+    write_parquet(table, tmp_path / "one", {"key": "words"})
+    write_parquet(pieces, tmp_path / "two", {"key": "words"})
+    assert (tmp_path / "one").read_bytes() == (tmp_path / "two").read_bytes()
+    assert same_bits(read_parquet(tmp_path / "one").replace_schema_metadata(None), table)
+    mask = os.umask(0)
+    os.umask(mask)
+    assert stat.S_IMODE((tmp_path / "one").stat().st_mode) == 0o666 & ~mask
+
+
+# -- the folder ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("piece", [50, 10**6])
+@pytest.mark.parametrize("files", [1, 7, 90])
+def test_rows_come_back_in_order_however_they_lie_in_files(files, piece, tmp_path, monkeypatch):
+    monkeypatch.setattr(rows_module, "PIECE", piece)
+    table = random_rows(5, 60)
+    parts = np.random.default_rng(files).integers(0, files, len(table))
+    runs = scatter(tmp_path, table, parts)
+    assert len(runs.files()) == len(np.unique(parts))
+    assert runs.count() == len(table)
+    read = runs.read()
+    assert read is not None
+    assert same_bits(read, table)
+    some = runs.read(["t_r", "case"])
+    assert some is not None
+    assert some.schema.names == ["t_r", "case"]
+    assert same_bits(some, table.select(["t_r", "case"]))
+
+
+def test_pieces_are_bounded_where_files_follow_each_other(tmp_path, monkeypatch):
+    monkeypatch.setattr(rows_module, "PIECE", 100)
+    runs = scatter(tmp_path, random_rows(5, 400), np.arange(2000) // 40)
+    assert max(len(piece) for piece in runs.batches(["case"])) <= 140
+
+
+def test_what_is_there_is_found(tmp_path):
+    table = random_rows(5, 400)
+    there = np.random.default_rng(1).random(len(table)) < 0.3
+    runs = scatter(tmp_path, table.filter(pa.array(there)), np.arange(there.sum()) // 100)
+    found = find(runs)
+    assert np.array_equal(found.done.ravel(), there)
+    assert found.rows == there.sum()
+    assert found.status["ok"] < found.rows == found.status.total()
+    assert [*found.typed] == ["{}"]
+    assert runs.cases("sweep") == dict(enumerate(CASES))
+    # Failed rows go out of their files, and only they.
+    gone = sum(runs.drop_failed(path) for path in found.failed)
+    assert gone == found.status["diverged"]
+    assert find(runs).status == {"ok": found.status["ok"]}
+
+
+def test_a_file_of_failed_runs_only_goes(tmp_path):
+    columns = random_columns(np.zeros(9, int), np.arange(9))
+    columns |= {"status": ["energy"] * 9, "type": [None] * 9}
+    runs = scatter(tmp_path, build_table(columns, SCHEMA), np.zeros(9))
+    assert runs.drop_failed(runs.files()[0]) == 9
+    assert runs.files() == []
+
+
+def test_nothing_is_an_empty_sweep(tmp_path):
+    runs = Runs(tmp_path)
+    assert (runs.files(), runs.count(), runs.read(), runs.cases("sweep")) == ([], 0, None, {})
+
+
+@pytest.fixture
+def runs(tmp_path: Path) -> Runs:
+    return scatter(tmp_path / "out", random_rows(5, 400), np.arange(2000) // 700)
+
+
+@pytest.mark.parametrize(
+    "harm",
+    [
+        lambda path: path.write_bytes(b""),
+        lambda path: path.write_bytes(b"no Parquet"),
+        lambda path: path.write_bytes(path.read_bytes()[:-9]),
+        lambda path: path.write_bytes(path.read_bytes()[: len(path.read_bytes()) // 2]),
+        lambda path: flip(path, "sample"),
+        lambda path: flip(path, "t_r"),
+    ],
+    ids=["empty", "foreign", "cut", "half", "a bit of a key", "a bit of a number"],
+)
+def test_a_damaged_file_is_put_aside_and_its_runs_are_to_do(harm, runs):
+    path = runs.files()[1]
+    harm(path)
+    found = find(runs, put_aside=False)
+    assert found.aside == [path]
+    with pytest.raises(DamagedError, match="is damaged"):
+        runs.read()
+    found = find(runs)
+    assert found.aside == [path.with_suffix(".damaged")]
+    assert found.aside[0].exists()
+    assert not path.exists()
+    assert np.array_equal(np.flatnonzero(~found.done.ravel()), np.arange(700, 1400))
+    # Once more, under another name.
+    path.write_bytes(b"")
+    assert find(runs).aside == [path.with_suffix(".damaged-2")]
+
+
+def flip(path: Path, column: str) -> None:
+    """Change a bit in the last page of a column."""
+    group = pq.read_metadata(path).row_group(0)
+    chunk = group.column(next(k for k in range(99) if group.column(k).path_in_schema == column))
+    data = bytearray(path.read_bytes())
+    first = chunk.dictionary_page_offset or chunk.data_page_offset
+    data[first + chunk.total_compressed_size - 3] ^= 1
+    path.write_bytes(data)
+
+
+@pytest.mark.parametrize("count", [60, pytest.param(4000, marks=pytest.mark.slow)])
+def test_no_flipped_bit_changes_a_number_or_loses_a_row(count, tmp_path):
+    sweep(tmp_path, CONFIG)
+    stored, before = open_stored(tmp_path), open_stored(tmp_path).read()
+    (path,), dice = stored.files(), random.Random(count)
+    data = path.read_bytes()
+    told = 0
+    for _ in range(count):
+        changed = bytearray(data)
+        # Half of them in the footer, which has no checksum.
+        changed[dice.randrange(dice.choice([0, len(data) // 2]), len(data))] ^= 1 << dice.randrange(
+            8
+        )
+        path.write_bytes(changed)
+        try:
+            args = stored.cases, stored.samples, stored.hash, stored.schema
+            if not stored.runs.find(*args, put_aside=False).aside:
+                assert same_bits(open_stored(tmp_path).read(), before)
+                continue
+        except OutputError:
+            pass
+        told += 1
+    assert told > count / 4
+
+
+def test_out_of_memory_or_unreadable_is_not_damaged(runs, monkeypatch):
+    for error in (pa.ArrowMemoryError("malloc of size 64 failed"), OSError(5, "I/O error")):
+
+        def fail(*args: Any, error: Exception = error, **options: Any) -> None:
+            raise error
+
+        monkeypatch.setattr(pq.ParquetFile, "read", fail)
+        with pytest.raises((MemoryError, OutputError)) as raised:
+            find(runs)
+        assert not isinstance(raised.value, DamagedError)
+    monkeypatch.undo()
+    assert find(runs).done.all()
+
+
+def test_a_folder_in_the_place_of_a_file(runs):
+    path = runs.files()[1]
+    path.unlink()
+    path.mkdir()
+    with pytest.raises(OutputError, match=f"cannot read {path}|{path} is damaged"):
+        runs.read()
+
+
+def test_what_is_no_part_of_the_sweep_is_refused(runs, tmp_path):
+    first, *_, last = runs.files()
+
+    def refused(words: str) -> None:
+        with pytest.raises(OutputError, match=words):
+            find(runs)
+        assert find(runs, skip=[more]).done.all()
+        more.unlink()
+
+    # Twice under another name, and some rows of it with others.
+    more = Path(shutil.copy(last, runs.folder / "zz.parquet"))
+    refused(f"600 runs, such as case 3 sample 200, stand both in {last.name} and in .*zz.parquet")
+    more = runs.append(runs.table(first).slice(5, 1), "sweep", "{}", CASES)
+    refused(f"1 runs, such as case 0 sample 5, stand both in .*{first.name}")
+    rows_ = runs.table(first).slice(0, 2)
+    for table, sweep_, cases, words in (
+        (rows_, "another", CASES, "holds runs of another sweep"),
+        (rows_, "sweep", CASES[::-1], "numbers its cases in another way: case 0 is n_i -0.5"),
+        (rows_.drop_columns("t_r"), "sweep", CASES, "has the columns of another version"),
+    ):
+        more = runs.append(table, sweep_, "{}", cases)
+        if cases != CASES:
+            write_parquet(
+                table,
+                more,
+                {SWEEP: sweep_, rows_module.CASES: json.dumps([CASES[4].dump() | {"case": 0}])},
+            )
+        refused(words)
+    more = runs.folder / "zz.parquet"
+    pq.write_table(pa.table({"x": [1]}), more)
+    refused("zz.parquet was not written by rattlesweep")
+    with pytest.raises(
+        OutputError, match=r"holds runs up to case 1 and sample 399; the sweep has 5"
+    ):
+        runs.find(CASES, 300, "sweep", SCHEMA)
+
+
+def test_a_file_that_another_share_has_put_aside_is_gone(runs, monkeypatch):
+    gone = runs.files()[1]
+    listed = runs.files()
+    gone.unlink()
+    monkeypatch.setattr(Runs, "files", lambda self: listed)
+    found = find(runs)
+    assert found.rows == 1300
+
+
+def test_files_of_a_sweep_hold_what_the_memory_does(tmp_path):
+    plan = plan_of(CONFIG)
+    sweep(tmp_path, CONFIG)
+    frame = rows(tmp_path)
+    assert len(frame) == plan.runs
+    schema = open_stored(tmp_path).read().schema
+    assert schema.equals(plan.schema, check_metadata=True)
+    assert open_stored(tmp_path).read(["t_r"]).schema.names == ["t_r"]
+    with pytest.raises(ConfigError, match="its runs have no column t_R; they have case, sample"):
+        open_stored(tmp_path).read(["t_R"])

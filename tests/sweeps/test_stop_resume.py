@@ -1,0 +1,445 @@
+"""Stops that keep what is done, locks that die with their process, progress that never falls."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import signal
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+import sweeping
+from hardship import check_equal, check_whole, nursery, one_sentence, rows_of, tiny, wait_until
+from refusal import assert_refused
+from sweeping import begin, plan_of
+
+from rattlesweep.errors import ConfigError, OutputError
+from rattlesweep.integrate import task
+from rattlesweep.sweeps import job
+from rattlesweep.sweeps.job import Job, OutOfTime, Progress
+from rattlesweep.sweeps.memory import integrate_plan
+from rattlesweep.sweeps.rows import Runs
+from rattlesweep.sweeps.run import Shard
+from rattlesweep.sweeps.sessions import read_sessions
+from rattlesweep.sweeps.status import status
+from rattlesweep.sweeps.stored import open_stored
+
+GOES_ON = "the same command resumes from there"
+FEW = 120
+CONFIG: dict[str, Any] = {
+    "name": "stops",
+    "bodies": {"source": "sd", "samples": FEW // 2},
+    "spin": {"n_i": [-0.1, 0.2], "omega_xy0": 0.01},
+}
+
+
+@pytest.fixture(scope="module")
+def tiny_sweep(tmp_path_factory) -> tuple[Path, Path]:
+    """A config of four blocks, and its sweep."""
+    folder = tmp_path_factory.mktemp("tiny")
+    config = tiny(folder)
+    assert nursery().run("run", config, "--output", folder / "out", "-q").code == 0
+    return config, folder / "out"
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory) -> Path:
+    """The sweep under the full model, never stopped."""
+    output = tmp_path_factory.mktemp("whole") / "out"
+    sweeping.sweep(output, CONFIG)
+    return output
+
+
+# -- commands --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("number", "code", "word", "how"),
+    [
+        (signal.SIGINT, 130, "interrupted", "interrupted"),
+        (signal.SIGTERM, 143, "terminated", "interrupted"),
+        (None, 75, "stopped: the time is up", "stopped"),
+    ],
+)
+def test_what_is_done_is_kept(number, code, word, how, tiny_sweep, tmp_path):
+    config, expected = tiny_sweep
+    args = ("run", config, "--output", tmp_path, "-q")
+    if number is None:
+        done = nursery().run(*args, "--max-time", "0.4s", hold=2)
+    else:
+        child = nursery().start(*args, hold=2)
+        wait_until(lambda: child.ended() or len(Runs(tmp_path).files()) == 2)
+        child.kill(number)
+        done = child.wait()
+    assert (done.code, done.out) == (code, "")
+    assert done.err == f"{word}; 12 runs are kept, 0 in flight were lost, and {GOES_ON}\n"
+    assert check_whole(tmp_path, expected) == 12
+    assert [session["how"] for session in read_sessions(tmp_path)] == [how]
+    assert nursery().run(*args).code == 0
+    check_equal(tmp_path, expected)
+
+
+def test_a_time_too_short_for_one_run_says_so(tiny_sweep, tmp_path):
+    config, expected = tiny_sweep
+    args = ("run", config, "--output", tmp_path / "out", "--max-time")
+    done = nursery().run(*args, "0.3s", hold=0, grace=0.3)
+    assert done.code == 75
+    assert done.err.splitlines()[-1] == (
+        "stopped: the time was up before one run had ended, give more; 0 runs are kept, 0 in "
+        f"flight were lost, and {GOES_ON}"
+    )
+    assert Runs(tmp_path / "out").files() == []
+    assert nursery().run(*args, "1h").code == 0
+    check_equal(tmp_path / "out", expected)
+    # What is done needs no time.
+    done = nursery().run(*args, "0.001s", "-q")
+    assert (done.code, done.err) == (0, "")
+
+
+@pytest.mark.parametrize("text", ["2", "s", "-1s", "0s", "1 fortnight", "", "nan s"])
+def test_what_is_no_time(text, tiny_sweep, tmp_path):
+    given = ("--output", tmp_path / "out", f"--max-time={text}")
+    result = sweeping.invoke("run", tiny_sweep[0], *given)
+    assert_refused(result, 2, f"error: --max-time {text}".rstrip() + ": is ")
+    assert not (tmp_path / "out").exists()
+
+
+def test_two_processes_for_the_same_runs(tiny_sweep, tmp_path):
+    """The second is refused at once, and a lock goes with its process."""
+    config, expected = tiny_sweep
+    args = ("run", config, "--output", tmp_path, "-q", "--shard")
+    first = nursery().start(*args, "0/3", hold=0)
+    wait_until(lambda: first.ended() or status_says(tmp_path, "at work: "))
+    refused = f"(process {first.pid} on "
+    for other in (("--shard", "0/3"), ("--shard", "0/4"), ("--shard", "3/4"), ()):
+        done = nursery().run(*args[:-1], *other)
+        assert (done.code, done.out) == (1, "")
+        assert one_sentence(done.err)
+        assert f"{tmp_path}: shard-0-of-3 is in use by `" in done.err
+        assert refused in done.err
+    done = nursery().run("classify", tmp_path)
+    assert done.code == 1
+    assert refused in done.err
+    done = nursery().run("merge", tmp_path, "--output", tmp_path / "merged")
+    assert done.code == 1
+    # Other shares of as many go on, and see what is missing.
+    for index in (1, 2):
+        assert nursery().run(*args, f"{index}/3").code == 0
+    assert Runs(tmp_path).count() == 16
+    first.kill()
+    assert first.wait().code == -signal.SIGKILL
+    assert not status(tmp_path).data["at_work"]
+    again = nursery().start(*args, "0/3", hold=0)
+    # Of the sessions of a share, the one that died is not at work.
+    wait_until(lambda: [s["pid"] for s in status(tmp_path).data["at_work"]] == [again.pid])
+    again.kill(signal.SIGUSR1)
+    assert again.wait().code == 0
+    check_equal(tmp_path, expected)
+
+
+def status_says(directory: Path, words: str) -> bool:
+    return (directory / "manifest.json").exists() and words in status(directory).words
+
+
+def test_a_whole_run_keeps_shares_out(tiny_sweep, tmp_path):
+    config, expected = tiny_sweep
+    args = ("run", config, "--output", tmp_path, "-q")
+    child = nursery().start(*args, hold=1)
+    wait_until(lambda: child.ended() or status_says(tmp_path, "at work: "))
+    done = nursery().run(*args, "--shard", "0/2")
+    assert (done.code, one_sentence(done.err)) == (1, True)
+    assert f"error: {tmp_path} is in use by `" in done.err
+    child.kill(signal.SIGUSR1)
+    assert child.wait().code == 0
+    check_equal(tmp_path, expected)
+
+
+def test_three_shares_at_once_in_one_directory(tiny_sweep, tmp_path):
+    config, expected = tiny_sweep
+    args = ("run", config, "--output", tmp_path, "-q", "--shard")
+    for trial in range(3):
+        shutil.rmtree(tmp_path)
+        shares = [nursery().start(*args, f"{k}/3", rows=1) for k in range(3)]
+        assert [share.wait().code for share in shares] == [0, 0, 0], trial
+        check_equal(tmp_path, expected)
+
+
+def test_a_share_does_not_grow_what_others_work_on(tiny_sweep, tmp_path):
+    config, _ = tiny_sweep
+    args = ("run", config, "--output", tmp_path, "-q")
+    child = nursery().start(*args, "--shard", "0/2", hold=1)
+    wait_until(lambda: child.ended() or status_says(tmp_path, "at work: "))
+    before = (tmp_path / "manifest.json").read_bytes()
+    more = nursery().run(*args, "--shard", "1/2", "--set", "bodies.samples=20")
+    assert more.code == 1
+    assert "other shares are at work on the smaller sweep" in more.err
+    assert (tmp_path / "manifest.json").read_bytes() == before
+    child.kill(signal.SIGUSR1)
+    assert child.wait().code == 0
+    assert nursery().run(*args, "--shard", "1/2", "--set", "bodies.samples=20").code == 0
+
+
+def test_other_thresholds_are_no_business_of_a_share(tiny_sweep, tmp_path):
+    config, expected = tiny_sweep
+    shutil.copytree(expected, tmp_path, dirs_exist_ok=True)
+    args = ("run", config, "--output", tmp_path, "-q", "--shard", "0/2")
+    done = nursery().run(*args, "--set", "classify.sw_departure=0.5")
+    assert (done.code, one_sentence(done.err)) == (2, True)
+    assert "run `rattlesweep classify` there" in done.err
+    check_equal(tmp_path, expected)
+
+
+def test_ctrl_c_is_heard_within_a_block_and_while_bodies_are_drawn(tmp_path):
+    hard = ("bodies.target={K_r: 0.1, rel_tol: 1e-9, max_draws: 4000000000000}",)
+    integrating, drawing = (begin(tmp_path / str(k), *sets) for k, sets in enumerate(((), hard)))
+    wait_until(lambda: integrating.poll() is not None or Runs(tmp_path / "0").files())
+    for child in (integrating, drawing):
+        child.send_signal(signal.SIGINT)
+    table, said = integrating.communicate(timeout=60)
+    assert (integrating.returncode, table) == (130, "")
+    found = re.search(rf"interrupted; ([0-9,]+) runs are kept, \d+ in .*, and {GOES_ON}\n", said)
+    assert found, said
+    kept = Runs(tmp_path / "0").count()
+    assert kept == int(found[1].replace(",", "")) < 6000
+    assert {path.name for path in (tmp_path / "0").rglob(".*")} == {".locks"}
+    _, said = drawing.communicate(timeout=60)
+    assert drawing.returncode == 130
+    assert said.strip().startswith("interrupted")
+
+
+# -- in this process -------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def often(monkeypatch):
+    """Looks at the kernel so often that it can be stopped where a test wants it."""
+    monkeypatch.setattr(task, "POLL", 0.001)
+
+
+def stop_after(more: int) -> Callable[[Progress], None]:
+    """Ctrl-C when so many runs have ended."""
+    first: list[int] = []
+
+    def report(progress: Progress) -> None:
+        first.append(progress.runs)
+        if progress.runs >= first[0] + more:
+            raise KeyboardInterrupt
+
+    return report
+
+
+def test_the_runs_of_a_stopped_block_are_kept(whole, often, tmp_path):
+    kept = [0]
+    for more in (1, 20):
+        with pytest.raises(KeyboardInterrupt) as stopped:
+            sweeping.sweep(tmp_path, CONFIG, report=stop_after(more), threads=1)
+        kept.append(open_stored(tmp_path).count())
+        assert kept[-2] + more <= kept[-1]
+        (said,) = stopped.value.__notes__
+        assert re.fullmatch(rf"{kept[-1]} runs are kept, \d+ in flight were lost", said)
+        assert status(tmp_path).data["runs"] == kept[-1]
+    done = sweeping.sweep(tmp_path, CONFIG)
+    assert (done.resumed_runs, done.done, done.runs) == (kept[-1], FEW - kept[-1], FEW)
+    check_equal(tmp_path, whole)
+
+
+def test_any_time_however_short_makes_progress(whole, often, tmp_path):
+    results: list[Any] = []
+    while not results or results[-1].stopped:
+        results.append(sweeping.sweep(tmp_path, CONFIG, threads=1, max_time=1e-9))
+        assert results[-1].done > 0
+        assert len(results) <= FEW
+    assert results[0].stopped in ("the time is up", None)
+    assert sum(result.done for result in results) == FEW
+    check_equal(tmp_path, whole)
+
+
+def test_time_that_is_up_with_the_last_run_is_no_stop(tmp_path):
+    config = CONFIG | {"model": "gh"}
+    result = sweeping.sweep(tmp_path, config, max_time=1e-9)
+    assert (result.stopped, result.runs) == (None, FEW)
+    assert result.summary is not None
+
+
+def test_ctrl_c_before_rows_are_counted_does_not_say_that_none_are_kept(
+    whole, tmp_path, monkeypatch
+):
+    shutil.copytree(whole, tmp_path, dirs_exist_ok=True)
+
+    def interrupted(*args: Any, **options: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Runs, "find", interrupted)
+    with pytest.raises(KeyboardInterrupt) as stopped:
+        sweeping.sweep(tmp_path, CONFIG)
+    assert not getattr(stopped.value, "__notes__", [])
+    assert read_sessions(tmp_path)[-1]["how"] == "interrupted"
+
+
+def test_a_second_ctrl_c_ends_the_waiting_for_rows(tmp_path, monkeypatch):
+    """The first one waits for the kernel, and whoever has no patience presses it again."""
+
+    def impatient(*args: Any, **options: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("rattlesweep.sweeps.local._ended", impatient)
+    with pytest.raises(KeyboardInterrupt):
+        sweeping.sweep(tmp_path, CONFIG, report=stop_after(0))
+    monkeypatch.undo()
+    assert sweeping.sweep(tmp_path, CONFIG).runs == FEW
+
+
+def test_beside_the_main_thread(whole, tmp_path):
+    """As in a notebook's or a server's thread, where no signals are heard."""
+    done: list[Any] = []
+    thread = threading.Thread(target=lambda: done.append(sweeping.sweep(tmp_path, CONFIG)))
+    thread.start()
+    thread.join()
+    assert done[0].runs == FEW
+    check_equal(tmp_path, whole)
+
+
+def test_what_is_refused_changes_nothing(whole, tmp_path):
+    for number, (make, options, words) in enumerate((
+        (lambda d: (d / "notes.txt").write_text("x"), {}, "holds other files, such as notes.txt"),
+        (lambda d: (d / "notes.txt").write_text("x"), {"fresh": True}, "notes.txt, and no sweep"),
+        (lambda d: (d / "manifest.json").write_text("{}"), {"fresh": True}, "manifest.json, and"),
+        (lambda d: (d / "manifest.json").write_text("{}"), {}, "manifest.json is damaged"),
+        (lambda d: (d / "manifest.json").write_text('{"format": 2}'), {}, "in format 2 by another"),
+        (lambda d: ((d / "runs").mkdir(), (d / "a").touch()), {}, "other files, such as a"),
+    )):  # fmt: skip
+        directory = tmp_path / str(number)
+        directory.mkdir()
+        make(directory)
+        before = sweeping.tree(directory)
+        with pytest.raises((ConfigError, OutputError), match=words):
+            sweeping.sweep(directory, CONFIG, **options)
+        assert sweeping.tree(directory) == before
+    foreign = tmp_path / "foreign"
+    (foreign / "runs").mkdir(parents=True)
+    shutil.copy(whole / "summary.parquet", foreign / "runs" / "mine.parquet")
+    with pytest.raises(ConfigError, match=r"mine\.parquet, and no sweep"):
+        sweeping.sweep(foreign, CONFIG, fresh=True)
+    (tmp_path / "file").touch()
+    with pytest.raises(ConfigError, match="is a file; give the path of a directory"):
+        sweeping.sweep(tmp_path / "file", CONFIG)
+
+
+@pytest.mark.parametrize("harm", ["none", "damaged manifest", "lost manifest", "damaged rows"])
+def test_a_fresh_start_removes_a_sweep_whatever_has_come_to_it(harm, whole, tmp_path):
+    sweeping.sweep(tmp_path, CONFIG | {"seed": 3, "model": "gh"})
+    (tmp_path / "map.svg").touch()
+    if harm == "damaged manifest":
+        (tmp_path / "manifest.json").write_text("{")
+    if harm == "lost manifest":
+        (tmp_path / "manifest.json").unlink()
+    if harm == "damaged rows":
+        open_stored(tmp_path).files()[0].write_bytes(b"")
+    sweeping.sweep(tmp_path, CONFIG, fresh=True)
+    (tmp_path / "map.svg").unlink()
+    check_equal(tmp_path, whole)
+
+
+# -- blocks and progress ---------------------------------------------------------------------------
+
+
+def new_job(cost: Any, samples: int, report: Any = lambda p: None, **options: Any) -> Job:
+    spin = {"n_i": np.linspace(-0.5, -0.1, len(cost)).tolist(), "omega_xy0": 0.01}
+    plan = plan_of(CONFIG, bodies={"source": "sd", "samples": samples}, spin=spin)
+    return Job(plan, 2, np.array(cost, float), report, **options)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_blocks_are_each_run_once_in_order_and_alike_in_cost(seed, monkeypatch):
+    monkeypatch.setattr(job, "MOST_ROWS", 3000)
+    dice = np.random.default_rng(seed)
+    todo = dice.random((40, 500)) < 0.6
+    work = new_job(10 ** dice.uniform(2, 5, 40), 500)
+    work.count(todo.size, todo)
+    blocks = []
+    for keys in work.blocks(todo):
+        blocks.append(keys)
+        work.worked(keys, float(work.cost[keys[0]].sum()) / 1e7)  # as many costs a second
+    case, sample = (np.concatenate(part) for part in zip(*blocks, strict=True))
+    assert np.array_equal(np.stack([case, sample]), np.nonzero(todo))
+    cost = np.array([work.cost[block[0]].sum() for block in blocks])
+    least = job.ROUNDS * 8 * 2
+    sizes = np.array([len(block[0]) for block in blocks])
+    assert sizes.max() <= 3000
+    # But for the first, which learns, and the last, which is what is left.
+    middle = slice(1, -1)
+    assert (cost[middle][sizes[middle] > least] <= 3.0e7).all()
+    assert (sizes[middle] >= least).all()
+
+
+@pytest.mark.parametrize("waves", [False, True])
+def test_progress_never_falls_and_ends_at_one(waves):
+    """Cases turn out to be dearer or cheaper than expected by a hundredfold."""
+    seen: list[Progress] = []
+    dice = np.random.default_rng(5)
+    work = new_job(10 ** dice.uniform(0, 4, 20), 50, seen.append)
+    work.waves = waves
+    really = work.cost * 10 ** dice.uniform(-1, 1, 20)
+    todo = np.zeros((20, 50), bool)
+    for wave in range(3 if waves else 1):
+        todo[:, : (wave + 1) * 16 if waves else 50] = True
+        left = todo.copy()
+        left[:, : wave * 16] = False
+        work.count(int(todo.sum()), left)
+        work.begin()
+        for keys in work.blocks(left):
+            work.tick()
+            steps = np.maximum(1, really[keys[0]]).astype(int)
+            work.wrote(pa.table({"case": keys[0], "n_steps": steps}))
+            work.tick()
+    work.complete()
+    fractions = [progress.fraction for progress in seen]
+    assert fractions == sorted(fractions)
+    assert 0 <= fractions[0] < fractions[len(fractions) // 2] < 1
+    assert fractions[-1] == 1.0
+    assert all(p.left is None or (np.isfinite(p.left) and p.left >= 0) for p in seen)
+    assert [p.runs for p in seen] == sorted(p.runs for p in seen)
+    assert seen[-1].runs == seen[-1].total == todo.sum()
+
+
+@pytest.mark.parametrize("cost", [[0.0, 0.0], [1.0, 0.0]])
+def test_runs_whose_cost_nobody_knows(cost):
+    seen: list[Progress] = []
+    work = new_job(cost, 30, seen.append)
+    todo = np.ones((2, 30), bool)
+    work.count(60, todo)
+    work.begin()
+    for keys in work.blocks(todo):
+        work.wrote(pa.table({"case": keys[0], "n_steps": np.full(len(keys[0]), 9)}))
+        work.tick()
+    assert np.isfinite([p.fraction for p in seen]).all()
+    assert seen[-1].runs == 60
+
+
+def test_the_time_is_over_when_a_run_has_ended_or_after_the_grace(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    work = new_job([1.0], 30, deadline=1.0)
+    work.count(30, np.ones((1, 30), bool))
+    now[0] = 2.0
+    work.tick()  # nothing has begun
+    work.begin()
+    now[0] = 2.0 + job.GRACE / 2
+    work.tick()
+    now[0] = 2.0 + job.GRACE
+    with pytest.raises(OutOfTime):
+        work.tick()
+
+
+def test_rows_in_memory_are_those_on_disk(whole):
+    assert integrate_plan(plan_of(CONFIG)).num_rows == len(rows_of(whole)) == FEW
+    assert Shard.parse(" 1/3 ") == Shard(1, 3)
+    for text in ("3/3", "1", "a/b", "-1/3", "0/0"):
+        with pytest.raises(ValueError, match=r"is not I/N|there is no such share"):
+            Shard.parse(text)

@@ -1,0 +1,284 @@
+"""`verify`, `status` and `classify` of directories to which something has happened."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pytest
+import sweeping
+from hardship import check_equal, rows_of
+from sweeping import CONFIGS, changed
+
+from rattlesweep.errors import ConfigError, DamagedError, OutputError
+from rattlesweep.sweeps import job
+from rattlesweep.sweeps.arrow import read_parquet, write_parquet
+from rattlesweep.sweeps.classify import classify_stored
+from rattlesweep.sweeps.memory import same_bits
+from rattlesweep.sweeps.rows import Runs
+from rattlesweep.sweeps.run import Shard
+from rattlesweep.sweeps.status import status
+from rattlesweep.sweeps.stored import open_stored
+from rattlesweep.sweeps.verify import verify
+
+CONFIG: dict[str, Any] = {
+    "name": "checked",
+    "bodies": {"source": "sd", "samples": 30},
+    "spin": {"n_i": [-0.1, -0.3], "omega_xy0": 0.01},
+    "horizon": {"t_rgh": 3, "t": 2000},
+    "record": ["error"],
+}
+RUNS = 60
+
+
+def sweep(output: Path, config: dict[str, Any] = CONFIG, **options: Any) -> Any:
+    return sweeping.sweep(output, config, **options)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory) -> Path:
+    """A sweep of several files."""
+    output = tmp_path_factory.mktemp("whole") / "out"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(job, "MOST_ROWS", 20)
+        sweep(output)
+    return output
+
+
+@pytest.fixture
+def output(whole, tmp_path) -> Path:
+    return Path(shutil.copytree(whole, tmp_path / "out"))
+
+
+def change(output: Path, column: str, function: Any) -> Path:
+    """Write a file once more with another column, as only a mistake could; return its path."""
+    runs = Runs(output)
+    path = runs.files()[1]
+    table = runs.table(path)
+    place = table.schema.get_field_index(column)
+    values = pa.array(function(table[column].to_pylist()), table.schema.field(place).type)
+    runs.rewrite(path, table.set_column(place, table.schema.field(place), values))
+    return path
+
+
+# -- verify ----------------------------------------------------------------------------------------
+
+
+def test_what_is_whole_has_no_problems(whole):
+    before, told = sweeping.tree(whole), []
+    found = verify(whole, recompute=25, seed=3, report=told.append)
+    assert (found.problems, found.notes, found.runs, found.missing) == ([], [], RUNS, 0)
+    assert (found.files, found.recomputed) == (len(Runs(whole).files()), 25)
+    assert told == sorted(told)
+    assert told[-1] == 1.0
+    assert found.words.splitlines()[-1] == "no problem found"
+    assert verify(whole, recompute=10**6).recomputed == RUNS
+    assert sweeping.tree(whole) == before
+
+
+@pytest.mark.parametrize(
+    ("column", "function", "words"),
+    [
+        ("type", lambda v: ["SS"] * len(v), "type does not follow from its columns"),
+        ("type_sure", lambda v: [not x for x in v], "type_sure does not follow"),
+        ("K_p", lambda v: [x * (1 + 1e-8) for x in v], "K_p does not follow from its body"),
+        ("omega_r", lambda v: [None] * len(v), "omega_r does not follow from its body"),
+        ("sample", lambda v: [v[1], v[0], *v[2:]], "its rows are not in order"),
+        ("t_end", lambda v: [x * 0.5 for x in v], "t_r is later than t_end"),
+        ("n_end", lambda v: [float("inf")] * len(v), "n_end holds a number that is not finite"),
+    ],
+)
+def test_columns_that_contradict_each_other(column, function, words, output):
+    path = change(output, column, function)
+    problems = verify(output).problems
+    assert any(text.startswith(str(path)) and words in text for text in problems), problems
+
+
+def test_a_last_bit_is_found_by_computing_again(output):
+    change(output, "n_end", lambda v: [float(np.nextafter(x, 9)) for x in v])
+    assert verify(output).problems == []
+    found = verify(output, recompute=RUNS)
+    assert len(found.problems) == 20
+    assert "comes out differently: n_end" in found.problems[0]
+    assert f"and {20 - 10} more problems" in found.words
+
+
+def test_what_is_lost_or_damaged(output, whole):
+    first, second, *_ = Runs(output).files()
+    first.unlink()
+    found = verify(output)
+    assert (found.problems, found.missing) == ([f"{output / 'summary.parquet'} does not"], 20) or (
+        found.missing == 20 and found.problems[0].startswith(str(output / "summary.parquet"))
+    )
+    second.write_bytes(second.read_bytes()[:-5])
+    assert verify(output).problems[0].startswith(f"{second} is damaged; `rattlesweep run` does its")
+    assert second.exists()  # it only looks
+    sweep(output)
+    second.with_suffix(".damaged").unlink()
+    check_equal(output, whole)
+    summary = output / "summary.parquet"
+    table = read_parquet(summary)
+    write_parquet(table.set_column(5, table.schema.field(5), [pa.array([1, 2])]), summary)
+    (problem,) = verify(output).problems
+    assert problem == f"{summary} does not follow from the runs; `rattlesweep run` writes it anew"
+    summary.write_bytes(b"")
+    assert "damaged" in verify(output).problems[0]
+    summary.unlink()
+    assert verify(output).problems == [f"{summary} is missing; `rattlesweep run` writes it"]
+    sweep(output)
+    check_equal(output, whole)
+
+
+def test_the_body_table_that_is_gone_or_has_changed(tmp_path):
+    table = tmp_path / "bodies.csv"
+    table.write_text("alpha,beta,gamma,theta,phi,xi\n13.04,1.522,12.28,0.6429,0.036,-0.03\n")
+    config = {"bodies": {"source": "table", "path": str(table)}, "spin": CONFIG["spin"],
+              "model": "gh"}  # fmt: skip
+    sweep(tmp_path / "out", config)
+    assert verify(tmp_path / "out", recompute=2).problems == []
+    table.write_text(table.read_text().replace("0.6429", "0.65"))
+    assert "has changed" in verify(tmp_path / "out", recompute=2).problems[0]
+    with pytest.raises(ConfigError, match="the table of bodies has changed"):
+        sweep(tmp_path / "out", config)
+    # Without its bodies all the rest can be read.
+    table.unlink()
+    assert verify(tmp_path / "out").problems == []
+    assert len(rows_of(tmp_path / "out")) == 2
+
+
+@pytest.mark.parametrize(
+    "harm",
+    [
+        lambda data: b"",
+        lambda data: data[:-20],
+        lambda data: b"[1]",
+        lambda data: json.dumps(json.loads(data) | {"samples": 0}).encode(),
+        lambda data: json.dumps(json.loads(data) | {"cases": [{"case": 4}]}).encode(),
+        lambda data: json.dumps(json.loads(data) | {"config": {"bodies": 1}}).encode(),
+        lambda data: json.dumps({k: v for k, v in json.loads(data).items() if k != "columns"}),
+    ],
+)
+def test_a_manifest_that_is_damaged_is_made_again(harm, output, whole):
+    path = output / "manifest.json"
+    damaged = harm(path.read_bytes())
+    path.write_bytes(damaged if isinstance(damaged, bytes) else damaged.encode())
+    for look in (open_stored, verify, status, sweep):
+        with pytest.raises(DamagedError, match=r"manifest\.json is damaged .*move it away, and"):
+            look(output)
+    path.unlink()
+    with pytest.raises(ConfigError, match=r"is not an output directory: has no manifest\.json"):
+        verify(output)
+    assert sweep(output).done == 0
+    check_equal(output, whole)
+
+
+def test_cases_that_a_manifest_numbers_in_another_way_are_found(output):
+    path = output / "manifest.json"
+    data = json.loads(path.read_bytes())
+    data["cases"] = [data["cases"][1] | {"case": 0}, data["cases"][0] | {"case": 1}]
+    path.write_text(json.dumps(data))
+    with pytest.raises(OutputError, match=r"numbers its cases in another way: case 0 is n_i -0\.1"):
+        verify(output)
+    # A lost manifest of more cases than the config asks for is not made of fewer.
+    path.unlink()
+    with pytest.raises(ConfigError, match="hold cases that the config does not ask for"):
+        sweep(output, changed(CONFIG, spin={"n_i": [-0.1]}))
+    assert not path.exists()
+
+
+# -- status ----------------------------------------------------------------------------------------
+
+
+def test_rows_are_counted_and_the_last_session_is_told(output):
+    now = status(output)
+    assert now.done
+    assert now.data["runs"] == now.data["wanted"] == RUNS
+    assert sum(now.data["types"].values()) == now.data["status"]["ok"] == RUNS
+    assert now.data["bytes"] == sum(p.stat().st_size for p in Runs(output).files())
+    assert json.loads(json.dumps(now.data)) == now.data
+    assert "60 of 60 runs (100.0 %)" in now.words
+    assert "nobody is at work; the last session, `" in now.words
+    assert now.words.endswith("has done all of its runs")
+    Runs(output).files()[0].unlink()
+    assert not status(output).done
+    shutil.rmtree(output / "sessions")
+    assert "session" not in status(output).words
+    Runs(output).files()[0].write_bytes(b"")
+    with pytest.raises(DamagedError):
+        status(output)
+
+
+# -- classify --------------------------------------------------------------------------------------
+
+
+def killed_classify(output: Path) -> None:
+    """Type the first file only, as a kill leaves it."""
+    files = {path: path.read_bytes() for path in Runs(output).files()[1:]}
+    files[output / "manifest.json"] = (output / "manifest.json").read_bytes()
+    files[output / "summary.parquet"] = (output / "summary.parquet").read_bytes()
+    classify_stored(output, ["classify.sw_departure=1e-6"])
+    for path, data in files.items():
+        path.write_bytes(data)
+
+
+def test_types_follow_their_thresholds_and_come_back(output, whole):
+    before = rows_of(whole)
+    found = classify_stored(output, ["classify.sw_departure=1e-6"])
+    after = rows_of(output)
+    changed_types = pc.sum(pc.not_equal(before["type"], after["type"])).as_py()
+    assert found.changed == changed_types > 0
+    assert found.files == len(Runs(whole).files())
+    assert (found.own["sw_departure"], found.now["sw_departure"]) == (0.05, 1e-6)
+    names = [name for name in before.schema.names if name not in ("type", "type_sure")]
+    assert same_bits(after.select(names), before.select(names))
+    assert verify(output).problems == []
+    assert open_stored(output).thresholds.sw_departure == 1e-6
+    assert open_stored(output).config.classify.sw_departure == 0.05
+    # The same again has nothing to write.
+    again = classify_stored(output, ["classify.sw_departure=1e-6"])
+    assert (again.changed, again.files) == (0, 0)
+    sweep(output)  # puts back those of the config
+    check_equal(output, whole)
+
+
+@pytest.mark.parametrize("then", ["run", "classify", "classify by others", "run by others"])
+def test_a_killed_classify(then, output, whole):
+    killed_classify(output)
+    (problem,) = verify(output).problems[:1]
+    assert "typed by other thresholds; `rattlesweep classify` ends what was begun" in problem
+    with pytest.raises(ConfigError, match="before its shares go on"):
+        sweep(output, shard=Shard(0, 2))
+    if then == "run":
+        assert sweep(output).done == 0
+    elif then == "classify":
+        classify_stored(output)
+    else:
+        if then == "classify by others":
+            classify_stored(output, ["classify.sw_departure=0.5"])
+        else:
+            sweep(output, CONFIG | {"classify": {"sw_departure": 0.5}})
+        assert verify(output).problems == []
+        assert open_stored(output).thresholds.sw_departure == 0.5
+        sweep(output)
+    check_equal(output, whole)
+
+
+def test_only_thresholds_change(output):
+    before = sweeping.tree(output)
+    for text, words in (
+        ("horizon.t=3", "only keys of classify"),
+        ("bodies.samples=3", "only keys of classify"),
+        ("classify.early=true", "needs a new sweep"),
+        ("classify.sw_depature=0.1", "sw_departure"),
+        ("classify.sw_departure=2", "below 1|less than 1"),
+    ):
+        with pytest.raises(ConfigError, match=words):
+            classify_stored(output, [text])
+    assert sweeping.tree(output) == before
+    with pytest.raises(ConfigError, match="is not an output directory"):
+        classify_stored(CONFIGS, [])
