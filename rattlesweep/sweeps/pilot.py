@@ -80,20 +80,18 @@ class Forecast:
     @property
     def words(self) -> str:
         """The same for the terminal."""
-        most = "at most " if self.decides else ""
+        most, plural = "at most " if self.decides else "", "s" if self.threads > 1 else ""
         lines = [
-            f"{self.runs:,} runs: {most}{_time(self.seconds)} with {self.threads} "
-            f"thread{'s' if self.threads > 1 else ''} (95 %: {_time(self.low)} to "
-            f"{_time(self.high)}), up to {_size(self.bytes)} on disk",
+            f"{self.runs:,} runs: {most}{_time(self.seconds)} with {self.threads} thread{plural} "
+            f"(95 %: {_time(self.low)} to {_time(self.high)}), up to {_size(self.bytes)} on disk",
             f"the longest run takes up to {_time(self.longest)}",
         ]
         if self.share is not None:
             lines.append(f"a shard takes about {_time(self.share)}")
         if self.few >= FEW_LIMIT:
             lines.append(
-                f"one run in a hundred takes {100 * self.few:.0f} % of the time: t_rGH goes to "
-                "infinity for bodies with little skew, so the longest run is longer the more runs "
-                "there are; horizon: {t_rgh: 5, t: ...} sets a limit"
+                f"one run in a hundred takes {100 * self.few:.0f} % of the time, as t_rGH goes to "
+                "infinity with the skew to zero; horizon: {t_rgh: 5, t: ...} sets a limit"
             )
         if self.unseen > 0.05:
             lines.append(
@@ -144,17 +142,13 @@ def forecast(
     pilot = _together(parts)
 
     ratio = pilot.steps / np.maximum(pilot.cost, 1e-300)
-    # A run that was cut off takes as many steps for its cost as one that reaches its horizon at
-    # most.
+    # A run that was cut off takes as many steps for its cost as one that reaches its horizon.
     whole = float(ratio[~pilot.cut].max()) if (~pilot.cut).any() else float(ratio.max())
     upper = np.where(pilot.cut, max(whole, float(ratio.max())), ratio)
     error = CONFIDENT * float(ratio.std()) / np.sqrt(len(ratio))
-    total = float(cost.mean()) * plan.runs
-    rate = pilot.rate * min(threads, here) / here * max(1.0, threads / here)
-    low, high = (
-        (f * total) / rate for f in (float(ratio.mean()) - error, float(upper.mean()) + error)
-    )
-    middle = total * float(np.where(pilot.cut, (ratio + upper) / 2, ratio).mean()) / rate
+    each = float(cost.mean()) * plan.runs / (pilot.rate * threads / here)
+    low, high = each * max(0.0, float(ratio.mean()) - error), each * (float(upper.mean()) + error)
+    middle = each * float((ratio + upper).mean()) / 2
     order = np.sort(cost)[::-1]
     few = float(order[: max(1, int(FEW_SHARE * len(order)))].sum() / max(order.sum(), 1e-300))
     # Of a heavy tail the largest of many draws grows with their number.
@@ -162,7 +156,7 @@ def forecast(
     lanes = 8 * here
     longest = float(order[0]) * beyond * whole / (pilot.rate / lanes)
     return Forecast(
-        plan.runs, threads, middle, max(0.0, low), high, longest, int(pilot.row_bytes * plan.runs),
+        plan.runs, threads, middle, low, high, longest, int(pilot.row_bytes * plan.runs),
         None if shards is None else max(middle / shards, longest), few,
         float(pilot.cut.mean()), decides(plan.config),
     )  # fmt: skip
@@ -181,13 +175,8 @@ def _measure(plan: Plan, launches: Launches, threads: int, most: int) -> _Pilot:
     """Integrate runs, each for so many steps at most."""
     config = plan.config
     cost = expected_cost(launches, config.model)
-    limited = config.model_copy(
-        update={
-            "integrator": config.integrator.model_copy(
-                update={"max_steps": min(most, config.integrator.max_steps)}
-            )
-        }
-    )
+    capped = {"max_steps": min(most, config.integrator.max_steps)}
+    limited = config.model_copy(update={"integrator": config.integrator.model_copy(update=capped)})
     batch = make_batch(launches, config.model)
     start = time.perf_counter()
     outcome = None if batch is None else run_batch(limited, batch, threads=threads)
@@ -232,18 +221,11 @@ def _encoded(table: pa.Table) -> int:
 
 
 def _time(seconds: float) -> str:
-    return (
-        f"{seconds:.2g} s"
-        if seconds < 10
-        else f"{seconds:.0f} s"
-        if seconds < 100
-        else clock(seconds)
-    )
+    if seconds >= 100:
+        return clock(seconds)
+    return f"{seconds:.2g} s" if seconds < 10 else f"{seconds:.0f} s"
 
 
 def _size(size: float) -> str:
-    for unit in ("B", "kB", "MB", "GB"):
-        if size < 1000:
-            return f"{size:.3g} {unit}"
-        size /= 1000
-    return f"{size:.3g} TB"
+    power = min(4, int(np.log10(max(size, 1)) // 3))
+    return f"{size / 1000**power:.3g} {('B', 'kB', 'MB', 'GB', 'TB')[power]}"

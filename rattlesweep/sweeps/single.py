@@ -91,10 +91,8 @@ def is_full_state(omega: Any, u: Any, spin: Mapping[str, Any]) -> bool:
     if omega is None and u is None:
         return False
     if given := [name for name, value in spin.items() if value is not None]:
-        raise ConfigError(
-            f"{' and '.join(given)} given with a full state, which says the spin and the "
-            "oscillation itself; keep omega and u, or n_i, omega_xy0 and psi"
-        )
+        told = f"{' and '.join(given)} given with a full state, which says the spin and the "
+        raise ConfigError(told + "oscillation itself; keep omega and u, or n_i, omega_xy0 and psi")
     if omega is None:
         raise ConfigError("omega: missing; a full state has omega and u")
     return True
@@ -107,17 +105,15 @@ def plan_of(launch: Launch, source: TableBodies | None = None) -> Plan:
     else:
         surface = {"surface": "ellipsoid"} if source.has_semi_axes else {}
         bodies = {"source": "table", "path": "the table is in memory"} | surface
-    config = parse_config(
-        {
-            "bodies": bodies,
-            **launch.config,
-            "model": launch.model,
-            "horizon": {"t_rgh": 5.0} if launch.t_end is None else {"t": launch.t_end},
-            "integrator": dict(launch.integrator),
-            "dissipation": {"sigma": launch.sigma, "rolling": launch.rolling},
-            "record": list(launch.record),
-        }
-    )
+    config = parse_config({
+        "bodies": bodies,
+        **launch.config,
+        "model": launch.model,
+        "horizon": {"t_rgh": 5.0} if launch.t_end is None else {"t": launch.t_end},
+        "integrator": dict(launch.integrator),
+        "dissipation": {"sigma": launch.sigma, "rolling": launch.rolling},
+        "record": list(launch.record),
+    })  # fmt: skip
     if source is not None:
         assert config.bodies.source == "table"
         return make_plan(config, source=source.with_surface(config.bodies))

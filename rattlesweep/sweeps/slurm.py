@@ -86,15 +86,11 @@ def job_script(
         Absolute.
     overrides : sequence of str
         Values of ``--set``.
-    shards : int
-        Number of tasks.
+    shards, limit, cpus, memory, restarts : int
+        Number of tasks; seconds, processors and bytes of each; how often it may requeue itself.
     own : bool
         Whether each share has a directory of its own, ``OUTPUT-I``.
-    limit, cpus, memory : int
-        Seconds, processors and bytes of a task.
     partition : str or None
-    restarts : int
-        How often a task puts itself into the queue again.
 
     Raises
     ------

@@ -76,11 +76,13 @@ NUMBER = r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*$"
 WHOLE, PADDED = r"^\s*[+-]?\d{1,18}\s*$", r"^\s*[+-]?0\d"
 
 POSITIVE = np.nextafter(0.0, 1.0)
-SIZES = {
-    "mass_kg": "mass", "height_m": "length", "r1_m": "length", "r2_m": "length",
-    "gravity_m_s2": "acceleration",
-}  # fmt: skip
+SIZES = {"mass_kg": "mass", "height_m": "length", "r1_m": "length", "r2_m": "length",
+         "gravity_m_s2": "acceleration"}  # fmt: skip
 RULES: tuple[tuple[tuple[str, ...], float, float, str], ...] = (
+    # These two are for launches by a spin; full states may have no oscillation.
+    (("omega_xy0",), POSITIVE, np.inf, "it must be positive"),
+    (("omega_xy0",), MIN_OSCILLATION, np.inf,
+     f"at least {MIN_OSCILLATION:g} is allowed, as the square of a smaller one underflows"),
     ((*LAUNCH, *OMEGA), -MAX_SPEED, MAX_SPEED,
      f"from {-MAX_SPEED:g} to {MAX_SPEED:g} sqrt(g/a) is allowed"),
     (("sigma",), -np.inf, MAX_SIGMA, f"at most {MAX_SIGMA:g} is allowed"),
@@ -95,13 +97,6 @@ RULES: tuple[tuple[tuple[str, ...], float, float, str], ...] = (
       for name, kind in SIZES.items() for low, high, unit in [si.LIMITS[kind]]),
 )  # fmt: skip
 """Columns that are no parameters of bodies: the smallest and the largest value, and a sentence."""
-SPIN_RULES: tuple[tuple[tuple[str, ...], float, float, str], ...] = (
-    (("omega_xy0",), POSITIVE, np.inf, "it must be positive"),
-    (("omega_xy0",), MIN_OSCILLATION, np.inf,
-     f"at least {MIN_OSCILLATION:g} is allowed, as the square of a smaller one underflows"),
-)  # fmt: skip
-"""Rules of launches that are no full states, which may have no oscillation."""
-
 Problem = tuple[int, str]
 
 
@@ -193,10 +188,8 @@ class TableBodies:
         columns = dict(self.columns)
         c = columns.pop("c", np.full(self.samples, np.nan))
         if source.surface is None and source.c is None and self.has_semi_axes:
-            raise ConfigError(
-                "bodies.surface: missing; the table has a column c, so say ellipsoid, or "
-                "paraboloid to leave it out"
-            )
+            told = "missing; the table has a column c, so say ellipsoid, or paraboloid"
+            raise ConfigError(f"bodies.surface: {told} to leave it out")
         if source.ellipsoidal:
             if source.c is not None:
                 c = np.where(np.isnan(c), source.c, c)
@@ -274,9 +267,8 @@ def _bodies(table: pa.Table, where: str) -> TableBodies:
         _require((*OMEGA, *U), state, where, f"a full state has {' '.join((*OMEGA, *U))}")
     lone = [name for name in LAUNCH if name in columns]
     if len(lone) == 1 and not state:
-        raise ConfigError(
-            f"{where}: {lone[0]} stands alone; give both n_i and omega_xy0, or neither"
-        )
+        told = "stands alone; give both n_i and omega_xy0, or neither"
+        raise ConfigError(f"{where}: {lone[0]} {told}")
     refuse(where, _impossible(columns, PARAMETERS) + _out_of_range(columns))
     if "t_r" in columns and "t_end" in columns:
         # In an output table the t_end of a run that reversed is its result, and not its horizon.
@@ -293,9 +285,8 @@ def _bodies(table: pa.Table, where: str) -> TableBodies:
 def _numbers(column: pa.ChunkedArray, name: str, where: str) -> tuple[Floats, list[Problem]]:
     """Return a column as numbers, NaN where it has none, and the cells that are wrong."""
     if not (_is_text(column) or _is_number(column)):
-        raise ConfigError(
-            f"{where}: the column {name} is of type {column.type}; numbers are wanted"
-        )
+        told = f"the column {name} is of type {column.type}; numbers are wanted"
+        raise ConfigError(f"{where}: {told}")
     try:
         found = column.cast(F64, safe=False)
     except pa.ArrowInvalid:  # spaces, or text that is no number
@@ -317,8 +308,9 @@ def _is_text(column: pa.ChunkedArray) -> bool:
 
 
 def _is_number(column: pa.ChunkedArray) -> bool:
-    ours = (pa.types.is_integer, pa.types.is_floating, pa.types.is_decimal, pa.types.is_null)
-    return any(is_kind(column.type) for is_kind in ours)
+    kind, types = column.type, pa.types
+    plain = types.is_integer(kind) or types.is_floating(kind)
+    return bool(plain or types.is_decimal(kind) or types.is_null(kind))
 
 
 def _lose_units(columns: dict[str, Floats], where: str) -> Floats | None:
@@ -383,9 +375,8 @@ def launched_from(columns: dict[str, Floats], where: str) -> dict[str, Floats]:
             problems.append((row, f"u: {error}"))
     refuse(where, problems)
     n_i, omega_xy0, psi = spin_and_oscillation(omega, u)
-    for row in _first((omega == 0).all(axis=1) & (u[:, 2] == -1)):
-        told = "the body stands upright and at rest; give it an angular velocity"
-        problems.append((row, told))
+    told = "the body stands upright and at rest; give it an angular velocity"
+    problems += [(row, told) for row in _first((omega == 0).all(axis=1) & (u[:, 2] == -1))]
     given = columns.get("n_i", n_i)
     for row in _first(np.abs(given - n_i) > SLACK * np.linalg.norm(omega, axis=1)):
         told = f"n_i is {given[row]:g}, and the spin of the full state {n_i[row]:g}"
@@ -442,7 +433,7 @@ def _kind(column: pa.ChunkedArray) -> pa.DataType:
 
 def check_value(name: str, values: Floats) -> tuple[int, str] | None:
     """Return the place of the first value that breaks a rule, and what is wanted."""
-    for names, low, high, wanted in (*RULES, *SPIN_RULES):
+    for names, low, high, wanted in RULES:
         if name in names and (bad := (values < low) | (values > high)).any():
             return int(np.argmax(bad)), wanted
     return None
@@ -482,10 +473,9 @@ def _impossible(columns: dict[str, Floats], names: Iterable[str]) -> list[Proble
 
 def _out_of_range(columns: dict[str, Floats]) -> list[Problem]:
     """Return the values that break a rule of their column; NaN, where it may stand, breaks none."""
-    rules = RULES if "u_x" in columns else (*RULES, *SPIN_RULES)
     return [
         (row, f"{name} is {columns[name][row]:g}; {wanted}")
-        for names, low, high, wanted in rules
+        for names, low, high, wanted in (RULES[2:] if "u_x" in columns else RULES)
         for name in names
         if name in columns
         for row in _first((columns[name] < low) | (columns[name] > high))

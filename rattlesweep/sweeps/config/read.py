@@ -12,7 +12,6 @@ from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 from ruamel.yaml import YAML
-from ruamel.yaml.error import MarkedYAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from rattlesweep.errors import ConfigError, one_line
@@ -25,7 +24,14 @@ from rattlesweep.sweeps.config.messages import (
     not_one_of,
     quoted,
 )
-from rattlesweep.sweeps.config.schema import Clashes, Config, Dissipation, as_number
+from rattlesweep.sweeps.config.schema import (
+    SOURCES,
+    TAGS,
+    Clashes,
+    Config,
+    Dissipation,
+    as_number,
+)
 
 # Larger files are refused at once; they take seconds to parse.
 MAX_BYTES, MAX_VALUES, MAX_DEPTH = 250_000, 20_000, 30
@@ -154,13 +160,11 @@ def _read_text(path: str | os.PathLike[str], file: str) -> str:
     try:
         with Path(path).open("rb") as stream:
             raw = stream.read(MAX_BYTES + 1)
-    except FileNotFoundError:
-        raise ConfigError(f"{file}: there is no such file; give the path of a config") from None
-    except IsADirectoryError:
-        raise ConfigError(f"{file}: is a directory; give the path of a config in it") from None
     except (OSError, ValueError) as error:
         reason = one_line(getattr(error, "strerror", None) or str(error))
-        raise ConfigError(f"{file}: cannot be read ({reason}); give a readable file") from None
+        if isinstance(error, FileNotFoundError):
+            reason = "there is no such file"
+        raise ConfigError(f"{file}: {reason}; give the path of a config") from None
     if len(raw) > MAX_BYTES:
         size = f"{MAX_BYTES // 1000} kB"
         raise ConfigError(f"{file}: is larger than {size}; put long lists of bodies into a table")
@@ -168,38 +172,14 @@ def _read_text(path: str | os.PathLike[str], file: str) -> str:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = raw.count(b"\n", 0, error.start) + 1
-        byte = f"byte 0x{raw[error.start]:02x}"
-        raise ConfigError(f"{file}:{line}: {byte} is not UTF-8; save the file as UTF-8") from None
+        raise ConfigError(f"{file}:{line}: is not UTF-8 text; save the file as UTF-8") from None
 
 
 def read_yaml(text: str) -> tuple[Any, dict[Key, int], list[Problem]]:
     """Return the data of a YAML text, the line of each key and list item, and its problems.
 
-    The nodes of the document are converted here, as ruamel.yaml's objects stop at the first
-    repeated key and turn some words into dates.
+    The nodes are converted here, since ruamel.yaml stops at the first repeated key.
     """
-    try:
-        # The pure parser: the C one follows YAML 1.1.
-        root = YAML(typ="safe", pure=True).compose(text)
-    except MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        words = " ".join(str(error.problem or error.context).split())
-        words = words.replace("'<stream end>'", "the end of the text")
-        if "'\\t'" in words:
-            message = "a tab is found where YAML requires spaces; indent with spaces"
-        elif "another document" in words:
-            message = "a second YAML document begins; keep one document in the file"
-        else:
-            message = f"not valid YAML ({words}); check indentation, brackets and quotes"
-        return None, {}, [(mark.line + 1 if mark else 1, (), message)]
-    except RecursionError:
-        return None, {}, [(1, (), "the values are nested too deeply; a config has 5 levels")]
-    except Exception as error:
-        # A forbidden character; on malformed text also ValueError, OverflowError, IndexError ...
-        place = getattr(error, "position", 0)
-        found = f"U+{ord(text[place]):04X}" if place else type(error).__name__
-        message = f"not valid YAML ({found} while reading it); check for unusual characters"
-        return None, {}, [(text.count("\n", 0, place) + 1, (), message)]
     lines: dict[Key, int] = {}
     problems: list[Problem] = []
     count = 0
@@ -207,46 +187,45 @@ def read_yaml(text: str) -> tuple[Any, dict[Key, int], list[Problem]]:
     def convert(node: Node, key: Key) -> Any:
         nonlocal count
         count += 1
-        line = node.start_mark.line + 1
         if count > MAX_VALUES or len(key) > MAX_DEPTH:
-            raise ConfigError([str(line)])
-        if not str(node.tag).startswith("tag:yaml.org,2002:"):
-            problems.append((line, key, "tags (!name) are not supported; remove it"))
+            raise ValueError(f"more than {MAX_VALUES} values or {MAX_DEPTH} levels")
         if isinstance(node, SequenceNode):
             for index, item in enumerate(node.value):
                 lines[(*key, index)] = item.start_mark.line + 1
             return [convert(item, (*key, index)) for index, item in enumerate(node.value)]
         if not isinstance(node, MappingNode):
-            return _scalar(str(node.tag), node.value)
+            return _scalar(str(node.tag).rpartition(":")[2], node.value)
         data: dict[str, Any] = {}
         for name, value in node.value:
-            line = name.start_mark.line + 1
-            if not isinstance(name, ScalarNode):
-                problems.append((line, key, "a list or mapping is a key here; write a name"))
-                continue
-            child = (*key, name.value)
-            if name.value in data:
+            word = name.value if isinstance(name, ScalarNode) else "?"
+            line, child = name.start_mark.line + 1, (*key, word)
+            if word in data:
                 first = f"first in line {lines[child]}"
                 problems.append((line, child, f"the key is repeated ({first}); keep one"))
-                continue
-            lines[child] = line
-            data[name.value] = convert(value, child)
+            else:
+                lines[child] = line
+                data[word] = convert(value, child)
         return data
 
     try:
+        # The pure parser: the C one follows YAML 1.1.
+        root = YAML(typ="safe", pure=True).compose(text)
         return None if root is None else convert(root, ()), lines, problems
-    except ConfigError as error:
-        message = f"more than {MAX_VALUES} values or {MAX_DEPTH} levels; put long lists in a table"
-        return None, {}, [(int(str(error)), (), message)]
+    except Exception as error:  # on malformed text also ValueError, RecursionError, IndexError ...
+        mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
+        line = mark.line if mark else text.count("\n", 0, getattr(error, "position", 0))
+        words = getattr(error, "problem", None) or getattr(error, "context", None)
+        words = str(words or error or type(error).__name__).partition("\n")[0]
+        message = f"cannot be read as YAML ({words}); check indentation, brackets and quotes"
+        return None, {}, [(line + 1, (), message)]
 
 
-def _scalar(tag: str, text: str) -> Any:
+def _scalar(kind: str, text: str) -> Any:
     """Return the value of a scalar; what YAML knows beside words and numbers stays text."""
-    kind = tag.rpartition(":")[2]
     if kind == "null":
         return None
     if kind == "bool":
-        return text.lower() in ("true", "yes", "on", "y")
+        return text.lower() == "true"
     if kind == "int" and text.lstrip("+-")[:2] in ("0o", "0x", "0b"):
         return int(text.replace("_", ""), 0)
     if kind == "float" and text.lower().lstrip("+-") in (".inf", ".nan"):
@@ -290,11 +269,12 @@ def _check(
     found = list(problems)
     try:
         config = Config.model_validate(data)
-        config._places = places
+        if not found and not refused:
+            config._places = places
+            return config
     except ValidationError as error:
-        found += _problems(error, data, places)
-    if not found and not refused:
-        return config
+        for one in error.errors(include_url=False):
+            found += [(places.origin(key), key, text) for key, text in _sentences(one, data)]
     # In the order of the file; those of settings come last.
     found.sort(key=lambda one: one[0] if isinstance(one[0], int) else bool(one[0]) * MAX_BYTES)
     told = [Places(places.file, {key: origin}).line(key, text) for origin, key, text in found]
@@ -330,93 +310,6 @@ def _override(data: dict[str, Any], origins: dict[Key, int | str | None], text: 
     return []
 
 
-def _problems(error: ValidationError, data: Any, places: Places) -> Iterator[Problem]:
-    """Yield what pydantic found wrong with `data`, one plain sentence each."""
-    errors = [(*_walk(one, data), one) for one in error.errors(include_url=False)]
-    wrong = [key for key, _, _ in errors]
-    unknown = [key for key, _, one in errors if one["type"] == "extra_forbidden"]
-    found = [
-        (*sentence, one["type"] == "missing")
-        for key, models, one in errors
-        for sentence in _sentences(key, models, one, data)
-    ]
-    # Defaults of these would clash themselves.
-    if not {key[:1] for key in wrong} & {(), ("launch",), ("dissipation",)}:
-        found += [((key,), sentence, True) for key, sentence in _root_clashes(data, wrong)]
-    for key, sentence, missing in found:
-        siblings = [str(other[-1]) for other in unknown if other[:-1] == key[:-1]]
-        # A missing key may be there under a misspelt name.
-        if not (missing and nearest(str(key[-1]), siblings)):
-            yield places.origin(key), key, sentence
-
-
-def _root_clashes(data: Any, wrong: list[Key]) -> list[tuple[str, str]]:
-    """Return the sections that exclude each other, without the keys that are wrong themselves.
-
-    Pydantic checks them against each other only once each of them is right.
-    """
-    rest = json.loads(json.dumps(data, default=str))
-    for _ in range(3):
-        for key in wrong:
-            *outer, last = [part for part in key if isinstance(part, str)] or [""]
-            here = value_at(rest, outer)
-            if isinstance(here, dict):
-                here.pop(last, None)
-        try:
-            Config.model_validate(rest)
-        except ValidationError as error:
-            errors = error.errors(include_url=False)
-            wrong = [_walk(one, rest)[0] for one in errors]
-            if wrong == [()] and isinstance(clash := errors[0]["ctx"]["error"], Clashes):
-                return clash.found
-    return []
-
-
-def value_at(data: Any, key: Sequence[str | int]) -> Any:
-    """Return the value at a key of nested data; None if there is none."""
-    try:
-        for part in key:
-            data = data[part]
-    except (TypeError, KeyError, IndexError):
-        return None
-    return data
-
-
-def _walk(error: Any, data: Any) -> tuple[Key, list[type[BaseModel]]]:
-    """Return the key of an error, and the models that may stand there, or around a wrong key.
-
-    Pydantic's location has tags of unions too, and places in lists that are made of other data.
-    """
-    models: list[type[BaseModel]] = [Config]
-    key: Key = ()
-    extra = error["type"] == "extra_forbidden"
-    for place, part in enumerate(error["loc"]):
-        if extra and place == len(error["loc"]) - 1:
-            return (*key, str(part)), models
-        if place == 1 and key == ("bodies",):
-            models = [model for model in models if part in _sources([model])]
-        elif isinstance(part, str) and not part.startswith("<"):
-            fields = [model.model_fields.get(part) for model in models]
-            models = [inner for field in fields if field for inner in _models(field.annotation)]
-            key = (*key, part)
-        elif isinstance(part, int) and isinstance(value_at(data, key), list):
-            key = (*key, part)
-    return key, models
-
-
-def _models(annotation: Any) -> list[type[BaseModel]]:
-    """Return the models inside unions and annotations."""
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return [annotation]
-    return [model for inner in get_args(annotation) for model in _models(inner)]
-
-
-def _sources(models: list[type[BaseModel]]) -> list[str]:
-    """Return the words by which a key `source` chooses among models."""
-    fields = [model.model_fields.get("source") for model in models]
-    return [word for field in fields if field for word in get_args(field.annotation)]
-
-
 _WANTED = {
     "float": "a number", "bool": "true or false", "int": "a whole number", "string": "text",
     "list": "a list", "dict": "a mapping", "model": "a mapping",
@@ -429,30 +322,29 @@ _LIMITS = {
 }
 
 
-def _sentences(
-    key: Key, models: list[type[BaseModel]], error: Any, data: Any
-) -> Iterator[tuple[Key, str]]:
-    """Yield the keys and sentences of one error."""
+def _sentences(error: Any, data: Any) -> Iterator[tuple[Key, str]]:
+    """Yield the keys and sentences of one of pydantic's errors."""
     kind, value, context = error["type"], error["input"], error.get("ctx", {})
-    sources = _sources(models)
+    key, models = _walk(error["loc"], data)
     if kind == "value_error" and isinstance(context["error"], Clashes):
         for name, sentence in context["error"].found:
             yield ((*key, name) if name else key), sentence
     elif kind == "value_error":
         yield key, str(context["error"])
     elif kind == "extra_forbidden":
-        yield key, _unknown(key, models, data)
-    elif kind == "missing" and key == ("bodies",):
-        yield key, "the key is missing; say with it where parameter sets come from"
+        word, names = str(key[-1]), [name for model in models for name in model.model_fields]
+        near, choice = nearest(word, names), f"the keys allowed here are {', '.join(names)}"
+        hint = f"did you mean {quoted(near)}?" if near else choice if names else "remove it"
+        yield key, f"unknown key {quoted(word)}; {hint}"
     elif kind == "missing":
         yield key, "the key is missing; add it"
-    elif kind == "union_tag_not_found" and sources and isinstance(value, dict):
+    elif kind == "union_tag_not_found":
         if near := nearest("source", map(str, value)):
             yield (*key, near), f'unknown key {quoted(near)}; did you mean "source"?'
         else:
-            yield (*key, "source"), f"the key is missing; it must be one of {', '.join(sources)}"
-    elif kind == "union_tag_invalid" and sources and isinstance(value, dict):
-        yield (*key, "source"), not_one_of(value["source"], sources)
+            yield (*key, "source"), f"the key is missing; it must be one of {', '.join(SOURCES)}"
+    elif kind == "union_tag_invalid":
+        yield (*key, "source"), not_one_of(value["source"], SOURCES)
     elif kind == "literal_error":
         choices = context["expected"].replace(" or ", ", ").split(", ")
         yield key, not_one_of(value, [choice.strip("'") for choice in choices])
@@ -463,41 +355,47 @@ def _sentences(
         bound, limit = ("least", "min_length") if kind == "too_short" else ("most", "max_length")
         count = context["actual_length"]
         yield key, f"the list has {count} values; give at {bound} {context[limit]}"
-    elif kind == "string_too_short":
-        yield key, "the text is empty; write at least one character"
-    elif kind == "finite_number":
-        yield key, f"{value} is not a finite number; write one below 1.8e308"
-    elif kind == "string_type" and isinstance(value, int | float) and not isinstance(value, bool):
-        yield key, f"{describe(value)} is a number; put it in quotes to make it text"
-    else:
-        wanted = _WANTED.get(kind.split("_")[0], "what the schema allows")
+    elif wanted := _WANTED.get(kind.split("_")[0]) if kind != "string_too_short" else None:
         if key[-1:] == ("accuracy",):
             wanted = "draft, standard, reference or {t_r: 1.0e-6}"
         yield key, f"{describe(value)} is given here; write {wanted}"
+    else:
+        words = error["msg"].replace("Input", "it")
+        yield key, f"{describe(value)} is given here; {words[0].lower()}{words[1:]}"
 
 
-def _unknown(key: Key, models: list[type[BaseModel]], data: Any) -> str:
-    """Return the sentence for an unknown key: what it may have been meant to be."""
-    word, names = str(key[-1]), [name for model in models for name in model.model_fields]
-    source = value_at(data, ("bodies", "source"))
-    homes = [where for where, name in _sections(Config, source, "") if name == word]
-    unknown = f"unknown key {quoted(word)}"
-    if near := nearest(word, names):
-        return f"{unknown}; did you mean {quoted(near)}?"
-    if 0 < len(homes) <= 3:
-        where = " or ".join(f"under {home}" if home else "at the top level" for home in homes)
-        return f"{unknown} here; it belongs {where}"
-    return (
-        f"{unknown}; the keys allowed here are {', '.join(names)}"
-        if names
-        else f"{unknown}; remove it"
-    )
+def _walk(location: Sequence[str | int], data: Any) -> tuple[Key, list[type[BaseModel]]]:
+    """Return the key of an error, and the models that may hold it.
+
+    Pydantic's location has tags of unions too, and places in lists that are made of other data.
+    """
+    key: Key = ()
+    holders: list[type[BaseModel]] = []
+    models: list[type[BaseModel]] = [Config]
+    for place, part in enumerate(location):
+        if place == 1 and key == ("bodies",):
+            models = [models[SOURCES.index(str(part))]]
+        elif isinstance(part, str) and part not in TAGS:
+            fields = [model.model_fields.get(part) for model in models]
+            holders, key = models, (*key, part)
+            models = [inner for field in fields if field for inner in _models(field.annotation)]
+        elif isinstance(part, int) and isinstance(value_at(data, key), list):
+            key = (*key, part)
+    return key, holders
 
 
-def _sections(model: type[BaseModel], source: Any, path: str) -> Iterator[tuple[str, str]]:
-    """Yield the section and the name of each key of a config with bodies of a `source`."""
-    for name, field in model.model_fields.items():
-        yield path, name
-        inside = _models(field.annotation)
-        for inner in [one for one in inside if source in _sources([one])] or inside:
-            yield from _sections(inner, source, f"{path}.{name}".removeprefix("."))
+def value_at(data: Any, key: Sequence[str | int]) -> Any:
+    """Return the value at a key of nested data; None if there is none."""
+    try:
+        for part in key:
+            data = data[part]
+    except (TypeError, KeyError, IndexError):
+        return None
+    return data
+
+
+def _models(annotation: Any) -> list[type[BaseModel]]:
+    """Return the models inside unions and annotations."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for inner in get_args(annotation) for model in _models(inner)]

@@ -28,7 +28,7 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.defaults import DT, MAX_STEPS, TOL
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics.body import MAX_INERTIA
-from rattlesweep.sweeps.config.messages import Key, Places, describe, dotted, not_one_of
+from rattlesweep.sweeps.config.messages import Key, Places, describe, dotted
 
 Clash = Iterator[tuple[str, str]]
 """Keys, empty for the section, and what is wrong with them."""
@@ -163,13 +163,9 @@ class Spaced(Base):
         log = isinstance(self, Logspace)
         if n != int(n) or not 1 <= n <= MAX_AXIS:
             raise ValueError(f"n is {n:g}; it must be a whole number from 1 to {MAX_AXIS}")
-        if log and (low == 0 or not 0 < high / low < math.inf):
-            raise ValueError(f"no constant ratio leads from {low:g} to {high:g}; give other ends")
-        # Neighbours closer than this may round to one number.
-        close = abs(high - low) <= 4 * (n - 1) * math.ulp(max(abs(low), abs(high)))
-        if low != high if n == 1 else close:
-            words = f"{n:.0f} values from {low!r} to {high!r} cannot be spaced so that all differ"
-            raise ValueError(f"{words}; give fewer, or equal ends with n = 1")
+        if (n == 1) != (low == high) or (log and (low == 0 or not 0 < high / low < math.inf)):
+            words = f"{n:.0f} values cannot be spaced from {low!r} to {high!r}"
+            raise ValueError(f"{words}; give other ends, or equal ends with n = 1")
         shares = [i / (n - 1) for i in range(1, int(n) - 1)]
         if log:
             inner = [low * math.pow(high / low, share) for share in shares]
@@ -231,6 +227,10 @@ def interval(name: str, item: Any = None) -> Any:
     words = Field(description=f"Range [low, high]. {PARAMETERS[name].meaning}")
     item = item or number(name)
     return Annotated[list[item], PAIR, AfterValidator(_check_order), words]
+
+
+TAGS = ("<word>", "<number>", "<goal>")
+"""Tags of unions, which stand in pydantic's locations of errors."""
 
 
 def _word_or_number(value: Any) -> str:
@@ -316,8 +316,7 @@ class Surfaced(Base):
     """Bodies with a surface."""
 
     surface: Literal["paraboloid", "ellipsoid"] | None = None
-    """What the bottom is: a paraboloid or an ellipsoid, of the same curvatures at its lowest point.
-    Unless given an ellipsoid where c is, or where the preset is one."""
+    """Shape of the bottom; unless given an ellipsoid where c is, or where the preset is one."""
 
     @property
     def ellipsoidal(self) -> bool:
@@ -350,10 +349,8 @@ class SdSource(Surfaced):
     ranges: SdRanges = Field(default_factory=lambda: SdRanges())
     """Where the parameters are drawn from, uniformly."""
     draw: Literal["random", "sobol", "saltelli"] = "random"
-    """random: each body by itself; sobol: by a scrambled Sobol' sequence, whose points fill the
-    ranges more evenly, so that shares and means come closer with as many samples; saltelli: seven
-    at a time, eight if c has a range, that differ in one parameter each, for `rattlesweep
-    sensitivity`."""
+    """random: independent bodies; sobol: a scrambled Sobol' sequence, which fills the ranges more
+    evenly; saltelli: groups that differ in one parameter each, for `rattlesweep sensitivity`."""
     target: Target | None = None
     """Keep only bodies with this torque coefficient; null: keep all."""
     c: (
@@ -374,10 +371,7 @@ class SdSource(Surfaced):
         if self.draw != "random" and self.samples > MAX_SOBOL:
             yield "draw", f"the sequence has {MAX_SOBOL} points; take fewer samples, or random"
         if self.draw != "random" and self.target:
-            yield (
-                "target",
-                "only random draws can meet a target; leave it out, or take draw: random",
-            )
+            yield "target", "only random draws can meet a target; take draw: random"
 
     @property
     def drawn(self) -> tuple[str, ...]:
@@ -489,14 +483,12 @@ class Refine(Base):
     """A coarse grid first, then, level by level, only what lies between runs that differ."""
 
     levels: int = Field(default=4, ge=1, le=16)
-    """Halvings from the coarse grid, every 2^levels-th value, to the finest, which the axes and the
-    spins are; fewer along axes of few values."""
+    """Halvings from the coarse grid to the values of the axes and the spins."""
     by: Literal["type", "t_r", "n_end", "t_end", "n_steps", "energy_drift", "n_departure",
                 "amp_growth", "lyapunov", "contact_ratio_max", "n_reversals"] = "type"  # fmt: skip
-    """What must not differ within a cell: type, or besides it a column with numbers, such as t_r,
-    which must not bend there."""
+    """What must not differ within a cell: type, and perhaps a column of numbers."""
     tol: float = Field(default=0.05, gt=0, lt=1)
-    """How far a number may lie off the line through its neighbours, relative; not for type."""
+    """How far a number may lie off the line through its neighbours, relative."""
 
 
 class GridSource(Surfaced):
@@ -535,9 +527,8 @@ class Spin(Base):
     """How bodies are launched. Every n_i is combined with every omega_xy0."""
 
     n_i: Spins
-    """Initial spins in sqrt(g/a); positive is the unsteady direction, negative the steady, 0 a tap,
-    which needs horizon.t. A number, a list, {linspace: [low, high, n]} or {logspace: [low, high,
-    n]}."""
+    """Initial spins in sqrt(g/a); positive is the unsteady direction, negative the steady, and 0 a
+    tap, which needs horizon.t."""
     omega_xy0: Oscillations
     """Initial sizes of the oscillation's angular velocity in sqrt(g/a)."""
     psi: Annotated[
@@ -545,24 +536,22 @@ class Spin(Base):
         | Annotated[Annotated[float, Field(ge=-360, le=360)], Tag("<number>")],
         Discriminator(_word_or_number),
     ] = "relevant"
-    """Direction of the oscillation: the relevant mode (pitch for n_i >= 0, roll for n_i < 0), the
-    pitch mode, the roll mode, or an angle from the x axis in degrees."""
+    """Direction of the oscillation: the pitch or the roll mode, the relevant one (pitch for
+    n_i >= 0, roll for n_i < 0), or an angle from the x axis in degrees."""
 
 
 def unit(u: Sequence[float]) -> list[float]:
     """Return u normalised; raise if it is not a unit vector or does not point upwards."""
     length = math.hypot(*u)
     if not abs(length - 1) <= U_SLACK:
-        raise ValueError(
-            f"its length is {length:.6g}; give a unit vector, such as [0, 0, -1] for upright"
-        )
+        raise ValueError(f"its length is {length:.6g}; give a unit vector, as [0, 0, -1]")
     if not u[2] < 0:
-        raise ValueError(
-            f"u_z is {u[2]:g}; it must be negative, as the body's z axis points down, and "
-            "[0, 0, -1] is upright"
-        )
+        raise ValueError(f"u_z is {u[2]:g}; it must be negative, and [0, 0, -1] is upright")
     # A vector that is normalised to rounding keeps its bits.
     return list(u) if abs(length - 1) < 1e-15 else [component / length for component in u]
+
+
+Component = Annotated[float, Field(ge=-2, le=2)]
 
 
 class State(Base):
@@ -570,11 +559,7 @@ class State(Base):
 
     omega: Annotated[list[Speed], TRIPLE]
     """Angular velocity [x, y, z] in sqrt(g/a)."""
-    u: Annotated[list[Annotated[float, Field(ge=-2, le=2)]], TRIPLE, AfterValidator(unit)] = [
-        0,
-        0,
-        -1,
-    ]
+    u: Annotated[list[Component], TRIPLE, AfterValidator(unit)] = [0, 0, -1]
     """Vertical unit vector [x, y, z], upwards; [0, 0, -1] is upright."""
 
     def _clashes(self) -> Clash:
@@ -590,24 +575,22 @@ class Horizon(Base):
     t: Time | None = None
     """A time in sqrt(a/g)."""
     t_decay: Time | None = None
-    """In units of gamma/sigma, in which dissipation.sigma takes an upright spin down to 1/e; for
-    runs with sigma 0 the others count."""
+    """In units of gamma/sigma, in which dissipation.sigma takes an upright spin down to 1/e."""
 
     def _clashes(self) -> Clash:
         yield from self._one_of("t_rgh", "t", needed=self.t_decay is None, both=True)
 
 
 class Dissipation(Base):
-    """What takes energy from the body: nothing by default. Of several values each is combined with
-    every launch; `table` stands for the column of that name in a table of bodies, which counts
-    wherever there is one.
+    """What takes energy from the body; each value is combined with every launch.
+
+    The word `table` stands for the column of that name in a table of bodies.
     """
 
     sigma: losses(MAX_SIGMA) = 0.0
     """Torque -sigma omega about the centre of mass, in M a^2 sqrt(g/a)."""
     rolling: losses(1) = 0.0
-    """Lever of the rolling resistance, in a: a moment of so much times the normal force against the
-    angular velocity in the plane."""
+    """Lever of the rolling resistance, in a: its moment over the normal force."""
 
     def values(self, name: str) -> list[float | None]:
         """Return the values of one of the two in their order; None stands for a table's."""
@@ -635,13 +618,12 @@ class Classify(Base):
     """Thresholds between the types of runs that do not reverse; whether certain ones end early."""
 
     ss_growth: float = Field(default=1e-3, gt=0)
-    """SS if the amplitude of the relevant oscillation in a window of time never exceeds its
-    smallest value in earlier windows by more than this fraction."""
+    """SS if the amplitude of the relevant oscillation never exceeds an earlier one by more than
+    this fraction."""
     sw_departure: float = Field(default=0.05, gt=0, lt=1)
     """SW, unless SS, if n/n_i falls below 1 by more than this fraction at some time."""
     early: bool = False
-    """Whether a run ends as soon as linear stability and its energy make it certain that it is SS,
-    by any ss_growth; for the model full."""
+    """Whether a run of the model full ends as soon as it is certain to be SS."""
     dead_energy: float = Field(default=0.01, ge=1e-6, lt=1)
     """With dissipation: D, unless R, if less than this fraction of the launch's energy is left. A
     zero of the spin after that is no reversal, so stored runs keep their dead_energy."""
@@ -671,8 +653,7 @@ ACCURACIES = {
 }
 """Words for the accuracy of runs, with a method and its tol.
 
-The description of the key `accuracy` has the errors that ``rattlesweep tradeoff`` finds for the
-bodies, launches and horizons of ``configs/tradeoff.yaml``; they do not depend on the machine.
+The description of the key `accuracy` has the errors by ``configs/tradeoff.yaml``.
 """
 
 
@@ -680,22 +661,13 @@ class AccuracyGoal(Base):
     """The error that the results may have."""
 
     t_r: float = Field(ge=1e-12, le=1e-3)
-    """Relative error of the times of reversal. Each run is integrated as tightly as it takes until
-    its own estimate is below that; where none is, its t_r_error stays larger."""
-
-
-def _check_method(method: str) -> str:
-    if method not in METHODS:
-        raise ValueError(not_one_of(method, METHODS))
-    return method
+    """Relative error of the times of reversal; each run is integrated as tightly as that takes."""
 
 
 class Integrator(Base):
     """How states move: with error control (tol) or in steps of one size (dt)."""
 
-    method: Annotated[str, AfterValidator(_check_method)] = Field(
-        default="dop853", json_schema_extra={"enum": [*METHODS]}
-    )
+    method: Literal["dop853", "dopri5", "verner98", "rk4"] = "dop853"
     """Name of the method."""
     accuracy: (
         Annotated[
@@ -705,17 +677,13 @@ class Integrator(Base):
         ]
         | None
     ) = None
-    """Instead of method and tol, which are then those measured to give this accuracy: draft: dop853
-    at tol 1e-06, median error of t_r 1e-07, 99 % of runs within 8e-06; standard: dop853 at tol
-    1e-09, median error of t_r 9e-11, 99 % of runs within 8e-09; reference: verner98 at tol 1e-12,
-    median error of t_r 2e-14, 99 % of runs within 1e-12. Or instead of tol the error that t_r may
-    have, {t_r: 1.0e-6}; implies record: [error]."""
+    """A method with its tol, by the median error of t_r: draft: dop853 at tol 1e-06, 1e-07;
+    standard: dop853 at tol 1e-09, 9e-11; reference: verner98 at tol 1e-12, 2e-14. Or the error that
+    t_r may have, {t_r: 1.0e-6}, which implies record: [error]."""
     tol: float | None = Field(default=None, ge=1e-15, le=1e-2)
-    """Error allowed per step relative to the oscillation, no unit; for adaptive methods only, which
-    take 1e-09 unless given."""
+    """Error per step relative to the oscillation; for adaptive methods only (default 1e-09)."""
     dt: float | None = Field(default=None, gt=0)
-    """Size of a step in sqrt(a/g); for methods of fixed step only, which take 0.002 unless
-    given."""
+    """Size of a step in sqrt(a/g); for methods of fixed step only (default 0.002)."""
     max_steps: int = Field(default=MAX_STEPS, ge=1, le=2**62)
     """Steps after which a run is given up."""
 
@@ -759,6 +727,7 @@ class Integrator(Base):
             yield "tol", f"{self.method} has steps of one size and takes no tol; leave it out"
 
 
+SOURCES = ("sd", "preset", "table", "grid")
 Bodies = Annotated[
     SdSource | PresetSource | TableSource | GridSource, Field(discriminator="source")
 ]
@@ -766,10 +735,8 @@ Record = Literal["energy", "contact", "windows", "lyapunov", "error", "reversals
 
 
 def _check_name(name: str) -> str:
-    if not name.strip() or name in (".", ".."):
-        raise ValueError("the name is empty or dots only; write a word")
-    if not name.isprintable() or "/" in name or "\\" in name:
-        raise ValueError("the name has a slash or a control character; write a plain word")
+    if name.strip() in ("", ".", "..") or not name.isprintable() or {"/", "\\"} & {*name}:
+        raise ValueError("it is empty, or has a slash or a control character; write a plain word")
     return name
 
 
@@ -783,15 +750,14 @@ class Config(Base):
     bodies: Bodies
     """Where parameter sets come from."""
     stop: Stop | None = None
-    """Cases are given more samples, some at a time, until each has enough or all of
-    `bodies.samples`; null: all at once."""
+    """When a case has enough samples; null: it gets all of `bodies.samples`."""
     launch: State | None = None
     """The full state that bodies are launched from, instead of a spin."""
     spin: Spin | None = None
     """How bodies are launched; null where launch is given, or a table says it row by row."""
     model: Literal["full", "reduced", "gh"] = "full"
-    """full: the five variables that are integrated; reduced: the three of the simplified dynamics;
-    gh: the closed form of Garcia and Hubbard, without integration."""
+    """full: five variables; reduced: the simplified dynamics, three variables; gh: the closed form
+    of Garcia and Hubbard, without integration."""
     horizon: Horizon = Field(default_factory=lambda: Horizon(t_rgh=5.0))
     """When runs end that do not reverse."""
     dissipation: Dissipation = Field(default_factory=lambda: Dissipation())
@@ -803,8 +769,7 @@ class Config(Base):
     record: Annotated[list[Record], AfterValidator(no_repeats)] = Field(
         default_factory=list, json_schema_extra={"uniqueItems": True}
     )
-    """Extra columns; each costs time. With reversals runs go on behind their first one, to the
-    horizon."""
+    """Extra columns; each costs time. With reversals, runs go on to the horizon."""
     output: str | None = Field(default=None, min_length=1, pattern=r"^[^\x00]*$")
     """Directory; null: out/<name>."""
 
@@ -838,9 +803,9 @@ class Config(Base):
         if goal and model == "gh":
             yield "integrator", "the model gh is a closed form without error; leave accuracy out"
         if early and model != "full":
-            yield "classify", f"early is for the model full and not for {model}; leave early out"
+            yield "classify", f"early is for the model full and not for {model}; leave it out"
         if early and not plain:
-            yield "classify", "early is for paraboloids without dissipation; leave early out"
+            yield "classify", "early is for paraboloids without dissipation; leave it out"
         if "lyapunov" in record and not plain:
             yield "record", "lyapunov is for paraboloids without dissipation; leave it out"
         if "reversals" in record and (goal or "error" in record):
