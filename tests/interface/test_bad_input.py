@@ -67,7 +67,7 @@ def test_a_valid_config_is_told_with_its_runs_and_its_warnings(here):
 
 
 WRONG = r"""
-run . | is a directory
+run . | Is a directory; give the path of a config
 run c.yaml --set bodies.samples | is not KEY=VALUE
 run c.yaml --set integrator.max_steps=0 | 0 is out of range
 run c.yaml --set 'bodies={source: sd, samples: 100000000000}' | runs; at most 1e+09 are possible

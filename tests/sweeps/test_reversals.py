@@ -126,7 +126,7 @@ def test_a_map_of_the_shipped_config(tmp_path):
     assert "not run yet" in [text.get_text() for text in shown.figure().legends[0].get_texts()]
     # Numbers up to 5 have a colour each, larger ones may share one, and every number has one.
     for most in (6, 300):
-        shown.counted.means["n_reversals"] = count = Moments(64)
+        shown.counted[1]["n_reversals"] = count = Moments(64)
         count.add(np.arange(2), np.array([0.0, most]))
         labels = [text.get_text() for text in shown.figure().axes[-1].get_yticklabels()]
         spans = [[int(end) for end in label.split(" to ")] for label in labels]
