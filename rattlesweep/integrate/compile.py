@@ -78,7 +78,10 @@ def _hash(files: list[Path], *words: object) -> str:
 
 @cache
 def source_hash() -> str:
-    """Return the hash of what kernels are made of, made with and made for."""
+    """Return the hash of what kernels are made of, made with and made for.
+
+    Where the package lies is part of it, since Numba's index of a function is for one file.
+    """
     import llvmlite
     import numba
     from llvmlite import binding
@@ -90,7 +93,7 @@ def source_hash() -> str:
         config.CPU_FEATURES or binding.get_host_cpu_features().flatten(),
     )
     versions = sys.version, numba.__version__, llvmlite.__version__
-    return _hash(sorted(files), *versions, *processor)
+    return _hash(sorted(files), str(PACKAGE), *versions, *processor)
 
 
 def _others_may_write(found: os.stat_result) -> bool:
@@ -170,6 +173,8 @@ def _place(recipe: Recipe, names: tuple[Any, ...]) -> Path:
 def import_written(name: str, source: str) -> ModuleType:
     """Write a module into :func:`cache_folder`, import it and return it."""
     path = cache_folder() / f"{name}.py"
+    if name in sys.modules and getattr(sys.modules[name], "__file__", None) == str(path):
+        return sys.modules[name]
     try:
         if not path.exists() or path.read_text() != source:
             written = path.with_suffix(f".{os.getpid()}")
@@ -177,13 +182,15 @@ def import_written(name: str, source: str) -> ModuleType:
             written.replace(path)
     except OSError:
         # A full disk: the module is the same, but no debugger can show its source.
-        module = ModuleType(name)
+        sys.modules[name] = module = ModuleType(name)
         exec(compile(source, str(path), "exec"), vars(module))
         return module
     spec = spec_from_file_location(name, path)
     assert spec is not None
     assert spec.loader is not None
     module = module_from_spec(spec)
+    # Numba looks the module of a stored function up by its name.
+    sys.modules[name] = module
     spec.loader.exec_module(module)
     return module
 

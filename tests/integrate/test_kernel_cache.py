@@ -71,6 +71,30 @@ def test_a_kernel_is_compiled_by_another_process_and_found_again(place):
     assert stat.S_IMODE(compile.cache_folder().stat().st_mode) == 0o700
 
 
+FOUND = """
+import json
+from rattlesweep.integrate import compile
+from rattlesweep.integrate.lanes.build import kernel, load_kernels
+heard = []
+with compile.listening(lambda name: heard.append(name) or compile.nullcontext()):
+    kernel("dop853", "full")
+hits = {str(key[0].__name__): len(made.stats.cache_hits) for key, made in compile._loaded.items()}
+print(json.dumps([heard, hits]))
+"""
+
+
+def test_all_parts_of_a_sweep_s_kernel_are_found_by_the_next_process():
+    def process():
+        call = [sys.executable, "-c", FOUND]
+        return json.loads(subprocess.run(call, capture_output=True, text=True, check=True).stdout)
+
+    process()
+    heard, hits = process()
+    assert heard == []
+    assert {"work", "attempt", "drive"} <= hits.keys()
+    assert set(hits.values()) == {1}
+
+
 def test_a_listener_hears_of_a_compilation_alone(place):
     heard = []
 
@@ -90,7 +114,8 @@ def test_other_sources_have_another_folder(place, monkeypatch, tmp_path):
     for room in ("integrate", "physics"):
         shutil.copytree(compile.PACKAGE / room, package / room)
     monkeypatch.setattr(compile, "PACKAGE", package)
-    own = compile.source_hash()
+    own = compile.source_hash.__wrapped__()
+    assert own != compile.source_hash()  # another checkout
     assert compile.source_hash.__wrapped__() == own
     source = package / "physics" / "full.py"
     source.write_text(source.read_text() + "\n")
