@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -69,7 +68,7 @@ def classify_stored(directory: Path, overrides: Sequence[str] = ()) -> Classifie
     with hold(directory):
         stored = open_stored(directory)
         thresholds = _changed(stored, overrides).classify
-        typed = json.dumps(thresholds.thresholds, sort_keys=True)
+        typed = thresholds.as_text
         changed = files = 0
         for path in stored.files():
             rows = stored.runs.table(path)

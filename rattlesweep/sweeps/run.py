@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import re
 import signal
 import threading
@@ -162,7 +161,7 @@ def run_sweep(
         check_removable(directory)
     else:
         held = examine(plan, directory)  # before anything is made there
-        if held is not None and shard is not None and _typed(plan) != held.typed:
+        if held is not None and shard is not None and plan.config.classify.as_text != held.typed:
             raise ConfigError(
                 f"{directory}: its runs are typed by other thresholds than those of the config; "
                 "run `rattlesweep classify` there before its shares go on"
@@ -228,7 +227,7 @@ class _Sweep:
             self.result.remarks.append(
                 f"a file was damaged and is now {path}; its runs are done again"
             )
-        typed = _typed(plan)
+        typed = plan.config.classify.as_text
         other = [
             path for text, paths in self.found.typed.items() if text != typed for path in paths
         ]
@@ -323,7 +322,9 @@ class _Sweep:
         if not len(table):
             return
         with _undisturbed():
-            self.runs.append(table, self.stored.hash, _typed(self.plan), self.plan.cases)
+            self.runs.append(
+                table, self.stored.hash, self.plan.config.classify.as_text, self.plan.cases
+            )
             case, sample = (table.column(name).to_numpy() for name in ("case", "sample"))
             self.done[case, sample] = True
             assert self.found is not None
@@ -372,10 +373,6 @@ class _Sweep:
             )
 
         return told
-
-
-def _typed(plan: Plan) -> str:
-    return json.dumps(plan.config.classify.thresholds, sort_keys=True)
 
 
 def _start_over(directory: Path) -> None:

@@ -95,7 +95,7 @@ class Stored:
     @property
     def typed(self) -> str:
         """The same as JSON, as each file of rows has it."""
-        return json.dumps(self.thresholds.thresholds, sort_keys=True)
+        return self.thresholds.as_text
 
     @cached_property
     def runs(self) -> Runs:

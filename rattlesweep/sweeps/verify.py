@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -128,7 +127,7 @@ def _check_keys(stored: Stored, found: Found, result: Verified) -> None:
     elif not found.aside:
         decide.read(stored)
         result.missing = int((decide.wanted() & ~found.done).sum())
-    typed = json.dumps(stored.thresholds.thresholds, sort_keys=True)
+    typed = stored.typed
     for text, paths in found.typed.items():
         if text != typed:
             result.problems.append(

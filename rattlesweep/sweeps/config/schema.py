@@ -3,6 +3,7 @@
 # mypy: disable-error-code="valid-type"
 # Types that functions make are types to pydantic alone.
 
+import json
 import math
 import re
 from collections import Counter
@@ -632,6 +633,11 @@ class Classify(Base):
     def thresholds(self) -> dict[str, float]:
         """The thresholds between types of stored runs."""
         return self.model_dump(exclude={"early"})
+
+    @property
+    def as_text(self) -> str:
+        """The thresholds as JSON, as each file of rows tells by which ones it was typed."""
+        return json.dumps(self.thresholds, sort_keys=True)
 
 
 class Stop(Base):
