@@ -65,7 +65,7 @@ SYMBOLS = {
     "minus_xi_deg": (r"$-\xi$", "deg"), "f_sd": ("$f_{sd}$", ""), "c": ("$c$", "a"),
     "sigma": (r"$\sigma$", "M a^2 sqrt(g/a)"), "rolling": ("$l$", "a"),
     "t_r": ("$t_r$", "sqrt(a/g)"), "t_rgh": ("$t_{rGH}$", "sqrt(a/g)"),
-    "n_reversals": ("number of turns", ""), "ratio": (r"$t_r/t_{rGH}$", ""),
+    "n_turns": ("number of turns", ""), "ratio": (r"$t_r/t_{rGH}$", ""),
     "n_0": ("$n_0$", "sqrt(g/a)"), "n_c1": ("$n_{c1}$", "sqrt(g/a)"),
     "omega_p": (r"$\omega_p$", "sqrt(g/a)"), "omega_r": (r"$\omega_r$", "sqrt(g/a)"),
 }  # fmt: skip

@@ -114,7 +114,7 @@ class Outcome:
         Time and logarithm of the tangent's growth at the end of each window, and of the run in the
         row behind its last window; NaN behind that, and in all windows that one step ended but the
         first.
-    n_reversals : ndarray of int64
+    n_turns : ndarray of int64
         Meaningful only where reversals were asked for.
     reversals : ndarray, shape (runs, 8, 2) or (0, ...)
         Time of each of the first reversals, and the largest modulus of the spin between it and the
@@ -140,7 +140,7 @@ class Outcome:
     y_end: Floats
     windows: Floats
     growth: Floats
-    n_reversals: NDArray[np.int64]
+    n_turns: NDArray[np.int64]
     reversals: Floats
     stopped: bool
 

@@ -130,9 +130,9 @@ def columns_of(
         sure = sure_types(codes, outcome.reversal_sure, observed, errors, config.classify)
         columns["type_sure"] = pa.array(sure, mask=codes < 0)
     if "reversals" in config.record and outcome is not None:
-        counted = np.where(ok, outcome.n_reversals, -1)
-        columns["n_reversals"] = pa.array(counted.astype(np.int32), mask=~ok)
-        for k, name in enumerate(("reversal_times", "spin_after")):
+        counted = np.where(ok, outcome.n_turns, -1)
+        columns["n_turns"] = pa.array(counted.astype(np.int32), mask=~ok)
+        for k, name in enumerate(("turn_times", "spin_after_turn")):
             columns[name] = ragged(outcome.reversals[:, :, k], np.minimum(counted, MOST_REVERSALS))
     if "windows" in config.record and outcome is not None and batch is not None:
         filled = np.isfinite(outcome.windows[:, :, 0]).sum(axis=1)

@@ -149,12 +149,12 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
     # Where `integrator.accuracy` asks for an error.
     "tol": (field("tol", F64, "1", "tolerance at which the run was integrated"),),
     "reversals": (
-        field("n_reversals", I32, "1",
-              "reversals by t_end: times that the spin went from beyond a quarter of its first "
+        field("n_turns", I32, "1",
+              "turns by t_end: times that the spin went from beyond a quarter of its first "
               "size to beyond a quarter on the other side; without a first spin, of n_0"),
-        field("reversal_times", SERIES, TIME, "first zero of each of the first eight of these"),
-        field("spin_after", SERIES, RATE,
-              "largest size of the spin between each of these and the next, at any step"),
+        field("turn_times", SERIES, TIME, "first zero in each of the first eight turns"),
+        field("spin_after_turn", SERIES, RATE,
+              "largest size of the spin between each of these turns and the next, at any step"),
     ),
 }
 """Columns of `runs` in their order, by what they belong to."""

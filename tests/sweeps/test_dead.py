@@ -48,7 +48,7 @@ def test_other_thresholds_still_change(plain):
 def test_recorded_reversals_and_errors(tmp_path):
     runs = rs.sweep(CONFIG | {"record": ["reversals"]}, output=tmp_path / "turns").runs
     assert runs.type.tolist() == ["D"] * 3
-    assert runs.n_reversals.tolist() == [0] * 3
+    assert runs.n_turns.tolist() == [0] * 3
     assert runs.t_r.isna().all()
     runs = rs.sweep(CONFIG | {"record": ["error"]}, output=tmp_path / "error").runs
     assert runs.type.tolist() == ["D"] * 3
@@ -93,6 +93,6 @@ def test_damped_reversals_are_the_plain_ones(tmp_path):
     assert 10 < alive.sum() < len(runs)
     columns = ["t_r", "t_end", "n_end", "n_steps", "energy_left"]
     pd.testing.assert_frame_equal(runs[alive][columns], free[alive][columns], check_exact=True)
-    assert (runs.n_reversals <= free.n_reversals).all()
+    assert (runs.n_turns <= free.n_turns).all()
     late = free.t_r.notna() & ~alive
     assert (runs[late].type == "D").all()

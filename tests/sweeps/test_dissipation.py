@@ -118,7 +118,7 @@ def test_columns_are_those_of_each_run(swept, tmp_path):
     assert not (runs[free].type == "D").any()
     assert (runs[sigma == 0.2].type == "D").any()
     # The more it loses, the less often it turns.
-    most = runs[rolling == 0].groupby("sigma").n_reversals.sum()
+    most = runs[rolling == 0].groupby("sigma").n_turns.sum()
     assert most.is_monotonic_decreasing
     assert most.iloc[0] > most.iloc[-1]
     # A run is what it is alone: the same kernel gives the same bits.
@@ -155,7 +155,7 @@ def test_what_the_lever_stops_long_before_the_spin_takes_no_steps(tmp_path):
         dissipation={"sigma": 0.032, "rolling": 2e-3}, horizon={"t": 250},
         integrator={"max_steps": 20_000},
     ).iloc[0]  # fmt: skip
-    assert (run.status, run.n_reversals) == ("ok", 0)
+    assert (run.status, run.n_turns) == ("ok", 0)
     assert run.n_steps < 5000
     assert abs(run.energy_drift) < 1e-9
     # What is left is a spin that falls at the rate sigma/gamma.
@@ -186,10 +186,10 @@ def test_it_is_an_axis_of_pictures_and_arrays(swept, tmp_path):
     assert made.exit_code == 0, made.output
     shown, runs = pd.read_csv(tmp_path / "d.csv"), swept.runs
     own = runs[(runs.theta == 0.64) & (runs.n_i == 0.3) & (runs["rolling"] == 0)]
-    wanted = own.set_index(["sigma", np.round(-np.degrees(own.xi))]).n_reversals
-    got = shown.set_index(["sigma", "minus_xi_deg"]).n_reversals_mean
+    wanted = own.set_index(["sigma", np.round(-np.degrees(own.xi))]).n_turns
+    got = shown.set_index(["sigma", "minus_xi_deg"]).n_turns_mean
     assert got.sort_index().tolist() == wanted.sort_index().tolist()
-    found = swept.to_xarray(["n_reversals", "growth"])
+    found = swept.to_xarray(["n_turns", "growth"])
     assert found.growth.dims == ("n_i", "omega_xy0", "sigma", "rolling", "theta", "minus_xi_deg")
     assert found.sigma.attrs["units"] == "M a^2 sqrt(g/a)"
     assert found.growth.isel(rolling=1).isnull().all()
@@ -230,7 +230,7 @@ def test_the_runs_of_a_sweep_are_a_table_that_says_it_row_by_row(tmp_path, swept
     losses = plan_of(config).config.dissipation
     assert losses.sigma == losses.rolling == "table"
     again = rs.sweep(config, output=tmp_path / "out")
-    names = ["sigma", "rolling", "t_r", "n_reversals", "growth", "type", "energy_left"]
+    names = ["sigma", "rolling", "t_r", "n_turns", "growth", "type", "energy_left"]
     pd.testing.assert_frame_equal(swept.runs[names], again.runs[names], check_exact=True)
     assert again.summary.sigma.isna().all()
     proved(again.directory, recompute=5)

@@ -20,7 +20,7 @@ def test_t_r_is_kept_and_the_type_is_not(tmp_path):
     late = (runs.status != "ok") & (plain.type == "R")
     assert late.sum() >= 3
     assert (runs[late].t_r == plain[late].t_r).all()
-    assert runs[late][["type", "n_reversals"]].isna().all(axis=None)
+    assert runs[late][["type", "n_turns"]].isna().all(axis=None)
     # No share and no mean counts them.
     assert sweep.summary.failed[0] == (runs.status != "ok").sum()
     kept = runs[runs.type == "R"].t_r

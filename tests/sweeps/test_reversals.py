@@ -23,7 +23,7 @@ CONFIG: dict[str, Any] = {
     "spin": {"n_i": [0.2, -0.2, 0, 0.5], "omega_xy0": 0.1, "psi": "pitch"},
     "horizon": {"t": 900},
 }
-NEW = ["n_reversals", "reversal_times", "spin_after"]
+NEW = ["n_turns", "turn_times", "spin_after_turn"]
 
 
 @pytest.fixture(scope="module")
@@ -36,19 +36,19 @@ def sweep(tmp_path_factory) -> Path:
 def test_they_are_those_of_the_trajectory(sweep):
     """Every run, bit for bit; the largest spin at the accepted steps in between."""
     runs = rs.load(sweep).runs
-    assert runs.n_reversals.max() > 8
-    assert (runs.n_reversals == 0).any()
+    assert runs.n_turns.max() > 8
+    assert (runs.n_turns == 0).any()
     for run in runs.itertuples():
         path = rs.replay(sweep, int(run.case), int(run.sample), steps=True)
-        assert run.n_reversals == len(path.reversals)
-        assert run.reversal_times.tolist() == path.reversals[:8].tolist()
+        assert run.n_turns == len(path.reversals)
+        assert run.turn_times.tolist() == path.reversals[:8].tolist()
         ends = [*path.reversals, np.inf]
         steps, size = path.table.t.to_numpy(), path.table.n.abs().to_numpy()
-        for k, largest in enumerate(run.spin_after):
+        for k, largest in enumerate(run.spin_after_turn):
             between = (steps > ends[k]) & (steps < ends[k + 1])
             assert largest == pytest.approx(size[between].max(), rel=1e-12)
-        if run.n_reversals:
-            assert run.t_r <= run.reversal_times[0]
+        if run.n_turns:
+            assert run.t_r <= run.turn_times[0]
         assert run.t_end == 900
 
 
@@ -66,13 +66,13 @@ def test_the_first_one_and_the_type_are_as_without(sweep, tmp_path):
 
 def test_commands_know_the_columns(sweep):
     proved(sweep, recompute=12)
-    found = invoke("replay", sweep, "--where", "n_reversals > 8", "--points", "2")
+    found = invoke("replay", sweep, "--where", "n_turns > 8", "--points", "2")
     assert found.exit_code == 0
     assert "reversals at" in found.stderr
-    lists = invoke("replay", sweep, "--where", "spin_after > 8", "--points", "2")
-    assert_refused(lists, 2, "spin_after holds several numbers a run")
+    lists = invoke("replay", sweep, "--where", "spin_after_turn > 8", "--points", "2")
+    assert_refused(lists, 2, "spin_after_turn holds several numbers a run")
     table = pq.read_table(sweep / "runs")
-    assert table.schema.field("n_reversals").type == "int32"
+    assert table.schema.field("n_turns").type == "int32"
     for name in NEW[1:]:
         assert table[name].to_pylist()[0] is not None
         assert max(map(len, table[name].to_pylist())) == 8
@@ -95,10 +95,10 @@ def test_with_a_fixed_step_and_the_reduced_model(model, tmp_path):
         "integrator": {"method": "rk4", "dt": 0.01}, "spin": {"n_i": [0.2, -0.2], "omega_xy0": 0.1},
     }  # fmt: skip
     runs = rs.sweep(config, output=tmp_path).runs
-    assert runs.n_reversals.max() > 0
+    assert runs.n_turns.max() > 0
     for run in runs.itertuples():
         path = rs.replay(tmp_path, int(run.case), int(run.sample), points=2)
-        assert run.reversal_times.tolist() == path.reversals[:8].tolist()
+        assert run.turn_times.tolist() == path.reversals[:8].tolist()
 
 
 # -- a map -------------------------------------------------------------------------------------
@@ -112,8 +112,8 @@ def test_a_map_of_the_shipped_config(tmp_path):
     result = invoke("plot", out, "--output", tmp_path / "p.svg", "--data", data)
     assert result.exit_code == 0, result.stderr
     assert result.stderr == "reversals: 64 runs\n"
-    counts = rs.load(out).runs.n_reversals
-    assert sorted(pd.read_csv(data).n_reversals_mean) == sorted(counts)
+    counts = rs.load(out).runs.n_turns
+    assert sorted(pd.read_csv(data).n_turns_mean) == sorted(counts)
     assert counts.max() > 1
     shown = choose_picture(read_layout(out), "reversals")
     figure = shown.figure()
@@ -126,7 +126,7 @@ def test_a_map_of_the_shipped_config(tmp_path):
     assert "not run yet" in [text.get_text() for text in shown.figure().legends[0].get_texts()]
     # Numbers up to 5 have a colour each, larger ones may share one, and every number has one.
     for most in (6, 300):
-        shown.counted[1]["n_reversals"] = count = Moments(64)
+        shown.counted[1]["n_turns"] = count = Moments(64)
         count.add(np.arange(2), np.array([0.0, most]))
         labels = [text.get_text() for text in shown.figure().axes[-1].get_yticklabels()]
         spans = [[int(end) for end in label.split(" to ")] for label in labels]

@@ -94,7 +94,7 @@ def test_shipped_configs_run_and_leave_what_the_contract_says(name, tmp_path):
     ends = frame[frame.t_r.notna()]
     assert ends.index.equals(frame.index[frame.type == "R"])
     # Runs that count reversals go on behind the first.
-    goes_on = "n_reversals" in frame
+    goes_on = "n_turns" in frame
     assert (ends.t_r < ends.t_end if goes_on else ends.t_r == ends.t_end).all()
     head, *lines = result.stdout.splitlines()
     assert head.split()[:4] == ["case", "target", "n_i", "omega_xy0"]

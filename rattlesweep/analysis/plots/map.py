@@ -54,7 +54,7 @@ CELLS = {
 CODES = {name: code for code, name in enumerate(CELLS)}
 # So many numbers of reversals have a colour each; beyond, a colour is for more and more of them.
 SINGLE = 6
-REVERSALS = "n_reversals"
+REVERSALS = "n_turns"
 
 
 class Map(Picture):

@@ -10,7 +10,7 @@ RESULT = ("t_end", "t_r", "n_end", "energy_drift", "amp_growth", "n_departure", 
 FIRST_STATE = 10  # the state at the end: as many columns as the model has components
 # ``counts``: status and counters, likewise.
 STATUS, STEPS, NEAR, REJECTED, REVERSALS = 0, 1, 2, 3, 4
-COUNTS = ("status", "n_steps", "near_tangencies", "n_rejected", "n_reversals")
+COUNTS = ("status", "n_steps", "near_tangencies", "n_rejected", "n_turns")
 N_COUNTS = 5
 # ``plan``: horizon, fastest swing of the spin, window, bound of its rate, first step, expected
 # cost, the depth below which an extremum of the spin is undecided, first comparison of amplitudes;

@@ -38,7 +38,7 @@ def data(ws: Workspace) -> Tables:
         "record": ["reversals"],
     }
     runs = ws.sweep("friction", parse_config(config))
-    times = runs.pivot_table("n_reversals", ["sigma", "sample"], "n_i")
+    times = runs.pivot_table("n_turns", ["sigma", "sample"], "n_i")
     times = times.dropna().reset_index("sigma").set_axis(["sigma", "steady", "unsteady"], axis=1)
     unsteady, steady = times["unsteady"] > 0, times["steady"] > 0
     found = pd.DataFrame(

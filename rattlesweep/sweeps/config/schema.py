@@ -486,7 +486,7 @@ class Refine(Base):
     levels: int = Field(default=4, ge=1, le=16)
     """Halvings from the coarse grid to the values of the axes and the spins."""
     by: Literal["type", "t_r", "n_end", "t_end", "n_steps", "energy_drift", "n_departure",
-                "amp_growth", "lyapunov", "contact_ratio_max", "n_reversals"] = "type"  # fmt: skip
+                "amp_growth", "lyapunov", "contact_ratio_max", "n_turns"] = "type"  # fmt: skip
     """What must not differ within a cell: type, and perhaps a column of numbers."""
     tol: float = Field(default=0.05, gt=0, lt=1)
     """How far a number may lie off the line through its neighbours, relative."""
