@@ -31,10 +31,9 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from rattlesweep.sweeps.config.schema import Config
-    from rattlesweep.sweeps.job import Engine
+    from rattlesweep.sweeps.job import Engine, Result
     from rattlesweep.sweeps.pilot import Forecast
     from rattlesweep.sweeps.plan import Plan
-    from rattlesweep.sweeps.run import Result
 
 
 @command("Sweeps", "rattlesweep init mine.yaml")
@@ -161,7 +160,7 @@ def run(
                 raise ConfigError(f"{flag}: is for --engine dask; add that, or leave this out")
     if fresh and shard is not None:
         raise ConfigError("--fresh: would remove the runs of other shards; start over without it")
-    from rattlesweep.sweeps.local import local
+    from rattlesweep.sweeps.job import local
     from rattlesweep.sweeps.run import run_sweep
     from rattlesweep.sweeps.stored import examine
 
