@@ -187,11 +187,15 @@ class Job:
             self.result.done += len(table)
             if self.decide is not None:
                 self.decide.add(table)
-            np.subtract.at(self._left, case, 1)
-            np.add.at(self._expected, case, self._cost[case])
-            np.add.at(self._steps, case, table.column("n_steps").to_numpy())
+            self.count(case, table.column("n_steps").to_numpy())
 
     # --------------------------------------------------------------- progress
+
+    def count(self, case: Integers, steps: Integers) -> None:
+        """Count runs of these cases as done, with their steps."""
+        np.subtract.at(self._left, case, 1)
+        np.add.at(self._expected, case, self._cost[case])
+        np.add.at(self._steps, case, steps)
 
     def begin(self) -> None:
         """Say that work begins now: what came before, such as compilation, is no rate."""

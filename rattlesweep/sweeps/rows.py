@@ -16,6 +16,7 @@ import json
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -199,7 +200,7 @@ class Runs:
         paths = sorted(first, key=first.__getitem__)
         wanted = None if columns is None else list(dict.fromkeys([*columns, "case", "sample"]))
         held: list[pa.Table] = []
-        for path, following in zip(paths, [*paths[1:], None], strict=True):
+        for path, following in zip_longest(paths, paths[1:]):
             held.append(self.table(path, wanted))
             if following is not None and sum(map(len, held)) < PIECE:
                 continue

@@ -280,14 +280,6 @@ def test_out_of_memory_or_unreadable_is_not_damaged(runs, monkeypatch):
     assert find(runs).done.all()
 
 
-def test_a_folder_in_the_place_of_a_file(runs):
-    path = runs.files()[1]
-    path.unlink()
-    path.mkdir()
-    with pytest.raises(OutputError, match=f"cannot read {path}|{path} is damaged"):
-        find(runs)
-
-
 def test_what_is_no_part_of_the_sweep_is_refused(runs):
     first, *_, last = runs.files()
     some = runs.table(first).slice(0, 2)
@@ -302,7 +294,8 @@ def test_what_is_no_part_of_the_sweep_is_refused(runs):
     # Twice under another name, and some rows of it with others.
     shutil.copy(last, more)
     refused("holds runs that are there twice; move it away")
-    refused("holds runs that are there twice", runs.append(some, "sweep", "{}", CASES))
+    runs.append(some, "sweep", "{}", CASES).rename(more)
+    refused("holds runs that are there twice")
     refused("holds runs of another sweep", runs.append(some, "another", "{}", CASES))
     without = some.drop_columns("t_r")
     refused("has the columns of another version", runs.append(without, "sweep", "{}", CASES))
