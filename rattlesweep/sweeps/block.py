@@ -10,12 +10,11 @@ import numpy as np
 import pyarrow as pa
 
 from rattlesweep.arrays import Flags, Integers, take
-from rattlesweep.integrate.batch import Batch, Control, Outcome, has_settled, integrate
+from rattlesweep.integrate.batch import Batch, Control, Outcome, has_settled, integrate, needed
 from rattlesweep.integrate.defaults import DT, TOL
 from rattlesweep.integrate.follow.lyapunov import exponents
 from rattlesweep.integrate.lanes.build import kernel
 from rattlesweep.integrate.lanes.columns import MOST_REVERSALS
-from rattlesweep.integrate.model import WITH_TANGENT
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics import steady
@@ -42,12 +41,12 @@ def load_kernel(config: Config) -> float:
     """Load the kernels that the runs take, and return how many seconds it took."""
     begin = time.perf_counter()
     if config.model != "gh":
-        plain, tangent = model_of(config).name, "lyapunov" in config.record
-        if tangent:
-            kernel(config.integrator.method, WITH_TANGENT[plain].name)
-        # Companions take the plain one, whatever is recorded.
-        if not tangent or "error" in config.record:
-            kernel(config.integrator.method, plain)
+        model = model_of(config)
+        carried, beside = needed(model, config.record)
+        kernel(config.integrator.method, carried.name, *beside)
+        if "error" in config.record:
+            # Companions take the plain one, whatever is recorded.
+            kernel(config.integrator.method, model.name)
     return time.perf_counter() - begin
 
 
@@ -254,7 +253,7 @@ def _measured(outcome: Outcome, parts: list[str]) -> dict[str, Any]:
         outcome, "t_end", "t_r", "n_end", "n_steps", "energy_drift", "amp_growth", "n_departure",
         "near_tangencies",
     )  # fmt: skip
-    for part in ("energy", "contact", "error", "tol"):
+    for part in ("energy", "contact", "volume", "error", "tol"):
         if part in parts:
             # Whether a type is sure is not the kernel's to say.
             names = [column.name for column in RUNS[part] if column.name != "type_sure"]

@@ -737,7 +737,7 @@ SOURCES = ("sd", "preset", "table", "grid")
 Bodies = Annotated[
     SdSource | PresetSource | TableSource | GridSource, Field(discriminator="source")
 ]
-Record = Literal["energy", "contact", "windows", "lyapunov", "error", "reversals"]
+Record = Literal["energy", "contact", "windows", "lyapunov", "volume", "error", "reversals"]
 
 
 def _check_name(name: str) -> str:
@@ -817,7 +817,7 @@ class Config(Base):
         if "reversals" in record and (goal or "error" in record):
             what = "integrator.accuracy of t_r" if goal else "error"
             yield "record", f"{what} is for the first reversal alone; leave it or reversals out"
-        for word in [word for word in record if early and word in ("lyapunov", "reversals")]:
+        for word in {"lyapunov", "volume", "reversals"}.intersection(record if early else ()):
             yield "record", f"classify.early ends runs before their horizon; leave it or {word} out"
 
     @model_validator(mode="after")
