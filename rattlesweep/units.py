@@ -50,8 +50,16 @@ def quantity(text: str, kind: str) -> float:
 def quantities(text: str, kind: str, *counts: int) -> list[float]:
     """Return numbers with commas between them and one unit behind, such as ``2,16,17 kg cm^2``.
 
-    `counts` are the numbers of values that are allowed.
+    Each may have a unit of its own, as in ``12cm,3cm``. `counts` are the numbers of values that are
+    allowed.
     """
+    parts = text.split(",")
+    if (
+        len(parts) > 1
+        and len(parts) in counts
+        and all(part.strip()[-1:].isalpha() for part in parts)
+    ):
+        return [quantity(part, kind) for part in parts]
     needed = f"{_article(kind)} is needed, such as {KINDS[kind][1]}"
     found = re.fullmatch(rf"\s*({_NUMBER}(?:\s*,\s*{_NUMBER})*)\s*(.*?)\s*", text)
     if found is None:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rattlesweep.physics import si
-from rattlesweep.units import quantities, quantity
+from rattlesweep.units import quantities
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -83,20 +82,6 @@ def half_ellipsoid(
     return {**found, "c": height / a, "mass": total, "height": a}
 
 
-def lengths(text: str, count: int) -> list[float]:
-    """Return lengths in m from text such as ``12cm,3cm,2cm`` or ``12, 3, 2 cm``.
-
-    Raises
-    ------
-    ValueError
-        If they are not as many lengths.
-    """
-    parts = text.split(",")
-    if len(parts) == count > 1 and all(re.search("[A-Za-zµμ]", part) for part in parts):
-        return [quantity(part, "length") for part in parts]
-    return quantities(text, "length", count)
-
-
 def measured(
     *,
     length: float | str,
@@ -128,7 +113,7 @@ def measured(
                          "(x, y) of one from the middle of the flat side")  # fmt: skip
     if at is not None:
         try:
-            places = lengths(at, 2) if isinstance(at, str) else at
+            places = quantities(at, "length", 2) if isinstance(at, str) else at
         except ValueError as error:
             raise ValueError(f"at: {at!r} {error}") from None
         if len(places) != 2:
