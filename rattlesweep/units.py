@@ -18,15 +18,12 @@ KINDS = {
     "time": ("s", "2.5 s"),
     "acceleration": ("m/s^2", "9.81 m/s^2"),
     "torque per spin": ("N m s", "1e-4 N m s"),
+    "energy": ("J", "0.5 mJ"),
 }
 """Kinds of quantities: the SI unit, and an example."""
 
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _FACTOR = r"[*/·]?\s*[A-Za-zµμ°]+\s*(?:(?:\^|\*\*)?\s*(?:-?\d|[²³]))?\s*"
-
-
-class SI(float):
-    """A number in SI units, where a plain one is in the units of a body."""
 
 
 def quantity(text: str, kind: str) -> float:
