@@ -42,6 +42,8 @@ def make_body(given: dict[str, Any]) -> Rattleback:
         given["xi"] = math.radians(given.pop("xi_deg"))
     preset = given.pop("preset", None)
     try:
+        if {"half_ellipsoid", "skew", "weights", "at"} & given.keys():
+            return _half_ellipsoid(given | ({} if preset is None else {"preset": preset}))
         if measured := {*SI_NAMES, "axes_angle", "z_up"} & given.keys():
             return _from_si(given, preset, measured)
         if preset is not None:
@@ -82,6 +84,19 @@ def _from_si(given: dict[str, Any], preset: str | None, measured: set[str]) -> R
     if (c := given.get("c")) is not None and not isinstance(c, str):
         given["c"] = c * given["height"]
     return Rattleback.from_si(**given)
+
+
+def _half_ellipsoid(given: dict[str, Any]) -> Rattleback:
+    """Return the body of the options of a half ellipsoid."""
+    own = {"half_ellipsoid", "mass", "skew", "weights", "at"}
+    if missing := {"half_ellipsoid", "mass"} - given.keys():
+        raise ConfigError(f"{_options(missing)} missing; a half ellipsoid has --half-ellipsoid, "
+                          "--mass, and --skew or --weights and --at")  # fmt: skip
+    if others := given.keys() - own:
+        raise ConfigError(f"{_options(others)} given beside --half-ellipsoid, which has "
+                          "--mass, --skew, --weights and --at alone")  # fmt: skip
+    sizes = dict(zip(("length", "width", "height"), given.pop("half_ellipsoid"), strict=True))
+    return Rattleback.half_ellipsoid(**sizes, **given)
 
 
 def _options(names: Iterable[str]) -> str:

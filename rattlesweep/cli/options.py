@@ -204,7 +204,8 @@ t_end = option("--t-end", type=DURATION, help="Horizon, in sqrt(a/g), or as in 2
 from_time = option("--from-time", type=DURATION, help="Time of the first row, likewise.")
 
 BODY = ("preset", "alpha", "beta", "gamma", "f_sd", "theta", "phi", "xi", "xi_deg", "c", "mass",
-        "height", "inertia", "radii", "axes_angle", "z_up")  # fmt: skip
+        "height", "inertia", "radii", "axes_angle", "z_up",
+        "half_ellipsoid", "skew", "weights", "at")  # fmt: skip
 body = stack(
     option("--preset", type=PRESETS,
            help="A named body (Garcia and Hubbard 1988, Kane and Levinson 1982)."),
@@ -229,6 +230,17 @@ body = stack(
     option("--axes-angle", type=Kind("angle", partial(quantity, kind="angle")),
            help="Angle from the x axis of --inertia to the direction of the first of --radii."),
     option("--z-up", is_flag=True, default=None, help="The z axis of --inertia points up."),
+    option("--half-ellipsoid", type=Kind("length,width,height",
+           lambda text: quantities(text, "length", 3)),
+           help="Instead of height, inertia and radii: a solid half ellipsoid with its flat side "
+                "up, as in 12cm,3cm,12mm; --mass is without weights."),
+    option("--skew", type=Kind("angle", partial(quantity, kind="angle")),
+           help="Angle by which its axes of inertia are turned clockwise, seen from above."),
+    option("--weights", type=Kind("mass", partial(quantity, kind="mass")),
+           help="Mass of each of two weights on its flat side."),
+    option("--at", type=Kind("x,y", lambda text: quantities(text, "length", 2)),
+           help="Place of one weight from the middle, along and across, as in 45,-9mm; the other "
+                "one lies opposite."),
 )  # fmt: skip
 DISSIPATION = ("sigma", "rolling")
 dissipation = stack(

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     "rattlesweep body --preset GH",
     "rattlesweep body --mass 85g --height 1cm --inertia '60,900,920,-20 g cm^2' "
     "--radii '50,1.5 cm' --n-i 60rpm",
+    "rattlesweep body --half-ellipsoid 12cm,3cm,12mm --mass 60g --skew 3deg --n-i 60rpm",
     "rattlesweep body --gamma 10 --f-sd 0.1 --theta 0.8 --phi 0.05 --xi-deg -3 --json",
 )
 @options.body
