@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Mapping
-from contextlib import suppress
 from numbers import Integral
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeGuard
 
@@ -20,14 +19,13 @@ if TYPE_CHECKING:
     import pandas as pd
     import pyarrow as pa
 
+    from rattlesweep.sweeps.bodies.protocol import Scale
     from rattlesweep.sweeps.bodies.table import TableBodies
 
 Bodies: TypeAlias = (
     "Rattleback | str | Iterable[Rattleback | str] | Mapping[str, Any] | pd.DataFrame"
 )
 """One body or the name of a preset; a sequence or an array of these; or a table of bodies."""
-Sizes: TypeAlias = Mapping[str, Any]
-"""Size of the unit of each kind of quantity in SI units: a number, or an array over bodies."""
 
 WANTED = {
     "n_i": "the initial spin must be finite",
@@ -118,34 +116,36 @@ def table_bodies(columns: Mapping[str, Floats]) -> TableBodies:
 
     size = {name: columns[name] for name in SIZE if name in columns}
     rest = {name: values for name, values in columns.items() if name not in size}
-    if "height_m" not in size:
+    if (scale := column_scale(columns)) is None:
         return TableBodies(rest)
-    second = np.sqrt(size["height_m"] / size.get("gravity_m_s2", GRAVITY))
     fields = [required(name, F64, KEPT[name], "of the body") for name in size]
-    return TableBodies(rest, second, size, (*fields, *MEASURED))
+    return TableBodies(rest, scale, size, (*fields, *MEASURED))
 
 
 # -- units -------------------------------------------------------------------------------------
 
 
-def unit_sizes(units: Units | None) -> dict[str, float]:
-    """Return the sizes of the units of a body, none if its own size is not known."""
+def scale_of(units: Units | None) -> Scale | None:
+    """Return the units of a body as a scale, None if its size is not known."""
+    from rattlesweep.sweeps.bodies.protocol import Scale
+
     if units is None:
-        return {}
-    return {kind: units.sizes[unit][0] for kind, unit in UNITS.items()}
+        return None
+    return Scale(*map(np.asarray, (units.mass, units.length, units.gravity)))
 
 
-def column_sizes(columns: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the sizes of the units of bodies that the columns `SIZE` tell."""
+def column_scale(columns: Mapping[str, Any]) -> Scale | None:
+    """Return the units of bodies that the columns `SIZE` tell, None if they do not."""
+    from rattlesweep.sweeps.bodies.protocol import Scale
+
     if "height_m" not in columns:
-        return {}
-    length, gravity = columns["height_m"], columns.get("gravity_m_s2", GRAVITY)
-    time = np.sqrt(length / gravity)
-    sizes = {"spin": 1 / time, "time": time, "length": length}
-    if "mass_kg" in columns:
-        weight = columns["mass_kg"] * gravity
-        sizes |= {"energy": weight * length, "torque per spin": weight * length * time}
-    return sizes
+        return None
+    length = np.asarray(columns["height_m"], float)
+    mass, gravity = (
+        np.broadcast_to(np.asarray(columns.get(name, default), float), length.shape)
+        for name, default in (("mass_kg", np.nan), ("gravity_m_s2", GRAVITY))
+    )
+    return Scale(mass, length, gravity)
 
 
 def to_si(runs: Any) -> Any:
@@ -180,17 +180,17 @@ def to_si(runs: Any) -> Any:
     many = is_frame(runs)
     frame: Any = runs if many else pd.DataFrame([runs.to_dict()])
     units = runs.attrs.get("units", {}) if many else runs.units
-    sizes = column_sizes(frame)
-    if not sizes:
+    scale = column_scale(frame)
+    if scale is None:
         raise ConfigError("runs: their bodies have no size; make them by Rattleback.from_si, kl or "
                           "half_ellipsoid, or give the columns mass_kg and height_m")  # fmt: skip
     found: dict[str, Any] = {}
     for name, values in frame.items():
-        kind = next((kind for kind in sizes if UNITS[kind] == units.get(name)), None)
+        kind = next((kind for kind, unit in UNITS.items() if unit == units.get(name)), None)
         if kind is None:
             continue
         rpm = name.startswith("n_") or name == "omega_xy0"
-        size = np.broadcast_to(sizes[kind] * (RPM if rpm else 1), len(frame))
+        size = (RPM if rpm else 1.0) / scale.natural(1.0, kind)
         if values.dtype == object:  # lists, or nothing but None
             pairs = zip(values, size, strict=True)
             values = [None if value is None else np.multiply(value, one) for value, one in pairs]
@@ -199,13 +199,13 @@ def to_si(runs: Any) -> Any:
         found[f"{name}_{'rpm' if rpm else ENDINGS[kind]}"] = values
     if many:
         return pd.DataFrame(found, index=frame.index)
-    return {name: values[0] for name, values in found.items()}
+    return {name: np.asarray(values[0]).tolist() for name, values in found.items()}
 
 
 # -- numbers -----------------------------------------------------------------------------------
 
 
-def numbers(name: str, value: Any, sizes: Sizes = {}) -> Floats:  # noqa: B006 - not changed
+def numbers(name: str, value: Any, scale: Scale | None = None) -> Floats:
     """Return an argument as an array in the units of the bodies.
 
     Raises
@@ -216,9 +216,7 @@ def numbers(name: str, value: Any, sizes: Sizes = {}) -> Floats:  # noqa: B006 -
     from rattlesweep.sweeps.bodies.table import check_value
 
     wanted = WANTED.get(name, "it must be finite")
-    array: Floats | None = None
-    with suppress(TypeError, ValueError):
-        array = _floats(name, value, sizes)
+    array = _floats(name, value, scale)
     if array is None:
         raise ConfigError(f"{name}: {kind_of(value)} is no number or array of numbers; {wanted}")
     bad = ~np.isfinite(array)
@@ -230,47 +228,51 @@ def numbers(name: str, value: Any, sizes: Sizes = {}) -> Floats:  # noqa: B006 -
         place = np.unravel_index(at, array.shape)
         where = f"[{', '.join(map(str, place))}]" if place else ""
         # The rule of a table says no more than what is wanted, unless it is a limit.
-        raise ConfigError(
-            f"{name}{where} {array[place]:g}: {rule if 'allowed' in rule else wanted}"
-        )
+        told = rule if "allowed" in rule else wanted
+        raise ConfigError(f"{name}{where} {array[place]:g}: {told}")
     return array
 
 
-def _floats(name: str, value: Any, sizes: Sizes) -> Floats | None:
-    """Return numbers and texts with units as numbers in the units of the bodies."""
-    given = np.asarray(value)
-    if given.dtype.kind in "iuf":
-        return given.astype(float)
-    given = np.array(value, dtype=object)  # texts would make texts of the numbers beside them
-    texts = {text for text in given.ravel() if isinstance(text, str)}
-    if any(isinstance(one, bool) for one in given.ravel()):
+def _floats(name: str, value: Any, scale: Scale | None) -> Floats | None:
+    """Return numbers and texts with units in the units of the bodies, None if there are others."""
+    if isinstance(value, np.ndarray) and value.dtype.kind in "iuf":
+        return value.astype(float)
+    try:
+        given = np.array(value, dtype=object)  # not as texts, which numbers beside them may be
+        flat = given.ravel().tolist()
+        texts = {one for one in flat if isinstance(one, str)} if name in KINDS else set()
+        if any(isinstance(one, bool) or (isinstance(one, str) and not texts) for one in flat):
+            return None
+        found: dict[Any, float] = {text: _in_si(name, text, scale) for text in texts}
+        array = np.array([found.get(one, one) for one in flat], float).reshape(given.shape)
+    except ConfigError:
+        raise
+    except (TypeError, ValueError):
         return None
-    if not texts:
-        return given.astype(float)
-    if name not in KINDS:
-        return None
-    kind = KINDS[name]
-    found: dict[str, float] = {}
-    for text in texts:
-        try:
-            found[text] = quantity(text, kind)
-        except ValueError as error:
-            raise ConfigError(f"{name}: {one_line(text)!r} {error}") from None
-        if kind not in sizes:
-            raise ConfigError(
-                f"{name}: {text!r} has a unit, but the body has no size; give it one (KL, "
-                f"from_si, half_ellipsoid, --mass and --height), or a number in {UNITS[kind]}"
-            )
-    is_text = np.array([isinstance(one, str) for one in given.ravel()]).reshape(given.shape)
-    plain = np.array([found.get(one, one) for one in given.ravel()], float).reshape(given.shape)
-    return np.asarray(np.where(is_text, plain / sizes[kind], plain))
+    if scale is None or not texts:
+        return array
+    is_text = np.array([isinstance(one, str) for one in flat]).reshape(given.shape)
+    return np.asarray(np.where(is_text, scale.natural(array, KINDS[name]), array))
 
 
-def number(name: str, value: Any, sizes: Sizes = {}) -> float | None:  # noqa: B006
+def _in_si(name: str, text: str, scale: Scale | None) -> float:
+    try:
+        found = quantity(text, KINDS[name])
+    except ValueError as error:
+        raise ConfigError(f"{name}: {one_line(repr(text))} {error}") from None
+    if scale is None:
+        raise ConfigError(
+            f"{name}: {text!r} has a unit, but the body has no size; give it one (KL, from_si, "
+            f"half_ellipsoid, --mass and --height), or a number in {UNITS[KINDS[name]]}"
+        )
+    return found
+
+
+def number(name: str, value: Any, scale: Scale | None = None) -> float | None:
     """Return an argument that is one number, or None; refuse anything else."""
     if value is None:
         return None
-    array = numbers(name, value, sizes)
+    array = numbers(name, value, scale)
     if array.shape:
         raise ConfigError(f"{name}: one number is needed, and not an array of shape {array.shape}")
     return float(array)
@@ -284,12 +286,14 @@ def check_count(name: str, value: Any, least: int = 1) -> None:
                           "on")  # fmt: skip
 
 
-def full_states(omega: Any, u: Any, sizes: Sizes = {}) -> dict[str, Floats]:  # noqa: B006
+def full_states(omega: Any, u: Any, scale: Scale | None = None) -> dict[str, Floats]:
     """Return the components of full states by the names of their columns."""
     state: dict[str, Floats] = {}
-    sizes = {kind: np.asarray(size)[..., None] for kind, size in sizes.items()}
+    if scale is not None:
+        parts = scale.mass, scale.length, scale.gravity
+        scale = type(scale)(*(np.asarray(part)[..., None] for part in parts))
     for name, value in (("omega", omega), ("u", (0.0, 0.0, -1.0) if u is None else u)):
-        vectors = numbers(name, value, sizes)
+        vectors = numbers(name, value, scale)
         if vectors.shape[-1:] != (3,):
             raise ConfigError(
                 f"{name}: a vector has three components, x, y, z; its shape is {vectors.shape}"

@@ -13,22 +13,21 @@ import numpy as np
 
 from rattlesweep.api.arrays import (
     Bodies,
-    Sizes,
     body_columns,
     broadcast,
     check_count,
-    column_sizes,
+    column_scale,
     full_states,
     is_frame,
     number,
     numbers,
     one_body,
+    scale_of,
     table_bodies,
     to_frame,
-    unit_sizes,
     units_of,
 )
-from rattlesweep.arrays import Floats
+from rattlesweep.arrays import Floats, take
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.progress import Bar
@@ -39,6 +38,7 @@ if TYPE_CHECKING:
     from rattlesweep.analysis.onerun.course import Course, Trajectory
     from rattlesweep.analysis.onerun.replay import Replay, StoredRun
     from rattlesweep.analysis.onerun.rows import Rows
+    from rattlesweep.sweeps.bodies.protocol import Scale
     from rattlesweep.sweeps.single import Launch
 
     # A number, or text with an SI unit such as "60 rpm".
@@ -214,12 +214,12 @@ def simulate(
 
     check_count("threads", threads)
     columns = body_columns(body)
-    sizes = column_sizes(columns)
+    scale = column_scale(columns)
     given = {"n_i": n_i, "omega_xy0": omega_xy0, "t_end": t_end, "sigma": sigma, "rolling": rolling}
-    arrays = {name: numbers(name, x, sizes) for name, x in given.items() if x is not None}
+    arrays = {name: numbers(name, x, scale) for name, x in given.items() if x is not None}
     state: dict[str, Floats] = {}
     if is_full_state(omega, u, {"n_i": n_i, "omega_xy0": omega_xy0, "psi": psi}):
-        state = full_states(omega, u, sizes)
+        state = full_states(omega, u, scale)
     if psi is not None and not isinstance(psi, str):
         arrays["psi"] = np.radians(numbers("psi", psi))
     columns, shape = broadcast(_launched(columns, state | arrays, psi is not None))
@@ -316,9 +316,9 @@ def trajectory(
         e_r0=e_r0, sigma=sigma, rolling=rolling, model=model, method=method, tol=tol,
         dt_step=dt_step, accuracy=accuracy,
     )  # fmt: skip
-    sizes = unit_sizes(launch.body.units)
-    rows = rows_of(sizes, points, dt, steps, times, from_time)
-    return collect(Course(launch, channels=channels, rows=rows), partial(_page, launch, sizes))
+    scale = scale_of(launch.body.units)
+    rows = rows_of(scale, points, dt, steps, times, from_time)
+    return collect(Course(launch, channels=channels, rows=rows), partial(_page, launch, scale))
 
 
 def show(
@@ -372,8 +372,8 @@ def show(
         rolling=rolling,
     )  # fmt: skip
     name = f"Rattleback {body}" if isinstance(body, str) else "Rattleback"
-    sizes = unit_sizes(launch.body.units)
-    return _page(launch, sizes, points=points, from_time=from_time, title=title or name, path=path)
+    scale = scale_of(launch.body.units)
+    return _page(launch, scale, points=points, from_time=from_time, title=title or name, path=path)
 
 
 def replay(
@@ -425,12 +425,12 @@ def replay(
     check_count("sample", sample, 0)
     source = Replay(Path(directory))
     run = source.find(case, sample)
-    sizes = stored_sizes(source, run)
-    rows = rows_of(sizes, points, dt, steps, times, from_time)
-    prepared = source.prepare(run, number("t_end", t_end, sizes))
+    scale = stored_scale(source, run)
+    rows = rows_of(scale, points, dt, steps, times, from_time)
+    prepared = source.prepare(run, number("t_end", t_end, scale))
     source.prove(run)
     course = Course(prepared, channels=channels, rows=rows)
-    found = collect(course, partial(_page, prepared, sizes, title=run.name))
+    found = collect(course, partial(_page, prepared, scale, title=run.name))
     run.check(course)
     return found
 
@@ -456,20 +456,20 @@ def stored_page(
 
     source = Replay(directory)
     run = source.select(**which)[0]
-    sizes = stored_sizes(source, run)
-    prepared = source.prepare(run, number("t_end", t_end, sizes))
+    scale = stored_scale(source, run)
+    prepared = source.prepare(run, number("t_end", t_end, scale))
     source.prove(run)
     cause = source.cause(run)
     kind = f", type {run.type}" if run.type else ""
     title = title or f"{source.config.name}: {run.name}{kind}"
-    page, course = page_of(prepared, sizes, title, cause, **rows)
+    page, course = page_of(prepared, scale, title, cause, **rows)
     run.check(course)
     return page, course, [run.proof, *([cause] if cause else [])]
 
 
 def page_of(
     run: Any,
-    sizes: Sizes,
+    scale: Scale | None,
     title: str,
     cause: str = "",
     *,
@@ -481,16 +481,16 @@ def page_of(
     from rattlesweep.analysis.viewer import show as viewer
 
     check_count("points", points, 2)
-    from_time = number("from_time", from_time, sizes)
+    from_time = number("from_time", from_time, scale)
     course = viewer.course_of(run, points, watch, from_time=from_time)
     scene = viewer.make_scene(course, cause)
     return Page(viewer.make_page(scene, title, viewer.describe(course))), course
 
 
 def _page(
-    run: Any, sizes: Sizes, *, title: str = "Rattleback", path: Any = None, **rows: Any
+    run: Any, scale: Scale | None, *, title: str = "Rattleback", path: Any = None, **rows: Any
 ) -> Page:
-    page, _ = page_of(run, sizes, title, **rows)
+    page, _ = page_of(run, scale, title, **rows)
     return page if path is None else page.save(path)
 
 
@@ -511,18 +511,18 @@ def launch_of(
     from rattlesweep.sweeps.single import Launch
 
     made = one_body(body)
-    sizes = unit_sizes(made.units)
-    single: dict[str, Any] = {name: number(name, x, sizes) for name, x in values.items()}
+    scale = scale_of(made.units)
+    single: dict[str, Any] = {name: number(name, x, scale) for name, x in values.items()}
     psi = psi if isinstance(psi, str) else number("psi", psi)
     if omega is not None:
-        state = full_states(omega, u, sizes)
+        state = full_states(omega, u, scale)
         omega = [float(state[f"omega_{x}"]) for x in "xyz"]
     integrator = _integrator(method, tol, dt_step, accuracy)
     return Launch(made, psi=psi, omega=omega, u=u, model=model, integrator=integrator, **single)
 
 
 def rows_of(
-    sizes: Sizes,
+    scale: Scale | None,
     points: int | None = None,
     dt: Any = None,
     steps: bool = False,
@@ -533,16 +533,15 @@ def rows_of(
     from rattlesweep.analysis.onerun.rows import Rows
 
     check_count("points", points, 2)
-    times = None if times is None else numbers("times", times, sizes)
+    times = None if times is None else numbers("times", times, scale)
     return Rows(
-        points, number("dt", dt, sizes), steps, times, number("from_time", from_time, sizes)
+        points, number("dt", dt, scale), steps, times, number("from_time", from_time, scale)
     )
 
 
-def stored_sizes(source: Replay, run: StoredRun) -> dict[str, float]:
-    """Return the unit of time of a stored run, in seconds, if the size of its body is known."""
-    second = source.prepare(run)[1].second
-    return {} if second is None else {"time": float(second[0])}
+def stored_scale(source: Replay, run: StoredRun) -> Scale | None:
+    """Return the units of the body of a stored run, None if its size is not known."""
+    return take(source.prepare(run)[1].bodies.scale, 0)  # type: ignore[arg-type]
 
 
 def _launched(

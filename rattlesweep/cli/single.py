@@ -21,6 +21,7 @@ from rattlesweep.text import align, counted
 if TYPE_CHECKING:
     from rattlesweep.analysis.onerun.course import Course, PreparedRun
     from rattlesweep.analysis.onerun.rows import Rows
+    from rattlesweep.sweeps.bodies.protocol import Scale
     from rattlesweep.sweeps.single import Launch
 
 
@@ -43,12 +44,12 @@ def body(as_json: bool, **given: Any) -> None:
     units has all quantities in both systems, with g = 9.81 m/s^2.
     """
     from rattlesweep.analysis.derived import derived, make_body
-    from rattlesweep.api.arrays import number, unit_sizes
+    from rattlesweep.api.arrays import number, scale_of
 
     made = make_body(pick(given, *options.BODY))
-    sizes = unit_sizes(made.units)
+    scale = scale_of(made.units)
     launch = options.SPIN_DEFAULTS | pick(given, *given)
-    numbers: dict[str, Any] = {name: number(name, x, sizes) for name, x in launch.items()}
+    numbers: dict[str, Any] = {name: number(name, x, scale) for name, x in launch.items()}
     values = derived(made, **numbers)
     if as_json:
         si = {q.name: dict(zip(("value", "unit"), q.in_si, strict=True)) for q in values if q.in_si}
@@ -119,16 +120,16 @@ def trajectory(
     a quarter of it on the other side; of a launch without spin (--n-i 0), a quarter of the spin
     that would hold all its energy.
     """
-    from rattlesweep.api.arrays import unit_sizes
+    from rattlesweep.api.arrays import scale_of
     from rattlesweep.api.single import rows_of
 
     chosen = pick(given, *options.ROWS)
     launch = _launch(given)
-    rows = rows_of(unit_sizes(launch.body.units), **chosen)
+    scale = scale_of(launch.body.units)
+    rows = rows_of(scale, **chosen)
     probe(output, figure)
     course = _write_course(launch, channels, rows, output, figure, quiet)
-    second = None if launch.body.units is None else launch.body.units.time
-    return _say_outcome(course, quiet, second)
+    return _say_outcome(course, quiet, scale)
 
 
 @command(
@@ -166,7 +167,7 @@ def replay(
     """
     from rattlesweep.analysis.onerun.replay import Replay, targets
     from rattlesweep.api.arrays import number
-    from rattlesweep.api.single import rows_of, stored_sizes
+    from rattlesweep.api.single import rows_of, stored_scale
 
     chosen = pick(given, *options.ROWS)
     source = Replay(directory)
@@ -176,9 +177,9 @@ def replay(
     probe(*outputs, *drawings)
     codes = []
     for run, out, drawing in zip(runs, outputs, drawings, strict=True):
-        sizes = stored_sizes(source, run)
-        rows = rows_of(sizes, **chosen)
-        prepared = source.prepare(run, number("t_end", t_end, sizes))
+        scale = stored_scale(source, run)
+        rows = rows_of(scale, **chosen)
+        prepared = source.prepare(run, number("t_end", t_end, scale))
         source.prove(run)
         course = _write_course(prepared, channels, rows, out, drawing, quiet)
         run.check(course)
@@ -186,7 +187,7 @@ def replay(
             say(run.proof)
             if cause := source.cause(run):
                 say(cause)
-        codes.append(_say_outcome(course, quiet, sizes.get("time")))
+        codes.append(_say_outcome(course, quiet, scale))
     return max(codes)
 
 
@@ -219,14 +220,14 @@ def show(
     needs a browser but no network. Play, pause, change the speed, drag to look around; the page
     lists its keys.
     """
-    from rattlesweep.api.arrays import unit_sizes
+    from rattlesweep.api.arrays import scale_of
     from rattlesweep.api.single import page_of, stored_page
 
     probe(output)
     which = pick(given, "case", "sample", "where")
     rows = pick(given, "points", "from_time")
     notes: list[str] = []
-    second = None
+    scale = None
     with Bar.of_command(quiet) as bar:
         rows["watch"] = bar.counting("integrating")
         if directory is not None:
@@ -242,14 +243,13 @@ def show(
                                   "it too")  # fmt: skip
             title = title or f"Rattleback {given['preset'] or ''}".rstrip()
             launch = _launch(given)
-            sizes = unit_sizes(launch.body.units)
-            second = sizes.get("time")
-            page, course = page_of(launch, sizes, title, **rows)
+            scale = scale_of(launch.body.units)
+            page, course = page_of(launch, scale, title, **rows)
     page.save(output)
     click.echo(output)
     for note in () if quiet else (*notes, f"{len(page.content) / 1e6:.1f} MB"):
         say(note)
-    return _say_outcome(course, quiet, second)
+    return _say_outcome(course, quiet, scale)
 
 
 # -- shared ------------------------------------------------------------------------------------
@@ -303,12 +303,12 @@ def _write_course(
     return course
 
 
-def _say_outcome(course: Course, quiet: bool, second: float | None = None) -> int:
+def _say_outcome(course: Course, quiet: bool, scale: Scale | None = None) -> int:
     """Tell what became of a run, in seconds too where the body has a size; return the exit code."""
     if not quiet:
         text = _times(course.reversals, "reversal")
-        if second is not None and course.reversals:
-            text += f" ({', '.join(f'{t * second:.4g} s' for t in course.reversals[:8])})"
+        if scale is not None and course.reversals:
+            text += f" ({', '.join(f'{t * scale.second:.4g} s' for t in course.reversals[:8])})"
         if course.zeros != course.reversals:
             text += f" ({_times(course.zeros, 'zero crossing')})"
         say(f"{text}; {course.n_steps} steps to t = {course.t:g}")
