@@ -18,6 +18,7 @@ KINDS = {
     "time": ("s", "2.5 s"),
     "acceleration": ("m/s^2", "9.81 m/s^2"),
     "torque per spin": ("N m s", "1e-4 N m s"),
+    "energy": ("J", "0.5 mJ"),
 }
 """Kinds of quantities: the SI unit, and an example."""
 

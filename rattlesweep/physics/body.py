@@ -86,7 +86,8 @@ class Rattleback:
         along, across, product = 2.0, 16.0, -0.2
         mean, half = (across + along) / 2, math.hypot((across - along) / 2, product)
         xi = 0.5 * math.atan2(2 * product, across - along)
-        return cls(mean + half + 1, mean - half + 1, 17.0, 2 / 3**2, 2 / 20**2, xi, c=2.0)
+        alpha, beta, size = mean + half + 1, mean - half + 1, Units(mass=1.0, length=0.01)
+        return cls(alpha, beta, 17.0, 2 / 3**2, 2 / 20**2, xi, c=2.0, units=size)
 
     @classmethod
     def shell_dumbbell(

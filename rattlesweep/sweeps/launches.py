@@ -75,7 +75,7 @@ class Launches:
     @property
     def second(self) -> Floats | None:
         """``sqrt(a/g)`` in seconds, of bodies whose size is known."""
-        return self.bodies.second
+        return None if self.bodies.scale is None else self.bodies.scale.second
 
     @property
     def carried(self) -> dict[str, NDArray[Any]]:

@@ -36,6 +36,7 @@ class Scale:
         if kind == "spin":
             return value * self.second
         units = {"time": self.second, "length": self.length,
+                 "energy": self.mass * self.gravity * self.length,
                  "torque per spin": self.mass * self.length**2 / self.second}  # fmt: skip
         return np.asarray(value / units[kind])
 
