@@ -179,6 +179,7 @@ class DrawnBodies:
     """A source of random bodies; with targets, of those that come nearest to them."""
 
     samples = RUNS
+    fields = ()
 
     def __init__(self, source: SdSource) -> None:
         ranges = ranges_of(source)
