@@ -187,8 +187,9 @@ def examine(plan: Plan, directory: Path) -> tuple[Stored | None, tuple[Case, ...
     as they are numbered there.
     """
     ours, runs = sweep_hash(plan), Runs(directory)
+    held = open_stored(directory) if (directory / MANIFEST).exists() else None
     try:
-        if not (directory / MANIFEST).exists():
+        if held is None:
             if directory.exists() and not directory.is_dir():
                 raise ConfigError("is a file; give the path of a directory")
             files = runs.files()
@@ -201,7 +202,6 @@ def examine(plan: Plan, directory: Path) -> tuple[Stored | None, tuple[Case, ...
             cases = recovered(runs.cases(ours), plan.cases)
             runs.find(cases, plan.samples, ours, plan.schema, put_aside=False)
             return None, cases
-        held = open_stored(directory)
         if held.hash != ours:
             theirs, mine = (fixed_part(resolved(c)) for c in (held.config, plan.config))
             what = "; ".join(differences(theirs, mine)[:3]) or "the table of bodies has changed"
@@ -221,6 +221,8 @@ def begin(plan: Plan, directory: Path, base: Path | None, shard: str | None) -> 
 
     The manifest is written where there is none, and again where the sweep grows.
     """
+    with explained(f"cannot write in {directory / FOLDER}", folder=True):
+        (directory / FOLDER).mkdir(exist_ok=True)
     with manifest_lock(directory):
         held, cases = examine(plan, directory)
         data = _manifest(plan.with_cases(cases), base)
@@ -234,8 +236,6 @@ def begin(plan: Plan, directory: Path, base: Path | None, shard: str | None) -> 
                     "they have ended"
                 )
             data["started"] = held.manifest.get("started")
-        with explained(f"cannot write in {directory / FOLDER}", folder=True):
-            (directory / FOLDER).mkdir(exist_ok=True)
         remove_summary(directory)  # it is of the smaller sweep
         write_manifest(directory, data)
     return open_stored(directory)
