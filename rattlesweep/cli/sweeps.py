@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from rattlesweep.sweeps.config.schema import Config
+    from rattlesweep.sweeps.job import Result
     from rattlesweep.sweeps.pilot import Forecast
     from rattlesweep.sweeps.plan import Plan
 
