@@ -265,8 +265,8 @@ def verify(
 def classify(directory: Path, overrides: tuple[str, ...]) -> None:
     """Classify stored runs by other thresholds, without integrating.
 
-    Rewrites the types and the summary, and notes the new thresholds in the manifest beside those of
-    the config. Prints one row per case on standard output.
+    Rewrites the types and the summary; each file of runs names its thresholds, and the manifest
+    those of the config. Prints one row per case on standard output.
     """
     from rattlesweep.sweeps.classify import classify_stored
 

@@ -26,20 +26,11 @@ ROW_GROUP = 1 << 17
 
 
 def build_table(columns: Mapping[str, Any], schema: pa.Schema) -> pa.Table:
-    """Make a table of `schema` from plain arrays.
+    """Make a table of `schema` from one entry for each of its fields.
 
-    Parameters
-    ----------
-    columns : mapping
-        One entry for each field, in any order.  Floats: an array in which NaN and infinity mean
-        null.  Text: a list, or a tuple of (integer codes, categories) in which a negative code
-        means null.  Series: see :func:`ragged`.  Arrow arrays are taken for any of them.
-
-    Raises
-    ------
-    ValueError
-        If the calling code is wrong: names, lengths or types disagree with `schema`, or a column
-        that must have a value in every row lacks one.
+    Floats: an array in which NaN and infinity mean null.  Text: a list, or a tuple of (integer
+    codes, categories) in which a negative code means null.  Series: see :func:`ragged`.  Arrow
+    arrays are taken for any of them.
     """
     if columns.keys() != {*schema.names}:
         raise ValueError(f"internal error: columns {[*columns]} for a schema of {schema.names}")
@@ -94,15 +85,7 @@ def _floats(values: Any, kind: pa.DataType) -> pa.Array:
 
 
 def write_parquet(table: pa.Table, path: Path, metadata: Mapping[str, str] | None = None) -> None:
-    """Write a table, and words beside its schema, whole or not at all.
-
-    Equal tables give equal files.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
-    """
+    """Write a table, and words beside its schema; equal tables give equal files."""
     # Chunk borders would move page borders.
     table = table.combine_chunks().replace_schema_metadata(dict(metadata or {}) or None)
     with streamed_file(path) as file:
@@ -126,12 +109,8 @@ def encode(table: pa.Table, sink: Any) -> None:
 def parquet_file(path: Path) -> Iterator[pq.ParquetFile]:
     """Open a Parquet file whose pages are verified as they are read.
 
-    Raises
-    ------
-    DamagedError
-        If the file is not what was written.
-    OutputError
-        If it cannot be read, which says nothing about what it holds.
+    Raise a DamagedError if it is not what was written, and another OutputError if it cannot be
+    read, which says nothing about what it holds.
     """
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
@@ -153,10 +132,5 @@ def read_parquet(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
 
 def same_schema(one: pa.Schema, other: pa.Schema) -> bool:
     """Return whether names, types, nulls and units are the same; descriptions may differ."""
-
-    def key(schema: pa.Schema) -> list[tuple[str, str, bool, bytes]]:
-        return [
-            (f.name, str(f.type), f.nullable, (f.metadata or {}).get(b"unit", b"")) for f in schema
-        ]
-
-    return key(one) == key(other)
+    units = [[(f.metadata or {}).get(b"unit", b"") for f in schema] for schema in (one, other)]
+    return one.equals(other) and units[0] == units[1]

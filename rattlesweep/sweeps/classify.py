@@ -13,57 +13,34 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.config.read import override_config, resolved
 from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.locks import hold
-from rattlesweep.sweeps.stored import Stored, note_thresholds, open_stored
+from rattlesweep.sweeps.stored import Stored, open_stored
 from rattlesweep.sweeps.summary import summarise, write_summary
 from rattlesweep.sweeps.types import with_types
 
 
 @dataclass(frozen=True)
 class Classified:
-    """What typing the runs of a directory again came to.
+    """What typing the runs of a directory again came to."""
 
-    Attributes
-    ----------
-    changed : int
-        Runs whose type is another one now.
-    files : int
-        Files that were written.
-    before, own, now : dict
-        Thresholds behind the types before, those of the sweep's config, and those now.
-    summary : pa.Table
-        One row a case.
-    """
-
-    changed: int
-    files: int
-    before: dict[str, float]
-    own: dict[str, float]
+    changed: int  # runs whose type is another one now
+    files: int  # files that were written
+    before: dict[str, float]  # thresholds behind the types before
+    own: dict[str, float]  # thresholds of the sweep's config
     now: dict[str, float]
-    summary: pa.Table
+    summary: pa.Table  # one row a case
 
 
 def classify_stored(directory: Path, overrides: Sequence[str] = ()) -> Classified:
     """Type the stored runs of a directory by some thresholds, and renew the summary.
 
-    Each file is rewritten in one step; after a kill the same command goes on.
-
-    Parameters
-    ----------
-    directory : Path
-    overrides : sequence of str
-        ``classify.KEY=VALUE`` texts over the thresholds of the sweep's config.
-
-    Raises
-    ------
-    ConfigError
-        If the directory is no output directory, or something else than a threshold is to change.
-    OutputError
-        If another process works there, or a file cannot be read or written.
+    `overrides` are ``classify.KEY=VALUE`` texts over the sweep's config.  Each file is rewritten in
+    one step; after a kill the same command goes on.
     """
     _changed(open_stored(directory), overrides)  # before anything is made there
     with hold(directory):
         stored = open_stored(directory)
         runs, thresholds = stored.runs, _changed(stored, overrides).classify
+        own, before = stored.config.classify.thresholds, stored.thresholds.thresholds
         changed = files = 0
         for path in runs.files():
             if runs.typed(path) != thresholds.as_text:
@@ -73,12 +50,9 @@ def classify_stored(directory: Path, overrides: Sequence[str] = ()) -> Classifie
                 old, new = (pc.fill_null(t.column("type"), "") for t in (rows, again))
                 changed += pc.sum(pc.not_equal(old, new)).as_py()
                 files += 1
-        own, before = stored.config.classify.thresholds, stored.thresholds.thresholds
-        now = thresholds.thresholds
-        note_thresholds(stored, None if now == own else thresholds)
         summary = summarise(stored)
         write_summary(stored, summary)
-    return Classified(changed, files, before, own, now, summary)
+    return Classified(changed, files, before, own, thresholds.thresholds, summary)
 
 
 def _changed(stored: Stored, overrides: Sequence[str]) -> Config:

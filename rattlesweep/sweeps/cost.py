@@ -11,8 +11,7 @@ from rattlesweep.sweeps.plan import Plan, make_plan
 
 FEW, MANY = 16, 256
 """Runs by which the cost of a case is judged: of each of many cases, and of a single one."""
-MOST_JUDGED = 2_000
-"""Cases that are judged one by one; of more, every so many-th."""
+MOST_JUDGED = 2_000  # cases that are judged one by one; of more, every so many-th
 SEED = 20170427
 
 

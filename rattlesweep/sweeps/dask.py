@@ -50,25 +50,11 @@ LOGGERS = ("distributed", "distributed.client", "tornado", "tornado.application"
 def make_engine(
     scheduler: str | None = None, workers: int | None = None, threads: int | None = None
 ) -> Engine:
-    """Return an engine for :func:`rattlesweep.sweeps.run.run_sweep`.
+    """Return an engine that uses the scheduler at an address, or else a cluster of so many worker
+    processes on this machine, by default as many as fill it, which lives as long as the session.
 
-    A stop loses the blocks under way, a few seconds of work, and frees the workers.
-
-    Parameters
-    ----------
-    scheduler : str, optional
-        Address of a scheduler, such as ``tcp://host:8786``; by default a cluster of processes on
-        this machine is started, which lives as long as the session.
-    workers : int, optional
-        Processes of that cluster; by default as many as fill the machine.
-    threads : int, optional
-        Threads of a worker's kernel; by default 1 in that cluster, elsewhere as many as the worker
-        was given (``dask worker --nthreads``).
-
-    Raises
-    ------
-    ConfigError
-        If Dask is missing, or if both `scheduler` and `workers` are given.
+    A kernel has by default 1 thread in that cluster, elsewhere as many as its worker was given
+    (``dask worker --nthreads``).  A stop loses the blocks under way and frees the workers.
     """
     try:
         import cryptography  # noqa: F401
@@ -262,13 +248,7 @@ def embedded(workers: int | None, threads: int) -> Iterator[Client]:
 
 @contextmanager
 def existing(address: str) -> Iterator[Client]:
-    """Connect to a scheduler that somebody else looks after.
-
-    Raises
-    ------
-    OutputError
-        If none answers.
-    """
+    """Connect to a scheduler that somebody else looks after."""
     from distributed import Client
     from distributed.comm import connect
     from distributed.security import Security
@@ -299,21 +279,8 @@ _kernel = threading.Lock()  # one kernel at a time in a process
 
 
 def do_block(order: dict[str, Any], case: Integers, sample: Integers) -> tuple[pa.Table, float]:
-    """Compute the runs of some keys; called by Dask on a worker.
-
-    Returns
-    -------
-    rows : pyarrow.Table
-        Not all of them if nobody waits for the block any more.
-    seconds : float
-        Time of the kernel.
-
-    Raises
-    ------
-    ConfigError
-        If the config asks for bodies that cannot be had.
-    OutputError
-        If this worker fails, or has other versions than the driver.
+    """Compute a block on a worker: its rows, if somebody still waits for all of them, and the
+    seconds of the kernel.
     """
     from distributed import Status, get_worker
 

@@ -7,15 +7,11 @@ import errno
 import os
 import secrets
 import tempfile
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
 from rattlesweep.errors import OutputError
-
-# No pattern such as `*.parquet` matches, and readers of a whole directory skip hidden files.
-TEMPORARY = ".*.tmp"
 
 
 def reason(error: BaseException) -> str:
@@ -50,13 +46,8 @@ def streamed_file(path: Path) -> Iterator[BinaryIO]:
     """Open a file that takes its place at `path`, whole and on the disk, when the body has ended.
 
     What is there stays there until then.  If the body raises, nothing is left of the new file.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
     """
-    # The random part keeps apart two processes that write the same file.
+    # No pattern such as `*.parquet` matches it, and readers of a whole directory skip hidden files.
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
     with explained(f"cannot write {path}"):
         try:
@@ -93,9 +84,9 @@ def probe_directory(path: Path) -> None:
             pass
 
 
-def remove_temporaries(folder: Path, older_than: float = 0.0) -> None:
-    """Remove what dead processes were writing, if it is at least so many seconds old."""
-    for path in folder.glob(TEMPORARY):
-        with contextlib.suppress(OSError):  # another process was quicker
-            if time.time() - path.stat().st_mtime >= older_than:
+def remove_temporaries(*folders: Path) -> None:
+    """Remove what dead processes were writing."""
+    for folder in folders:
+        for path in folder.glob(".*.tmp"):
+            with contextlib.suppress(OSError):
                 path.unlink()

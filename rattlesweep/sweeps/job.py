@@ -93,33 +93,16 @@ class Result:
 
 @dataclass
 class Job:
-    """The work of a session.
-
-    Parameters
-    ----------
-    plan : Plan
-    stored : Stored
-        Where the rows go.
-    found : Found
-        What is there.
-    result : Result
-    threads : int
-    report : callable
-        Called with a :class:`Progress` some times a second.
-    decide : Stopping, Refining or None
-        What looks at the rows to say which runs are wanted.
-    deadline : float or None
-        Time of ``time.monotonic`` at which to stop.
-    """
+    """The work of a session."""
 
     plan: Plan
-    stored: Stored
-    found: Found
+    stored: Stored  # where the rows go
+    found: Found  # what is there
     result: Result
     threads: int
-    report: Callable[[Progress], None] = lambda progress: None
-    decide: Stopping | Refining | None = None
-    deadline: float | None = None
+    report: Callable[[Progress], None] = lambda progress: None  # called some times a second
+    decide: Stopping | Refining | None = None  # says by the rows which runs are wanted
+    deadline: float | None = None  # of `time.monotonic`
     resources: ExitStack = field(default_factory=ExitStack)  # what an engine keeps between waves
 
     def __post_init__(self) -> None:
@@ -202,12 +185,8 @@ class Job:
         self._begun = self._begun or time.monotonic()
 
     def tick(self, keys: Keys | None = None, control: Control | None = None) -> None:
-        """Report progress, with what the kernel says of the block under way.
-
-        Raises
-        ------
-        OutOfTime
-            If the session's time is over.
+        """Report progress, with what the kernel says of the block under way; raise OutOfTime if
+        the session's time is over.
         """
         factors = self._factors()
         cost = self._cost * factors

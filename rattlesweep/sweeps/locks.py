@@ -22,8 +22,6 @@ FOLDER = ".locks"
 WHOLE, MANIFEST = "whole", "manifest"
 PATIENCE, MANIFEST_PATIENCE = 0.5, 60.0
 """Seconds; a lock may be held for a moment by a process that only looks whether it is held."""
-ABANDONED = 3600.0
-"""Seconds after which a temporary file beside working shards counts as left by a dead process."""
 NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EINVAL)
 """Answers of file systems without locks, on which each process goes on as if it were alone."""
 
@@ -32,10 +30,7 @@ NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EINVAL)
 def hold(directory: Path, shard: str | None = None) -> Iterator[None]:
     """Hold a directory, or a shard such as ``shard-0-of-4``, and tidy up after dead processes.
 
-    Raises
-    ------
-    OutputError
-        If another process works there, or no lock file can be made.
+    Raise an OutputError if another process works there.
     """
     folder, mine = directory / FOLDER, shard or WHOLE
     with explained(f"cannot write in {folder}", folder=True):
@@ -47,8 +42,8 @@ def hold(directory: Path, shard: str | None = None) -> Iterator[None]:
             beside = shard is not None and _count(path.name) == _count(shard)
             if path.name not in (mine, MANIFEST) and not beside and at_work(path):
                 raise _in_use(directory, None if path.name == WHOLE else path.name)
-        for place in (directory, directory / "runs", directory / SESSIONS):
-            remove_temporaries(place, 0.0 if shard is None else ABANDONED)
+        if shard is None:  # other shards may be writing
+            remove_temporaries(directory, directory / "runs", directory / SESSIONS)
         yield
 
 

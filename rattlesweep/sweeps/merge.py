@@ -31,33 +31,19 @@ from rattlesweep.sweeps.summary import summarise, write_summary
 
 @dataclass(frozen=True)
 class Merged:
-    """What a merge came to: runs and files in the new directory, runs that are missing or failed,
-    and the summary if none is missing.
-    """
+    """What there is in the new directory."""
 
     runs: int
     files: int
     missing: int
     failed: int
-    summary: pa.Table | None
+    summary: pa.Table | None  # None if runs are missing
 
 
 def merge(directories: Sequence[Path], output: Path) -> Merged:
-    """Make one directory of several of the same sweep, such as its shards; the sources stay as they
-    are.
+    """Put the runs of several directories of one sweep, such as its shards, into another.
 
-    Parameters
-    ----------
-    directories : sequence of Path
-    output : Path
-        New or empty directory, or one of the same sweep, which then gets the rows of the others.
-
-    Raises
-    ------
-    ConfigError
-        If the directories hold different sweeps, or number their cases differently.
-    OutputError
-        If a run stands in two files, a file is damaged, or a directory is in use.
+    The output is new or empty, or of the same sweep.  The sources stay as they are.
     """
     places = [directory.resolve() for directory in (output, *directories)]
     if len(set(places)) < len(places):

@@ -1,7 +1,6 @@
 """Where numbers come from: program, machine, and the sessions that worked in a directory.
 
-``sessions/*.json`` say who worked there, when, how long, and how it ended.  They are for people:
-nothing depends on them.
+``sessions/*.json`` say who worked there, when, and how it ended; no number depends on them.
 """
 
 from __future__ import annotations
@@ -98,7 +97,7 @@ class Session:
     def end(self, how: str, **facts: Any) -> None:
         """Write down how the session ended: complete, stopped, interrupted or failed."""
         self._data.pop("progress", None)
-        self._write({"ended": now(), "how": how, "peak_memory": _peak_memory(), **facts})
+        self._write({"ended": now(), "how": how, **facts})
 
     def _write(self, facts: dict[str, Any]) -> None:
         self._data |= facts
@@ -124,13 +123,3 @@ def who(session: dict[str, Any]) -> str:
         f"`{session.get('command')}` (process {session.get('pid')} on {session.get('host')}, "
         f"since {str(session.get('started'))[:19]} UTC)"
     )
-
-
-def _peak_memory() -> int | None:
-    """Return the most memory this process has held, in bytes; None where the system hides it."""
-    try:
-        import resource
-    except ImportError:  # Windows
-        return None
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak if sys.platform == "darwin" else 1024 * peak

@@ -39,30 +39,14 @@ PIECE = 1_000_000
 
 @dataclass
 class Found:
-    """What the files of a directory hold.
+    """What the files of a directory hold."""
 
-    Attributes
-    ----------
-    done : ndarray of bool, shape (cases, samples)
-        Which runs there are.
-    rows : int
-        How many.
-    status : Counter
-        Runs by status.
-    failed : list of Path
-        Files with rows whose status is not ``ok``.
-    typed : dict
-        Files by the thresholds behind the types of their rows, as JSON.
-    aside : list of Path
-        Damaged files; where they were put aside, by their new names.
-    """
-
-    done: Flags
+    done: Flags  # which runs there are; shape (cases, samples)
     rows: int = 0
-    status: Counter[str] = field(default_factory=Counter)
-    failed: list[Path] = field(default_factory=list)
-    typed: dict[str, list[Path]] = field(default_factory=dict)
-    aside: list[Path] = field(default_factory=list)
+    status: Counter[str] = field(default_factory=Counter)  # runs by status
+    failed: list[Path] = field(default_factory=list)  # files with rows that are not ok
+    typed: dict[str, list[Path]] = field(default_factory=dict)  # files by thresholds, as JSON
+    aside: list[Path] = field(default_factory=list)  # damaged files, by their new names if renamed
 
 
 class Runs:
@@ -83,13 +67,7 @@ class Runs:
     # ---------------------------------------------------------------- write
 
     def append(self, table: pa.Table, sweep: str, typed: str, cases: Sequence[Case]) -> Path:
-        """Write rows, of which none may be on disk, as a file of their own.
-
-        Raises
-        ------
-        OutputError
-            If the file cannot be written.
-        """
+        """Write rows, of which none may be on disk, as a file of their own."""
         case, sample = (table.column(name)[0].as_py() for name in ("case", "sample"))
         path = self.free(f"case{case:05d}-sample{sample:09d}")
         here = [cases[number].dump() for number in pc.unique(table.column("case")).to_pylist()]
@@ -129,13 +107,7 @@ class Runs:
         put_aside: bool = True,
     ) -> Found:
         """Read all of every file, but for those to `skip`, put damaged ones aside, and return what
-        there is.
-
-        Raises
-        ------
-        OutputError
-            If a file cannot be read, is not of this sweep or version, or if a run stands in two
-            files.
+        there is.  Raise an OutputError if a file is not of this sweep, or if a run is there twice.
         """
         found = Found(np.zeros((len(cases), samples), dtype=bool))
         for path in self.files():
@@ -144,7 +116,18 @@ class Runs:
             try:
                 with parquet_file(path) as file:
                     metadata = _metadata(file)
-                    _check(path, file.schema_arrow, metadata, cases, sweep, schema)
+                    _check_sweep(path, metadata, sweep)
+                    if not same_schema(file.schema_arrow, schema):
+                        raise OutputError(
+                            f"{path} has the columns of another version of rattlesweep; use "
+                            "another output"
+                        )
+                    for case in _cases(path, metadata):
+                        if [case] != list(cases[case.index : case.index + 1]):
+                            raise OutputError(
+                                f"{path} numbers its cases in another way: case {case.index} is "
+                                f"{case} there; move it away, or use another output"
+                            )
                     table = file.read()
             except DamagedError:
                 found.aside.append(_put_aside(path) if put_aside else path)
@@ -158,13 +141,7 @@ class Runs:
         return found
 
     def cases(self, sweep: str) -> dict[int, Case]:
-        """Return the cases of which the files tell, by their numbers.
-
-        Raises
-        ------
-        OutputError
-            If a file is not of this sweep.
-        """
+        """Return the cases of which the files tell, by their numbers."""
         found: dict[int, Case] = {}
         for path in self.files():
             with contextlib.suppress(DamagedError):
@@ -246,28 +223,6 @@ def _check_sweep(path: Path, metadata: dict[str, str], sweep: str) -> None:
         raise OutputError(
             f"{path} holds runs of another sweep; move it away, or use another output"
         )
-
-
-def _check(
-    path: Path,
-    columns: pa.Schema,
-    metadata: dict[str, str],
-    cases: Sequence[Case],
-    sweep: str,
-    schema: pa.Schema,
-) -> None:
-    """Raise an OutputError unless a file is one of this sweep and this version."""
-    _check_sweep(path, metadata, sweep)
-    if not same_schema(columns, schema):
-        raise OutputError(
-            f"{path} has the columns of another version of rattlesweep; use another output"
-        )
-    for case in _cases(path, metadata):
-        if case.index >= len(cases) or cases[case.index] != case:
-            raise OutputError(
-                f"{path} numbers its cases in another way: case {case.index} is {case} there; "
-                "move it away, or use another output"
-            )
 
 
 def _add(path: Path, table: pa.Table, found: Found) -> None:

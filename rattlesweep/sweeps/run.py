@@ -26,7 +26,6 @@ from rattlesweep.sweeps.stored import (
     begin,
     check_removable,
     examine,
-    note_thresholds,
     remove_summary,
     start_over,
 )
@@ -83,31 +82,10 @@ def run_sweep(
 ) -> Result:
     """Do the runs that a plan asks for and that are not on disk.
 
-    Parameters
-    ----------
-    plan : Plan
-    directory : Path
-        Output directory.  Rows of the same sweep, or of a smaller one, are kept unless `fresh`;
-        rows whose status is not ``ok`` are done again if `retry_failed`.
-    base : Path, optional
-        Directory in which a table's relative path is looked up besides the working directory.
-    threads : int, optional
-        Threads of the kernel; by default one for each processor.
-    report : callable
-        Called some times a second with a :class:`Progress`.
-    shard : Shard, optional
-        The shard to do; by default everything.
-    max_time : float, optional
-        Seconds after which to stop.
-    engine : callable
-        Where the blocks are computed.
-
-    Raises
-    ------
-    ConfigError, OutputError
-        If the directory holds something else, is in use, or a file cannot be read or written.
-    KeyboardInterrupt
-        On Ctrl-C; the rows of the runs that have ended are kept.
+    Rows of the same sweep, or of a smaller one, are kept unless `fresh`; rows whose status is not
+    ``ok`` are done again if `retry_failed`.  `base` is where a table's relative path is looked up
+    besides the working directory, `max_time` is in seconds.  `report` is called some times a
+    second.  Whatever stops it, the rows of the runs that have ended are kept.
     """
     start = time.monotonic()
     threads = threads or available_threads()
@@ -187,8 +165,6 @@ def _find(
             _check_types(stored.directory, text, plan)
         for path in paths if text != typed else ():
             runs.rewrite(path, with_types(runs.table(path), plan.config.classify), typed)
-    if shard is None:
-        note_thresholds(stored, None)
     if retry_failed and found.failed:
         remove_summary(stored.directory)
         result.retried = sum(map(runs.drop_failed, found.failed))

@@ -24,12 +24,8 @@ MARGIN, MARGIN_SHARE = 300, 0.25  # seconds, or share of the limit if that is le
 
 
 def limit_of(text: str) -> int:
-    """Return the seconds of a time limit in Slurm's notation, such as ``90`` (minutes) or ``2-12``.
-
-    Raises
-    ------
-    ValueError
-        If it is none, or shorter than two minutes.
+    """Return the seconds of a time limit in Slurm's notation, such as ``90`` (minutes) or ``2-12``,
+    or raise a ValueError.
     """
     match = re.fullmatch(r"(?:(\d{1,4})-)?(\d{1,6}(?::\d{1,3}){0,2})", text.strip())
     if not match:
@@ -47,13 +43,7 @@ def limit_of(text: str) -> int:
 
 
 def memory_of(text: str) -> int:
-    """Return the bytes of a memory size in Slurm's notation: ``4G``, ``800M``, ``800`` (megabytes).
-
-    Raises
-    ------
-    ValueError
-        If it is none.
-    """
+    """Return the bytes of ``4G``, ``800M`` or ``800`` (megabytes), or raise a ValueError."""
     match = re.fullmatch(r"(\d{1,9})\s*([KMGT]?)B?", text.strip(), re.IGNORECASE)
     if not match or not int(match[1]):
         raise ValueError("is no size of memory; write it as in 4G or 800M")
@@ -76,25 +66,9 @@ def job_script(
 ) -> str:
     """Return the script of a job array, for the program of this environment in this directory.
 
-    Parameters
-    ----------
-    plan : Plan
-    config, output : Path
-        Absolute.
-    overrides : sequence of str
-        Values of ``--set``.
-    shards, limit, cpus, restarts : int
-        Number of tasks; seconds and processors of each; how often it may requeue itself.
-    own : bool
-        Whether each shard has a directory of its own, ``OUTPUT-I``.
-    memory : int or None
-        Bytes of a task.
-    partition : str or None
-
-    Raises
-    ------
-    ConfigError
-        If a value cannot stand in a script.
+    Paths are absolute, `overrides` are the values of ``--set``, `limit` is in seconds, `memory` in
+    bytes.  With `own`, each shard has a directory of its own, ``OUTPUT-I``.  A task may requeue
+    itself `restarts` times.
     """
     name, where = plan.config.name, Path.cwd()
     if any("\n" in f"{text}" for text in (name, config, output, where, *overrides)):

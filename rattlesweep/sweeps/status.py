@@ -19,21 +19,14 @@ from rattlesweep.text import counted
 class Status:
     """What is there of a sweep.
 
-    Attributes
-    ----------
-    data : dict
-        ``runs``, ``wanted``, ``files``, ``bytes``, ``status`` and ``types`` (runs by each),
-        ``at_work`` (sessions under way) and ``last`` (the session that ended last).
-    directory : Path
-    name : str
-    decides : str or None
-        Key of the config by which the sweep leaves runs out.
+    `data` has ``runs``, ``wanted``, ``files``, ``bytes``, ``status`` and ``types`` (runs by each),
+    ``at_work`` (sessions under way) and ``last`` (the session that ended last).
     """
 
     directory: Path
     name: str
     data: dict[str, Any]
-    decides: str | None
+    decides: str | None  # key of the config by which the sweep leaves runs out
 
     @property
     def done(self) -> bool:
@@ -64,15 +57,7 @@ class Status:
 
 
 def status(directory: Path) -> Status:
-    """Count the rows of an output directory.
-
-    Raises
-    ------
-    ConfigError
-        If it is no output directory.
-    OutputError
-        If a file cannot be read or is damaged.
-    """
+    """Count the rows of an output directory, and look who is at work there."""
     stored = open_stored(directory)
     files = stored.files()
     counts = {"status": Counter[str](), "type": Counter[str]()}

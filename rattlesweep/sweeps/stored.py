@@ -44,25 +44,13 @@ FORMAT = 3
 
 @dataclass(frozen=True)
 class Stored:
-    """An output directory.
-
-    Attributes
-    ----------
-    directory : Path
-    manifest : dict
-        ``manifest.json`` as it is.
-    config : Config
-        Its config, with all defaults filled in.
-    cases : tuple of Case
-    extra : tuple of pa.Field
-        Columns that the bodies and launches bring along.
-    """
+    """An output directory."""
 
     directory: Path
-    manifest: dict[str, Any]
-    config: Config
+    manifest: dict[str, Any]  # `manifest.json` as it is
+    config: Config  # with all defaults filled in
     cases: tuple[Case, ...]
-    extra: tuple[pa.Field, ...]
+    extra: tuple[pa.Field, ...]  # columns that the bodies and launches bring along
 
     @property
     def samples(self) -> int:
@@ -86,11 +74,12 @@ class Stored:
 
     @property
     def thresholds(self) -> Classify:
-        """Thresholds behind the types: those of ``rattlesweep classify``, else of the config."""
-        typed = self.manifest.get("classified")
-        if typed is None:
-            return self.config.classify
-        return self.config.classify.model_copy(update=typed)
+        """Thresholds behind the types on disk, which may be those of ``rattlesweep classify``."""
+        for path in self.files():
+            with contextlib.suppress(DamagedError):
+                typed = json.loads(self.runs.typed(path) or "{}")
+                return self.config.classify.model_copy(update=typed)
+        return self.config.classify
 
     @property
     def typed(self) -> str:
@@ -111,20 +100,7 @@ class Stored:
         return self.runs.count()
 
     def read(self, names: Sequence[str] | None = None) -> pa.Table:
-        """Return all rows in the order of their keys.
-
-        Parameters
-        ----------
-        names : sequence of str, optional
-            Columns; by default all.
-
-        Raises
-        ------
-        ConfigError
-            If there is no such column.
-        OutputError
-            If a file cannot be read or is damaged.
-        """
+        """Return all rows, or some of their columns, in the order of their keys."""
         schema = self.schema
         if names is not None:
             if unknown := [name for name in names if name not in schema.names]:
@@ -143,13 +119,7 @@ class Stored:
 
     @cached_property
     def plan(self) -> Plan:
-        """What its runs can be computed again from.
-
-        Raises
-        ------
-        ConfigError
-            If its table of bodies is gone or has changed.
-        """
+        """What its runs can be computed again from, unless its table of bodies has changed."""
         # Numba, which most readers of a sweep do without.
         from rattlesweep.sweeps.plan import make_plan
 
@@ -167,9 +137,8 @@ class Stored:
 
 
 def sweep_hash(plan: Plan) -> str:
-    """Return the hash of what determines the numbers of a run with a given key.
-
-    That is the physical part of the config, and the table of bodies.
+    """Return the hash of what determines a run with a given key: the physical part of the config,
+    and the table of bodies.
     """
     from rattlesweep.sweeps.bodies.sources import content_hash
 
@@ -178,15 +147,7 @@ def sweep_hash(plan: Plan) -> str:
 
 
 def open_stored(directory: Path | str) -> Stored:
-    """Open an output directory.
-
-    Raises
-    ------
-    ConfigError
-        If the directory is not an output directory.
-    DamagedError, OutputError
-        If its manifest is damaged or cannot be read.
-    """
+    """Open an output directory; raise a ConfigError if it is none."""
     directory = Path(directory)
     path = directory / MANIFEST
     try:
@@ -206,7 +167,6 @@ def open_stored(directory: Path | str) -> Stored:
                 raise ValueError("its cases are not numbered")
             config = override_config(data["config"], [])
             stored = Stored(directory, data, config, cases, fields)
-            _ = stored.thresholds.as_text
     except (ValueError, TypeError, KeyError, AttributeError) as error:
         raise DamagedError(
             f"{path} is damaged ({reason(error)[:100]}); move it away, and `rattlesweep run` with "
@@ -221,25 +181,15 @@ def open_stored(directory: Path | str) -> Stored:
 
 
 def examine(plan: Plan, directory: Path) -> tuple[Stored | None, tuple[Case, ...]]:
-    """Compare a plan with what a directory holds.
+    """Refuse a directory in which a plan cannot go on.
 
-    Returns
-    -------
-    held : Stored or None
-        The sweep that is there; None if its manifest has yet to be written.
-    cases : tuple of Case
-        The plan's cases as they are numbered there.
-
-    Raises
-    ------
-    ConfigError
-        If the plan cannot go on there.
-    OutputError
-        If a file is not of this sweep, or cannot be read.
+    Return the sweep that is there, None if its manifest has yet to be written, and the plan's cases
+    as they are numbered there.
     """
     ours, runs = sweep_hash(plan), Runs(directory)
+    held = open_stored(directory) if (directory / MANIFEST).exists() else None
     try:
-        if not (directory / MANIFEST).exists():
+        if held is None:
             if directory.exists() and not directory.is_dir():
                 raise ConfigError("is a file; give the path of a directory")
             files = runs.files()
@@ -252,7 +202,6 @@ def examine(plan: Plan, directory: Path) -> tuple[Stored | None, tuple[Case, ...
             cases = recovered(runs.cases(ours), plan.cases)
             runs.find(cases, plan.samples, ours, plan.schema, put_aside=False)
             return None, cases
-        held = open_stored(directory)
         if held.hash != ours:
             theirs, mine = (fixed_part(resolved(c)) for c in (held.config, plan.config))
             what = "; ".join(differences(theirs, mine)[:3]) or "the table of bodies has changed"
@@ -271,14 +220,9 @@ def begin(plan: Plan, directory: Path, base: Path | None, shard: str | None) -> 
     """Make a directory, which this process holds, one of a plan, and return it.
 
     The manifest is written where there is none, and again where the sweep grows.
-
-    Raises
-    ------
-    ConfigError
-        If the directory holds another sweep, or a larger one.
-    OutputError
-        If it cannot be written, or others compute runs of the smaller sweep.
     """
+    with explained(f"cannot write in {directory / FOLDER}", folder=True):
+        (directory / FOLDER).mkdir(exist_ok=True)
     with manifest_lock(directory):
         held, cases = examine(plan, directory)
         data = _manifest(plan.with_cases(cases), base)
@@ -291,10 +235,7 @@ def begin(plan: Plan, directory: Path, base: Path | None, shard: str | None) -> 
                     f"{directory}: other shards are at work on the smaller sweep; let it grow when "
                     "they have ended"
                 )
-            kept = ("started", "classified")
-            data |= {key: held.manifest[key] for key in kept if key in held.manifest}
-        with explained(f"cannot write in {directory / FOLDER}", folder=True):
-            (directory / FOLDER).mkdir(exist_ok=True)
+            data["started"] = held.manifest.get("started")
         remove_summary(directory)  # it is of the smaller sweep
         write_manifest(directory, data)
     return open_stored(directory)
@@ -341,17 +282,6 @@ def remove_summary(directory: Path) -> None:
     """Remove the summary where rows have come or gone."""
     with explained(f"cannot remove {directory / SUMMARY}"):
         (directory / SUMMARY).unlink(missing_ok=True)
-
-
-def note_thresholds(stored: Stored, thresholds: Classify | None) -> None:
-    """Write into the manifest by which thresholds the rows are typed; None: the config's."""
-    typed = None if thresholds is None else thresholds.thresholds
-    if stored.manifest.get("classified") == typed:
-        return
-    with manifest_lock(stored.directory):
-        data = dict(open_stored(stored.directory).manifest)
-        data.pop("classified", None)
-        write_manifest(stored.directory, data | ({} if typed is None else {"classified": typed}))
 
 
 def write_manifest(directory: Path, data: dict[str, Any]) -> None:

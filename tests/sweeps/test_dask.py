@@ -257,9 +257,11 @@ def test_a_stop_keeps_the_blocks_that_are_done_and_frees_the_workers(
             f"{len(rows(output))} runs are kept, 0 in flight were lost"
         ]
     else:
-        with monkeypatch.context() as patch, pytest.raises(OutputError, match="the disk is full"):
-            patch.setattr(Runs, "append", full)
+        append = Runs.append
+        monkeypatch.setattr(Runs, "append", full)
+        with pytest.raises(OutputError, match="the disk is full"):
             spread(output, SWEEP, engine)
+        monkeypatch.setattr(Runs, "append", append)
     assert len(rows(output)) < 80
     assert spread(output, SWEEP, make_engine(cluster)).runs == 80
     assert rows(output).equals(plain)

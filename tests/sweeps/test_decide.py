@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 import sweeping
 from hardship import check_equal
@@ -17,7 +18,6 @@ from sweeping import changed, plan_of, proved
 from test_invariance import Stop, cut
 
 from rattlesweep.errors import ConfigError, OutputError
-from rattlesweep.sweeps import rows as rows_module
 from rattlesweep.sweeps.block import compute, prepare_runs
 from rattlesweep.sweeps.config.read import parse_config, physics_hash
 from rattlesweep.sweeps.counts import wilson
@@ -163,7 +163,7 @@ def test_rows_that_cannot_be_read_are_an_error_and_no_fewer_runs(done, tmp_path,
     output = tmp_path / "out"
     with pytest.raises(Stop):
         sweeping.sweep(output, MAP, engine=cut(100, 4))
-    honest, calls, at = rows_module._read_all, [0], [0]
+    honest, calls, at = pq.ParquetFile.read, [0], [0]
 
     def failing(*args: Any, **options: Any) -> Any:
         calls[0] += 1
@@ -173,7 +173,7 @@ def test_rows_that_cannot_be_read_are_an_error_and_no_fewer_runs(done, tmp_path,
 
     files = len(open_stored(output).files())
     assert files > 1
-    monkeypatch.setattr(rows_module, "_read_all", failing)
+    monkeypatch.setattr(pq.ParquetFile, "read", failing)
     for number in range(1, 2 * files + 1):
         calls[0], at[0] = 0, number
         with pytest.raises(OutputError, match=r"cannot read .*: Input/output error"):

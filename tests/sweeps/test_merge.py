@@ -151,13 +151,16 @@ def test_what_is_there_twice_or_damaged_is_not_passed_on(plain, thirds, tmp_path
 
 def test_files_that_a_killed_classify_has_left_are_not_mixed(thirds, tmp_path):
     other = Path(shutil.copytree(thirds[0], tmp_path / "other"))
-    manifest = (other / "manifest.json").read_bytes()
+    (path,) = Runs(thirds[1]).files()
+    shutil.copy(path, other / "runs")
     classify_stored(other, ["classify.sw_departure=0.2"])
-    (other / "manifest.json").write_bytes(manifest)
-    result = merge(other, *thirds[1:], to=tmp_path / "out")
+    result = merge(other, thirds[2], to=tmp_path / "out")
+    assert_refused(result, 2, "have types of different thresholds")
+    shutil.copy(Runs(thirds[0]).files()[0], other / "runs")
+    result = merge(other, thirds[2], to=tmp_path / "out")
     assert_refused(result, 1, "was typed by other thresholds; `rattlesweep classify` ends")
     classify_stored(other)
-    assert merge(other, *thirds[1:], to=tmp_path / "out").exit_code == 0
+    assert merge(other, thirds[2], to=tmp_path / "out").exit_code == 0
 
 
 def test_output_must_be_new(plain, thirds, tmp_path):

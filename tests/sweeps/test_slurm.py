@@ -6,11 +6,11 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
 import pytest
+from hardship import wait_until
 
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.config.read import load_config
@@ -107,15 +107,19 @@ def test_script_asks_for_what_it_was_told_and_is_clean(home, cluster):
     text = script(home, "seed=7", shards=8, cpus=16, limit=26 * 3600 + 1800, partition="short")
     head = [line.removeprefix("#SBATCH ") for line in text.splitlines() if "#SBATCH" in line]
     assert head == [
-        "--job-name=an-array", "--array=0-7", "--ntasks=1", "--cpus-per-task=16", "--mem=1024M",
-        "--time=1-02:30:00", "--signal=B:USR1@150", "--requeue", "--open-mode=append",
-        "--output=an-array-%A_%a.log", "--partition=short",
+        "--job-name=an-array", "--array=0-7", "--ntasks=1", "--cpus-per-task=16",
+        "--time=26:30:00", "--signal=B:USR1@150", "--requeue", "--open-mode=append",
+        "--output=an-array-%A_%a.log", "--mem=1024M", "--partition=short",
     ]  # fmt: skip
     # Slurm may warn up to a minute early; the run stops by itself before even that.
     assert f"--max-time {26 * 3600 + 1800 - 300}s" in text
     command = [SHELLCHECK, "-o", "all", "-e", "SC2250,SC2310,SC2312", cluster.put("script", text)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.stdout + done.stderr == ""
+    with pytest.raises(ConfigError, match="--partition a b: is no name of a partition"):
+        script(home, partition="a b")
+    with pytest.raises(ConfigError, match="with a line break cannot stand in a script"):
+        script(home, "spin.n_i=0.1\n")
 
 
 def test_limits_and_sizes_are_read_as_slurm_reads_them():
@@ -132,14 +136,7 @@ def test_limits_and_sizes_are_read_as_slurm_reads_them():
             memory_of(text)
 
 
-def test_what_cannot_stand_in_a_script_is_refused(home):
-    with pytest.raises(ConfigError, match="--partition a b: is no name of a partition"):
-        script(home, partition="a b")
-    with pytest.raises(ConfigError, match="with a line break cannot stand in a script"):
-        script(home, "spin.n_i=0.1\n")
-
-
-def test_program_gets_its_share_threads_and_time(home, cluster):
+def test_program_gets_its_shard_threads_and_time(home, cluster):
     text = script(home, "name=x'y z")
     code, log = cluster.run(cluster.stub(text, 'printf "%s\\n" "$@"; env >&2\n'), 2)
     lines = log.splitlines()
@@ -180,41 +177,33 @@ def test_signals_reach_the_program_and_only_a_warning_means_again(
     ready = cluster.place / "ready"
     body = f'trap "exit 143" TERM\ntouch {ready}\nwhile :; do sleep 0.05; done\n'
     task = cluster.start(cluster.stub(script(home), body))
-    wait_for(ready.exists)
+    wait_until(ready.exists)
     task.send_signal(getattr(signal, f"SIG{number}"))
     task.communicate(timeout=60)
     assert task.returncode == code
     assert cluster.requeued() == (["requeue 100_0"] if again else [])
 
 
-def wait_for(condition: Any) -> None:
-    end = time.monotonic() + 120
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.01)
-
-
 @pytest.mark.parametrize(
-    ("change", "code", "sentence"),
+    ("there", "instead", "code", "sentence"),
     [
-        ((str(PROGRAM), "/no/such/rattlesweep"), 1, "does not see /no/such/rattlesweep"),
-        ((str(PROGRAM), "/bin/false"), 1, "rattlesweep does not start on"),
-        ((str(PROGRAM), "/bin/echo"), 2, "this script is of rattlesweep"),
-        (("sweep.yaml", "gone.yaml"), 2, "gone.yaml"),
-        (("/out", "/sweep.yaml/out"), 1, "cannot write in"),
-        (None, 2, "this is a job array; hand it to sbatch"),
+        (str(PROGRAM), "/no/such/rattlesweep", 1, "does not see /no/such/rattlesweep"),
+        (str(PROGRAM), "/bin/false", 1, "rattlesweep does not start on"),
+        (str(PROGRAM), "/bin/echo", 2, "this script is of rattlesweep"),
+        ("sweep.yaml", "gone.yaml", 2, "gone.yaml"),
+        ("/out", "/sweep.yaml/out", 1, "cannot write in"),
     ],
 )
-def test_environment_is_checked_before_anything_is_begun(change, code, sentence, home, cluster):
-    stubbed = cluster.stub(script(home), "echo begun\n")
-    text = stubbed.replace(str(cluster.place / "tools" / "rattlesweep"), change[1]) if (
-        change and change[0] == str(PROGRAM)
-    ) else stubbed.replace(*(change or ("", "")))  # fmt: skip
-    got, log = cluster.run(text, None if change is None else 0)
-    assert got == code
-    assert sentence in log
+def test_environment_is_checked_before_anything_is_begun(
+    there, instead, code, sentence, home, cluster
+):
+    text = script(home).replace(there, instead)
+    if there != str(PROGRAM):
+        text = cluster.stub(text, "echo begun\n")
+    got, log = cluster.run(text)
+    assert (got, len(log.strip().splitlines())) == (code, 1)
     assert log.startswith("error: ")
-    assert len(log.strip().splitlines()) == 1
+    assert sentence in log
 
 
 def test_kernels_are_not_taken_from_a_directory_of_somebody_else(home, cluster):
@@ -232,7 +221,7 @@ def test_array_with_a_warning_in_the_middle_comes_to_the_same_rows(home, cluster
     run_sweep(plan, home / "plain")
     text, runs = script(home, "bodies.samples=800", shards=2), home / "out" / "runs"
     task = cluster.start(text)
-    wait_for(lambda: any(runs.glob("*.parquet")))
+    wait_until(lambda: any(runs.glob("*.parquet")))
     task.send_signal(signal.SIGUSR1)
     log = task.communicate(timeout=120)[0]
     assert (task.returncode, cluster.requeued()) == (0, ["requeue 100_0"]), log
