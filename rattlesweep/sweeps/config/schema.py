@@ -814,9 +814,9 @@ class Config(Base):
             yield "classify", "early is for paraboloids without dissipation; leave it out"
         if "lyapunov" in record and not plain:
             yield "record", "lyapunov is for paraboloids without dissipation; leave it out"
-        if "reversals" in record and (goal or "error" in record):
-            what = "integrator.accuracy of t_r" if goal else "error"
-            yield "record", f"{what} is for the first reversal alone; leave it or reversals out"
+        if "reversals" in record and goal:
+            words = "integrator.accuracy of t_r is for the first reversal alone"
+            yield "record", f"{words}; give tol, or leave reversals out"
         for word in [word for word in record if early and word in ("lyapunov", "reversals")]:
             yield "record", f"classify.early ends runs before their horizon; leave it or {word} out"
 
@@ -832,6 +832,7 @@ class Config(Base):
         """Parts of the columns of `runs` that not every sweep has."""
         own = {
             "tol": self.integrator.goal is not None,
+            "turns": "error" in self.record and "reversals" in self.record,
             "surface": self.bodies.ellipsoidal,
             "dissipation": bool(self.dissipation),
         }
