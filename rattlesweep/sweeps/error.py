@@ -76,7 +76,7 @@ PARTED = 0.2
 """Distance at which two runs have nothing to do with each other any more."""
 REMEMBERED = 0.1
 """Least share of the difference that is carried over if the companion had parted from its own."""
-TURN_PARTED, TURN_SLOPE = 5e-3, 20.0
+TURN_PARTED, TURN_SLOPE = 5e-3, 50.0
 """Relative difference of turns at which two runs have parted, and the slope instead of a fit's."""
 SURE = 1e-3
 """Relative error below which a turn is sure, if those before it are."""
@@ -377,9 +377,11 @@ def _turns(
     there = np.isfinite(difference)
     d = np.maximum.accumulate(np.where(there, difference, 1.0), axis=1)
     carried = np.maximum(ratio, np.minimum(1.0, (d / TURN_PARTED) ** 2))
-    relative = np.minimum(common + TURN_SLOPE * carried * d, 1.0)
-    known = times[:, 0] == first.t_r
-    relative[known, 0] = (first.t_r_error / first.t_r)[known]
+    relative = common + TURN_SLOPE * carried * d
+    # A spin that comes back after its first zero turns at a later one: which, is less sure.
+    t_r = first.t_r[:, None]
+    relative[:, :1] = np.maximum(first.t_r_error[:, None] / t_r, times[:, :1] / t_r - 1.0)
+    relative = np.minimum(relative, 1.0)
     sure = np.cumprod(there & (relative < SURE), axis=1).sum(axis=1)
     return np.where(there, relative * times, np.nan), sure
 
