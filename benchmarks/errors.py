@@ -158,7 +158,7 @@ class Pair(NamedTuple):
         batch, tight, loose = self.mix.batch, self.tight, self.loose
         apart = how_far_apart(batch, FULL, tight, loose)
         method = METHODS[self.method]
-        return relative_error(batch, tight, loose, apart, method, self.settings, fit=fit)
+        return relative_error(batch, FULL, tight, loose, apart, method, self.settings, fit=fit)
 
     @property
     def sure(self) -> Flags:

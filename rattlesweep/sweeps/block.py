@@ -217,8 +217,12 @@ def _measured(config: Config, launches: Launches, batch: Batch, outcome: Outcome
     if "reversals" in config.record:
         counted = np.where(ok, outcome.n_turns, -1)
         columns["n_turns"] = pa.array(counted.astype(np.int32), mask=~ok)
+        kept = np.minimum(counted, MOST_REVERSALS)
         for k, name in enumerate(("turn_times", "spin_after_turn")):
-            columns[name] = ragged(outcome.reversals[:, :, k], np.minimum(counted, MOST_REVERSALS))
+            columns[name] = ragged(outcome.reversals[:, :, k], kept)
+        if isinstance(outcome, Estimated):
+            columns["reversals_sure"] = pa.array(outcome.turns_sure.astype(np.int32), mask=~ok)
+            columns["reversal_times_error"] = ragged(outcome.turn_errors, kept)
     if "windows" in config.record:
         filled = np.isfinite(outcome.windows[:, :, 0]).sum(axis=1)
         columns["window_t"] = batch.window

@@ -161,6 +161,15 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
         field("spin_after_turn", SERIES, RATE,
               "largest size of the spin between each of these turns and the next, at any step"),
     ),
+    # Where both errors and reversals are recorded.
+    "turns": (
+        field("reversals_sure", I32, "1",
+              "how many of these turns, from the first on, a looser integration confirms: their "
+              "times are right to 1e-3"),
+        field("reversal_times_error", SERIES, TIME,
+              "estimate of the error of each time of turn_times; null: the looser integration has "
+              "no such turn"),
+    ),
 }
 """Columns of `runs` in their order, by what they belong to."""
 
@@ -187,6 +196,7 @@ RECORD_PARTS: dict[str, tuple[str, ...]] = {
     "error": ("gh",),
     "tol": ("gh",),
     "reversals": ("gh",),
+    "turns": ("gh",),
     "surface": (),
     "dissipation": ("reduced", "gh"),
 }

@@ -3,15 +3,16 @@
 With d = abs(t_r'/t_r - 1), where t_r' is the companion's, and s the distance of the two states at
 their reversals in the norm of the step control,
 
-    t_r_error / t_r = (floor + near r) tol + slope T (d + share s / sqrt(N)) + G,
-    T = max(r, min(1, (s / PARTED)^2)),   r = tol / tol',   N = n_steps / 1000,
+    t_r_error / t_r = (floor + near r) tol + slope T (d + share s / sqrt(N)) + C + G,
+    T = max(r^power, P),   P = min(1, (s / PARTED)^2),   r = tol / tol',   N = n_steps / 1000,
 
 at most 1, which it is where the companion does not reverse.  The first term is the common size of
 the error, and more where the companion is hardly looser and so tells less.  The second carries the
 difference over to the tighter tolerance: in proportion as long as the two have stayed together (s
 small), and in full once they have parted.  d alone is small by chance too often; s, which has
-several components, is not.  G is one swing of the spin if an extremum of it touches zero within the
-tolerance (`near_tangencies`).
+several components, is not.  C is P^2 in the unsteady direction, where runs that part are chaotic,
+and their reversals anywhere.  G is one swing of the spin if an extremum of it touches zero within
+the tolerance (`near_tangencies`).
 
 `integrator: {accuracy: {t_r: ...}}` asks for an error instead.  Runs are then integrated at the
 loosest tolerance that gives it to most, with a companion still looser; those whose estimate is
@@ -19,6 +20,10 @@ larger again, a hundred times tighter, with the run before as their companion; a
 is left at the end keeps its large estimate.  A companion that had parted from its own may be near
 the run by chance, so T is then a tenth of (s' / PARTED)^2 at least, with s' the distance of those
 two.
+
+Where reversals are recorded too, runs that have ended before their horizon are integrated to it,
+and so are their companions.  The error of a later turn follows from the largest d of it and the
+turns before, as no states are known there: with P = min(1, (d / TURN_PARTED)^2) and s = 0.
 
 How far that holds is measured by ``benchmarks/errors.py``, which also finds the constants again
 after a change of the integrator; docs/accuracy.md says what the runs are that part.
@@ -34,6 +39,7 @@ import numpy as np
 from rattlesweep.arrays import Flags, Floats, Integers, put, take
 from rattlesweep.integrate.batch import Batch, Control, Outcome, has_settled, integrate
 from rattlesweep.integrate.defaults import DT, MAX_STEPS, TOL
+from rattlesweep.integrate.lanes.columns import MOST_REVERSALS
 from rattlesweep.integrate.model import REDUCED, Model
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS, Tableau
@@ -46,18 +52,20 @@ class Fit(NamedTuple):
     """Constants of the estimate.
 
     Fitted to cover 99.5 % of the runs of each of four mixes at tolerances of 1e-6, 1e-9 and 1e-12,
-    with the least overestimate (``benchmarks/errors.py --fit``): of 44,852 runs 99.54 to 100 % are
-    covered, at 13 to 29 times the true error in the median.
+    with the least overestimate (``benchmarks/errors.py --fit``).
     """
 
     floor: float = 0.5
     near: float = 10.0
     slope: float = 8.0
     share: float = 0.0007
+    power: float = 1.0
 
 
 FITS = {"dop853": Fit(), "verner98": Fit(floor=0.2), "rk4": Fit(floor=0.0, share=0.003)}
 """By method: how far the error of a step stays below what the control allows differs."""
+ROLLING = Fit(floor=5.0, power=0.5)
+"""Of bodies with rolling resistance, whose kinks lower the order of all methods."""
 LOOSER, LOOSEST = 2e3, 1e-5
 """Tolerance of a companion in units of the run's, and the loosest: beyond, most runs part."""
 LEAST_LOOSER = 10.0
@@ -68,6 +76,10 @@ PARTED = 0.2
 """Distance at which two runs have nothing to do with each other any more."""
 REMEMBERED = 0.1
 """Least share of the difference that is carried over if the companion had parted from its own."""
+TURN_PARTED, TURN_SLOPE = 5e-3, 50.0
+"""Relative difference of turns at which two runs have parted, and the slope instead of a fit's."""
+SURE = 1e-3
+"""Relative error below which a turn is sure, if those before it are."""
 FIRST_RUNG, RUNG, RUNGS = 0.3, 1e-2, 3
 """Tolerances for an error that is asked for: the first in its units, the ratio, how many."""
 LOOSEST_RUNG, LOOSEST_OF_LADDER = 1e-6, 1e-4
@@ -99,6 +111,10 @@ class Estimated(Outcome):
         Undecided extrema (`near_tangencies`) of the two.
     tries : ndarray of int64
         Steps tried for each run in all, its companion's and those of looser attempts included.
+    turn_errors : ndarray, shape (runs, 8) or (0, 8)
+        Errors of the times in `reversals`.
+    turns_sure : ndarray of int64
+        How many of these turns, from the first on, are sure.
     """
 
     t_r_error: Floats
@@ -111,17 +127,19 @@ class Estimated(Outcome):
     companion_t_r: Floats
     grazes: Integers
     tries: Integers
+    turn_errors: Floats
+    turns_sure: Integers
 
 
 def companion_setting(method: str, value: float) -> float:
-    """Setting of the companion of runs: a tolerance, or twice the step of a fixed-step method."""
+    """Return the tolerance of a companion, or twice the step of a fixed-step method."""
     if not METHODS[method].adaptive:
         return 2.0 * value
     return max(LEAST_LOOSER * value, min(LOOSER * value, LOOSEST))
 
 
 def ladder(settings: Integrator) -> list[float]:
-    """Settings at which runs are integrated, in turn: a companion, the runs, and those that fail.
+    """Return the settings of runs in turn: of companions, the runs, and those that fail.
 
     Without an error that is asked for there are only the first two.
     """
@@ -135,7 +153,7 @@ def ladder(settings: Integrator) -> list[float]:
 
 
 def prices(settings: Integrator) -> list[float]:
-    """Expected cost of each step of the ladder, in units of the plain runs on the second."""
+    """Return the expected cost of each step of the ladder, in units of plain runs on the second."""
     tableau, values = METHODS[settings.method], ladder(settings)
     if not tableau.adaptive:
         return [0.5, 1.0]
@@ -155,40 +173,60 @@ def integrate_estimated(
     """
     settings, model = config.integrator, model_of(config)
     tableau, values, goal = METHODS[settings.method], ladder(settings), settings.goal or np.inf
-    spans = np.cumsum([0.0, *prices(settings)])
+    turning, record = "reversals" in config.record, frozenset(config.record) - {"reversals"}
+    costs = prices(settings)
+    spans = np.cumsum([0.0, *costs, *(costs[:2] if turning else [])])
     spans /= spans[-1]
 
-    def attempt(k: int, part: Batch, cost: Integers | None = None) -> Outcome:
-        final = len(values) == 2  # whether a run that ends is done
-        control.stage(*spans[k : k + 2], begins=k == 1, ends=k == 1 and final)
+    def attempt(
+        stage: int, rung: int, part: Batch, cost: Integers | None = None, turns: bool = False
+    ) -> Outcome:
+        # A run that ends is done if nothing follows.
+        ends = stage == 1 and len(spans) == 3
+        control.stage(*spans[stage : stage + 2], begins=stage == 1, ends=ends)
+        asked = record if rung else frozenset[str]()
         return integrate(
             part,
             tableau,
             model,
-            **{"tol" if tableau.adaptive else "dt": values[k]},
+            **{"tol" if tableau.adaptive else "dt": values[rung]},
             # A run that is done again under another limit must get the same error.
-            max_steps=settings.max_steps if k else max(settings.max_steps, MAX_STEPS),
-            record=frozenset(config.record if k else ()),
+            max_steps=settings.max_steps if rung else max(settings.max_steps, MAX_STEPS),
+            record=asked | {"reversals"} if turns else asked,
             cost=cost,
             threads=threads,
             control=control,
         )
 
-    companions = attempt(0, batch)
+    companions = attempt(0, 0, batch)
     # Where a run ends is known by now, so none is begun late and keeps lanes waiting.
-    runs = attempt(1, batch, companions.n_steps)
+    runs = attempt(1, 1, batch, companions.n_steps)
     now = done = with_errors(config, batch, runs, companions, (values[1], values[0]))
-    rows, tries = np.arange(len(batch)), now.tries.copy()
+    rows, part, tries = np.arange(len(batch)), batch, now.tries.copy()
     for k in range(2, len(values)):
         again = _to_be_done_again(now, goal)
         if not again.any():
             break
         control.settle(int((~again & (now.status != Status.STOPPED)).sum()))
-        rows, batch, companions = rows[again], take(batch, again), take(runs, again)
-        before, runs = now.apart[again], attempt(k, batch, companions.n_steps)
-        now = with_errors(config, batch, runs, companions, (values[k], values[k - 1]), before)
+        rows, part, companions = rows[again], take(part, again), take(runs, again)
+        before, runs = now.apart[again], attempt(k, k, part, companions.n_steps)
+        now = with_errors(config, part, runs, companions, (values[k], values[k - 1]), before)
         put(now, done, rows)
         tries[rows] += _tries(runs)
+    if turning:
+        none = np.full((len(batch), MOST_REVERSALS, 2), np.nan)
+        done = replace(done, reversals=none, turn_errors=none[:, :, 0].copy())
+        open_ = (done.status == Status.OK) & (done.t_end < batch.t_end)
+        control.settle(int((~open_ & (done.status != Status.STOPPED)).sum()))
+        rows, part, first = np.flatnonzero(open_), take(batch, open_), take(done, open_)
+        companions = attempt(2, 0, part, turns=True)
+        runs = attempt(3, 1, part, companions.n_steps, turns=True)
+        later = with_errors(config, part, runs, companions, (values[1], values[0]))
+        errors, sure = _turns(tableau, model, first, runs, companions, (values[1], values[0]))
+        names = ("t_r_error", "reversal_sure", "apart", "companion_t_r", "grazes")
+        of_t_r = {name: getattr(first, name) for name in names}
+        put(replace(later, turn_errors=errors, turns_sure=sure, **of_t_r), done, rows)
+        tries[rows] += later.tries
     return replace(done, tries=tries, stopped=bool((done.status == Status.STOPPED).any()))
 
 
@@ -197,7 +235,7 @@ def _tries(runs: Outcome) -> Integers:
 
 
 def _to_be_done_again(runs: Estimated, goal: float) -> Flags:
-    """Runs that may come out otherwise, or at all, at a tighter tolerance."""
+    """Return which runs may come out otherwise, or at all, at a tighter tolerance."""
     large = runs.t_r_error > goal * runs.t_r
     missed = np.isnan(runs.t_r) & np.isfinite(runs.companion_t_r)
     lost = ~np.isin(runs.status, (Status.OK, Status.STEP_LIMIT, Status.STOPPED))
@@ -219,8 +257,9 @@ def with_errors(
     the companions had parted from their own (`Estimated.apart`), if they had any.
     """
     tableau, (value, looser) = METHODS[config.integrator.method], settings
-    apart = how_far_apart(batch, model_of(config), runs, companions)
-    relative = relative_error(batch, runs, companions, apart, tableau, settings, before)
+    model = model_of(config)
+    apart = how_far_apart(batch, model, runs, companions)
+    relative = relative_error(batch, model, runs, companions, apart, tableau, settings, before)
     t_r_error = relative * runs.t_r
     ok = runs.status == Status.OK
     # Of a run that has settled, amp_growth lies between what it was and 0.
@@ -255,11 +294,13 @@ def with_errors(
         companion_t_r=companions.t_r,
         grazes=grazes,
         tries=_tries(runs) + _tries(companions),
+        turn_errors=np.zeros((0, MOST_REVERSALS)),
+        turns_sure=np.zeros(len(batch), np.int64),
     )
 
 
 def how_far_apart(batch: Batch, model: Model, runs: Outcome, companions: Outcome) -> Floats:
-    """Distance of each run from its companion at their reversals; 1 where one has none."""
+    """Return the distance of each run from its companion at their reversals; 1 without one."""
     both = np.isfinite(runs.t_r) & np.isfinite(companions.t_r)
     apart = np.ones(len(both))
     apart[both] = distance(model, runs.y_end[both], companions.y_end[both], batch.constants[both])
@@ -268,6 +309,7 @@ def how_far_apart(batch: Batch, model: Model, runs: Outcome, companions: Outcome
 
 def relative_error(
     batch: Batch,
+    model: Model,
     runs: Outcome,
     companions: Outcome,
     apart: Floats,
@@ -276,14 +318,11 @@ def relative_error(
     before: Floats | float = 0.0,
     fit: Fit | None = None,
 ) -> Floats:
-    """Estimate of ``abs(t_r / true - 1)``, NaN where there is no ``t_r``.
+    """Return the estimate of ``abs(t_r / true - 1)``, NaN where there is no ``t_r``.
 
     `apart` is :func:`how_far_apart`, the others are as in :func:`with_errors`.
     """
-    fit = fit or FITS.get(tableau.name, Fit())
-    ratio = settings[0] / settings[1]
-    # Errors of fixed steps do not add up at random.
-    tol, ratio = (settings[0], ratio) if tableau.adaptive else (0.0, ratio**tableau.order)
+    fit, common, ratio = _scales(tableau, model, settings, fit)
     difference = np.abs(companions.t_r / runs.t_r - 1.0)
     d = np.where(np.isfinite(difference), difference, 1.0)
     parted, had_parted = (np.minimum(1.0, (s / PARTED) ** 2) for s in (apart, np.asarray(before)))
@@ -291,15 +330,64 @@ def relative_error(
     thousands = np.maximum(runs.n_steps, 1) / 1000.0
     grazing = runs.near_tangencies + companions.near_tangencies > 0
     estimate = (
-        (fit.floor + fit.near * ratio) * max(tol, TIGHTEST)
+        common
         + fit.slope * carried * (d + fit.share * apart / np.sqrt(thousands))
+        + np.where(_is_unsteady(batch, model), parted**2, 0.0)
         + np.where(grazing, 2 * np.pi / batch.swing / runs.t_r, 0.0)
     )
     return np.where(np.isfinite(runs.t_r), np.minimum(estimate, 1.0), np.nan)
 
 
+def _scales(
+    tableau: Tableau, model: Model, settings: tuple[float, float], fit: Fit | None = None
+) -> tuple[Fit, float, float]:
+    """Return the constants, the common size of the error, and what it is to the difference."""
+    fit = fit or (ROLLING if "rolling" in model.name else FITS.get(tableau.name, Fit()))
+    ratio = settings[0] / settings[1]
+    # Errors of fixed steps do not add up at random.
+    tol, ratio = (settings[0], ratio) if tableau.adaptive else (0.0, ratio**tableau.order)
+    return fit, (fit.floor + fit.near * ratio) * max(tol, TIGHTEST), ratio**fit.power
+
+
+def _is_unsteady(batch: Batch, model: Model) -> Flags:
+    """Return which runs are not launched in the steady direction."""
+    if model.name == REDUCED.name:
+        K_p, n_i = batch.constants[:, 0], batch.y0[:, 0]
+    else:
+        # Of the constants it is the mixed curvature that has the sign of the skew.
+        K_p, n_i = -batch.constants[:, 4], batch.y0[:, 4]
+    return np.asarray(K_p * n_i >= 0)
+
+
+def _turns(
+    tableau: Tableau,
+    model: Model,
+    first: Estimated,
+    runs: Outcome,
+    companions: Outcome,
+    settings: tuple[float, float],
+) -> tuple[Floats, Integers]:
+    """Return the errors of the times of turns, and how many turns are sure, from the first on.
+
+    `first` has the error of ``t_r``, which is the first turn's too where that is its time.
+    """
+    _, common, ratio = _scales(tableau, model, settings)
+    times, others = runs.reversals[:, :, 0], companions.reversals[:, :, 0]
+    difference = np.abs(others / times - 1.0)
+    there = np.isfinite(difference)
+    d = np.maximum.accumulate(np.where(there, difference, 1.0), axis=1)
+    carried = np.maximum(ratio, np.minimum(1.0, (d / TURN_PARTED) ** 2))
+    relative = common + TURN_SLOPE * carried * d
+    # A spin that comes back after its first zero turns at a later one: which, is less sure.
+    t_r = first.t_r[:, None]
+    relative[:, :1] = np.maximum(first.t_r_error[:, None] / t_r, times[:, :1] / t_r - 1.0)
+    relative = np.minimum(relative, 1.0)
+    sure = np.cumprod(there & (relative < SURE), axis=1).sum(axis=1)
+    return np.where(there, relative * times, np.nan), sure
+
+
 def distance(model: Model, y: Floats, other: Floats, constants: Floats) -> Floats:
-    """Distance of states relative to the oscillation in ``y``, in the norm of the step control.
+    """Return the distance of states in the norm of the step control, relative to that of ``y``.
 
     Arrays have the shapes (runs, n_state), twice, and (runs, n_constants).
     """

@@ -142,6 +142,8 @@ def forecast(
     # Of a heavy tail the largest of many draws grows with their number.
     beyond = plan.runs / len(cost) if few is not None and few >= FEW_LIMIT else 1.0
     longest = float(cost.max() * ratio.max()) * beyond / (rate / (LANES * here))
+    if plan.runs <= LEAST and not cut.any():
+        longest = min(longest, float(high))  # few runs leave lanes idle
     return Forecast(
         plan.runs, threads, middle, low, float(high), longest, _disk(table, plan.runs),
         None if shards is None else max(middle / shards, longest), few, float(weight @ cut),

@@ -838,6 +838,7 @@ class Config(Base):
         """Parts of the columns of `runs` that not every sweep has."""
         own = {
             "tol": self.integrator.goal is not None,
+            "turns": "error" in self.record and "reversals" in self.record,
             "surface": self.bodies.ellipsoidal,
             "dissipation": bool(self.dissipation),
         }
@@ -921,8 +922,8 @@ def clashes(sections: Mapping[str, Any]) -> Clash:
         yield "classify", "early is for paraboloids without dissipation; leave it out"
     if record and "lyapunov" in record and special:
         yield "record", "lyapunov is for paraboloids without dissipation; leave it out"
-    if record and "reversals" in record and (goal or "error" in record):
-        what = "integrator.accuracy of t_r" if goal else "error"
-        yield "record", f"{what} is for the first reversal alone; leave it or reversals out"
+    if record and "reversals" in record and goal:
+        words = "integrator.accuracy of t_r is for the first reversal alone"
+        yield "record", f"{words}; give tol, or leave reversals out"
     for word in {"lyapunov", "volume", "reversals"}.intersection(record or () if early else ()):
         yield "record", f"classify.early ends runs before their horizon; leave it or {word} out"
