@@ -86,7 +86,10 @@ def quantities(text: str, kind: str, *counts: int) -> list[float]:
             raise ValueError(f"has no unit; {needed}")
         if not re.fullmatch(f"({_FACTOR})+", unit):
             raise ValueError(f"has the unit {unit}, which is not a product of units; {needed}")
-        size, base = _base(unit)
+        try:
+            size, base = _base(unit)
+        except ValueError as error:
+            raise ValueError(f"{error}; {needed}") from None
         if base != _base(KINDS[kind][0])[1]:
             others = (_article(name) for name, (si, _) in KINDS.items() if _base(si)[1] == base)
             raise ValueError(f"is {next(others, 'another quantity')}; {needed}")

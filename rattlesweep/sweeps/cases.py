@@ -42,13 +42,7 @@ class Case:
 
     @classmethod
     def load(cls, data: Mapping[str, Any]) -> Case:
-        """Return the case that :meth:`dump` has written.
-
-        Raises
-        ------
-        ValueError, TypeError, KeyError
-            If it is something else.
-        """
+        """Return the case that :meth:`dump` has written."""
         name = next((name for name in TARGETS if name in data), None)
         numbers = {k: None if data.get(k) is None else float(data[k]) for k in (*TARGETS, *VARIES)}
         return cls(int(data["case"]), name, numbers[name] if name else None,
@@ -59,25 +53,17 @@ class Case:
 
 
 def grown(held: Sequence[Case], asked: Sequence[Case]) -> tuple[Case, ...]:
-    """Return the cases of a directory and behind them those that a larger sweep adds.
+    """Return the cases `held` by a directory and behind them those that a config asks for beside.
 
-    Cases keep their numbers: `held` are those of the directory, `asked` those of the config, of
-    which none may be missing.
-
-    Raises
-    ------
-    ConfigError
-        If the config has lost a case.
+    Raises a ConfigError if the config has lost a case.
     """
     if tuple(held) == tuple(asked):
         return tuple(held)  # as a rule, and there may be many
     there, wanted = {case.key for case in held}, {case.key for case in asked}
     if lost := [case for case in held if case.key not in wanted]:
-        raise ConfigError(
-            f"it holds runs with {lost[0]}, which the config does not ask for"
-            f"{f' (and {len(lost) - 1} more such cases)' if len(lost) > 1 else ''}; a sweep can "
-            "only grow"
-        )
+        more = f" (and {len(lost) - 1} more such cases)" if len(lost) > 1 else ""
+        told = f"it holds runs with {lost[0]}, which the config does not ask for{more}"
+        raise ConfigError(f"{told}; a sweep can only grow")
     new = [case for case in asked if case.key not in there]
     return (*held, *(replace(case, index=len(held) + k) for k, case in enumerate(new)))
 

@@ -37,26 +37,16 @@ class Launches:
 
     Attributes
     ----------
-    case, sample : ndarray of int
-        Keys of the runs.
-    bodies : Bodies
-        Their bodies.
     n_i, omega_xy0, psi : ndarray
         Initial spin, size and direction of the initial oscillation.
-    modes : Modes
-        Small oscillations without spin.
-    gh : GarciaHubbard
-        The spin in Garcia and Hubbard's theory.
-    n_0 : ndarray
-        Spin that would hold all the energy of the launch.
-    n_c1 : ndarray
-        Bondi's threshold; NaN where there is none.
-    t_end : ndarray
-        Horizons; not finite where there is none.
-    sigma, rolling : ndarray or None
-        Dissipation; None in a sweep without.
-    dead : ndarray or None
-        Share of the launch's energy below which a body is dead; None likewise.
+    modes, gh : Modes and GarciaHubbard
+        Small oscillations without spin, and the spin in Garcia and Hubbard's theory.
+    n_0, n_c1, t_end : ndarray
+        Spin that would hold all the energy of the launch, Bondi's threshold (NaN: none), and the
+        horizon (not finite: none).
+    sigma, rolling, dead : ndarray or None
+        Dissipation, and the share of the launch's energy below which a body is dead; None in a
+        sweep without.
     """
 
     case: Integers
@@ -168,21 +158,9 @@ def with_theory(
             t_end = np.minimum(t_end, horizon.t_decay * b.gamma / sigma)
     if b.t_end is not None:
         t_end = np.where(np.isfinite(b.t_end), b.t_end, t_end)
+    n_c1 = np.where(b.xi > 0, -n_c1, n_c1)  # mirrored bodies spin steadily with n > 0
     return Launches(
-        case=case,
-        sample=sample,
-        bodies=bodies,
-        n_i=n_i,
-        omega_xy0=omega_xy0,
-        psi=psi,
-        modes=modes,
-        gh=gh,
-        n_0=n_0,
-        # Mirrored bodies spin steadily with n > 0.
-        n_c1=np.where(b.xi > 0, -n_c1, n_c1),
-        t_end=t_end,
-        sigma=sigma,
-        rolling=rolling,
+        case, sample, bodies, n_i, omega_xy0, psi, modes, gh, n_0, n_c1, t_end, sigma, rolling
     )
 
 

@@ -82,20 +82,10 @@ class Plan:
 
 
 def make_plan(config: Config, base: Path | None = None, source: Source | None = None) -> Plan:
-    """Return the plan of a config.
+    """Return the plan of a config; a ConfigError says if its parts do not go together.
 
-    Parameters
-    ----------
-    config : Config
-    base : Path, optional
-        Directory in which the relative path of a table is looked up after the working directory.
-    source : Source, optional
-        Bodies that take the place of the config's own.
-
-    Raises
-    ------
-    ConfigError
-        If bodies, launches and model do not go together.
+    A relative path of a table is looked up from the working directory and then from `base`;
+    `source` takes the place of the config's own bodies.
     """
     source = source or make_source(config, base)
     table = source if isinstance(source, TableBodies) else None
@@ -138,10 +128,8 @@ def make_plan(config: Config, base: Path | None = None, source: Source | None = 
     )
     plan = Plan(config, source, cases, extra + source.fields)
     if plan.runs > MAX_RUNS:
-        raise ConfigError(
-            f"bodies: {len(cases)} cases of {plan.samples} samples are {plan.runs:.3g} runs; at "
-            f"most {MAX_RUNS:.0e} are possible in one sweep, so take fewer samples or cases"
-        )
+        told = f"{len(cases)} cases of {plan.samples} samples are {plan.runs:.3g} runs"
+        raise ConfigError(f"bodies: {told}; at most {MAX_RUNS:.0e} are possible in one sweep")
     return plan
 
 
@@ -173,10 +161,8 @@ class _Units:
             check_quantity(name, value, natural)
             same = natural.min() == natural.max()
             if not same and len(values) > 1:
-                raise ConfigError(
-                    f"{KEYS[name]}: {value.text} is another number for each body, as their sizes "
-                    "differ, so it must be the only value; or give numbers in the body's own units"
-                )
+                told = f"{value.text} is another number for each body, as their sizes differ"
+                raise ConfigError(f"{KEYS[name]}: {told}; give it alone, or numbers without units")
             found.append(float(natural[0]) if same else None)
         return found
 
@@ -185,15 +171,12 @@ def _with_losses(config: Config, own: Mapping[str, float | str]) -> Config:
     """Return the config with the dissipation that a table gives for its rows."""
     given = config.dissipation
     for name in LOSSES:
-        if getattr(given, name) == TABLE and name not in own:
-            raise ConfigError(
-                f"dissipation.{name}: the table has no column {name}; add it, or give a number"
-            )
-        if isinstance(getattr(given, name), list) and name in own:
-            raise ConfigError(
-                f"dissipation.{name}: there are several values, and the table has a column {name}; "
-                "keep one of them"
-            )
+        value, column = getattr(given, name), f"column {name}"
+        if value == TABLE and name not in own:
+            raise ConfigError(f"dissipation.{name}: the table has no {column}; give a number")
+        if isinstance(value, list) and name in own:
+            told = f"there are several values, and the table has a {column}"
+            raise ConfigError(f"dissipation.{name}: {told}; keep one of them")
     found = given.model_copy(update=dict(own))
     if found == given:
         return config
@@ -214,16 +197,9 @@ def _check_launches(
     model, tapped = config.model, n_i == 0
     lost = tapped if t_end is None else tapped & ~np.isfinite(t_end)
     if model != "full" and state:
-        raise ConfigError(
-            f"model: {model} begins with a spin and an oscillation; launches from a full state are "
-            "for the model full"
-        )
+        raise ConfigError(f"model: {model} begins with a spin; full states are for the model full")
     if model == "gh" and tapped.any():
-        raise ConfigError(
-            "model: gh begins with a spin, and n_i is 0; take the model full or reduced"
-        )
+        raise ConfigError("model: gh begins with a spin, and n_i is 0; take full or reduced")
     if config.horizon.t is None and config.horizon.t_decay is None and lost.any():
-        raise ConfigError(
-            f"horizon.t: missing; a launch without spin{which.format(np.argmax(lost) + 1)} has no "
-            "t_rGH, so give horizon: {t: TIME} in sqrt(a/g)"
-        )
+        told = f"missing; a launch without spin{which.format(np.argmax(lost) + 1)} has no t_rGH"
+        raise ConfigError(f"horizon.t: {told}, so give horizon: {{t: TIME}} in sqrt(a/g)")

@@ -4,21 +4,17 @@ import json
 import random
 import re
 import tempfile
-from functools import reduce
 from itertools import pairwise
-from operator import getitem
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from test_config import GOOD
 
 from rattlesweep.errors import ConfigError
-from rattlesweep.sweeps.config.read import load_config, parse_config, physics_hash, resolved
+from rattlesweep.sweeps.config.read import load_config, parse_config, resolved
 from rattlesweep.sweeps.config.schema import SdSource
 from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.plausible import check_physics
@@ -65,17 +61,6 @@ WILD = [
     *("{method: rk4, dt: 1e-300}", "{method: rk4, dt: 1e300}"),
 ]  # fmt: skip
 KINDS = [*3 * ["number"], *2 * ["value"], "key", "twice", "drop", "more", "alien"]
-# Real keys, so that pieces end up where others are wanted.
-keys = st.sampled_from(KEYS)
-values = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.integers(-2, 3) | st.floats()
-    | st.sampled_from([0.5, -0.1, 1e-9, 10**400, "1e-9", "sd", "GH", "rk4", "grid", "relevant"])
-    | st.text(max_size=12),
-    lambda inner: (
-        st.lists(inner, max_size=4) | st.dictionaries(keys | st.text(max_size=5), inner, max_size=4)
-    ),
-    max_leaves=8,
-)  # fmt: skip
 
 
 def mutated(pick):
@@ -120,19 +105,6 @@ def in_plain_words(lines):
         own_words = "".join(line.split('"')[::2])
         assert not any(word in own_words for word in JARGON), line
         line.encode()
-
-
-def check(read):
-    """Return the lines of a refusal, if it is one."""
-    try:
-        config = read()
-    except ConfigError as error:
-        in_plain_words(error.messages)
-        return error.messages
-    data = resolved(config)
-    assert resolved(parse_config(json.loads(json.dumps(data, allow_nan=False)))) == data
-    assert len(physics_hash(config)) == 64
-    return []
 
 
 @pytest.fixture(scope="module")
@@ -180,66 +152,38 @@ def test_changed_configs(directory, start, count):
 
 
 @QUICK
-@given(st.sampled_from(TEXTS), st.data())
-def test_settings(directory, text, data):
+@given(
+    st.sampled_from(TEXTS),
+    st.lists(
+        st.tuples(
+            st.sampled_from([*KEYS, "bodies.samples", "spin.n_i", "horizon.t", "integrator.tol"]),
+            st.sampled_from(["=", "", " = ", ".x="]),
+            st.sampled_from(WILD) | st.text(),
+        ).map("".join)
+        | st.text(max_size=20),
+        min_size=1,
+        max_size=4,
+    ),
+)
+def test_settings(directory, text, overrides):
     """``--set`` with wild keys and values is refused under its own name, or under the file's."""
     path = directory / "c.yaml"
     path.write_text(text, encoding="utf-8")
-    key = st.lists(keys | st.text(max_size=5), max_size=3).map(".".join)
-    value = values.map(lambda v: json.dumps(v, default=str)) | st.sampled_from(WILD) | st.text()
-    one = st.tuples(key, st.sampled_from(["=", "", " = "]), value).map("".join)
-    overrides = data.draw(st.lists(one | st.text(max_size=20), min_size=1, max_size=4))
-    lines = check(lambda: load_config(path, overrides))
-    assert all(line.startswith(("--set ", str(path))) for line in lines)
-
-
-@QUICK
-@given(st.binary(max_size=200), st.sampled_from(TEXTS), st.integers(0, 400))
-def test_bytes(directory, raw, text, place):
-    path, old = directory / "c.yaml", text.encode()
-    for content in (raw, old[:place] + raw + old[place:]):
-        path.write_bytes(content)
-        check(lambda: load_config(path))
-
-
-def places(data, key=()):
-    """Yield every key of nested data."""
-    for name, value in data.items() if isinstance(data, dict) else enumerate(data):
-        yield (*key, name)
-        if isinstance(value, dict | list):
-            yield from places(value, (*key, name))
-
-
-@QUICK
-@given(st.sampled_from(sorted(GOOD.values())), st.data())
-def test_broken_data(text, data):
-    """Keys dropped, renamed or added, and values of other types, at any depth."""
-    config: Any = yaml.safe_load(text)
-    for _ in range(data.draw(st.integers(1, 3))):
-        *outer, last = data.draw(st.sampled_from(list(places(config)) or [("a",)]))
-        here = reduce(getitem, outer, config)
-        change = data.draw(st.sampled_from(["drop", "rename", "replace", "replace", "add"]))
-        if change == "replace" or config == {}:
-            here[last] = data.draw(values)
-        elif isinstance(here, dict):
-            value = here[last] if change == "add" else here.pop(last)
-            if change != "drop":
-                here[data.draw(keys)] = value
-        else:
-            here.insert(last, data.draw(values))
-    check(lambda: parse_config(config))
+    try:
+        data = resolved(load_config(path, overrides))
+    except ConfigError as error:
+        in_plain_words(error.messages)
+        assert all(line.startswith(("--set ", str(path))) for line in error.messages)
+    else:
+        assert resolved(parse_config(json.loads(json.dumps(data, allow_nan=False)))) == data
 
 
 LARGE = {
     "keys": "".join(f"k{i}: 1\n" for i in range(25_000)),
-    "repeated": "seed: 1\n" * 31_000,
-    "infinities": "record: [" + ".inf, " * 19_000 + "1]",
     "spins": "bodies: {source: sd}\nspin: {n_i: %s, omega_xy0: %s}\n" % (2 * ([*range(1, 9_000)],)),
-    "words": "name: " + "x " * 120_000,
     "braces": "{" * 249_000,
     "aliases": "a: &a [1,1,1,1,1,1,1,1,1]\n"
     + "".join(f"{b}: &{b} [{9 * f'*{a}, '}]\n" for a, b in pairwise("abcdefghi")),
-    "flows": "bodies: {" + "a, " * 80_000 + "}",
 }  # fmt: skip
 
 

@@ -88,11 +88,11 @@ SIZES = {"mass_kg": "mass", "height_m": "length", "r1_m": "length", "r2_m": "len
          "gravity_m_s2": "acceleration"}  # fmt: skip
 RULES: tuple[tuple[tuple[str, ...], float, float, str], ...] = (
     # This one is for launches by a spin; full states may have no oscillation.
-    (("omega_xy0",), MIN_OSCILLATION, np.inf, f"at least {MIN_OSCILLATION:g} is allowed"),
+    (("omega_xy0",), MIN_OSCILLATION, np.inf, f"it must be positive, from {MIN_OSCILLATION:g}"),
     ((*LAUNCH, *OMEGA), -MAX_SPEED, MAX_SPEED,
      f"from {-MAX_SPEED:g} to {MAX_SPEED:g} sqrt(g/a) is allowed"),
     (("sigma",), 0, MAX_SIGMA, f"from 0 to {MAX_SIGMA:g} is allowed"),
-    (("rolling",), 0, 1, "from 0 to 1 is allowed"),
+    (("rolling",), 0, 1, "from 0 to at most 1 is allowed"),
     (("t_end", *BODY, "gravity_m_s2"), POSITIVE, np.inf, "it must be positive"),
     (("t_end",), -np.inf, MAX_TIME, f"at most {MAX_TIME:g} is allowed"),
     (("psi",), -2 * np.pi, 2 * np.pi,
