@@ -42,9 +42,8 @@ class Quantity(SI):
         self.text, self.kind = " ".join(text.split()), kind
         return self
 
-    def __getnewargs__(self) -> tuple[str, str]:
-        """Return what a copy is made of."""
-        return self.text, self.kind
+    def __reduce__(self) -> tuple[type[Quantity], tuple[str, str]]:
+        return Quantity, (self.text, self.kind)
 
 
 def quantity(text: str, kind: str) -> float:
@@ -71,13 +70,6 @@ def quantities(text: str, kind: str, *counts: int) -> list[float]:
     Each may have a unit of its own, as in ``12cm,3cm``. `counts` are the numbers of values that are
     allowed.
     """
-    parts = text.split(",")
-    if (
-        len(parts) > 1
-        and len(parts) in counts
-        and all(part.strip()[-1:].isalpha() for part in parts)
-    ):
-        return [quantity(part, kind) for part in parts]
     needed = f"{_article(kind)} is needed, such as {KINDS[kind][1]}"
     found = [split(part) for part in text.split(",")]
     values = [value for value, _ in found if value is not None]

@@ -187,6 +187,7 @@ class DrawnBodies:
     """A source of random bodies; with targets, of those that come nearest to them."""
 
     samples = RUNS
+    fields = ()
 
     def __init__(self, source: SdSource) -> None:
         self._bodies = draw(source)

@@ -1,12 +1,13 @@
-"""Sources of bodies: drawn from ranges, a preset, a grid or a shape; `table` has those of tables."""
+"""Sources of bodies: drawn from ranges, a preset, a grid or a shape; for tables see `table`."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from functools import lru_cache
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -17,7 +18,7 @@ from rattlesweep.physics import si
 from rattlesweep.physics.body import PARAMETERS, PRESETS, shell_dumbbell, violations
 from rattlesweep.physics.shapes import half_ellipsoid
 from rattlesweep.sweeps.bodies.protocol import Bodies, Scale, Source
-from rattlesweep.sweeps.bodies.sampler import bodies_of, draw_bodies
+from rattlesweep.sweeps.bodies.sampler import bodies_of, draw_bodies, sequence_points
 from rattlesweep.sweeps.bodies.table import KEPT, TableBodies, read_bodies
 from rattlesweep.sweeps.columns import F64, MEASURED, required
 from rattlesweep.sweeps.config.schema import (
@@ -28,9 +29,6 @@ from rattlesweep.sweeps.config.schema import (
     ShapeSource,
     TableSource,
 )
-
-if TYPE_CHECKING:
-    from rattlesweep.sweeps.bodies.quasi import Sequence
 
 CHUNK = 4096
 """Samples that are drawn together, and kept while the other cases of their target ask for them."""
@@ -97,13 +95,6 @@ class SdBodies:
         self.samples = source.samples
         self._seed, self._source = seed, source
         self._ranges = ranges_of(source)
-        self._sequence: Sequence | None = None
-        if source.draw != "random":
-            # scipy.stats takes longer to import than all the rest.
-            from rattlesweep.sweeps.bodies.quasi import Sequence
-
-            group = source.group if source.draw == "saltelli" else 1
-            self._sequence = Sequence(len(self._ranges), seed, group)
         self._chunk = lru_cache(maxsize=64)(self._draw_chunk)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -118,7 +109,7 @@ class SdBodies:
 
     def bodies(self, target: float | Floats, sample: Integers) -> Bodies:
         """Return the bodies of some runs; all cases of a target share theirs."""
-        if self._source.target is None and self._sequence is None:
+        if self._source.target is None and self._source.draw == "random":
             return drawn(draw_bodies(self._seed, sample, self._ranges)[0])
         # It is slow to draw for a target, and points of a sequence come one after another.
         columns = np.empty((2 + len(self._ranges), len(sample)))
@@ -133,10 +124,11 @@ class SdBodies:
 
     def _draw_chunk(self, value: float, number: int) -> Floats:
         first, stop = number * CHUNK, min((number + 1) * CHUNK, self.samples)
-        if self._sequence is not None:
-            return bodies_of(self._sequence.points(first, stop), self._ranges)
-        samples, target = np.arange(first, stop), self._source.target
-        return draw_bodies(self._seed, samples, self._ranges, target, value)[0]
+        source, seed, ranges = self._source, self._seed, self._ranges
+        if source.draw != "random":
+            group = source.group if source.draw == "saltelli" else 1
+            return bodies_of(sequence_points(len(ranges), seed, first, stop, group), ranges)
+        return draw_bodies(seed, np.arange(first, stop), ranges, source.target, value)[0]
 
 
 def ranges_of(source: SdSource) -> Floats:
@@ -198,7 +190,7 @@ class ShapeBodies:
         self.samples = (source.samples or 1000) if source.drawn else 1
         # The conditions of a body are monotonic in each size.
         corners = np.array(list(product(*self._ranges))).T
-        _check(_shaped(corners), "bodies")
+        _check(_shaped(corners), "bodies", dict(zip(source.sizes, corners, strict=True)))
 
     def bodies(self, target: float | Floats, sample: Integers) -> Bodies:
         """Return the bodies of some runs; all cases have the same."""
@@ -214,13 +206,14 @@ UNIT = np.array([[0.0, 1.0]] * 4 + [[-np.degrees(1.0), 0.0]])
 
 def _shaped(sizes: Floats) -> Bodies:
     """Return half ellipsoids of some lengths, widths, heights, masses and skew angles."""
-    found = half_ellipsoid(*sizes[:4], skew=np.abs(sizes[4]))
-    mass, height = found.pop("mass"), found.pop("height")
+    length, width, height, mass, skew = sizes
+    found = half_ellipsoid(length, width, height, mass, np.abs(skew))
+    mass, a = found.pop("mass"), found.pop("height")
     return Bodies(
         **found,
         f_sd=np.full(mass.shape, np.nan),
-        scale=Scale(mass, height, np.full(mass.shape, si.GRAVITY)),
-        carried={"mass_kg": mass, "height_m": height},
+        scale=Scale(mass, a, np.full(mass.shape, si.GRAVITY)),
+        carried={"mass_kg": mass, "height_m": a},
     )
 
 
@@ -235,11 +228,11 @@ def _fixed(source: PresetSource | GridSource, preset: str | None) -> dict[str, f
     return rest if c is None or not source.ellipsoidal else rest | {"c": c}
 
 
-def _check(bodies: Bodies, where: str) -> None:
+def _check(bodies: Bodies, where: str, sizes: Mapping[str, Floats] | None = None) -> None:
     """Raise a ConfigError if one of the bodies in the corners of a grid cannot exist."""
     columns = {name: getattr(bodies, name) for name in (*PARAMETERS, "c")}
     if bodies.c is None:
         del columns["c"]
     for place, sentence in violations(**columns):
-        corner = ", ".join(f"{name} {values[place]:g}" for name, values in columns.items())
-        raise ConfigError(f"{where}: at {corner}: {sentence}")
+        told = (f"{name} {values[place]:g}" for name, values in (sizes or columns).items())
+        raise ConfigError(f"{where}: at {', '.join(told)}: {sentence}")

@@ -25,7 +25,7 @@ from rattlesweep.physics import si
 from rattlesweep.physics.body import PARAMETERS, violations
 from rattlesweep.physics.launch import spin_and_oscillation
 from rattlesweep.sweeps import columns as known
-from rattlesweep.sweeps.arrow import build_table, write_parquet
+from rattlesweep.sweeps.arrow import write_parquet
 from rattlesweep.sweeps.bodies.protocol import Bodies, Scale
 from rattlesweep.sweeps.bodies.tablefile import read_table, table_of
 from rattlesweep.sweeps.columns import F64, I64, MEASURED, RUNS, STATE, TEXT
@@ -39,6 +39,7 @@ from rattlesweep.sweeps.config.schema import (
     unit,
 )
 from rattlesweep.sweeps.files import explained
+from rattlesweep.units import Quantity
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -64,6 +65,9 @@ WITH_UNITS = {
     "sigma_N_m_s": ("sigma", 1.0, "torque per spin"),
 }
 """Columns with units: what each stands for, its size in SI units, and its kind."""
+KEYS = {"n_i": "spin.n_i", "omega_xy0": "spin.omega_xy0", "t_end": "horizon.t",
+        "sigma": "dissipation.sigma", "rolling": "dissipation.rolling"}  # fmt: skip
+"""Keys of the config that may have SI units, by the columns that they stand for."""
 INPUT = (*COLUMNS, "t_r", *BODY, *BODY_DEFAULTS, *WITH_UNITS)
 NULLABLE = ("t_end", "psi", "psi_deg", "f_sd", "t_r", "c", "t_end_s", "c_m")
 KEPT = {"mass_kg": "kg", "height_m": "m", "gravity_m_s2": "m/s^2"}
@@ -224,16 +228,11 @@ def keep_bodies(source: TableBodies, directory: Path) -> None:
     """
     if (path := directory / source.config["path"]).exists():
         return
-    data = source.columns | source.carried
-    fields = [
-        f.with_nullable(True) for part in (*RUNS.values(), STATE, source.fields) for f in part
-    ]
-    # A directory with nothing else in it is known by the mark to be that of a sweep.
-    mark = {"rattlesweep.bodies": source.content_hash}
-    schema = pa.schema([f for f in fields if f.name in data])
     with explained(f"cannot write in {directory}", folder=True):
         directory.mkdir(parents=True, exist_ok=True)
-    write_parquet(build_table(data, schema), path, mark)
+    # A directory with nothing else in it is known by the mark to be that of a sweep.
+    mark = {"rattlesweep.bodies": source.content_hash}
+    write_parquet(pa.table(source.columns | source.carried), path, mark)
 
 
 # -- from columns to bodies --------------------------------------------------------------------
@@ -302,9 +301,7 @@ def _is_number(column: pa.ChunkedArray) -> bool:
     return bool(plain or types.is_decimal(kind) or types.is_null(kind))
 
 
-def _lose_units(
-    columns: dict[str, Floats], where: str
-) -> tuple[Scale | None, list[Problem]]:
+def _lose_units(columns: dict[str, Floats], where: str) -> tuple[Scale | None, list[Problem]]:
     """Add the columns without units that follow from those with units.
 
     Returns the units of the bodies, where they are known, and where two columns disagree.
@@ -417,8 +414,16 @@ def check_value(name: str, values: Floats) -> tuple[int, str] | None:
     return None
 
 
+def check_quantity(name: str, value: Quantity, natural: Floats) -> None:
+    """Raise a ConfigError if a value with a unit is out of range in the units of the bodies."""
+    if broken := check_value(name, natural):
+        place, wanted = broken
+        told = f"{value.text} comes to {natural[place]:g} in units of the body"
+        raise ConfigError(f"{KEYS[name]}: {told}; {wanted}")
+
+
 def refuse(where: str, problems: list[Problem]) -> None:
-    """Raise a ConfigError with a line for each of the first bad rows, the first sentence of each."""
+    """Raise a ConfigError with a sentence for each of the first bad rows."""
     first: dict[int, str] = {}
     for row, sentence in problems:
         first.setdefault(row, sentence)

@@ -37,8 +37,9 @@ def describe(value: Any) -> str:
         return str(value) if isinstance(value, float) else one_line(f"{value:d}", 24)
     if isinstance(value, str):
         return f"{quoted(value)} (text)"
-    kinds = {list: "a list", dict: "a mapping"}
-    return kinds.get(type(value), f"a value of type {one_line(type(value).__name__)}")
+    if isinstance(value, list | dict):
+        return "a list" if isinstance(value, list) else "a mapping"
+    return f"a value of type {one_line(type(value).__name__)}"
 
 
 def not_one_of(value: Any, names: Iterable[str]) -> str:

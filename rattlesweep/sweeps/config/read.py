@@ -348,10 +348,6 @@ def _sentences(error: Any, data: Any) -> Iterator[tuple[Key, str]]:
     elif kind in _LIMITS:
         name, bound = _LIMITS[kind]
         yield key, f"{describe(value)} is out of range; it must be {bound} {context[name]:.15g}"
-    elif kind in ("too_short", "too_long"):
-        bound, limit = ("least", "min_length") if kind == "too_short" else ("most", "max_length")
-        count = context["actual_length"]
-        yield key, f"the list has {count} values; give at {bound} {context[limit]}"
     elif (wanted := _WANTED.get(kind.split("_")[0])) and kind != "string_too_short":
         yield key, f"{describe(value)} is given here; write {wanted}"
     else:

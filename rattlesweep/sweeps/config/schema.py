@@ -183,50 +183,50 @@ PAIR: Any = Field(min_length=2, max_length=2)
 TRIPLE: Any = Field(min_length=3, max_length=3)
 
 
-class Linspace(Base):
+class Spaced(Base):
+    """Values between two ends, which are values themselves."""
+
+    def values(self) -> list[float]:
+        """Return n values from low to high, in even steps or with a constant ratio."""
+        low, high, n = next(iter(self.__dict__.values()))
+        log = isinstance(self, Logspace)
+        if n != int(n) or not 1 <= n <= MAX_AXIS:
+            raise ValueError(f"n is {n:g}; it must be a whole number from 1 to {MAX_AXIS}")
+        if (n == 1) != (low == high) or (log and (low == 0 or not 0 < high / low < math.inf)):
+            words = f"{n:.0f} values cannot be spaced from {low!r} to {high!r}"
+            raise ValueError(f"{words}; give other ends, or equal ends with n = 1")
+        shares = [i / (n - 1) for i in range(1, int(n) - 1)]
+        if log:
+            inner = [low * math.pow(high / low, share) for share in shares]
+        else:
+            inner = [low + (high - low) * share for share in shares]
+        return [low, *inner, high][: int(n)]
+
+
+class Linspace(Spaced):
     """Evenly spaced values."""
 
     linspace: Annotated[list[float], TRIPLE] = Field(description="[low, high, n], ends included.")
 
 
-class Logspace(Base):
+class Logspace(Spaced):
     """Values with a constant ratio."""
 
     logspace: Annotated[list[float], TRIPLE] = Field(description="[low, high, n], ends included.")
 
 
-def spaced(value: dict[str, Any]) -> list[Any]:
-    """Return the values of ``{linspace: [low, high, n]}`` or ``{logspace: [low, high, n]}``.
-
-    Low and high may have a unit, the same one.
-    """
-    log, unit = "logspace" in value, ""
-    name = "logspace" if log else "linspace"
-    ends = value[name]
-    if isinstance(ends, list) and len(ends) == 3 and all(isinstance(x, str) for x in ends[:2]):
-        (first, unit), (last, other) = map(split, ends[:2])
-        if first is None or last is None or unit != other:
-            raise ValueError("the ends are not two numbers with one unit; write them alike")
-        value = {**value, name: [first, last, ends[2]]}
-    low, high, n = getattr((Logspace if log else Linspace).model_validate(value), name)
-    if n != int(n) or not 1 <= n <= MAX_AXIS:
-        raise ValueError(f"n is {n:g}; it must be a whole number from 1 to {MAX_AXIS}")
-    if (n == 1) != (low == high) or (log and (low == 0 or not 0 < high / low < math.inf)):
-        words = f"{n:.0f} values cannot be spaced from {low!r} to {high!r}"
-        raise ValueError(f"{words}; give other ends, or equal ends with n = 1")
-    shares = [i / (n - 1) for i in range(1, int(n) - 1)]
-    if log:
-        inner = [low * math.pow(high / low, share) for share in shares]
-    else:
-        inner = [low + (high - low) * share for share in shares]
-    values = [low, *inner, high][: int(n)]
-    return [f"{value!r} {unit}" for value in values] if unit else values
-
-
 def _as_list(value: Any) -> Any:
-    if isinstance(value, dict) and value.keys() & {"linspace", "logspace"}:
-        return spaced(value)
-    return value if isinstance(value, list) else [value]
+    if not isinstance(value, dict) or not value.keys() & {"linspace", "logspace"}:
+        return value if isinstance(value, list) else [value]
+    kind, name = (Logspace, "logspace") if "logspace" in value else (Linspace, "linspace")
+    ends, unit = value[name], ""
+    if isinstance(ends, list) and len(ends) == 3 and all(isinstance(x, str) for x in ends[:2]):
+        (low, unit), (high, other) = map(split, ends[:2])
+        if low is None or high is None or unit != other:
+            raise ValueError("the ends are not two numbers with one unit; write them alike")
+        value = {**value, name: [low, high, ends[2]]}
+    values = kind.model_validate(value).values()
+    return [f"{value!r} {unit}" for value in values] if unit else values
 
 
 def no_repeats(values: list[Any]) -> list[Any]:
@@ -549,20 +549,19 @@ class ShapeSource(Base):
     shape: Literal["half_ellipsoid"] = "half_ellipsoid"
     """half_ellipsoid: solid and of uniform density, its flat side up."""
     length: size("length")
-    """Longer side of the flat face in m, or with a unit; or a range [low, high], as all sizes."""
+    """Longer side of the flat face, in m or with a unit."""
     width: size("length")
-    """Shorter side of the flat face in m, or with a unit."""
+    """Shorter side of the flat face, in m or with a unit."""
     height: size("length")
-    """From the lowest point to the flat face in m, or with a unit."""
+    """From the lowest point to the flat face, in m or with a unit."""
     mass: size("mass")
-    """In kg, or with a unit."""
+    """Mass, in kg or with a unit."""
     skew: size("angle", math.pi / 2)
-    """Angle from the axes of the surface to those of inertia in radians, or with a unit, of either
-    sign."""
+    """Size of the angle between the axes of inertia and surface, in radians or with a unit."""
     samples: int | None = Field(default=None, ge=1, le=2**62)
-    """Bodies per case, where a key is a range (default 1000)."""
+    """Bodies per case where a key is a range (1000 unless given)."""
 
-    ellipsoidal: ClassVar[bool] = True
+    ellipsoidal: ClassVar[bool] = True  # its bottom is one
 
     def _clashes(self) -> Clash:
         if self.samples is not None and not self.drawn:
@@ -845,6 +844,17 @@ class Config(Base):
         return [*self.record, *(name for name, there in own.items() if there)]
 
     @property
+    def in_si(self) -> dict[str, list[Quantity]]:
+        """Values with units, by the names of what they stand for in a run."""
+        given = {
+            **({"n_i": self.spin.n_i, "omega_xy0": self.spin.omega_xy0} if self.spin else {}),
+            **{name: self.dissipation.values(name) for name in Dissipation.model_fields},
+            "t_end": [self.horizon.t],
+        }
+        found = {k: [x for x in v if isinstance(x, Quantity)] for k, v in given.items()}
+        return {name: values for name, values in found.items() if values}
+
+    @property
     def directory(self) -> str:
         """Where results go: `output`, or the default made from the name."""
         return self.output or f"out/{self.name}"
@@ -877,18 +887,19 @@ def clashes(sections: Mapping[str, Any]) -> Clash:
         for name in ("stop", "bodies", "spin", "launch", "model", "horizon", "dissipation",
                      "integrator", "classify", "record")
     )  # fmt: skip
-    table, random = bodies and bodies.source == "table", isinstance(bodies, SdSource)
+    table, random = bodies and bodies.source == "table", bool(getattr(bodies, "drawn", ()))
     goal, early = integrator and integrator.goal, classify and classify.early
     if stop and bodies and not random:
         yield "stop", f"bodies of source {bodies.source} are all there are; take source: sd"
-    elif stop and random and bodies.draw == "saltelli":
+    elif stop and getattr(bodies, "draw", "") == "saltelli":
         yield "stop", "samples of draw: saltelli are not independent; take draw: sobol"
     if spin and launch:
         yield "spin", "spin and launch are both given; keep one of them"
     elif spin is None and launch is None and bodies and not table:
         yield "spin", "the key is missing; give n_i and omega_xy0, or a launch with omega and u"
     lists: dict[str, Sequence[Any]] = {}
-    lists["targets"] = bodies.target.values if random and bodies.target else [0]
+    target = bodies.target if isinstance(bodies, SdSource) else None
+    lists["targets"] = target.values if target else [0]
     lists |= {"n_i": spin.n_i, "omega_xy0": spin.omega_xy0} if spin else {}
     lists |= {name: lost.values(name) for name in Dissipation.model_fields} if lost else {}
     if (cases := math.prod(map(len, lists.values()))) > MAX_CASES:
