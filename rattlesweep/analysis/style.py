@@ -158,14 +158,20 @@ def save_table(table: pa.Table, path: Path) -> None:
     replace_file(path, buffer.getvalue())
 
 
-def formula_error(text: str) -> str | None:
-    """Return why Matplotlib cannot read the formulas in a text; None if it can."""
+def check_formula(text: str) -> str:
+    """Return a text that a picture can show; raise a ValueError if it cannot."""
+    if not text.isprintable():
+        raise ValueError("a control character is in it; leave it out")
     if is_math_text(text):
         try:
             MathTextParser("path").parse(text)
         except (ValueError, RuntimeError) as error:
-            return str(error).strip().splitlines()[-1].strip()
-    return None
+            why = str(error).strip().splitlines()[-1].strip()
+            raise ValueError(
+                f"the text between dollar signs cannot be read as a formula ({why}); write \\$ for "
+                "a dollar sign"
+            ) from None
+    return text
 
 
 def symbol(name: str) -> str:

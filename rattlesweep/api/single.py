@@ -5,7 +5,6 @@ from __future__ import annotations
 import html
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,7 +34,7 @@ from rattlesweep.progress import Bar
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from rattlesweep.analysis.onerun.course import Course, Trajectory
+    from rattlesweep.analysis.onerun.course import Course, PreparedRun, Trajectory
     from rattlesweep.analysis.onerun.replay import Replay, StoredRun
     from rattlesweep.analysis.onerun.rows import Rows
     from rattlesweep.sweeps.bodies.protocol import Scale
@@ -318,31 +317,26 @@ def trajectory(
     )  # fmt: skip
     scale = scale_of(launch.body.units)
     rows = rows_of(scale, points, dt, steps, times, from_time)
-    return collect(Course(launch, channels=channels, rows=rows), partial(_page, launch, scale))
+    course = Course(launch, channels=channels, rows=rows)
+    return collect(course, lambda **shown: page_of(launch, scale, **shown)[0])
 
 
 def show(
     body: Rattleback | str,
     *,
-    n_i: Number | None = None,
-    omega_xy0: Number | None = None,
-    omega: Sequence[Number] | None = None,
-    u: Sequence[float] | None = None,
-    t_end: Number | None = None,
-    psi: str | float | None = None,
     from_time: Number | None = None,
     points: int | None = None,
-    sigma: Number = 0.0,
-    rolling: Number = 0.0,
     title: str | None = None,
     path: str | Path | None = None,
+    **launch: Any,
 ) -> Page:
     """Make a page on which a body rolls on the plane, with its trace and its spin.
 
     Parameters
     ----------
-    body, n_i, omega_xy0, omega, u, t_end, psi, sigma, rolling
-        As for :func:`simulate`, of one body.
+    body, **launch
+        As for :func:`simulate`, of one body: ``n_i, omega_xy0, omega, u, t_end, psi, sigma,
+        rolling`` and those of the integrator.
     from_time : float or str, optional
         When the page begins, in ``sqrt(a/g)``.
     points : int, optional
@@ -367,13 +361,12 @@ def show(
     >>> rs.show("GH", n_i=-0.1, omega_xy0=0.01, t_end=20, path="roll.html").path.name
     'roll.html'
     """
-    launch = launch_of(
-        body, n_i=n_i, omega_xy0=omega_xy0, omega=omega, u=u, t_end=t_end, psi=psi, sigma=sigma,
-        rolling=rolling,
-    )  # fmt: skip
-    name = f"Rattleback {body}" if isinstance(body, str) else "Rattleback"
-    scale = scale_of(launch.body.units)
-    return _page(launch, scale, points=points, from_time=from_time, title=title or name, path=path)
+    made = launch_of(body, **launch)
+    title = title or (f"Rattleback {body}" if isinstance(body, str) else "Rattleback")
+    page, _ = page_of(
+        made, scale_of(made.body.units), points=points, from_time=from_time, title=title, path=path
+    )
+    return page
 
 
 def replay(
@@ -430,17 +423,9 @@ def replay(
     prepared = source.prepare(run, number("t_end", t_end, scale))
     source.prove(run)
     course = Course(prepared, channels=channels, rows=rows)
-    found = collect(course, partial(_page, prepared, scale, title=run.name))
+    found = collect(course, lambda **shown: page_of(prepared, scale, title=run.name, **shown)[0])
     run.check(course)
     return found
-
-
-def show_stored(
-    directory: Path, which: dict[str, Any], *, path: str | Path | None = None, **settings: Any
-) -> Page:
-    """Return the page of a stored run, written to a file if there is a path."""
-    page = stored_page(directory, which, **settings)[0]
-    return page if path is None else page.save(path)
 
 
 def stored_page(
@@ -448,10 +433,10 @@ def stored_page(
     which: dict[str, Any],
     *,
     title: str | None = None,
-    t_end: Any = None,
-    **rows: Any,
+    t_end: Number | None = None,
+    **shown: Any,
 ) -> tuple[Page, Course, list[str]]:
-    """Return the page of a run, proved to be the stored one, its course, and what was shown."""
+    """Return the page of a run, proved to be the stored one, its course, and what was proved."""
     from rattlesweep.analysis.onerun.replay import Replay
 
     source = Replay(directory)
@@ -462,36 +447,31 @@ def stored_page(
     cause = source.cause(run)
     kind = f", type {run.type}" if run.type else ""
     title = title or f"{source.config.name}: {run.name}{kind}"
-    page, course = page_of(prepared, scale, title, cause, **rows)
+    page, course = page_of(prepared, scale, title=title, cause=cause, **shown)
     run.check(course)
     return page, course, [run.proof, *([cause] if cause else [])]
 
 
 def page_of(
-    run: Any,
+    run: Launch | PreparedRun,
     scale: Scale | None,
-    title: str,
-    cause: str = "",
     *,
+    title: str = "Rattleback",
+    path: str | Path | None = None,
+    cause: str = "",
     points: int | None = None,
-    from_time: Any = None,
+    from_time: Number | None = None,
     watch: Callable[[float], None] | None = None,
 ) -> tuple[Page, Course]:
-    """Return the page of a launch or a stored run, and its course; `cause` as of `make_scene`."""
+    """Return the page of a run, written to a file if there is a path, and its course."""
     from rattlesweep.analysis.viewer import show as viewer
 
     check_count("points", points, 2)
-    from_time = number("from_time", from_time, scale)
-    course = viewer.course_of(run, points, watch, from_time=from_time)
+    start = number("from_time", from_time, scale)
+    course = viewer.course_of(run, points, watch, from_time=start)
     scene = viewer.make_scene(course, cause)
-    return Page(viewer.make_page(scene, title, viewer.describe(course))), course
-
-
-def _page(
-    run: Any, scale: Scale | None, *, title: str = "Rattleback", path: Any = None, **rows: Any
-) -> Page:
-    page, _ = page_of(run, scale, title, **rows)
-    return page if path is None else page.save(path)
+    page = Page(viewer.make_page(scene, title, viewer.describe(course)))
+    return page if path is None else page.save(path), course
 
 
 def launch_of(

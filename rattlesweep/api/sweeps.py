@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rattlesweep.api.arrays import check_count, is_frame, kind_of, to_frame
-from rattlesweep.api.single import Page, replay, show_stored
+from rattlesweep.api.single import Page, replay, stored_page
 from rattlesweep.errors import ConfigError, ConfigWarning
 from rattlesweep.progress import Bar
 
@@ -211,11 +211,15 @@ class Sweep:
         """
         from rattlesweep.analysis.plots.kinds import choose_picture
         from rattlesweep.analysis.plots.layout import read_layout
-        from rattlesweep.analysis.style import FORMATS, encode, save, styled
+        from rattlesweep.analysis.style import FORMATS, check_formula, encode, save, styled
 
         for name in looks:
             if name not in LOOKS:
                 raise ConfigError(f"{name}: unknown; the looks of a picture are {', '.join(LOOKS)}")
+        try:
+            check_formula(looks.get("title") or "")
+        except ValueError as error:
+            raise ConfigError(f"title: {error}") from None
         endings = [f".{ending}" for ending in FORMATS]
         if path is not None and Path(path).suffix.lower() not in endings:
             raise ConfigError(f"path {path}: the name must end in {', '.join(endings)}")
@@ -329,7 +333,7 @@ class Sweep:
             If the run is not stored yet, or does not come out as stored, bit for bit.
         """
         run = {"case": case, "sample": sample, "where": where}
-        return show_stored(self.directory, run, title=title, path=path, **settings)
+        return stored_page(self.directory, run, title=title, path=path, **settings)[0]
 
     def __repr__(self) -> str:
         return f"<Sweep {self.directory}: {self._stored.count():,} runs>"

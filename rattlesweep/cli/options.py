@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 import pkgutil
-import unicodedata
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
@@ -91,23 +90,6 @@ def _file(endings: Sequence[str], text: str) -> Path:
     return Path(text)
 
 
-def _title(text: str) -> str:
-    if any(unicodedata.category(c) in ("Cc", "Cs") for c in text):
-        raise ValueError("a control character is in it; leave it out")
-    return text
-
-
-def _formula(text: str) -> str:
-    from rattlesweep.analysis.style import formula_error
-
-    if (error := formula_error(_title(text))) is not None:
-        raise ValueError(
-            f"the text between dollar signs cannot be read as a formula ({error}); write "
-            "\\$ for a dollar sign"
-        )
-    return text
-
-
 def _count(text: str) -> int:
     with suppress(ValueError):
         if (count := int(text)) >= 1:
@@ -131,8 +113,8 @@ def _check_threads(context: click.Context, _: click.Parameter, count: int | None
 
 PICTURES = (".svg", ".png", ".pdf")
 TIME = Kind("time", seconds_of)
-SIZE = Kind("w,h", _numbers(2, lambda w, h: 1 <= w <= 60 and 1 <= h <= 60,
-            "give width and height in inches, each from 1 to 60, as in 7,4.5"))  # fmt: skip
+SIZE = Kind("w,h", _numbers(2, lambda w, h: 1 <= w <= 24 and 1 <= h <= 24,
+            "give width and height in inches, each from 1 to 24, as in 7,4.5"))  # fmt: skip
 LIMITS = Kind("low,high", _numbers(2, lambda low, high: -math.inf < low < high < math.inf,
               "give the lower and the upper end, as in 0.01,0.1"))  # fmt: skip
 VECTOR = Kind("x,y,z", _numbers(3, lambda *xyz: True,
@@ -177,12 +159,6 @@ def file(name: str, *endings: str, help: str, **settings: Any) -> Decorator:
     return option(*names, type=Kind("file", partial(_file, endings)), help=help, **settings)
 
 
-def title(formula: bool = False) -> Decorator:
-    """Return the option of the title of a page, or of a picture, which may hold a formula."""
-    kind = Kind("text", _formula if formula else _title)
-    return option("--title", type=kind, help="Title of the page or the picture.")
-
-
 def path(name: str, **settings: Any) -> Decorator:
     """Return an argument that is a path."""
     return argument(name, type=click.Path(path_type=Path), **settings)
@@ -195,6 +171,7 @@ overrides = option(
 )  # fmt: skip
 threads = option("-j", "--threads", type=Kind("n", _count), callback=_check_threads,
                  help="Threads of the kernel; by default one a processor.")  # fmt: skip
+title = option("--title", metavar="TEXT", help="Title of the page.")
 as_json = option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
 quiet = option("-q", "--quiet", is_flag=True, help="No progress, closing words or warnings.")
 figure = file("--figure", *PICTURES, help="Also draw a figure, an .svg, .png or .pdf file.")

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
 import click
-from click import argument, option
+from click import option
 
 from rattlesweep.cli import options
 from rattlesweep.cli.command import DONE, FAILED, MOST_ROWS, command, probe, say, to_json
-from rattlesweep.errors import ConfigError
-
-MOST_PIXELS = 2e8
-"""Pixels of a PNG, which take four bytes each while it is drawn."""
 
 
 @command(
@@ -39,10 +34,11 @@ MOST_PIXELS = 2e8
 @option("--xlim", type=options.LIMITS, help="Limits of the abscissa.")
 @option("--ylim", type=options.LIMITS, help="Limits of the ordinate.")
 @option("--size", type=options.SIZE, help="Width and height in inches.")
-@option("--dpi", type=click.FloatRange(20, 1200), default=150.0, help="Dots per inch of a PNG.")
+@option("--dpi", type=click.FloatRange(20, 600), default=150.0, help="Dots per inch of a PNG.")
 @option("--style", metavar="FILE", type=click.Path(path_type=Path),
         help="A Matplotlib style file (.mplstyle).")  # fmt: skip
-@options.title(formula=True)
+@option("--title", type=options.Kind("text", "rattlesweep.analysis.style:check_formula"),
+        help="Title of the picture, perhaps with a formula, as in '$n_i$'.")  # fmt: skip
 @options.file("--output", *options.PICTURES, multiple=True, help="An .svg, .png or .pdf file; may "
               "be repeated. By default DIRECTORY/KIND.svg and .png.")  # fmt: skip
 @options.data
@@ -74,12 +70,6 @@ def plot(
         name = picture.name
         paths = list(output) or [directory / f"{name}.{ending}" for ending in ("svg", "png")]
         figure = picture.figure(**looks)
-        pixels = math.prod(figure.get_size_inches()) * dpi**2
-        if pixels > MOST_PIXELS and any(path.suffix.lower() == ".png" for path in paths):
-            raise ConfigError(
-                f"--size, --dpi {dpi:g}: a PNG of {pixels / 1e6:,.0f} million pixels is too large, "
-                f"at most {MOST_PIXELS / 1e6:g} million are possible; give fewer dots, or a .pdf"
-            )
         save(figure, paths, dpi)
     if data is not None:
         picture.write_data(data)
@@ -96,7 +86,7 @@ def plot(
 )
 @options.directory
 @options.file("--output", ".html", ".htm", help="File to write; by default DIRECTORY/report.html.")
-@options.title()
+@options.title
 def report(directory: Path, output: Path | None, title: str | None) -> None:
     """Write one self-contained HTML page about a sweep.
 
@@ -118,8 +108,8 @@ def report(directory: Path, output: Path | None, title: str | None) -> None:
     "rattlesweep compare out/tol-1e-9 out/tol-1e-11",
     "rattlesweep compare out/here out/there --figure differences.svg --data differences.parquet",
 )
-@argument("a", type=click.Path(path_type=Path))
-@argument("b", type=click.Path(path_type=Path))
+@options.path("a")
+@options.path("b")
 # t_r_error is to cover 99.5 % of the runs.
 @option("--allow", metavar="SHARE", type=click.FloatRange(0, 1), default=0.005,
         help="Share of the runs that reverse in both which may differ by more.")  # fmt: skip

@@ -204,7 +204,7 @@ def replay(
 @option("--points", type=int, help="Number of rows.  [default: 20 per pitch period]")
 @options.from_time
 @options.integrator
-@options.title()
+@options.title
 @options.file("--output", ".html", required=True, help="An .html file.")
 @options.quiet
 def show(
@@ -244,7 +244,7 @@ def show(
             title = title or f"Rattleback {given['preset'] or ''}".rstrip()
             launch = _launch(given)
             scale = scale_of(launch.body.units)
-            page, course = page_of(launch, scale, title, **rows)
+            page, course = page_of(launch, scale, title=title, **rows)
     page.save(output)
     click.echo(output)
     for note in () if quiet else (*notes, f"{len(page.content) / 1e6:.1f} MB"):
