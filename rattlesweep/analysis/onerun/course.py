@@ -299,6 +299,12 @@ class Trajectory:
     n_steps: int
     units: dict[str, str]
     warning: str = ""
+    page: Callable[..., Any] | None = field(default=None, repr=False, compare=False)
+
+    def show(self, **settings: Any) -> Any:
+        """Return the page on which the body rolls; settings as for :func:`rattlesweep.show`."""
+        assert self.page is not None
+        return self.page(**settings)
 
     def __getitem__(self, columns: str | list[str]) -> Any:
         """Return a column as a Series, or several as a DataFrame."""
@@ -343,12 +349,12 @@ class Trajectory:
         return figure
 
 
-def collect(course: Course) -> Trajectory:
-    """Integrate the whole trajectory into memory."""
+def collect(course: Course, page: Callable[..., Any] | None = None) -> Trajectory:
+    """Integrate the whole trajectory into memory; `page` is what its `show` calls."""
     import pandas as pd  # half a second, which commands need not wait for
 
     table = pd.DataFrame(course.columns())
     units = {c.name: c.unit for c in course.channels}
     zeros, reversals = np.array(course.zeros), np.array(course.reversals)
     return Trajectory(table, reversals, zeros, course.t, course.status.label, course.n_steps,
-                      units, course.observer.warning)  # fmt: skip
+                      units, course.observer.warning, page)  # fmt: skip
