@@ -2,8 +2,8 @@
 
     python benchmarks/bits.py [--only WORDS] [--repeats 3]
 
-Every kernel there is: sweeps, sweeps with a tangent, trajectories with rows between their steps,
-and growth along one run, of all methods and models.  Some processes have theirs compiled the way it
+Every kernel there is: sweeps, sweeps with a tangent, and trajectories with rows between their
+steps, of all methods and models.  Some processes have theirs compiled the way it
 is done, by others, and load them; some compile by themselves; some load what these have left.
 Sweeps run on one and two threads of the parallel driver, in four threads of Python's, and without
 the driver.  Each line shows the hashes of all that came out.
@@ -25,8 +25,7 @@ import numpy as np
 
 from rattlesweep.integrate import compile
 from rattlesweep.integrate.batch import RECORDS, Batch, integrate
-from rattlesweep.integrate.follow import lyapunov
-from rattlesweep.integrate.follow.trajectory import Follower
+from rattlesweep.integrate.follow import Follower
 from rattlesweep.integrate.lanes import build
 from rattlesweep.integrate.model import MODELS
 from rattlesweep.integrate.tableau import METHODS
@@ -43,13 +42,11 @@ SAMPLES = {"full": 4, "reduced": 16}
 
 def jobs():
     """Names of all kernels: kind, method, model."""
-    for method, tableau in METHODS.items():
+    for method in METHODS:
         for model in PLAIN:
             yield "sweep", method, model
             yield "tangent", method, model
             yield "march", method, model
-            if tableau.adaptive:
-                yield "growth", method, model
 
 
 def runs(model):
@@ -109,30 +106,16 @@ def followed(batch, method, model):
     return digest(found.t, found.y, found.extra, np.array(follower.zeros))
 
 
-def grown(batch, method, model):
-    """Hash of the growth of a tangent along one run."""
-    return digest(
-        lyapunov.growth_along(
-            batch.constants[-1],
-            batch.y0[-1],
-            np.arange(1.0, 200.0),
-            tableau=METHODS[method],
-            model=MODELS[model],
-            tol=TOL,
-        )
-    )
-
-
 def hashes(job, repeats):
     """All that a kernel gives, in all ways in which it is called."""
     kind, method, model = job
     batch = runs(model)
-    if kind in ("march", "growth"):
-        work = followed if kind == "march" else grown
-        return [work(batch, method, model) for _ in range(repeats)] + in_threads(
-            lambda: work(batch, method, model)
+    if kind == "march":
+        return [followed(batch, method, model) for _ in range(repeats)] + in_threads(
+            lambda: followed(batch, method, model)
         )
-    record = RECORDS if kind == "tangent" else RECORDS[:-1]
+    left_out = {"lyapunov"} if kind == "sweep" else set()
+    record = {*RECORDS} - left_out - ({"volume"} if model == "reduced" else set())
 
     def call(threads=1):
         return swept(batch, method, model, record, threads)

@@ -16,8 +16,9 @@ import click
 import numpy as np
 import pandas as pd
 
-from rattlesweep.integrate.follow.lyapunov import growth_along
-from rattlesweep.physics import full
+from rattlesweep.paper.figures.chaos import growth_of
+from rattlesweep.paper.figures.single import body_of
+from rattlesweep.sweeps.single import Launch
 from rattlesweep.sweeps.types import LEAST_GROWTH
 
 EDGES = [-np.inf, -2, 0, 2, 4, 6, 8, 10, 15, 20, 40, np.inf]
@@ -26,11 +27,8 @@ LONGER = 6
 
 def later(run: Any) -> float:
     """Growth in the second half of a longer run from the same launch."""
-    constants = full.constants(run.alpha, run.beta, run.gamma, run.theta, run.phi, run.xi)
-    rates = run.omega_xy0 * np.cos(run.psi), run.omega_xy0 * np.sin(run.psi)
-    half, end = growth_along(
-        constants, [0, 0, *rates, -run.n_i], run.t_end * LONGER * np.array([0.5, 1])
-    )
+    launch = Launch(body_of(run), n_i=run.n_i, omega_xy0=run.omega_xy0, t_end=1.0)
+    half, end = growth_of(launch, run.t_end * LONGER * np.array([0.5, 1]), 1e-9)
     return float(end - half)
 
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from rattlesweep.arrays import take
 from rattlesweep.integrate.batch import integrate
-from rattlesweep.integrate.follow.trajectory import Follower
+from rattlesweep.integrate.follow import Follower
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics.steady import growth, steady_modes

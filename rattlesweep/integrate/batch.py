@@ -295,7 +295,9 @@ def _integrate(
     seen = 3 if "windows" in record else 0
     turned = seen + (2 if "reversals" in record else 0)
     width = turned + (2 if carried is not model else 0)
-    windows = np.full((runs if width else 0, N_WINDOWS, width), np.nan)
+    # More than usual, where the exponents along one long run are wanted.
+    count = int(np.max(np.rint(batch.t_end / batch.window), initial=N_WINDOWS))
+    windows = np.full((runs if width else 0, count, width), np.nan)
     flags = np.array([name in record for name in WATCHED])
 
     arguments = (
@@ -389,6 +391,43 @@ def _mark_coarse(
     coarse = (counts[:, C.STATUS] == Status.OK) & ~(np.abs(damping) <= MAX_DAMPING)
     counts[coarse, C.STATUS] = Status.COARSE
     result[coarse, C.T_R] = np.nan
+
+
+def exponents(growth: Floats) -> tuple[Floats, Floats]:
+    """Finite-time Lyapunov exponents of runs, over all of their time and over its second half.
+
+    Parameters
+    ----------
+    growth : ndarray, shape (runs, windows, 2)
+        Of an :class:`Outcome`.
+
+    Returns
+    -------
+    whole, late : ndarray, shape (runs,)
+        In ``sqrt(g/a)``; NaN where a run left the numbers.  ``late`` is also NaN where it ended
+        within its second window; the growth until half time is interpolated between the ends of
+        windows.
+    """
+    runs = len(growth)
+    # A step that ends several windows fills the row of the first; the empty ones go last.
+    order = np.argsort(~np.isfinite(growth[:, :, :1]), axis=1, kind="stable")
+    growth = np.take_along_axis(growth, order, axis=1)
+    t = np.concatenate([np.zeros((runs, 1)), growth[:, :, 0]], axis=1)
+    log = np.concatenate([np.zeros((runs, 1)), growth[:, :, 1]], axis=1)
+    row = np.arange(runs)
+    last = np.isfinite(t).sum(axis=1) - 1
+    end, grown = t[row, last], log[row, last]
+    half = end / 2
+    # NaN compares as false: the last border not behind half time.
+    before = (t <= half[:, None]).sum(axis=1) - 1
+    after = np.minimum(before + 1, last)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = (half - t[row, before]) / (t[row, after] - t[row, before])
+        until = log[row, before] + share * (log[row, after] - log[row, before])
+        whole = grown / end
+        late = np.where(before > 0, (grown - until) / half, np.nan)
+    whole, late = (np.where(np.isfinite(rate), rate, np.nan) for rate in (whole, late))
+    return whole, late
 
 
 def expected_cost(batch: Batch) -> Floats:

@@ -129,6 +129,16 @@ def _full_error(ep, eq, ea, eb, ec, p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):  
     return step, full.oscillation(p, q, a, b, ix, iy, cxx, cxy, cyy) + 1e-290
 
 
+@full.scalar
+def _ellipsoid_volume(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):  # type: ignore[no-untyped-def]
+    return volume.smooth_volume(-p, -q, -1.0, a, b, c, ix, iy, iz, cxx, cxy, cyy, k, 0.0)
+
+
+@full.scalar
+def _full_volume(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
+    return _ellipsoid_volume(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, 0.0)
+
+
 FULL = Model(
     name="full",
     n_state=full.N_STATE,
@@ -142,7 +152,7 @@ FULL = Model(
     energy=full.energy,
     contact=full.contact_force,
     touch=full.paraboloid,
-    volume=volume.paraboloid_volume,
+    volume=_full_volume,
 )
 
 
@@ -231,7 +241,7 @@ VECTORS = Model(
     error=_vectors_error,
     energy=vectors.energy,
     contact=vectors.contact_force,
-    volume=volume.vectors_volume,
+    volume=volume.volume,
 )
 
 ELLIPSOID = replace(
@@ -244,7 +254,7 @@ ELLIPSOID = replace(
     contact=stone.contact_force,
     touch=stone.ellipsoid,
     carried=Carried(1, _rise, _rise_rhs),
-    volume=volume.ellipsoid_volume,
+    volume=_ellipsoid_volume,
     anywhere=VECTORS,
 )
 
@@ -264,9 +274,14 @@ def _friction_amplitude(p, q, a, b, c, work, p0, q0, a0, b0, p1, q1, a1, b1):  #
     return _full_amplitude(p, q, a, b, c, p0, q0, a0, b0, p1, q1, a1, b1)
 
 
-def _with_friction(
-    plain: Model, kind: str, rhs_on: Callable[..., Any], volume_on: Callable[..., Any]
-) -> Model:
+@full.scalar
+def _friction_volume(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):  # type: ignore[no-untyped-def]
+    return volume.volume(
+        -p, -q, -1.0, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps
+    )  # fmt: skip
+
+
+def _with_friction(plain: Model, kind: str, rhs_on: Callable[..., Any]) -> Model:
     """Return the model of the same body with friction, of the rates on its surface."""
     surface = stone.ellipsoid if plain is ELLIPSOID else stone.flat
     energy_on = stone.energy if plain is ELLIPSOID else stone.flat_energy
@@ -289,14 +304,8 @@ def _with_friction(
         )  # fmt: skip
         return f + (stone.rise_rate(p, q, f[0], f[1], cxx, cxy, cyy, k, rise),)  # noqa: RUF005
 
-    def volume_rate(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):  # type: ignore[no-untyped-def]
-        return volume_on(
-            surface, p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps
-        )
-
     name = f"{plain.name}_{kind}"
-    functions = rhs, energy, contact, rise_rhs, volume_rate
-    rhs, energy, contact, rise_rhs, volume_rate = _compile(name, *functions)
+    rhs, energy, contact, rise_rhs = _compile(name, rhs, energy, contact, rise_rhs)
     return Model(
         name=name,
         n_state=stone.N_FRICTION_STATE,
@@ -311,18 +320,15 @@ def _with_friction(
         contact=contact,
         touch=surface,
         carried=Carried(1, _friction_rise, rise_rhs) if plain is ELLIPSOID else None,
-        volume=volume_rate,
+        volume=_friction_volume,
         anywhere=plain.anywhere,
     )
 
 
 FRICTION = {
-    (plain.name, name): _with_friction(plain, name, *rates)
+    (plain.name, name): _with_friction(plain, name, rhs)
     for plain in (FULL, ELLIPSOID)
-    for name, *rates in (
-        ("viscous", stone.viscous_rhs, volume.viscous_volume),
-        ("rolling", stone.rolling_rhs, volume.rolling_volume),
-    )
+    for name, rhs in (("viscous", stone.viscous_rhs), ("rolling", stone.rolling_rhs))
 }
 """Models with friction, by the surface's model and the kind: viscous alone, or rolling too."""
 

@@ -6,9 +6,11 @@ equations keep and nothing depends on, the angular velocity and the work of fric
 ``u = v/|v|``, ``B = 1 + C`` and ``k = 1/c`` the ellipsoid of :mod:`rattlesweep.physics.stone`
 touches the plane at
 
-    r = (-B (u_x, u_y) / rho, 1 - (1 + u_z/rho) / k),    rho^2 = u_z^2 + k (u_x, u_y).B (u_x, u_y).
+    r = (-B (u_x, u_y) / rho, 1 - (1 + u_z/rho) / k),    rho^2 = u_z^2 + k s,
+    s = (u_x, u_y).B (u_x, u_y),
 
-Constants are those of an ellipsoid with friction, ``sigma = lever = 0`` being none.
+and for ``k = 0``, where it must stand on its lower surface, the paraboloid.  Constants are those of
+an ellipsoid with friction, ``sigma = lever = 0`` being none.
 """
 
 from __future__ import annotations
@@ -37,8 +39,11 @@ def contact(ux, uy, uz, cxx, cxy, cyy, k):  # type: ignore[no-untyped-def]
     """Return the contact point ``r``, and ``rho``."""
     bx = ux + cxx * ux + cxy * uy
     by = uy + cxy * ux + cyy * uy
-    rho = sqrt(uz * uz + k * (bx * ux + by * uy))
-    return -bx / rho, -by / rho, 1.0 - (1.0 + uz / rho) / k, rho
+    s = bx * ux + by * uy
+    rho = sqrt(uz * uz + k * s)
+    # The first form does not cancel, and needs no k; upside down it is the other that does not.
+    rise = s / (rho * (rho - uz)) if uz < 0.0 else (1.0 + uz / rho) / k
+    return -bx / rho, -by / rho, 1.0 - rise, rho
 
 
 @scalar
@@ -49,12 +54,15 @@ def moving(ux, uy, uz, a, b, c, x, y, z, rho, cxx, cxy, cyy, k):  # type: ignore
     dw = ux * b - uy * a
     bx = du + cxx * du + cxy * dv
     by = dv + cxy * du + cyy * dv
-    # Rate of rho, over rho.
-    fall = (uz * dw + k * (ux * bx + uy * by)) / (rho * rho)
+    # Half the rate of s; the rate of rho, over rho.
+    g = ux * bx + uy * by
+    fall = (uz * dw + k * g) / (rho * rho)
+    # Minus the rate of the third component of r: k is taken out of it.
+    sink = (uz * g + (x * ux + y * uy) * rho * dw) / (rho * rho * rho)
     return (
         y * c - z * b + bx / rho + x * fall,
         z * a - x * c + by / rho + y * fall,
-        x * b - y * a - (uz * fall - dw) / (k * rho),
+        x * b - y * a - sink,
     )
 
 

@@ -9,9 +9,16 @@ import numpy as np
 import pyarrow as pa
 
 from rattlesweep.arrays import Flags, Integers, take
-from rattlesweep.integrate.batch import Batch, Control, Outcome, has_settled, integrate, needed
+from rattlesweep.integrate.batch import (
+    Batch,
+    Control,
+    Outcome,
+    exponents,
+    has_settled,
+    integrate,
+    needed,
+)
 from rattlesweep.integrate.defaults import DT, TOL
-from rattlesweep.integrate.follow.lyapunov import exponents
 from rattlesweep.integrate.lanes.build import kernel
 from rattlesweep.integrate.lanes.columns import MOST_REVERSALS
 from rattlesweep.integrate.status import Status

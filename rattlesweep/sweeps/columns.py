@@ -91,7 +91,8 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
               "largest ratio of the windowed amplitude of the relevant oscillation to its "
               "smallest earlier value, minus 1"),
         field("n_departure", F64, "1",
-              "largest fractional loss of spin, the maximum over time of 1 - n/n_i"),
+              "largest fractional loss of spin at any step, 1 - n/n_i; between steps a tiny one "
+              "may be a third larger"),
         required("near_tangencies", I32, "1",
                  "extrema of the spin so near zero that the tolerance cannot tell whether it "
                  "reversed"),
@@ -159,7 +160,8 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
               "size to beyond a quarter on the other side; without a first spin, of n_0"),
         field("turn_times", SERIES, TIME, "first zero in each of the first eight turns"),
         field("spin_after_turn", SERIES, RATE,
-              "largest size of the spin between each of these turns and the next, at any step"),
+              "largest size of the spin between each of these turns and the next, at any step; "
+              "between steps it may be a tenth larger"),
     ),
     # Where both errors and reversals are recorded.
     "turns": (

@@ -23,7 +23,7 @@ import pytest
 from rattlesweep.integrate import SettingError, compile
 from rattlesweep.integrate.batch import integrate
 from rattlesweep.integrate.compile import Kernel, is_stored, load_kernel
-from rattlesweep.integrate.follow.trajectory import Follower
+from rattlesweep.integrate.follow import Follower
 from rattlesweep.integrate.lanes import build as built
 from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import METHODS

@@ -309,7 +309,8 @@ def records_of(method):
 
 def test_recording_changes_nothing_else():
     runs = mixed(70)
-    extra = ("energy_drift_max", "contact_ratio_max", "contact_normal_min", "windows", "growth")
+    extra = ("energy_drift_max", "contact_ratio_max", "contact_normal_min", "windows", "growth",
+             "volume_rate")  # fmt: skip
     # With reversals, runs go on behind the first.
     for method in (DOP853, RK4):
         others = tuple(name for name in records_of(method) if name != "reversals")

@@ -16,7 +16,7 @@ from rattlesweep.analysis.onerun.course import CHUNK, Course
 from rattlesweep.analysis.onerun.rows import Rows
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import integrate
-from rattlesweep.integrate.follow.trajectory import Follower
+from rattlesweep.integrate.follow import Follower
 from rattlesweep.integrate.model import FULL, REDUCED
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS

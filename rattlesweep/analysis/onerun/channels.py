@@ -17,7 +17,7 @@ from rattlesweep.sweeps.columns import ENERGY, FORCE, RATE, TIME
 from rattlesweep.sweeps.config.messages import not_one_of
 
 if TYPE_CHECKING:
-    from rattlesweep.integrate.follow.trajectory import Samples
+    from rattlesweep.integrate.follow import Samples
     from rattlesweep.sweeps.launches import Launches
 
 

@@ -18,7 +18,7 @@ from rattlesweep.analysis.onerun.rows import Rows
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import PLATEAU_SHARE
-from rattlesweep.integrate.follow.trajectory import Follower, Samples
+from rattlesweep.integrate.follow import Follower, Samples
 from rattlesweep.integrate.model import REDUCED
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import DOP853, METHODS

@@ -7,6 +7,7 @@ A run of type SW is chaotic if a small difference grows more than e^10-fold in i
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -15,8 +16,9 @@ from matplotlib.figure import Figure as Drawing
 
 from rattlesweep.analysis.style import GREY, SERIES, new_figure
 from rattlesweep.arrays import Floats
-from rattlesweep.integrate.batch import available_threads
-from rattlesweep.integrate.follow.lyapunov import growth_along
+from rattlesweep.integrate.batch import available_threads, integrate
+from rattlesweep.integrate.model import FULL
+from rattlesweep.integrate.tableau import DOP853
 from rattlesweep.integrate.task import Control, side_by_side
 from rattlesweep.paper.figures.fig9 import BODIES, LETTERS, N_I, OMEGA_XY0
 from rattlesweep.paper.figures.frames import ABOVE, DASHES, T_AXIS, decade_ticks, frame, launch
@@ -28,6 +30,9 @@ from rattlesweep.sweeps.types import is_chaotic
 # Runs called chaotic although they are slow are followed to this many horizons.
 LONGER = 6
 SLOW = 0.4
+# A difference's growth is noted at the ends of so many parts of a run.
+WINDOWS = 600
+PAST_REVERSALS = frozenset(["lyapunov", "reversals"])
 COLUMNS = ["K_r", "n_i", "omega_xy0", "sample", "t_end", "n_departure", "lyapunov",
            "lyapunov_late", "chaotic"]  # fmt: skip
 
@@ -64,17 +69,24 @@ def wobbling(ws: Workspace) -> Tables:
     return {"runs": found}
 
 
+def growth_of(launch: Launch, times: Floats, tol: float, control: Control | None = None) -> Floats:
+    """Return the logarithm of a difference's growth along a run, past its reversals."""
+    batch = single_run(launch)[2]
+    assert batch is not None
+    end = np.array(times[-1:])
+    batch = replace(batch, t_end=end, window=end / WINDOWS)
+    found = integrate(batch, DOP853, FULL, tol=tol, record=PAST_REVERSALS, threads=1,
+                      control=control).growth[0]  # fmt: skip
+    t, grown = found[np.isfinite(found[:, 0])].T
+    values: Floats = np.interp(times, t, grown)
+    return values
+
+
 def growths(
     ws: Workspace, runs: Sequence[tuple[Launch, Floats, float]], words: str
 ) -> list[Floats]:
-    """Return logarithms of a difference's growth along runs: launches, times and tolerances."""
-
-    def growth(launch: Launch, times: Floats, tol: float, _: Control) -> Floats:
-        batch = single_run(launch)[2]
-        assert batch is not None
-        return growth_along(batch.constants[0], batch.y0[0], times, tol=tol)
-
-    calls = [partial(growth, *run) for run in runs]
+    """Return :func:`growth_of` each of some runs."""
+    calls = [partial(growth_of, *run) for run in runs]
     return side_by_side(calls, ws.threads or available_threads(), ws.reporting(words))
 
 
