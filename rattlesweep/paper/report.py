@@ -16,10 +16,8 @@ import pandas as pd
 from markupsafe import Markup
 
 from rattlesweep.analysis.pages import config_yaml, render, source
-from rattlesweep.paper.claims.claim import COLUMNS, UNDECIDED
-from rattlesweep.paper.parts import PARTS
-from rattlesweep.paper.workspace import FULL, Tables, Workspace, records, sweep_config, write_table
-from rattlesweep.sweeps.config.read import resolved
+from rattlesweep.paper.claim import COLUMNS, UNDECIDED
+from rattlesweep.paper.workspace import FULL, Part, Tables, Workspace, records, sweep_config
 from rattlesweep.sweeps.files import replace_file
 from rattlesweep.sweeps.provenance import PACKAGES, machine, now, package_version
 
@@ -36,23 +34,21 @@ SIGNS = {
     "&gt;&gt;": "≫", " ~ ": " ≈ ", " +- ": " ± ", "omega~": "ω̃", "t~": "t̃", "^deg": "°",
     "F_perp": "F_⊥", "F_parallel": "F_∥",
 }  # fmt: skip
-_ABSOLUTE = re.compile(r"\babs\(([^()]*)\)")
 # The label of an equation in the paper's source, behind its number.
-_LABEL = re.compile(r"(\(\d+\)) \[[\w-]+\]")
+LABEL = re.compile(r"(\(\d+\)) \[[\w-]+\]")
 # A file's name is no symbol.
-_INDEXED = re.compile(
+INDEXED = re.compile(
     r"(?<![\w.])(omega|psi|delta|[CEFIJKnut])_(rGH[+-]|[⊥∥]|(?:rGH|I|[a-z]+\d?|\d)\b)(?![.]?\w)"
 )
-_LETTER = re.compile(r"(?<![\w.-])(" + "|".join(GREEK) + r")(?![\w.])")
-_POWER = re.compile(r"\^([+-]?\d+(?:/\d+)?)")
-_SIZE = re.compile(r"(?<![\w|])omega_xy0\b")
+LETTER = re.compile(r"(?<![\w.-])(" + "|".join(GREEK) + r")(?![\w.])")
 
 
 @dataclass
 class Reproduction:
-    """Tables by part, verdicts on the claims, and seconds by part."""
+    """Parts that were asked for, their tables and seconds by name, and verdicts on the claims."""
 
     workspace: Workspace
+    parts: dict[str, Part]
     tables: dict[str, Tables] = field(default_factory=dict)
     claims: list[dict[str, Any]] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=dict)
@@ -78,13 +74,14 @@ def closing_table(claims: Sequence[dict[str, Any]]) -> str:
 
 def plain(text: str) -> str:
     """Return a text without the labels of equations."""
-    return _LABEL.sub(r"\1", text)
+    return LABEL.sub(r"\1", text)
 
 
 def write_report(done: Reproduction) -> None:
     """Write ``claims.parquet``, ``claims.md`` and ``report.html``, each in one step."""
     directory = done.workspace.directory
-    write_table(directory / "claims.parquet", pd.DataFrame(done.claims, columns=COLUMNS))
+    claims = pd.DataFrame(done.claims, columns=COLUMNS)
+    replace_file(directory / "claims.parquet", claims.to_parquet(index=False))
     replace_file(directory / "claims.md", markdown(done).encode())
     replace_file(directory / "report.html", page(done))
 
@@ -116,16 +113,22 @@ def markdown(done: Reproduction) -> str:
 def page(done: Reproduction) -> bytes:
     """Return the report; its pictures are those in the directory."""
     ws, made = done.workspace, done.tables
-    drawn = [name for name in made if PARTS[name].draw is not None]
-    rk4 = records(made["fig7_rk4"]["runs"]) if "fig7_rk4" in made else []
+    drawn = [name for name, part in done.parts.items() if part.draw is not None]
+    rk4 = records(made["rk4"]["runs"]) if "rk4" in made else []
+    contact = [
+        [f"{n_i:g}", f"{size:g}", *map("{:.1%}".format, shares)]
+        for n_i, size, *shares in (made["contact"]["shares"].values if "contact" in made else ())
+    ]
     shown = {
         "claims": ("Claims", done.claims),
         "figures": ("Figures", drawn),
+        "contact": ("Friction that rolling needs", contact),
         "rk4": ("The paper's integrator", rk4),
         "run": ("How it was made", True),
         "settings": ("Settings", True),
     }
     sweeps = [name for name in ("unsteady", "steady") if (ws.directory / "sweeps" / name).exists()]
+    settings = asdict(ws.sizes) | {name: sweep_config(name, ws.sizes) for name in sweeps}
     return render(
         "paper.html.j2",
         title=TITLE,
@@ -141,23 +144,24 @@ def page(done: Reproduction) -> bytes:
         claims=done.claims,
         tally=tally(done.claims),
         symbols=symbols,
-        figures=[(name, PARTS[name], list(made[name]), _address(ws, name)) for name in drawn],
+        figures=[
+            (name, done.parts[name], list(made[name]), source(*(
+                (ws.directory / f"{name}.{kind}").read_bytes() for kind in ("svg", "png")
+            )))
+            for name in drawn
+        ],
+        contact=contact,
         rk4=rk4,
         changed=sum(row["type"] != row["type_rk4"] for row in rk4),
-        odd=[_odd(row) for row in rk4 if isinstance(row["type_reference"], str)],
+        odd=[odd_row(row) for row in rk4 if isinstance(row["type_reference"], str)],
         failed=ws.failed,
         parts=[(name, f"{seconds:.1f} s") for name, seconds in done.seconds.items()],
-        settings=config_yaml(
-            asdict(ws.sizes) | {name: resolved(sweep_config(name, ws.sizes)) for name in sweeps}
-        ),
-    )
+        settings=config_yaml(settings),
+    )  # fmt: skip
 
 
-def _address(ws: Workspace, name: str) -> str:
-    return source(*((ws.directory / f"{name}.{kind}").read_bytes() for kind in ("svg", "png")))
-
-
-def _odd(row: dict[str, Any]) -> list[str]:
+def odd_row(row: dict[str, Any]) -> list[str]:
+    """Return the cells of a run on which the sweep and the paper's integrator differ."""
     launch = [f"{row[name]:g}" for name in ("K_r", "n_i", "omega_xy0", "sample")]
     return launch + [
         f"{row[f'type{end}']}" + ("" if pd.isna(row[f"t_r{end}"]) else f", {row[f't_r{end}']:.4f}")
@@ -170,8 +174,8 @@ def symbols(text: str) -> Markup:
     text = escape(plain(text), quote=False)
     for spelt, sign in SIGNS.items():
         text = text.replace(spelt, sign)
-    text = _ABSOLUTE.sub(r"|\1|", text)
-    text = _SIZE.sub("|ω<sub>xy0</sub>|", text)
-    text = _INDEXED.sub(lambda m: f"<i>{GREEK.get(m[1], m[1])}</i><sub>{m[2]}</sub>", text)
-    text = _LETTER.sub(lambda m: f"<i>{GREEK[m[1]]}</i>", text)
-    return Markup(_POWER.sub(r"<sup>\1</sup>", text))
+    text = re.sub(r"\babs\(([^()]*)\)", r"|\1|", text)
+    text = re.sub(r"(?<![\w|])omega_xy0\b", "|ω<sub>xy0</sub>|", text)
+    text = INDEXED.sub(lambda m: f"<i>{GREEK.get(m[1], m[1])}</i><sub>{m[2]}</sub>", text)
+    text = LETTER.sub(lambda m: f"<i>{GREEK[m[1]]}</i>", text)
+    return Markup(re.sub(r"\^([+-]?\d+(?:/\d+)?)", r"<sup>\1</sup>", text))
