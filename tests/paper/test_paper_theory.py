@@ -108,12 +108,6 @@ def test_t1_is_within_the_rounding_of_table_i(monkeypatch):
     assert claim("T1")["verdict"] == "disagree"
 
 
-def test_extrapolation_is_exact_for_quadratics():
-    x = 2.0 ** -np.arange(3, 8)
-    assert formulas.extrapolated(5 + 3 * x - 7 * x**2) == pytest.approx(5, rel=1e-14)
-    assert abs(formulas.extrapolated(5.001 + x) - 5) > 5e-4
-
-
 def test_ellipsoids_by_integration():
     points = np.random.default_rng(3).uniform(-1, 1, (400_000, 3))
     inside = points[np.sum(points**2, axis=1) < 1]
