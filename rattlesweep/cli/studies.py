@@ -34,26 +34,24 @@ def paper(
     command resumes its sweeps; all else takes seconds and is computed anew. Prints each claim, its
     verdict and what was measured on standard output.
     """
-    from rattlesweep.paper.parts import PARTS, choose
     from rattlesweep.paper.report import closing_table, tally
-    from rattlesweep.paper.reproduce import reproduce
-    from rattlesweep.paper.workspace import FULL, QUICK
+    from rattlesweep.paper.reproduce import choose, reproduce
+    from rattlesweep.paper.workspace import FULL, QUICK, Workspace
 
     names = choose(only)
     directory = output or Path("out/paper-quick" if quick else "out/paper")
     start = time.monotonic()
+    sizes = QUICK if quick else FULL
+    workspace = Workspace(directory, sizes, threads, False if quiet else None)
     with Bar.of_command(quiet) as bar:
-        done = reproduce(
-            directory, names, sizes=QUICK if quick else FULL, threads=threads, bar=bar,
-            begin=lambda name: bar.stage(PARTS[name].title),
-        )  # fmt: skip
+        done = reproduce(workspace, names, bar.stage)
     if not quiet:
         if done.claims:
             click.echo(closing_table(done.claims))
             say(f"{len(done.claims)} claims: {tally(done.claims)}")
         say(f"{directory / 'report.html'}; {time.monotonic() - start:.1f} s")
-    if done.workspace.failed:
-        failed = counted(done.workspace.failed, "run")
+    if workspace.failed:
+        failed = counted(workspace.failed, "run")
         say(f"{failed} of the sweeps failed; see their column status")
         return SOME_FAILED
     return DONE

@@ -16,10 +16,8 @@ import pandas as pd
 from markupsafe import Markup
 
 from rattlesweep.analysis.pages import config_yaml, render, source
-from rattlesweep.paper.claims.claim import COLUMNS, UNDECIDED
-from rattlesweep.paper.parts import PARTS
-from rattlesweep.paper.workspace import FULL, Tables, Workspace, records, sweep_config, write_table
-from rattlesweep.sweeps.config.read import resolved
+from rattlesweep.paper.claim import COLUMNS, UNDECIDED
+from rattlesweep.paper.workspace import FULL, Part, Tables, Workspace, sweep_config
 from rattlesweep.sweeps.files import replace_file
 from rattlesweep.sweeps.provenance import PACKAGES, machine, now, package_version
 
@@ -36,23 +34,21 @@ SIGNS = {
     "&gt;&gt;": "≫", " ~ ": " ≈ ", " +- ": " ± ", "omega~": "ω̃", "t~": "t̃", "^deg": "°",
     "F_perp": "F_⊥", "F_parallel": "F_∥",
 }  # fmt: skip
-_ABSOLUTE = re.compile(r"\babs\(([^()]*)\)")
 # The label of an equation in the paper's source, behind its number.
-_LABEL = re.compile(r"(\(\d+\)) \[[\w-]+\]")
+LABEL = re.compile(r"(\(\d+\)) \[[\w-]+\]")
 # A file's name is no symbol.
-_INDEXED = re.compile(
+INDEXED = re.compile(
     r"(?<![\w.])(omega|psi|delta|[CEFIJKnut])_(rGH[+-]|[⊥∥]|(?:rGH|I|[a-z]+\d?|\d)\b)(?![.]?\w)"
 )
-_LETTER = re.compile(r"(?<![\w.-])(" + "|".join(GREEK) + r")(?![\w.])")
-_POWER = re.compile(r"\^([+-]?\d+(?:/\d+)?)")
-_SIZE = re.compile(r"(?<![\w|])omega_xy0\b")
+LETTER = re.compile(r"(?<![\w.-])(" + "|".join(GREEK) + r")(?![\w.])")
 
 
 @dataclass
 class Reproduction:
-    """Tables by part, verdicts on the claims, and seconds by part."""
+    """Parts that were asked for, their tables and seconds by name, and verdicts on the claims."""
 
     workspace: Workspace
+    parts: dict[str, Part]
     tables: dict[str, Tables] = field(default_factory=dict)
     claims: list[dict[str, Any]] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=dict)
@@ -78,54 +74,45 @@ def closing_table(claims: Sequence[dict[str, Any]]) -> str:
 
 def plain(text: str) -> str:
     """Return a text without the labels of equations."""
-    return _LABEL.sub(r"\1", text)
+    return LABEL.sub(r"\1", text)
 
 
 def write_report(done: Reproduction) -> None:
     """Write ``claims.parquet``, ``claims.md`` and ``report.html``, each in one step."""
     directory = done.workspace.directory
-    write_table(directory / "claims.parquet", pd.DataFrame(done.claims, columns=COLUMNS))
-    replace_file(directory / "claims.md", markdown(done).encode())
+    claims = pd.DataFrame(done.claims, columns=COLUMNS)
+    replace_file(directory / "claims.parquet", claims.to_parquet(index=False))
+    words = render(
+        "claims.md.j2",
+        claims=done.claims,
+        tally=tally(done.claims),
+        quick=done.workspace.sizes != FULL,
+        package_version=package_version(),
+        plain=lambda text: escape(plain(text), quote=False),
+    )
+    replace_file(directory / "claims.md", words)
     replace_file(directory / "report.html", page(done))
-
-
-def markdown(done: Reproduction) -> str:
-    """Return the claims as a page of the documentation."""
-    sizes = "the paper's own numbers of samples" if done.workspace.sizes == FULL else "--quick"
-    lines = [
-        "# The paper's claims and what was measured",
-        "",
-        "This page is `out/paper/claims.md`, as `rattlesweep paper` writes it, copied:",
-        "`rattlesweep paper && cp out/paper/claims.md benchmarks/claims.md`.",
-        "[The paper, reproduced](../docs/paper.md) says how each verdict is made.",
-        "",
-        f"{len(done.claims)} claims: {tally(done.claims)}. Made with {sizes}, by rattlesweep "
-        f"{package_version()}.",
-        "Text between quotation marks is the paper's own. Units are M = a = g = 1, intervals 95 %.",
-        "",
-        "| | verdict | the paper says | measured |",
-        "|---|---|---|---|",
-    ]
-    for claim in done.claims:
-        verdict = f"{claim['verdict']}, {claim['held']} of {claim['checks']} checks"
-        cells = (claim["id"], verdict, f"{claim['words']} ({claim['where']})", claim["measured"])
-        lines.append("| " + " | ".join(escape(plain(c), quote=False) for c in cells) + " |")
-    return "\n".join(lines) + "\n"
 
 
 def page(done: Reproduction) -> bytes:
     """Return the report; its pictures are those in the directory."""
     ws, made = done.workspace, done.tables
-    drawn = [name for name in made if PARTS[name].draw is not None]
-    rk4 = records(made["fig7_rk4"]["runs"]) if "fig7_rk4" in made else []
+    drawn = [name for name, part in done.parts.items() if part.draw is not None]
+    rk4 = made["rk4"]["runs"] if "rk4" in made else pd.DataFrame()
+    contact = [
+        [f"{n_i:g}", f"{size:g}", *map("{:.1%}".format, shares)]
+        for n_i, size, *shares in (made["contact"]["shares"].values if "contact" in made else ())
+    ]
     shown = {
         "claims": ("Claims", done.claims),
         "figures": ("Figures", drawn),
-        "rk4": ("The paper's integrator", rk4),
+        "contact": ("Friction that rolling needs", contact),
+        "rk4": ("The paper's integrator", len(rk4)),
         "run": ("How it was made", True),
         "settings": ("Settings", True),
     }
     sweeps = [name for name in ("unsteady", "steady") if (ws.directory / "sweeps" / name).exists()]
+    settings = asdict(ws.sizes) | {name: sweep_config(name, ws.sizes) for name in sweeps}
     return render(
         "paper.html.j2",
         title=TITLE,
@@ -141,28 +128,29 @@ def page(done: Reproduction) -> bytes:
         claims=done.claims,
         tally=tally(done.claims),
         symbols=symbols,
-        figures=[(name, PARTS[name], list(made[name]), _address(ws, name)) for name in drawn],
-        rk4=rk4,
-        changed=sum(row["type"] != row["type_rk4"] for row in rk4),
-        odd=[_odd(row) for row in rk4 if isinstance(row["type_reference"], str)],
+        figures=[
+            (name, done.parts[name], list(made[name]), source(*(
+                (ws.directory / f"{name}.{kind}").read_bytes() for kind in ("svg", "png")
+            )))
+            for name in drawn
+        ],
+        contact=contact,
+        rk4=rk4_words(rk4) if len(rk4) else "",
         failed=ws.failed,
         parts=[(name, f"{seconds:.1f} s") for name, seconds in done.seconds.items()],
-        settings=config_yaml(
-            asdict(ws.sizes) | {name: resolved(sweep_config(name, ws.sizes)) for name in sweeps}
-        ),
+        settings=config_yaml(settings),
+    )  # fmt: skip
+
+
+def rk4_words(runs: pd.DataFrame) -> str:
+    """Return how many runs differ with the paper's integrator, and by how much."""
+    changed = (runs["type"] != runs["type_rk4"]).sum()
+    off = runs["difference"].abs().quantile([0.5, 0.99])
+    return (
+        f"{len(runs)} runs of Fig. 7 were repeated with fourth-order Runge-Kutta and the paper's "
+        f"time step: {changed} change type; the times of reversal differ by {off[0.5]:.1g} "
+        f"(median) and by less than {off[0.99]:.1g} for 99 %, relatively."
     )
-
-
-def _address(ws: Workspace, name: str) -> str:
-    return source(*((ws.directory / f"{name}.{kind}").read_bytes() for kind in ("svg", "png")))
-
-
-def _odd(row: dict[str, Any]) -> list[str]:
-    launch = [f"{row[name]:g}" for name in ("K_r", "n_i", "omega_xy0", "sample")]
-    return launch + [
-        f"{row[f'type{end}']}" + ("" if pd.isna(row[f"t_r{end}"]) else f", {row[f't_r{end}']:.4f}")
-        for end in ("", "_rk4", "_reference")
-    ]
 
 
 def symbols(text: str) -> Markup:
@@ -170,8 +158,8 @@ def symbols(text: str) -> Markup:
     text = escape(plain(text), quote=False)
     for spelt, sign in SIGNS.items():
         text = text.replace(spelt, sign)
-    text = _ABSOLUTE.sub(r"|\1|", text)
-    text = _SIZE.sub("|ω<sub>xy0</sub>|", text)
-    text = _INDEXED.sub(lambda m: f"<i>{GREEK.get(m[1], m[1])}</i><sub>{m[2]}</sub>", text)
-    text = _LETTER.sub(lambda m: f"<i>{GREEK[m[1]]}</i>", text)
-    return Markup(_POWER.sub(r"<sup>\1</sup>", text))
+    text = re.sub(r"\babs\(([^()]*)\)", r"|\1|", text)
+    text = re.sub(r"(?<![\w|])omega_xy0\b", "|ω<sub>xy0</sub>|", text)
+    text = INDEXED.sub(lambda m: f"<i>{GREEK.get(m[1], m[1])}</i><sub>{m[2]}</sub>", text)
+    text = LETTER.sub(lambda m: f"<i>{GREEK[m[1]]}</i>", text)
+    return Markup(re.sub(r"\^([+-]?\d+(?:/\d+)?)", r"<sup>\1</sup>", text))

@@ -1,18 +1,17 @@
-"""Which bodies of SD reverse in one direction only, under friction: no figure of the paper has it.
+"""Supplements on friction, of which the paper has none.
 
-The friction is a torque ``-sigma omega``.  Each body is spun both ways with the same spin and push,
-and followed until next to nothing is left of its energy.
+Which bodies of SD reverse in one direction only under a torque ``-sigma omega``, and which runs of
+the paper need more friction at the contact than a table gives, or would lift off.
 """
 
 from __future__ import annotations
 
 import pandas as pd
-from matplotlib.figure import Figure as Drawing
+from matplotlib.figure import Figure
 
 from rattlesweep.analysis.style import BLUE, GREEN, VERMILION, new_figure
-from rattlesweep.paper.figures.frames import ABOVE, frame
+from rattlesweep.paper.frames import ABOVE, frame
 from rattlesweep.paper.workspace import Tables, Workspace
-from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.counts import wilson
 
 N_I, OMEGA_XY0 = 0.3, 0.01
@@ -26,9 +25,9 @@ SHARES = {
 }
 
 
-def data(ws: Workspace) -> Tables:
-    """Return the table ``shares``: one row a friction, with 95 % intervals (Wilson)."""
-    config = {
+def one_way(ws: Workspace) -> Tables:
+    """Return the table ``shares``: one row a sigma, with 95 % intervals (Wilson)."""
+    runs = ws.sweep("friction", {
         "name": "friction",
         "seed": 2017,
         "bodies": {"source": "sd", "samples": ws.sizes.friction},
@@ -36,16 +35,13 @@ def data(ws: Workspace) -> Tables:
         "dissipation": {"sigma": list(SIGMAS)},
         "horizon": {"t_decay": 5},
         "record": ["reversals"],
-    }
-    runs = ws.sweep("friction", parse_config(config))
-    times = runs.pivot_table("n_turns", ["sigma", "sample"], "n_i")
-    times = times.dropna().reset_index("sigma").set_axis(["sigma", "steady", "unsteady"], axis=1)
-    unsteady, steady = times["unsteady"] > 0, times["steady"] > 0
+    })  # fmt: skip
+    turns = runs.pivot_table("n_turns", ["sigma", "sample"], "n_i").dropna()
+    unsteady, steady = turns[N_I] > 0, turns[-N_I] > 0
     found = pd.DataFrame(
-        {"sigma": times["sigma"], "runs": 1, "one_way": unsteady & ~steady,
-         "both": unsteady & steady, "neither": ~unsteady & ~steady,
-         "steady_only": ~unsteady & steady, "unsteady": unsteady,
-         "twice": times["unsteady"] > 1}
+        {"runs": 1, "one_way": unsteady & ~steady, "both": unsteady & steady,
+         "neither": ~unsteady & ~steady, "steady_only": ~unsteady & steady,
+         "unsteady": unsteady, "twice": turns[N_I] > 1}
     )  # fmt: skip
     rows = found.groupby("sigma").sum().reset_index()
     for name in SHARES:
@@ -54,8 +50,24 @@ def data(ws: Workspace) -> Tables:
     return {"shares": rows}
 
 
-def draw(tables: Tables) -> Drawing:
-    """Draw the shares against the friction."""
+def contact(ws: Workspace) -> Tables:
+    """Return the table ``shares``: one row a direction, spin and oscillation of Figs. 6 to 8.
+
+    Shares of the runs that need a coefficient of friction above 0.3 and above 0.6 to roll, and of
+    those whose normal force becomes negative, up to the first reversal or the horizon.
+    """
+    runs = pd.concat([ws.sweep("unsteady"), ws.sweep("steady")])
+    ratio, normal = runs["contact_ratio_max"], runs["contact_normal_min"]
+    found = runs[["n_i", "omega_xy0"]].assign(
+        share_friction_above_0_3=ratio > 0.3,
+        share_friction_above_0_6=ratio > 0.6,
+        share_lift_off=normal < 0,
+    )
+    return {"shares": found.groupby(["n_i", "omega_xy0"]).mean().reset_index()}
+
+
+def draw_one_way(tables: Tables) -> Figure:
+    """Draw the shares of the bodies against sigma."""
     rows = tables["shares"]
     figure = new_figure(5.4, 3.6)
     axis = figure.add_subplot()

@@ -15,8 +15,9 @@ import numpy as np
 
 from rattlesweep.api import modes
 from rattlesweep.arrays import Floats
-from rattlesweep.paper.claims.claim import EXACT, Count, Made, Measured, every
-from rattlesweep.paper.figures.fig3 import drawn_bodies
+from rattlesweep.paper.claim import EXACT, Count, Measured, every
+from rattlesweep.paper.fig3_4 import drawn_bodies
+from rattlesweep.paper.workspace import Made
 from rattlesweep.physics import full, reduced, steady, theory
 from rattlesweep.physics.body import Rattleback, shell_dumbbell
 from rattlesweep.sweeps.config.schema import SdRanges
@@ -25,24 +26,17 @@ from rattlesweep.sweeps.config.schema import SdRanges
 SAMPLES = 2000
 
 
-def sd_bodies(samples: int, seed: int = 2017) -> tuple[Floats, ...]:
-    """Return ``alpha, beta, gamma, theta, phi, xi`` of random bodies of the set SD."""
-    return drawn_bodies(0, samples, SdRanges(), seed)
-
-
-def wide_bodies(samples: int, seed: int = 2017) -> tuple[Floats, ...]:
+def wide_bodies() -> tuple[Floats, ...]:
     """Return bodies far beyond the set SD: any inertia, any skew angle, nearly any surface."""
-    rng = np.random.default_rng(seed)
-    largest = 10 ** rng.uniform(-1, 2, samples)
-    alpha, beta = shell_dumbbell(largest, rng.uniform(0.01, 0.49, samples))
+    rng = np.random.default_rng(2017)
+    largest = 10 ** rng.uniform(-1, 2, SAMPLES)
+    alpha, beta = shell_dumbbell(largest, rng.uniform(0.01, 0.49, SAMPLES))
     # I_xx - I_yy < I_zz < I_xx + I_yy; the shell-dumbbell bodies are at the upper end.
-    gamma = alpha - beta + (largest - (alpha - beta)) * rng.uniform(0, 1, samples)
-    theta = rng.uniform(0.05, 0.99, samples)
-    phi = theta * 10 ** rng.uniform(-3, -0.01, samples)
-    return alpha, beta, gamma, theta, phi, -np.radians(rng.uniform(0.01, 89.99, samples))
+    gamma = alpha - beta + (largest - (alpha - beta)) * rng.uniform(0, 1, SAMPLES)
+    theta = rng.uniform(0.05, 0.99, SAMPLES)
+    phi = theta * 10 ** rng.uniform(-3, -0.01, SAMPLES)
+    return alpha, beta, gamma, theta, phi, -np.radians(rng.uniform(0.01, 89.99, SAMPLES))
 
-
-# --- T1 -----------------------------------------------------------------------------------------
 
 # Numbers of the body GH as the paper prints them, angles in degrees, and their decimals.
 PRINTED = {"K_p": (0.553, 3), "K_r": (0.0967, 4), "omega_p": (1.44, 2), "omega_r": (0.602, 3),
@@ -58,36 +52,35 @@ def gh_numbers(body: Rattleback) -> dict[str, float]:
     return values | {name: float(np.degrees(values[name])) for name in ("psi_p", "psi_r")}
 
 
-def as_printed(found: dict[str, float]) -> list[bool]:
+def as_printed(found: dict[str, float]) -> dict[str, bool]:
     """Return which of the numbers round to the printed ones."""
-    return [round(found[name], digits) == value for name, (value, digits) in PRINTED.items()]
+    return {name: round(found[name], digits) == value for name, (value, digits) in PRINTED.items()}
 
 
 def garcia_hubbard(_: Made) -> Measured:
     """Measure T1: the numbers of the body GH, and of all bodies that Table I rounds to it."""
     body = Rattleback.gh()
-    found, corners = gh_numbers(body), []
-    for signs in product((-1, 1), repeat=len(ROUNDING)):
-        moved = {
+    corners = [
+        gh_numbers(replace(body, **{
             name: getattr(body, name) + sign * half
             for sign, (name, half) in zip(signs, ROUNDING.items(), strict=True)
-        }
-        corners.append(gh_numbers(replace(body, **moved)))
+        }))
+        for signs in product((-1, 1), repeat=len(ROUNDING))
+    ]  # fmt: skip
     ends = {n: (min(c[n] for c in corners), max(c[n] for c in corners)) for n in PRINTED}
     within = [
         ends[name][0] < value + 0.5 * 10.0**-digits and ends[name][1] > value - 0.5 * 10.0**-digits
         for name, (value, digits) in PRINTED.items()
     ]
+    found = gh_numbers(body)
     # 0.03 rad is 1.719 degrees, which Table I would print as 1.72.
     other = gh_numbers(replace(body, xi=-0.03))
-    five = [ok for name, ok in zip(PRINTED, as_printed(found), strict=True) if name != "K_r"]
-    return [every(within), every(as_printed(other)), every(five)], {
+    five = as_printed(found) | {"K_r": True}
+    checks = [every(within), every([*as_printed(other).values()]), every([*five.values()])]
+    return checks, {
         **found, "value": found["K_r"], "low": ends["K_r"][0], "high": ends["K_r"][1],
         "other": other["K_r"],
     }  # fmt: skip
-
-
-# --- T2 -----------------------------------------------------------------------------------------
 
 
 def by_definition(body: tuple[Floats, ...]) -> dict[str, Floats]:
@@ -120,10 +113,11 @@ def by_definition(body: tuple[Floats, ...]) -> dict[str, Floats]:
     }
 
 
-def identities(_: Made, samples: int = SAMPLES) -> Measured:
+def identities(_: Made) -> Measured:
     """Measure T2: the ratio, the difference and the signs of the torque coefficients."""
-    pairs = zip(sd_bodies(samples), wide_bodies(samples), strict=True)
-    body = alpha, beta, _gamma, theta, phi, xi = tuple(map(np.concatenate, pairs))
+    pairs = zip(drawn_bodies(0, SAMPLES), wide_bodies(), strict=True)
+    body = tuple(map(np.concatenate, pairs))
+    alpha, beta, _gamma, theta, phi, xi = body
     found = by_definition(body)
     closed = -0.5 * np.sin(2 * xi) * (1 / beta - 1 / alpha) * (1 / phi - 1 / theta)
     difference = found["K_p"] - found["K_r"]
@@ -144,22 +138,11 @@ def identities(_: Made, samples: int = SAMPLES) -> Measured:
     }  # fmt: skip
 
 
-# --- T3 -----------------------------------------------------------------------------------------
-
-
-def extrapolated(values: Floats) -> Floats:
-    """Return the limit of a sequence whose argument is halved, by Richardson's extrapolation."""
-    first = 2 * values[1:] - values[:-1]
-    second = (4 * first[1:] - first[:-1]) / 3
-    return np.asarray(second[-1])
-
-
-def limits(_: Made, samples: int = SAMPLES) -> Measured:
+def limits(_: Made) -> Measured:
     """Measure T3: long curvature to zero, short curvature to one."""
-    alpha, beta, _gamma, theta, phi, _xi = sd_bodies(samples)
-    xi = -(2.0**-26)
+    alpha, beta, _gamma, theta, phi, _xi = drawn_bodies(0, SAMPLES)
+    xi, small = -(2.0**-26), np.array(2.0**-36)
     lever = -xi * (1 / beta - 1 / alpha)
-    small = 2.0 ** -np.arange(12, 18)[:, None]
     flat = theory.modes(alpha, beta, theta, small, xi)
     tall = theory.modes(alpha, beta, 1 - small, phi, xi)
     pairs = (
@@ -168,27 +151,22 @@ def limits(_: Made, samples: int = SAMPLES) -> Measured:
         (tall.K_p, lever * (1 / phi - 1)),
         (tall.K_r / small, lever * alpha / beta),
     )
-    off = [float(np.max(np.abs(extrapolated(values) / limit - 1))) for values, limit in pairs]
-    return [value < 1e-8 for value in off], {"off": off, "value": max(off), "bodies": samples}
+    off = [float(np.max(np.abs(values / limit - 1))) for values, limit in pairs]
+    return [value < 1e-8 for value in off], {"off": off, "value": max(off), "bodies": SAMPLES}
 
 
-# --- T6: the ellipsoid x^2/c^2 + y^2/b^2 + z^2/a^2 = 1, a = 1, whole or its lower half ------------
-
-# Depth of the centre of mass below the middle, and height of the centre above the bottom: also the
-# least c^2 at which the body stands upright, since its curvature, height/c^2, must be below 1.
+# Depth of the centre of mass of the ellipsoid x^2/c^2 + y^2/b^2 + z^2 = 1 and of its lower half.
 CENTRE = {"whole": 0.0, "half": 3 / 8}
 
 
-def shapes(kind: str, samples: int, seed: int = 2017) -> tuple[Floats, Floats]:
-    """Return ``b^2`` and ``c^2`` of bodies that stand upright, ``b > c``: a grid and random ones.
+def shapes(kind: str) -> tuple[Floats, Floats]:
+    """Return ``b^2`` and ``c^2`` of bodies that stand upright, ``b > c``.
 
-    Distances from both borders run from 1e-6 to 1e4 of the border itself, as far as doubles tell
-    the two frequencies apart.
+    The least c^2 is the height of the centre above the bottom, as the curvature there, height/c^2,
+    must be below 1.  Distances from both borders run from 1e-6 to 1e4 of the border itself, as far
+    as doubles tell the two frequencies apart.
     """
-    steps = 10.0 ** np.linspace(-6, 4, max(2, int(np.sqrt(samples))))
-    grid = [axis.ravel() for axis in np.meshgrid(steps, steps)]
-    rng = np.random.default_rng(seed)
-    first, second = (np.append(axis, 10.0 ** rng.uniform(-6, 4, samples)) for axis in grid)
+    first, second = 10.0 ** np.random.default_rng(2017).uniform(-6, 4, (2, 2 * SAMPLES))
     c2 = (1 - CENTRE[kind]) * (1 + first)
     return c2 * (1 + second), c2
 
@@ -206,31 +184,24 @@ def ellipsoid(kind: str, b2: Floats, c2: Floats) -> dict[str, Floats]:
     }
 
 
-def square_difference(kind: str, b2: Floats, c2: Floats) -> Floats:
-    """Return ``omega_p0^2 - omega_r0^2`` in closed form, a positive number times ``b^2 - c^2``."""
-    if kind == "whole":
-        # f(s) = 5 (s - 1)/(s + 6)
-        return 35 * (b2 - c2) / ((b2 + 6) * (c2 + 6))
-    # f(s) = (25/16) (8 s - 5)/(4 s + 9)
-    return 25 / 16 * 92 * (b2 - c2) / ((4 * b2 + 9) * (4 * c2 + 9))
+def ellipsoids(_: Made) -> Measured:
+    """Measure T6: pitch faster than roll for uniform ellipsoids and their lower halves.
 
-
-def ellipsoids(_: Made, samples: int = SAMPLES) -> Measured:
-    """Measure T6: pitch faster than roll for uniform ellipsoids and their lower halves."""
+    The difference of the squared frequencies has a closed form, positive times ``b^2 - c^2``.
+    """
     excess, off = [], []
     for kind in CENTRE:
-        b2, c2 = shapes(kind, samples)
+        b2, c2 = shapes(kind)
         found = theory.modes(**ellipsoid(kind, b2, c2), xi=0.0)
         pitch, roll = found.omega_p0**2, found.omega_r0**2
         excess.append(pitch / roll - 1)
-        off.append(np.abs(pitch - roll - square_difference(kind, b2, c2)) / pitch)
+        factor, p, q = (35, 1, 6) if kind == "whole" else (25 / 16 * 92, 4, 9)
+        closed = factor * (b2 - c2) / ((p * b2 + q) * (p * c2 + q))
+        off.append(np.abs(pitch - roll - closed) / pitch)
     more, formula = np.concatenate(excess), float(np.concatenate(off).max())
     return [every(more > 0), formula < EXACT], {
         "shapes": len(more), "value": float(more.min()), "formula": formula,
     }  # fmt: skip
-
-
-# --- T7 -----------------------------------------------------------------------------------------
 
 
 def growth_slopes(body: tuple[Floats, ...]) -> tuple[Floats, Floats]:
@@ -245,38 +216,31 @@ def growth_slopes(body: tuple[Floats, ...]) -> tuple[Floats, Floats]:
     values, right = np.linalg.eig(at_rest)
     left = np.linalg.inv(right)
     slopes = np.einsum("...ji,...ik,...kj->...j", left, change, right).real
-    order = np.argsort(-values.imag, axis=-1)
-    ranked = np.take_along_axis(slopes, order, -1)
+    ranked = np.take_along_axis(slopes, np.argsort(-values.imag, axis=-1), -1)
     return ranked[..., 0], ranked[..., 1]
 
 
-def prs(state: Floats, ratio: Floats) -> Floats:
-    """Return Moffatt and Tokieda's field (Eq. (75) [toki-prs]) at ``(P, R, S)``, shape (3, ...)."""
-    p, r, s = state
-    return np.stack([ratio * p * s, -r * s, r**2 - ratio * p**2])
-
-
-def moffatt_tokieda(body: tuple[Floats, ...], seed: int = 2017) -> float:
-    """Return the largest relative distance of the reduced system from Moffatt and Tokieda's.
+def moffatt_tokieda(body: tuple[Floats, ...]) -> float:
+    """Return the largest relative distance of the reduced system from Eq. (75) [toki-prs].
 
     With ``n = S``, ``E_p = (I/2) P^2``, ``E_r = (I/2) R^2``, ``t = (2/K_r) tau`` and ``lambda`` the
     squared ratio of the frequencies, at random states.
     """
     alpha, beta, gamma, theta, phi, xi = body
     found = theory.modes(alpha, beta, theta, phi, xi)
-    state = np.random.default_rng(seed).normal(size=(3, len(alpha)))
-    p, r, s = state
+    p, r, s = np.random.default_rng(2017).normal(size=(3, len(alpha)))
     rates = reduced.rhs.py_func(s, gamma / 2 * p**2, gamma / 2 * r**2, found.K_p, found.K_r, gamma)
     spin, pitch, roll = (2 / found.K_r * np.asarray(rate) for rate in rates)
     mapped = np.stack([pitch / (gamma * p), roll / (gamma * r), spin])
-    wanted = prs(state, (found.omega_p / found.omega_r) ** 2)
+    ratio = (found.omega_p / found.omega_r) ** 2
+    wanted = np.stack([ratio * p * s, -r * s, r**2 - ratio * p**2])
     return float(np.max(np.abs(mapped - wanted) / np.linalg.norm(wanted, axis=0)))
 
 
-def slow_spin(_: Made, samples: int = SAMPLES) -> Measured:
+def slow_spin(_: Made) -> Measured:
     """Measure T7: growth rates at small spin, and the system of Moffatt and Tokieda."""
     off = []
-    for body in (sd_bodies(samples), wide_bodies(samples)):
+    for body in (drawn_bodies(0, SAMPLES), wide_bodies()):
         alpha, beta, _gamma, theta, phi, xi = body
         found = theory.modes(alpha, beta, theta, phi, xi)
         magnified = found.omega_p**2 / (found.omega_p**2 - found.omega_r**2)
@@ -284,40 +248,33 @@ def slow_spin(_: Made, samples: int = SAMPLES) -> Measured:
         # Near zero K_r the slope is what is left of larger terms: measured against K_p.
         for rest in (pitch - found.K_p / 2, roll + found.K_r / 2):
             off.append(float(np.max(np.abs(rest) / (found.K_p * magnified))))
-    field = moffatt_tokieda(sd_bodies(samples))
+    field = moffatt_tokieda(drawn_bodies(0, SAMPLES))
     return [value < EXACT for value in (*off, field)], {
-        "off": off, "field": field, "value": max(*off, field), "bodies": samples,
+        "off": off, "field": field, "value": max(*off, field), "bodies": SAMPLES,
     }  # fmt: skip
 
 
-# --- T8 -----------------------------------------------------------------------------------------
-
-
-def reversal_times(_: Made, samples: int = SAMPLES) -> Measured:
+def reversal_times(_: Made) -> Measured:
     """Measure T8: Garcia and Hubbard's times by the skew angle, and their ratio."""
-    alpha, beta, _gamma, theta_, phi, xi = body = sd_bodies(samples)
+    alpha, beta, _gamma, theta_, phi, xi = body = drawn_bodies(0, SAMPLES)
     n_i, n_0 = 0.1, 0.11
 
     def times(xi: Any) -> Floats:
         """Return t_rGH+ and t_rGH- (Eqs. (56) [trgh-p] and (58) [trgh-m]), shape (2, samples)."""
         found = theory.modes(alpha, beta, theta_, phi, xi)
-        both = np.log((n_0 + n_i) / (n_0 - n_i)) / (n_0 * np.stack([found.K_p, found.K_r]))
-        return np.asarray(both)
+        time = np.log((n_0 + n_i) / (n_0 - n_i)) / n_0
+        return np.stack([time / found.K_p, time / found.K_r])
 
     small, largest = 2.0**-20, np.radians(SdRanges().minus_xi_deg[1])
-    limit = times(-small) * small
     slope = float(np.abs(np.log2(times(-2 * small) / times(-small)) + 1).max())
-    exact = by_definition(body)
-    unsteady, in_steady = times(xi)
-    off = np.abs(in_steady / unsteady / exact["ratio"] - 1) / exact["magnified"]
-    far = times(-largest) * largest / limit
-    return [slope < 1e-6, float(off.max()) < EXACT], {
-        "value": slope, "slope": slope, "ratio": float(off.max()), "bodies": samples,
+    exact, (unsteady, in_steady) = by_definition(body), times(xi)
+    off = float((np.abs(in_steady / unsteady / exact["ratio"] - 1) / exact["magnified"]).max())
+    far = times(-largest) * largest / (times(-small) * small)
+    return [slope < 1e-6, off < EXACT], {
+        "value": slope, "slope": slope, "ratio": off, "bodies": SAMPLES,
         "far": (float(far.min()), float(far.max())),
     }  # fmt: skip
 
-
-# --- S9 -----------------------------------------------------------------------------------------
 
 # Spins at which stability is asked for, in thresholds, and whether there is any, after Bondi.
 NEAR = ((0.1, False), (0.5, False), (1 - 1e-5, False), (1 + 1e-5, True))
@@ -331,31 +288,24 @@ def contradictions(body: tuple[Floats, ...], spins: tuple[tuple[float, bool], ..
     ``spins`` are in thresholds, each with whether the steady spin should be stable there; bodies
     without a threshold should be unstable at any spin.
     """
-    alpha, beta, gamma, theta, phi, _ = body
-    threshold = theory.bondi_threshold(alpha, beta, gamma, theta, phi)
+    alpha, beta, gamma, theta_, phi, _ = body
+    threshold = theory.bondi_threshold(alpha, beta, gamma, theta_, phi)
     exists = np.isfinite(threshold)
     wrong = 0
     for angle, (factor, stable) in product(ANGLES, spins):
-        constants = full.constants(alpha, beta, gamma, theta, phi, -np.radians(angle))
-        with_one = fastest(constants[:, exists], factor * threshold[exists]) < 0
-        without = fastest(constants[:, ~exists], -factor) < 0
-        wrong += int(np.count_nonzero(with_one != stable) + np.count_nonzero(without))
-    return Count(wrong, len(alpha) * len(ANGLES) * len(spins))
+        constants = full.constants(alpha, beta, gamma, theta_, phi, -np.radians(angle))
+        spin = np.where(exists, factor * threshold, -factor)
+        growth = np.linalg.eigvals(steady.matrix(constants, spin)).real.max(axis=-1)
+        wrong += int(np.count_nonzero((growth < 0) != (exists & stable)))
+    return Count(wrong, len(threshold) * len(ANGLES) * len(spins))
 
 
-def fastest(constants: Floats, n: Any) -> Floats:
-    """Return the growth rate of the fastest mode of the steady spin."""
-    growth: Floats = np.linalg.eigvals(steady.matrix(constants, n)).real.max(axis=-1)
-    return growth
-
-
-def bondi(_: Made, samples: int = SAMPLES) -> Measured:
+def bondi(_: Made) -> Measured:
     """Measure S9: Bondi's threshold and the exact steady solution."""
-    body, wide = sd_bodies(samples), wide_bodies(samples)
-    trials = product((body, wide), (NEAR, FAR))
-    sd_near, sd_far, near, far = (contradictions(*trial) for trial in trials)
-    spins = np.random.default_rng(2017).normal(size=2 * samples).tolist()
-    both = np.concatenate([full.constants(*body), full.constants(*wide)], axis=1)
+    bodies = drawn_bodies(0, SAMPLES), wide_bodies()
+    sd_near, sd_far, near, far = (contradictions(*trial) for trial in product(bodies, (NEAR, FAR)))
+    spins = np.random.default_rng(2017).normal(size=2 * SAMPLES).tolist()
+    both = np.concatenate([full.constants(*body) for body in bodies], axis=1)
     moved = max(
         max(map(abs, full.rhs.py_func(0.0, 0.0, 0.0, 0.0, spin, *constants)))
         for spin, constants in zip(spins, both.T.tolist(), strict=True)
@@ -364,5 +314,5 @@ def bondi(_: Made, samples: int = SAMPLES) -> Measured:
     return checks, {
         "sd": sd_near + sd_far, "near": near, "far": far, "moved": moved,
         "value": far.hits / far.total, "angles": ", ".join(map("{:g}".format, ANGLES)),
-        "bodies": samples,
+        "bodies": SAMPLES,
     }  # fmt: skip

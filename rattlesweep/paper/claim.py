@@ -13,11 +13,9 @@ from typing import Any
 import numpy as np
 from ruamel.yaml import YAML
 
-from rattlesweep.paper.workspace import Tables
+from rattlesweep.paper.workspace import Made
 from rattlesweep.sweeps.counts import wilson
 
-# Tables by part, as far as the parts were made.
-Made = Mapping[str, Tables]
 # Checks, whose truth says whether they hold, and numbers by name.
 Measured = tuple[Sequence[object], dict[str, Any]]
 
@@ -51,11 +49,6 @@ class Count:
     def __str__(self) -> str:
         return f"{self.hits:,} of {self.total:,}"
 
-    @property
-    def possible(self) -> bool:
-        """Whether all may meet it, as far as the samples can tell."""
-        return self.hits + self.unsure == self.total
-
 
 def every(mask: Any, possible: Any = False) -> Count:
     """Count the true values; of the others, those that are possible within sampling error."""
@@ -63,15 +56,12 @@ def every(mask: Any, possible: Any = False) -> Count:
     return Count(int(mask.sum()), mask.size, int((~mask & np.asarray(possible, bool)).sum()))
 
 
-def share(hits: int, runs: int) -> dict[str, float]:
-    """Return a share with its 95 % interval, as the numbers that decide a claim."""
+def share(hits: int, runs: int) -> dict[str, Any]:
+    """Return a share with its 95 % interval: the numbers that decide a claim, and as ``share``."""
     low, high = map(float, wilson(hits, runs))
-    return {"value": hits / runs if runs else np.nan, "low": low, "high": high}
-
-
-def share_words(hits: int, runs: int) -> str:
-    """Return a share with its interval, in words."""
-    return "{value:.2%} [{low:.2%}, {high:.2%}]".format(**share(hits, runs))
+    value = hits / runs if runs else np.nan
+    words = f"{value:.2%} [{low:.2%}, {high:.2%}]"
+    return {"value": value, "low": low, "high": high, "share": words}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,11 +70,9 @@ class Claim:
 
     Attributes
     ----------
-    id : str
-        ``T1``, ``U2``, ...
-    where : str
-        Place in the paper; equations by their printed number and their label in the source, as in
-        ``Eq. (38) [k-diff]``.
+    id, where : str
+        ``T1``, ``U2``, ... and the place in the paper; equations by their printed number and their
+        label in the source, as in ``Eq. (38) [k-diff]``.
     words : str
         What the paper says; between quotation marks word for word.
     criteria : sequence of str
@@ -114,21 +102,15 @@ class Claim:
     leeway: str = ""
     parts: Sequence[str] = ()
 
-    def judge(self, made: Made, *, few: bool = False, **options: Any) -> dict[str, Any]:
-        """Measure the claim and return a row of the table, with the columns :data:`COLUMNS`.
-
-        The claim *agrees* if all checks hold, and *disagrees* if the headline fails; else it holds
-        *partly*, as it does where the paper's words leave room and nine in ten still meet the
-        headline.  With ``few`` samples, where failing checks fail by no more than the sampling
-        error, there are *too few samples to tell*.
-        """
+    def judge(self, made: Made, *, few: bool = False) -> dict[str, Any]:
+        """Measure the claim and return a row of the table, with the columns :data:`COLUMNS`."""
         row = {"id": self.id, "where": self.where, "words": self.words,
                "headline": self.criteria[0], "checks": len(self.criteria)}  # fmt: skip
-        found = self.measure(made, **options)
+        found = self.measure(made)
         if found is None:
-            return row | {
-                "measured": "not measured: too few runs of a kind", "value": None, "low": None,
-                "high": None, "verdict": UNDECIDED, "held": 0, "evidence": "",
+            words = "not measured: too few runs of a kind"
+            return dict.fromkeys(COLUMNS) | row | {
+                "measured": words, "verdict": UNDECIDED, "held": 0, "evidence": "",
             }  # fmt: skip
         checks, numbers = found
         for name, (between, words) in self.lists.items():
@@ -138,27 +120,40 @@ class Claim:
             + (f", {check}" if isinstance(check, Count) else "")
             for words, check in zip(self.criteria, checks, strict=True)
         ]
-        notes = self.notes.format(**numbers).strip()
-        head, held = checks[0], sum(map(bool, checks))
-        open_ = [bool(c) or (few and isinstance(c, Count) and c.possible) for c in checks]
-        room = self.leeway and isinstance(head, Count) and head.hits >= MOST * head.total > 0
-        if held == len(checks):
-            verdict = "agree"
-        elif all(open_) or (not head and open_[0]):
-            verdict = UNDECIDED
-        else:
-            verdict = "partly" if head or room else "disagree"
-        if room and not head:
-            notes = f"The headline fails, but the paper's words leave room: {self.leeway}. {notes}"
-        decides = {name: numbers.get(name) for name in ("value", "low", "high")}
+        verdict, room = self.verdict(checks, few)
+        if room:
+            told.append(f"the headline fails, but the paper's words leave room: {self.leeway}")
+        for name in ("value", "low", "high"):
+            value = numbers.get(name)
+            row[name] = float(value) if value is not None and math.isfinite(value) else None
+        evidence = f"Checks, headline first: {'; '.join(told)}. {self.notes.format(**numbers)}"
         return row | {
             "measured": self.measured.format(**numbers),
-            **{n: float(v) if v is not None and math.isfinite(v) else None
-               for n, v in decides.items()},
             "verdict": verdict,
-            "held": held,
-            "evidence": f"Checks, headline first: {'; '.join(told)}. {notes}".strip(),
-        }  # fmt: skip
+            "held": sum(map(bool, checks)),
+            "evidence": evidence.strip(),
+        }
+
+    def verdict(self, checks: Sequence[object], few: bool) -> tuple[str, bool]:
+        """Return the verdict, and whether it is due to the leeway.
+
+        The claim *agrees* if all checks hold, and *disagrees* if the headline fails; else it holds
+        *partly*, as it does where the paper's words leave room and nine in ten still meet the
+        headline.  With ``few`` samples, where failing checks fail by no more than the sampling
+        error, there are *too few samples to tell*.
+        """
+        head = checks[0]
+        possible = [
+            bool(c) or (few and isinstance(c, Count) and c.hits + c.unsure == c.total)
+            for c in checks
+        ]
+        if all(checks):
+            return "agree", False
+        if all(possible) or (possible[0] and not head):
+            return UNDECIDED, False
+        enough = isinstance(head, Count) and head.hits >= MOST * head.total > 0
+        room = bool(self.leeway) and enough and not head
+        return "partly" if head or room else "disagree", room
 
 
 @cache
@@ -167,7 +162,7 @@ def claims() -> dict[str, Claim]:
     found = {}
     for name, row in YAML(typ="safe").load(TABLE).items():
         module, function = row.pop("measure").split(".")
-        measure = getattr(import_module(f"{__package__}.{module}"), function)
+        measure = getattr(import_module(f"rattlesweep.paper.{module}"), function)
         found[name] = Claim(id=name, measure=measure, **row)
     return found
 

@@ -1,19 +1,48 @@
-"""Frames, ticks and symbols that the figures share."""
+"""What the figures share: single runs, thinned for pictures; frames, ticks and symbols."""
 
 from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter
 
+from rattlesweep.analysis.onerun.course import Trajectory
+from rattlesweep.analysis.onerun.figure import thin
 from rattlesweep.analysis.style import FAINT
+from rattlesweep.api import trajectory
+from rattlesweep.errors import OutputError
+from rattlesweep.physics.body import Rattleback
+
+# Distance of the rows of single runs, in sqrt(a/g): a hundredth of the period of a pitch.
+DT = 0.05
 
 T_AXIS, N_AXIS = r"$t$ / $\tilde t$", r"$n$ / $\tilde\omega$"
 DASHES: Any = (0, (4, 2))
 ZERO: dict[str, Any] = {"color": "#777777", "linewidth": 0.6, "zorder": 1}
+# Place and look of a legend above all panels.
 ABOVE: dict[str, Any] = {"loc": "outside upper center", "frameon": False, "fontsize": 9.5}
-"""Place and look of a legend above all panels."""
+
+
+def follow(body: Rattleback, *channels: str, dt: float = DT, **launch: Any) -> Trajectory:
+    """Integrate one run past its reversals; raise OutputError if it fails."""
+    found = trajectory(body, channels=("t", *channels), dt=dt, **launch)
+    if found.status != "ok":
+        raise OutputError(f"{body}: the run ended at t = {found.t_end:g} with {found.status}")
+    return found
+
+
+def thinned(run: pd.DataFrame, *beside: str, **bins: int) -> pd.DataFrame:
+    """Return ``t`` and some columns of a run at the rows that curves through them need.
+
+    ``bins`` are numbers of stretches by column, of which each keeps its extremes; the columns
+    ``beside`` have no say in the choice of the rows.
+    """
+    places = [thin(run[name].to_numpy(), number) for name, number in bins.items()]
+    rows = run.iloc[np.unique(np.concatenate(places))]
+    return rows[["t", *beside, *bins]].reset_index(drop=True)
 
 
 def frame(axes: Axes, title: str = "", *, loc: str = "center", grid: str = "") -> None:

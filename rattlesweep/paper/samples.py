@@ -14,35 +14,38 @@ import pandas as pd
 
 from rattlesweep.api import modes
 from rattlesweep.arrays import Floats
-from rattlesweep.paper.claims.claim import Count, Made, Measured, every, share, share_words
-from rattlesweep.paper.figures.chaos import LONGER, SLOW
-from rattlesweep.paper.workspace import records
+from rattlesweep.paper.claim import Count, Measured, every, share
+from rattlesweep.paper.fig7 import LONGER, SLOW
+from rattlesweep.paper.workspace import Made, records
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.sweeps.counts import Z95, wilson
 from rattlesweep.sweeps.types import LEAST_GROWTH
 
-# A tenth of a decade: the size of a symbol on the paper's logarithmic axes.
 SYMBOL = 10**0.1
-# Fewest runs of a kind for a median.
+# Fewest runs of a kind for a median, and twice as many for one that tells.
 FEW = 5
+# "only several Type SS samples out of 8000 samples".
+SEVERAL = (1, 20)
 
 
 def rises(
-    frame: pd.DataFrame, value: str, by: str, within: Sequence[str], *, strictly: bool = True
+    frame: pd.DataFrame, value: str, by: str, within: Sequence[str], *, sign: int = 1
 ) -> Count:
-    """Count the groups ``within`` which the value rises with abs(``by``).
+    """Count the groups ``within`` which the value rises with abs(``by``), or with sign -1 falls.
 
-    Columns ``VALUE_low`` and ``VALUE_high`` are its confidence interval.
+    Columns ``VALUE_low`` and ``VALUE_high`` are its confidence interval.  Groups in which it stays
+    the same count as falling, too.
     """
     rising, possible = [], []
     for _, own in frame.groupby(list(within)):
         ordered = own.sort_values(by, key=np.abs)
-        step = np.diff(ordered[value])
+        step = sign * np.diff(ordered[value])
         if step.size:
-            up = step > 0 if strictly else step >= 0
+            up = step > 0 if sign > 0 else step >= 0
             lows, highs = (ordered[f"{value}_{end}"].to_numpy() for end in ("low", "high"))
+            overlap = highs[1:] > lows[:-1] if sign > 0 else lows[1:] < highs[:-1]
             rising.append(bool(up.all()))
-            possible.append(bool((up | (highs[1:] > lows[:-1])).all()))
+            possible.append(bool((up | overlap).all()))
     return every(rising, possible)
 
 
@@ -59,16 +62,15 @@ def beside_line(frame: pd.DataFrame) -> pd.DataFrame:
     ).dropna(subset=["ratio"])  # fmt: skip
 
 
+def close(ratio: pd.Series) -> pd.Series:
+    """Return which are within the size of a symbol of 1."""
+    return ratio.between(1 / SYMBOL, SYMBOL)
+
+
 def near(points: pd.DataFrame) -> Count:
     """Count the points whose ratio is within the size of a symbol of 1."""
     possible = (points["ratio_low"] < SYMBOL) & (points["ratio_high"] > 1 / SYMBOL)
     return every(close(points["ratio"]), possible)
-
-
-def close(ratio: pd.Series[float]) -> pd.Series[bool]:
-    """Return which are within the size of a symbol of 1."""
-    inside: pd.Series[bool] = np.abs(np.log(ratio)) < np.log(SYMBOL)
-    return inside
 
 
 def slopes(frame: pd.DataFrame, coefficient: str) -> list[float]:
@@ -80,10 +82,10 @@ def slopes(frame: pd.DataFrame, coefficient: str) -> list[float]:
     ]
 
 
-def farthest(frame: pd.DataFrame, coefficient: str) -> dict[str, float | str]:
+def farthest(frame: pd.DataFrame, coefficient: str) -> dict[str, Any]:
     """Return the ratio farthest from 1 with its interval, where it is, and the range of all."""
-    row = frame.loc[np.log(frame["ratio"]).abs().idxmax()]
-    value, low, high = (float(row[name]) for name in ("ratio", "ratio_low", "ratio_high"))
+    row = records(frame.sort_values("ratio", key=lambda ratio: np.abs(np.log(ratio))))[-1]
+    value, low, high = (row[name] for name in ("ratio", "ratio_low", "ratio_high"))
     return {
         "value": value, "low": low, "high": high,
         "least": frame["ratio"].min(), "largest": frame["ratio"].max(),
@@ -102,19 +104,20 @@ def span(values: Any) -> tuple[float, float]:
 
 def unsteady_formula(made: Made) -> Measured:
     """Measure U1: at small spin and oscillation the formula holds."""
-    times = made["fig6"]["times"]
-    points = beside_line(times.query("abs(n_i) <= 0.2 and omega_xy0 <= 0.01"))
+    points = beside_line(made["fig6"]["times"].query("abs(n_i) <= 0.2 and omega_xy0 <= 0.01"))
     slope = slopes(points, "K_p")
-    named = ", ".join(
+    outside = ", ".join(
         f"K_p = {r.K_p:g} at n_i = {r.n_i:g}, omega_xy0 = {r.omega_xy0:g} ({r.ratio:.2f})"
         for r in points[~close(points["ratio"])].itertuples()
     )
-    checks = [near(points), max(abs(s + 1) for s in slope) < 0.1,
-              every(points["scatter"] < 0.1, points["scatter_low"] < 0.1)]  # fmt: skip
+    checks = [
+        near(points),
+        max(abs(s + 1) for s in slope) < 0.1,
+        every(points["scatter"] < 0.1, points["scatter_low"] < 0.1),
+    ]
     return checks, {
-        **farthest(points, "K_p"), "ten": every(np.abs(points["ratio"] - 1) < 0.1),
-        "slopes": span(slope), "scatter": span(points["scatter"]),
-        "outside": f"Outside: {named}." if named else "",
+        **farthest(points, "K_p"), "ten": every((points["ratio"] - 1).abs() < 0.1),
+        "slopes": span(slope), "scatter": span(points["scatter"]), "outside": outside or "none",
     }  # fmt: skip
 
 
@@ -122,7 +125,7 @@ def large_spin(made: Made) -> Measured:
     """Measure U2: at large spin or oscillation reversals are later, and scatter more."""
     points = beside_line(made["fig6"]["times"])
     beyond = points.query("abs(n_i) >= 0.4")
-    spin, found = swing(made["fig6"]["spin"])
+    found = swing(made["fig6"]["spin"])
     within_size, within_spin = ("n_i", "K_p"), ("omega_xy0", "K_p")
     checks = [
         every(points["ratio_low"] > 1, points["ratio_high"] > 1),
@@ -132,33 +135,27 @@ def large_spin(made: Made) -> Measured:
         every(beyond["ratio"] > SYMBOL, beyond["ratio_high"] > SYMBOL),
         rises(beyond, "t_r_mean", "n_i", within_spin)
         + rises(beyond, "t_r_std", "n_i", within_spin),
-        abs(spin - 1) < 0.1,
+        abs(found["multiple"] - 1) < 0.1,
     ]
-    return checks, {
-        **farthest(points, "K_p"), "value": float(points["ratio"].max()), "low": None,
-        "high": None, "fast": span(beyond["ratio"]), **found,
-    }  # fmt: skip
+    numbers = farthest(points, "K_p") | {"value": points["ratio"].max(), "low": None, "high": None}
+    return checks, numbers | found | {"fast": span(beyond["ratio"])}
 
 
-def swing(series: pd.DataFrame) -> tuple[float, dict[str, float]]:
-    """Return the frequency of the spin of Fig. 6(b), until it reverses, over that of omega_x."""
-    pitch = modes(Rattleback.gh()).omega_p
-    t, n, omega_x = (series[name].to_numpy() for name in ("t", "n", "omega_x"))
-    until = int(np.argmax(n < 0)) if np.any(n < 0) else len(n)
-    spin, own = (swing_frequency(t[:until], values[:until]) for values in (n, omega_x))
-    return spin / own, {
-        "spin": spin, "span": np.ptp(n[:until]), "multiple": spin / own, "pitch": own / pitch,
-    }  # fmt: skip
+def swing(series: pd.DataFrame) -> dict[str, float]:
+    """Return how the spin of Fig. 6(b) oscillates until it reverses, beside omega_x."""
+    until = series[: int(np.argmax(series["n"] < 0))]
+    t = until["t"].to_numpy()
+    spin, own = (swing_frequency(t, until[name].to_numpy()) for name in ("n", "omega_x"))
+    pitch = own / float(modes(Rattleback.gh()).omega_p)
+    return {"spin": spin, "span": np.ptp(until["n"]), "multiple": spin / own, "pitch": pitch}
 
 
 def swing_frequency(t: Floats, n: Floats) -> float:
     """Return the angular frequency of the strongest line above 0.5 of evenly spaced values."""
-    values = (n - n.mean()) * np.hanning(len(n))
-    power = np.abs(np.fft.rfft(values)) ** 2
-    omega = 2 * np.pi * np.fft.rfftfreq(len(n), (t[-1] - t[0]) / (len(t) - 1))
+    power = np.abs(np.fft.rfft((n - n.mean()) * np.hanning(len(n))))
+    omega = 2 * np.pi * np.fft.rfftfreq(len(n), t[1] - t[0])
     # The slow change of the spin itself lies below.
-    line = omega > 0.5
-    return float(omega[line][np.argmax(power[line])])
+    return float(omega[np.argmax(power * (omega > 0.5))])
 
 
 def steady_formula(made: Made) -> Measured:
@@ -166,12 +163,10 @@ def steady_formula(made: Made) -> Measured:
     sizes = beside_line(made["fig8"]["times"].query("abs(n_i) <= 0.2"))
     points, large = sizes.query("omega_xy0 <= 0.01"), sizes.query("omega_xy0 > 0.01")
     slope, curves = slopes(points, "K_r"), ("n_i", "K_r")
-    down = sizes.assign(down=-sizes["ratio"], down_low=-sizes["ratio_high"],
-                        down_high=-sizes["ratio_low"])  # fmt: skip
     checks = [
         near(points),
         max(abs(s + 1) for s in slope) < 0.1,
-        rises(down, "down", "omega_xy0", curves),
+        rises(sizes, "ratio", "omega_xy0", curves, sign=-1),
         every(large["ratio_high"] < 1, large["ratio_low"] < 1),
         rises(sizes, "scatter", "omega_xy0", curves),
     ]
@@ -185,24 +180,22 @@ def late_reversals(made: Made) -> Measured | None:
 
     None if no point has a small, or none a large K_r, or nothing reverses late.
     """
-    beyond = made["fig8_windows"]["late"].query("abs(n_i) >= 0.3").dropna(subset=["ratio_std"])
+    beyond = made["fig8"]["late"].query("abs(n_i) >= 0.3").dropna(subset=["ratio_std"])
     low, high = beyond.query("K_r < 0.03"), beyond.query("K_r > 0.06")
     # Where late reversals are more than a few.
     many = low.query("late >= 0.03 * reversed")
     if low.empty or high.empty or many.empty:
         return None
     spread, calm = low["ratio_std"].median(), high["ratio_std"].median()
-    panel = ["n_i", "omega_xy0"]
     error = Z95 * low["ratio_std"] / np.sqrt(2 * (low["reversed"] - 1).clip(lower=1))
-    tops = high.groupby(panel)["ratio_std"].max()
-    bottoms = low.groupby(panel)["ratio_std"].min()
-    ends = low.assign(end=low["ratio_std"] + error).groupby(panel)["end"].min()
+    ends = low.assign(end=low["ratio_std"] + error).groupby(["n_i", "omega_xy0"])
+    tops = high.groupby(["n_i", "omega_xy0"])["ratio_std"].max()
     without = many["ratio_std_prompt"] / many["ratio_std"]
     kept = many.query("followed > 0").dropna(subset=["plateau"])
     rare = many["late"] < 2 * FEW
     checks = [
         bool(spread > 2 * calm),
-        every(bottoms > tops, ends > tops),
+        every(ends["ratio_std"].min() > tops, ends["end"].min() > tops),
         every(without < 0.5, rare),
         every(many["growth_late"] < 0.5, rare),
         every(kept["plateau"] > 0.9, kept["followed"] < 2 * FEW),
@@ -217,40 +210,32 @@ def late_reversals(made: Made) -> Measured | None:
 
 def onset_of_wobbling(made: Made) -> Measured | None:
     """Measure S8: wobbling begins about when the others reverse; None with too few of both."""
-    onset = made["fig8_windows"]["onset"]
+    onset = made["fig8"]["onset"]
     points = onset.query(f"wobbling >= {FEW} and reversed >= {FEW}")
     if points.empty:
         return None
-    ratio, low, high = (points[f"onset_{name}"] / points["t_r_median"]
-                        for name in ("median", "low", "high"))  # fmt: skip
-    sizes = ratio.rename("ratio").groupby(points["omega_xy0"])
+    ratio = (points["onset_median"] / points["t_r_median"]).rename("ratio")
+    few = points[["wobbling", "reversed"]].min(axis=1) < 4 * FEW
     slow = onset.query("K_r < 0.03 and abs(n_i) >= 0.3")
     late = slow["onset_late"].sum() / max(1, slow["wobbling"].sum())
-    checks = [every((ratio > 0.5) & (ratio < 2), ~((low > 2) | (high < 0.5))),
-              every([late > 0], True)]  # fmt: skip
-    return checks, {
-        "value": float(ratio.median()), "low": float(ratio.min()), "high": float(ratio.max()),
-        "points": len(ratio), "fine": int(close(ratio).sum()), "late": late,
-        "sizes": records(sizes.median().reset_index()),
+    return [every(ratio.between(0.5, 2), few), every([late > 0], True)], {
+        "value": ratio.median(), "low": ratio.min(), "high": ratio.max(), "points": len(ratio),
+        "fine": int(close(ratio).sum()), "late": late,
+        "sizes": records(ratio.groupby(points["omega_xy0"]).median().reset_index()),
     }  # fmt: skip
 
 
 # --- types --------------------------------------------------------------------------------------
 
-# "only several Type SS samples out of 8000 samples".
-SEVERAL = (1, 20)
-DEFAULT_READING = "type SS"
-
 
 def pooled(frame: pd.DataFrame, *names: str, by: Sequence[str] = ("n_i", "omega_xy0")) -> Any:
     """Return the ``share`` of some types over all K_r with its interval, by spin and oscillation.
 
-    ``half`` among ``by`` is 0 for the larger half of the K_r and 1 for the smaller.
+    ``half`` among ``by`` is 0 for the smaller half of the K_r and 1 for the larger.
     """
-    middle = float(np.sqrt(frame["K_r"].min() * frame["K_r"].max()))
-    frame = frame.assign(
-        half=(frame["K_r"] < middle).astype(int), hits=frame[list(names)].sum(axis=1)
-    )
+    middle = np.sqrt(frame["K_r"].min() * frame["K_r"].max())
+    half = (frame["K_r"] >= middle).astype(int)
+    frame = frame.assign(half=half, hits=frame[list(names)].sum(axis=1))
     sums = frame.groupby(list(by))[["hits", "runs"]].sum().reset_index()
     low, high = wilson(sums["hits"], sums["runs"])
     return sums.assign(share=sums["hits"] / sums["runs"], share_low=low, share_high=high)
@@ -262,24 +247,21 @@ def steady_spin(made: Made) -> Measured:
     slowest = frame[frame["n_i"].abs() == frame["n_i"].abs().min()]
     beyond = frame.query("abs(n_i) >= 0.3")
     by_spin = pooled(frame, "SS")
-    down = by_spin.assign(share=-by_spin["share"], share_low=-by_spin["share_high"],
-                          share_high=-by_spin["share_low"])  # fmt: skip
     halves = pooled(beyond, "SS", by=("n_i", "omega_xy0", "half"))
     each = pooled(beyond.query("omega_xy0 <= 0.01"), "SS")["hits"]
-    top = frame.sort_values("fraction_SS").iloc[-1]
-    reversing = int(slowest["R"].sum()), int(slowest["runs"].sum())
-    most = share(*reversing)
+    top = records(frame.nlargest(1, "fraction_SS"))[0]
+    most = share(int(slowest["R"].sum()), int(slowest["runs"].sum()))
     checks = [
         every([frame.query("abs(n_i) <= 0.2")["SS"].sum() == 0]) + every(each > 0, True),
         every([most["value"] >= 0.99], most["high"] >= 0.99),
         rises(by_spin[by_spin["hits"] > 0], "share", "n_i", ["omega_xy0"]),
-        rises(down, "share", "omega_xy0", ["n_i"], strictly=False),
-        rises(halves, "share", "half", ["n_i", "omega_xy0"], strictly=False),
+        rises(by_spin, "share", "omega_xy0", ["n_i"], sign=-1),
+        rises(halves, "share", "half", ["n_i", "omega_xy0"], sign=-1),
     ]
     return checks, {
-        "value": float(top["fraction_SS"]), "low": float(top["low_SS"]),
-        "high": float(top["high_SS"]), "K_r": top["K_r"], "n_i": top["n_i"],
-        "slowest": slowest["n_i"].iloc[0], "reversing": share_words(*reversing),
+        "value": top["fraction_SS"], "low": top["low_SS"], "high": top["high_SS"],
+        "K_r": top["K_r"], "n_i": top["n_i"], "slowest": slowest["n_i"].iloc[0],
+        "reversing": most["share"],
         "by_spin": records(by_spin.groupby("n_i")["share"].max().rename("most").reset_index()),
     }  # fmt: skip
 
@@ -290,17 +272,17 @@ def wobbling(made: Made) -> Measured:
     slow, beyond = frame.query("abs(n_i) <= 0.3"), frame.query("abs(n_i) >= 0.4")
     halves = [pooled(own, "SW", by=("n_i", "omega_xy0", "half")) for own in (slow, beyond)]
     around, both = pooled(beyond, "SW"), pooled(beyond, "SW", "unclassified")["share"]
-    total = int(beyond["SW"].sum()), int(beyond["runs"].sum())
     by_spin = pooled(frame, "SW").groupby("n_i")["share"]
     checks = [
         every([frame.query("abs(n_i) <= 0.1")["SW"].sum() > 0], True),
-        *(rises(own, "share", "half", ["n_i", "omega_xy0"]) for own in halves),
+        *(rises(own, "share", "half", ["n_i", "omega_xy0"], sign=-1) for own in halves),
         every(around["share"].between(0.15, 0.25),
               (around["share_high"] >= 0.15) & (around["share_low"] <= 0.25)),
     ]  # fmt: skip
     return checks, {
-        **share(*total), "share": share_words(*total), "single": span(beyond["fraction_SW"]),
-        "both": span(both), "both_mean": both.mean(), "mean": around["share"].mean(),
+        **share(int(beyond["SW"].sum()), int(beyond["runs"].sum())),
+        "single": span(beyond["fraction_SW"]), "both": span(both), "both_mean": both.mean(),
+        "mean": around["share"].mean(),
         "by_spin": records(by_spin.agg(["min", "max"]).reset_index()),
     }  # fmt: skip
 
@@ -309,9 +291,8 @@ def threshold(made: Made) -> Measured:
     """Measure S3: at the smallest oscillation SS is Bondi's threshold, body by body."""
     own = made["fig7"]["fractions"].query("omega_xy0 <= 0.001")
     wrong, runs = int(own[["ss_only", "bondi_only"]].sum().sum()), int(own["runs"].sum())
-    return [Count(runs - wrong, runs)], {
-        **share(wrong, runs), "wrong": wrong, "runs": runs, "SS": int(own["SS"].sum()),
-    }  # fmt: skip
+    numbers = {"wrong": wrong, "runs": runs, "SS": int(own["SS"].sum())}
+    return [Count(runs - wrong, runs)], share(wrong, runs) | numbers
 
 
 def large_oscillation(made: Made) -> Measured:
@@ -319,13 +300,9 @@ def large_oscillation(made: Made) -> Measured:
     frame, readings = made["fig7"]["fractions"], made["fig7"]["definitions"]
     size = frame["omega_xy0"].max()
     large, least = frame.query("omega_xy0 == @size"), frame.query("omega_xy0 == omega_xy0.min()")
-    at = large.query("n_i == -0.3")
-    hits, runs = int(at["SS"].sum()), int(at["runs"].sum())
+    hits, runs = map(int, large.query("n_i == -0.3")[["SS", "runs"]].sum())
     more, fewer = (pooled(own.query("abs(n_i) >= 0.4"), "SS") for own in (least, large))
-    own = readings.query("omega_xy0 == @size and n_i == -0.3")
-    others = own[~own["definition"].str.startswith(DEFAULT_READING)]
-    decided = share(hits, runs)
-    past = int(large["bondi_only"].sum())
+    decided, past = share(hits, runs), int(large["bondi_only"].sum())
     checks = [
         past > 0,
         every([SEVERAL[0] <= 8000 * decided["value"] <= SEVERAL[1]],
@@ -335,20 +312,19 @@ def large_oscillation(made: Made) -> Measured:
     return checks, {
         **decided, "bondi_only": past, "bondi": int(large["bondi"].sum()), "omega_xy0": size,
         "hits": hits, "runs": runs, "most": decided["high"] * runs,
-        "readings": records(others),
+        "readings": records(readings.query("omega_xy0 == @size and n_i == -0.3")),
     }  # fmt: skip
 
 
 def wobbling_chaos(made: Made) -> Measured | None:
     """Measure S5: which wobbling runs are chaotic; None without slow ones or without fast ones."""
-    runs = made["fig7_chaos"]["runs"]
+    runs = made["fig7"]["chaos"]
     calm, fast = runs.query(f"abs(n_i) <= {SLOW}"), runs.query("n_i == -0.5")
     if calm.empty or fast.empty:
         return None
-    middle = float(np.sqrt(runs["K_r"].min() * runs["K_r"].max()))
-    least = fast["K_r"].min()
-    parts = (calm, fast[fast["K_r"] < middle], fast[fast["K_r"] >= middle],
-             fast[fast["K_r"] == least])  # fmt: skip
+    middle = np.sqrt(runs["K_r"].min() * runs["K_r"].max())
+    parts = (calm, fast.query("K_r < @middle"), fast.query("K_r >= @middle"),
+             fast.query("K_r == K_r.min()"))  # fmt: skip
     (hits, total), (many, small), (few, large), lowest = (
         (int(part["chaotic"].sum()), len(part)) for part in parts
     )
@@ -358,16 +334,16 @@ def wobbling_chaos(made: Made) -> Measured | None:
     checks = [Count(total - hits, total), every([many > 0], True),
               every([many * large > few * small], overlap)]  # fmt: skip
     return checks, {
-        **share(hits, total), "hits": hits, "runs": total, "share": share_words(hits, total),
+        **share(hits, total), "hits": hits, "runs": total,
         "middle": middle, "small": f"{many} of {small}", "large": f"{few} of {large}",
-        "K_r": least, "least": "{} of {}, {}".format(*lowest, share_words(*lowest)),
+        "K_r": fast["K_r"].min(), "least": f"{lowest[0]} of {lowest[1]}, {share(*lowest)['share']}",
         "longer": [longer] if len(kept) else [],
     }  # fmt: skip
 
 
 def settled_spins(made: Made) -> Measured | None:
     """Measure S9b: where the spins of SS end, and about which spins SW wobbles; None of neither."""
-    settled, onset = made["fig7"]["settled"], made["fig8_windows"]["onset"]
+    settled, onset = made["fig7"]["settled"], made["fig8"]["onset"]
     wobbling = onset.query("wobbling > 0")
     if settled.empty or wobbling.empty:
         return None
@@ -387,7 +363,7 @@ def settled_spins(made: Made) -> Measured | None:
 def one_way(made: Made) -> Measured:
     """Measure C1: which share of bodies reverses in one direction only, against the friction."""
     rows = made["friction"]["shares"]
-    top = rows.sort_values("fraction_one_way").iloc[-1]
+    top = records(rows.nlargest(1, "fraction_one_way"))[0]
     still = rows[(rows["unsteady"] > rows["runs"] / 2) & (rows["sigma"] >= 0.008)]
     low, high = wilson(still["one_way"], still["unsteady"])
     checks = [

@@ -1,1 +1,0 @@
-"""The paper's claims, and what each is judged by."""

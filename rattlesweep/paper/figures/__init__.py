@@ -1,1 +1,0 @@
-"""The pictures: from tables to Matplotlib figures."""
