@@ -20,8 +20,6 @@ from rattlesweep.sweeps.provenance import package_version
 
 # A table of more rows is not printed whole, but only so many rows from either end.
 MOST_PRINTED, ENDS = 10_000, 20
-# Rows of a row group: chunks are collected up to here.
-GROUP = 1 << 16
 
 
 def schema(course: Course) -> pa.Schema:
@@ -40,14 +38,8 @@ def write_parquet(course: Course, file: BinaryIO) -> None:
     """Integrate and write row groups; at the end, where pyarrow can, the reversals and zeros."""
     columns = schema(course)
     with pq.ParquetWriter(file, columns, compression="zstd", version="2.6") as writer:
-        parts = [columns.empty_table()]
         for chunk in course:
-            parts.append(build_table(chunk, columns))
-            if sum(map(len, parts)) >= GROUP:
-                writer.write_table(pa.concat_tables(parts))
-                parts = [columns.empty_table()]
-        if len(rest := pa.concat_tables(parts)):
-            writer.write_table(rest)
+            writer.write_table(build_table(chunk, columns))
         if hasattr(writer, "add_key_value_metadata"):  # younger than pyarrow 16
             writer.add_key_value_metadata(
                 {"rattlesweep.reversals": json.dumps(course.reversals),
@@ -69,22 +61,17 @@ def write_ends(course: Course, write: Callable[[bytes], Any]) -> bool:
 
     Returns whether rows are left out; a line of dots, which no reader takes for a row, says so.
     """
-    columns = schema(course)
-    times = course.times
+    columns, times = schema(course), course.times
     cut = times is not None and len(times) > MOST_PRINTED
     if times is not None and cut:
         # Rows that are not shown need not be computed.
         course.times = np.concatenate([times[:ENDS], times[len(times) - ENDS : len(times)]])
-    head, rows = columns.empty_table(), columns.empty_table()
-    for chunk in course:
-        rows = pa.concat_tables([rows, build_table(chunk, columns)])
-        cut |= len(rows) > MOST_PRINTED
-        if cut and not len(head):
-            head, rows = rows[:ENDS], rows[ENDS:]
-        if cut:
-            rows = rows[max(0, len(rows) - ENDS) :]
-    write((",".join(columns.names) + "\n").encode() + _lines(head))
-    write(b"...\n" * cut + _lines(rows))
+    rows = pa.concat_tables([columns.empty_table(), *(build_table(c, columns) for c in course)])
+    cut |= len(rows) > MOST_PRINTED
+    first = min(ENDS, len(rows)) if cut else len(rows)
+    write((",".join(columns.names) + "\n").encode() + _lines(rows[:first]))
+    if cut:
+        write(b"...\n" + _lines(rows[max(first, len(rows) - ENDS) :]))
     return cut
 
 

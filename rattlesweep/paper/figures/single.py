@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from rattlesweep.analysis.onerun.course import Trajectory
-from rattlesweep.analysis.onerun.figure import thin
+from rattlesweep.analysis.style import thin
 from rattlesweep.api import trajectory
 from rattlesweep.errors import OutputError
 from rattlesweep.physics.body import PARAMETERS, Rattleback
