@@ -34,7 +34,8 @@ reported as `file:line: key: sentence`. `--set KEY=VALUE` overrides a key by its
 
 The body's mass `M`, the height `a` of its centre of mass at rest and gravity `g` are 1. Times are in `sqrt(a/g)`, spins and rates in
 `sqrt(g/a)`. Where a key takes several numbers, give one number, a list, `{linspace: [low, high, n]}` or `{logspace: [low, high, n]}`; both ends
-are values.
+are values. Where the bodies have a size (`source: shape`, the preset KL, a table with `height_m`), spins, times and losses may have units, as in
+`n_i: 60 rpm`, `t: 20 s` or `sigma: 1e-5 N m s`. If the sizes differ between bodies, such a key has one value.
 
 ```yaml
 name: steady-kr-quick
@@ -52,6 +53,7 @@ EXAMPLES = {
         "bodies: {source: preset, name: GH, overrides: {theta: 0.82}}",
         "bodies: {source: table, path: bodies.csv}",
         "bodies: {source: grid, base: {preset: GH}, axes: {theta: {linspace: [0.6, 0.99, 200]}}}",
+        "bodies: {source: shape, shape: half_ellipsoid, length: 12 cm, width: 3 cm, height: [11 mm, 13 mm], mass: 85 g, skew: 3 deg, samples: 200}",
     ],
     "bodies.ranges": ["bodies: {source: sd, ranges: {theta: [0.7, 0.9], phi: [0.03, 0.03]}}"],
     "bodies.target": ["bodies: {source: sd, target: {K_p: [0.1, 0.5], rel_tol: 1.0e-2}}"],
@@ -63,16 +65,22 @@ EXAMPLES = {
     ],
     "stop": ["stop: {fraction: 0.01}"],
     "launch": ["launch: {omega: [0, 0.01, -0.1], u: [0.01, 0, -1]}"],
-    "spin": ["spin: {n_i: [-0.1, -0.3], omega_xy0: {logspace: [0.001, 0.1, 3]}, psi: pitch}"],
-    "horizon": ["horizon: {t_rgh: 5, t: 1.0e+5}"],
-    "dissipation": ["dissipation: {sigma: [0.001, 0.003], rolling: 0.001}"],
+    "spin": [
+        "spin: {n_i: [-0.1, -0.3], omega_xy0: {logspace: [0.001, 0.1, 3]}, psi: pitch}",
+        "spin: {n_i: {linspace: [30 rpm, 90 rpm, 7]}, omega_xy0: 5 rpm}",
+    ],
+    "horizon": ["horizon: {t_rgh: 5, t: 1.0e+5}", "horizon: {t: 20 s}"],
+    "dissipation": [
+        "dissipation: {sigma: [0.001, 0.003], rolling: 0.001}",
+        "dissipation: {sigma: 1e-5 N m s}",
+    ],
     "integrator": ["integrator: {method: verner98, tol: 1.0e-11}", "integrator: {accuracy: draft}"],
     "integrator.accuracy": ["integrator: {accuracy: {t_r: 1.0e-6}}"],
     "classify": ["classify: {sw_departure: 0.1}"],
 }
 
 SHARED = {
-    "bodies": "The source of the bodies: draw them at random, take one of the literature, read a table, or vary parameters over a grid.",
+    "bodies": "The source of the bodies: draw them at random, take one of the literature, read a table, vary parameters over a grid, or make a shape.",
     "bodies.overrides, bodies.base, bodies.axes": "Parameters of a body. `overrides` replace those of a preset. `base` is the body of a "
     "grid: a preset, six parameters, or a shell-dumbbell body. `axes` vary over several values; the first axis varies slowest.",
 }
@@ -197,7 +205,9 @@ def rows_of(models: dict[str, dict[str, Any]]) -> list[tuple[str, ...]]:
         rows.append((
             f"`{name}`",
             *((", ".join(having) if len(having) < len(models) else "all",) if many else ()),
-            "required" if needed else together({n: default_of(name, key) for n, key in keys.items()}),
+            "required" if needed else together(
+                {n: text for n, key in keys.items() if (text := default_of(name, key))} or {"": ""}
+            ),
             together({n: kind_of(key) for n, key in keys.items()}),
             # What is no code would be taken for a tag.
             together({n: words_of(key) for n, key in keys.items()}),
@@ -274,6 +284,8 @@ def kind_of(key: dict[str, Any]) -> str:
         )
     if key.get("type") in ("integer", "number"):
         return f"{'whole number' if key['type'] == 'integer' else 'number'}{limits(key)}"
+    if "examples" in key:
+        return f"`{key['examples'][0]}`"
     return {"string": "text", "boolean": "`true`, `false`"}[key["type"]]
 
 

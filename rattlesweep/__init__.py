@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 
 __all__ = ["ConfigError", "GrowthRates", "Modes", "OutputError", "Page", "Rattleback", "Run",
            "Sweep", "__version__", "bondi_threshold", "growth_rates", "load", "modes", "replay",
-           "reversal_time_gh", "show", "simulate", "sweep", "trajectory"]  # fmt: skip
+           "reversal_time_gh", "show", "simulate", "sweep", "to_si",
+           "trajectory"]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:

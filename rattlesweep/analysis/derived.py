@@ -11,15 +11,11 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.physics import full, steady, theory
 from rattlesweep.physics.body import PARAMETERS, PRESETS, Rattleback
 from rattlesweep.physics.launch import direction, garcia_hubbard
-from rattlesweep.physics.si import Units
-from rattlesweep.units import SI
 
 FREQUENCY, TIME = "sqrt(g/a)", "sqrt(a/g)"
 SPINS = ("n_c1", "n_i", "n_0")
 """Quantities that are given in turns a minute."""
 SI_NAMES = ("mass", "height", "inertia", "radii")
-UNIT_OF = {"t_end": TIME, "sigma": "M a^2 sqrt(g/a)", "rolling": "a"}
-"""Units of the options that may be in SI units and are no spins."""
 
 
 class Quantity(NamedTuple):
@@ -35,7 +31,7 @@ class Quantity(NamedTuple):
 def make_body(given: dict[str, Any]) -> Rattleback:
     """Return the body of the options of the command line; None stands for not given."""
     given = {name: value for name, value in given.items() if value is not None}
-    if isinstance(given.get("c"), SI) and "height" not in given:
+    if isinstance(given.get("c"), str) and "height" not in given:
         raise ConfigError(
             f"--c has a unit, but the body has no size; give it with {_options(SI_NAMES)}, or a "
             "number in a"
@@ -46,6 +42,8 @@ def make_body(given: dict[str, Any]) -> Rattleback:
         given["xi"] = math.radians(given.pop("xi_deg"))
     preset = given.pop("preset", None)
     try:
+        if {"half_ellipsoid", "skew", "weights", "at"} & given.keys():
+            return _half_ellipsoid(given | ({} if preset is None else {"preset": preset}))
         if measured := {*SI_NAMES, "axes_angle", "z_up"} & given.keys():
             return _from_si(given, preset, measured)
         if preset is not None:
@@ -83,28 +81,26 @@ def _from_si(given: dict[str, Any], preset: str | None, measured: set[str]) -> R
     if missing := [name for name in SI_NAMES if name not in given]:
         raise ConfigError(f"{_options(missing)} missing; a body in SI units has all of "
                           f"{_options(SI_NAMES)}")  # fmt: skip
-    if (c := given.get("c")) is not None and not isinstance(c, SI):
+    if (c := given.get("c")) is not None and not isinstance(c, str):
         given["c"] = c * given["height"]
     return Rattleback.from_si(**given)
 
 
+def _half_ellipsoid(given: dict[str, Any]) -> Rattleback:
+    """Return the body of the options of a half ellipsoid."""
+    own = {"half_ellipsoid", "mass", "skew", "weights", "at"}
+    if missing := {"half_ellipsoid", "mass"} - given.keys():
+        raise ConfigError(f"{_options(missing)} missing; a half ellipsoid has --half-ellipsoid, "
+                          "--mass, and --skew or --weights and --at")  # fmt: skip
+    if others := given.keys() - own:
+        raise ConfigError(f"{_options(others)} given beside --half-ellipsoid, which has "
+                          "--mass, --skew, --weights and --at alone")  # fmt: skip
+    sizes = dict(zip(("length", "width", "height"), given.pop("half_ellipsoid"), strict=True))
+    return Rattleback.half_ellipsoid(**sizes, **given)
+
+
 def _options(names: Iterable[str]) -> str:
     return ", ".join(f"--{name.replace('_', '-')}" for name in sorted(names))
-
-
-def in_units_of(units: Units | None, given: dict[str, Any]) -> dict[str, Any]:
-    """Return spins, times and losses in the units of a body, which SI units need to have a size."""
-    found = dict(given)
-    for name, value in given.items():
-        if isinstance(value, SI):
-            unit = UNIT_OF.get(name, FREQUENCY)
-            if units is None:
-                raise ConfigError(
-                    f"{_options([name])} has a unit, but the body has no size; give it with "
-                    f"{_options(SI_NAMES)}, or a number in {unit}"
-                )
-            found[name] = value * units.time if unit == FREQUENCY else value / units.sizes[unit][0]
-    return found
 
 
 def _check(n_i: float, omega_xy0: float, sigma: float, rolling: float) -> None:

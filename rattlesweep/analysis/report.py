@@ -17,7 +17,7 @@ from rattlesweep.analysis.plots.layout import Layout, read_layout
 from rattlesweep.analysis.style import encode, styled
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps.config.read import resolved
-from rattlesweep.sweeps.sessions import read_sessions
+from rattlesweep.sweeps.provenance import read_sessions
 from rattlesweep.sweeps.status import status
 from rattlesweep.sweeps.stored import Stored
 from rattlesweep.sweeps.summary import absent_columns, count_cases, summary_table
@@ -122,7 +122,7 @@ def make_report(directory: Path, title: str | None = None) -> bytes:
             ("hash of the config", stored.hash),
         ],
         sessions=[
-            [str(s.get("started"))[:19], s.get("how"), s.get("share"), s.get("host"),
+            [str(s.get("started"))[:19], s.get("how"), s.get("shard"), s.get("host"),
              s.get("threads"), s.get("runs"), s.get("seconds")]
             for s in sessions[-MOST_SESSIONS:]
         ],

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from rattlesweep.api.arrays import Bodies, body_columns, broadcast, numbers
+from rattlesweep.api.arrays import Bodies, body_columns, broadcast, column_scale, numbers
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import full, steady, theory
@@ -80,10 +80,15 @@ def reversal_time_gh(body: Bodies, n_i: ArrayLike, omega_xy0: ArrayLike) -> Any:
     array([[108.2, 833.5],
            [ 22.8, 343.4]])
     """
-    launch = {"n_i": numbers("n_i", n_i), "omega_xy0": numbers("omega_xy0", omega_xy0)}
+    columns = body_columns(body)
+    scale = column_scale(columns)
+    launch = {
+        "n_i": numbers("n_i", n_i, scale),
+        "omega_xy0": numbers("omega_xy0", omega_xy0, scale),
+    }
     if not launch["n_i"].all():
         raise ConfigError("n_i: a launch without spin, n_i = 0, has no time of reversal")
-    parts, _ = broadcast(_parameters(body, *PARAMETERS) | launch)
+    parts, _ = broadcast({name: columns[name] for name in PARAMETERS} | launch)
     body_ = SimpleNamespace(**parts)
     found = theory.modes(body_.alpha, body_.beta, body_.theta, body_.phi, body_.xi)
     psi = direction(found, body_.n_i, "relevant")
@@ -148,7 +153,9 @@ def growth_rates(body: Bodies, n: ArrayLike, *, exact: bool = False) -> GrowthRa
     >>> rs.growth_rates(gh, [-1.6, -1.7], exact=True).roll.round(5)
     array([ 0.00151, -0.00046])
     """
-    parts, _ = broadcast(_parameters(body, *PARAMETERS) | {"n": numbers("n", n)})
+    columns = body_columns(body)
+    n = numbers("n", n, column_scale(columns))
+    parts, _ = broadcast({name: columns[name] for name in PARAMETERS} | {"n": n})
     spin = parts.pop("n")
     if exact:
         rates = steady.growth(full.constants(**parts), spin)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import html
 import os
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rattlesweep.api.arrays import check_count, is_frame, kind_of, number, to_frame
-from rattlesweep.api.single import Page, replay
+from rattlesweep.api.arrays import check_count, is_frame, kind_of, to_frame
+from rattlesweep.api.single import Page, replay, show_stored
 from rattlesweep.errors import ConfigError, ConfigWarning
 from rattlesweep.progress import Bar
 
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
 
     from rattlesweep.analysis.compare import Comparison
     from rattlesweep.analysis.onerun.course import Trajectory
-    from rattlesweep.sweeps.plan import Plan
     from rattlesweep.sweeps.stored import Stored
     from rattlesweep.sweeps.verify import Verified
 
@@ -40,6 +40,11 @@ class Sweep:
     Attributes
     ----------
     directory : Path
+
+    Raises
+    ------
+    OutputError, ConfigError
+        If it is not the output directory of a sweep.
     """
 
     def __init__(self, directory: str | Path) -> None:
@@ -107,8 +112,7 @@ class Sweep:
         Examples
         --------
         >>> import rattlesweep as rs
-        >>> sweep = rs.load("out/gh")
-        >>> slow = sweep.read(["n_i", "t_r"], where="t_r > 200")
+        >>> slow = rs.load("out/gh").read(["n_i", "t_r"], where="t_r > 200")
         >>> slow.t_r.round(2).tolist(), slow.attrs["units"]["t_r"]
         ([809.86], 'sqrt(a/g)')
         """
@@ -162,13 +166,6 @@ class Sweep:
             and the axes of a grid of bodies by their names, else ``sample``; coordinates ascend.
             Each variable has ``units`` and ``long_name``.  Runs that are not stored are NaN, or
             empty words.  Beside an axis of targets, the bodies' own coefficient is ``K_r_body``.
-
-        Examples
-        --------
-        >>> import rattlesweep as rs
-        >>> runs = rs.load("out/gh").to_xarray(["t_r", "type"]).squeeze()
-        >>> runs.t_r.sel(n_i=-0.1).round(2).item(), runs.t_r.attrs["units"]
-        (809.86, 'sqrt(a/g)')
         """
         from rattlesweep.analysis.dataset import make_dataset
         from rattlesweep.analysis.plots.layout import read_layout
@@ -211,11 +208,6 @@ class Sweep:
         -------
         matplotlib.figure.Figure
             Shown by a notebook; ``savefig`` writes it.
-
-        Examples
-        --------
-        >>> import rattlesweep as rs
-        >>> figure = rs.load("out/gh").plot("distribution", path="distribution.svg")
         """
         from rattlesweep.analysis.plots.kinds import choose_picture
         from rattlesweep.analysis.plots.layout import read_layout
@@ -231,41 +223,25 @@ class Sweep:
             select = [f"{name}={_values(value)}" for name, value in select.items()]
         elif isinstance(select, str):
             select = [select]
+        layout = read_layout(self.directory)
         with styled():
             picture = choose_picture(
-                read_layout(self.directory),
-                kind,
-                x=x,
-                quantity=quantity,
-                select=select,
-                where=where,
+                layout, kind, x=x, quantity=quantity, select=select, where=where
             )
             figure = picture.figure(**looks)
             if path is not None:
                 save(figure, [Path(path)], 150.0)
-        # A figure that is none of pyplot's is shown by no notebook unless it says how.
+        # Figures made without pyplot need this to show in a notebook.
         setattr(figure, "_repr_png_", lambda: encode(figure, "png", DPI))  # noqa: B010
         return figure
 
     def report(self, path: str | Path | None = None, *, title: str | None = None) -> Page:
-        """Write one self-contained HTML page about the sweep.
-
-        Parameters
-        ----------
-        path : path, optional
-            By default ``report.html`` in the directory.
-        title : str, optional
+        """Write one self-contained HTML page about the sweep, by default DIRECTORY/report.html.
 
         Returns
         -------
         Page
             A notebook shows it.
-
-        Examples
-        --------
-        >>> import rattlesweep as rs
-        >>> rs.load("out/gh").report().path.name
-        'report.html'
         """
         from rattlesweep.analysis.report import make_report
 
@@ -285,12 +261,6 @@ class Sweep:
         -------
         Verified
             ``problems``, a list of sentences, empty if all is well, and ``words``.
-
-        Examples
-        --------
-        >>> import rattlesweep as rs
-        >>> rs.load("out/gh").verify(recompute=2).problems
-        []
         """
         from rattlesweep.sweeps.verify import verify
 
@@ -299,22 +269,7 @@ class Sweep:
         return verify(self.directory, recompute, seed, threads)
 
     def compare(self, other: Sweep | str | Path) -> Comparison:
-        """Compare the runs with those of another directory, as ``rattlesweep compare`` does.
-
-        Parameters
-        ----------
-        other : Sweep or path
-            A sweep of the same runs.
-
-        Returns
-        -------
-        Comparison
-
-        Examples
-        --------
-        >>> import rattlesweep as rs
-        >>> same = rs.load("out/gh").compare("out/gh")
-        """
+        """Compare the runs with the same runs of another sweep, as ``rattlesweep compare`` does."""
         from rattlesweep.analysis.compare import compare
 
         return compare(self.directory, other.directory if isinstance(other, Sweep) else Path(other))
@@ -332,12 +287,6 @@ class Sweep:
         -------
         pandas.DataFrame
             The new summary.
-
-        Examples
-        --------
-        >>> import rattlesweep as rs
-        >>> rs.load("out/gh").classify(sw_departure=0.1).fraction_R.tolist()
-        [1.0, 1.0]
         """
         from rattlesweep.sweeps.classify import classify_stored
 
@@ -345,15 +294,7 @@ class Sweep:
         return to_frame(classify_stored(self.directory, texts).summary)
 
     def replay(self, case: int, sample: int, **rows: Any) -> Trajectory:
-        """Integrate one of the runs again as a trajectory, as :func:`rattlesweep.replay` does.
-
-        Examples
-        --------
-        >>> import rattlesweep as rs
-        >>> path = rs.load("out/gh").replay(0, 0, channels=("t", "n"), points=5)
-        >>> path.reversals.round(2)
-        array([112.09])
-        """
+        """Integrate one of the runs again as a trajectory, as :func:`rattlesweep.replay` does."""
         return replay(self.directory, case, sample, **rows)
 
     def show(
@@ -366,7 +307,7 @@ class Sweep:
         title: str | None = None,
         **settings: Any,
     ) -> Page:
-        """Write a page on which the body of one of the runs rolls on the plane.
+        """Make a page on which the body of one of the runs rolls on the plane.
 
         Parameters
         ----------
@@ -375,7 +316,7 @@ class Sweep:
         where : str, optional
             Instead of these, a condition: the first run for which it is true.
         path : path, optional
-            By default ``show-CASE-SAMPLE.html`` in the directory.
+            An .html file to write it to.
         title : str, optional
         **settings
             ``t_end``, ``from_time`` and ``points``, as for :func:`rattlesweep.show`.
@@ -386,46 +327,21 @@ class Sweep:
             If there is no such run, its model has no body that moves, or an argument is wrong.
         OutputError
             If the run is not stored yet, or does not come out as stored, bit for bit.
-
-        Examples
-        --------
-        >>> import rattlesweep as rs
-        >>> rs.load("out/gh").show(0, 0, t_end=20).path.name
-        'show-0-0.html'
         """
-        from rattlesweep.analysis.onerun.replay import Replay
-        from rattlesweep.analysis.viewer import show
-
-        source = Replay(self.directory)
-        run = source.select(case, sample, where)[0]
-        target = self.directory / f"show-{run.case}-{run.sample}.html"
-        target = target if path is None else Path(path)
-        t_end = number("t_end", settings.pop("t_end", None))
-        show.save_stored(source, run, target, title, t_end, **settings)
-        return Page(target.read_bytes(), target)
+        run = {"case": case, "sample": sample, "where": where}
+        return show_stored(self.directory, run, title=title, path=path, **settings)
 
     def __repr__(self) -> str:
         return f"<Sweep {self.directory}: {self._stored.count():,} runs>"
 
     def _repr_html_(self) -> str:
-        import html
-
         summary = self.summary.dropna(axis="columns", how="all")
         table = summary.to_html(max_rows=10, index=False, float_format=lambda x: f"{x:.5g}")
         return f"<div>{html.escape(repr(self))}{table}</div>"
 
 
 def load(directory: str | Path) -> Sweep:
-    """Open an output directory.
-
-    Parameters
-    ----------
-    directory : path
-        Of a sweep, whole or still running.
-
-    Returns
-    -------
-    Sweep
+    """Open the output directory of a sweep, whole or still running.
 
     Examples
     --------
@@ -452,8 +368,8 @@ def sweep(
     ----------
     config : path, mapping or DataFrame
         A config file; what one would hold; or bodies, with the columns ``alpha beta gamma theta phi
-        xi`` and perhaps ``n_i omega_xy0 psi t_end``, as in a table of bodies (angles in radians).
-        Bodies are kept in the output directory beside their runs.
+        xi`` and perhaps ``n_i omega_xy0 psi t_end``, as in a table of bodies (angles in radians),
+        or those in SI units.  Bodies are kept in the output directory beside their runs.
     output : path, optional
         Output directory; overrides the config's.
     threads : int, optional
@@ -466,6 +382,13 @@ def sweep(
     Returns
     -------
     Sweep
+
+    Raises
+    ------
+    ConfigError
+        If the config or an argument is wrong, or the directory holds another sweep.
+    OutputError
+        If the directory cannot be read or written.
 
     Warns
     -----
@@ -484,41 +407,34 @@ def sweep(
     [33.15, 33.15]
     """
     from rattlesweep.integrate.compile import listening
+    from rattlesweep.sweeps.config.read import load_config, parse_config
+    from rattlesweep.sweeps.plausible import checked_plan
     from rattlesweep.sweeps.run import run_sweep
 
     check_count("threads", threads)
     target = None if output is None else Path(output)
-    plan, target, base, doubts = _planned(config, target, keys)
+    base: Path | None = None
+    if is_frame(config):
+        from rattlesweep.sweeps.frame import plan_frame
+
+        plan, target, base, doubts = plan_frame(config, target, keys)
+    else:
+        if keys:
+            raise ConfigError(
+                f"{next(iter(keys))}: is given beside a config; write it into the config, as only "
+                "a DataFrame of bodies has its keys beside it"
+            )
+        if isinstance(config, str | os.PathLike):
+            loaded, base = load_config(config), Path(config).resolve().parent
+        else:
+            loaded = parse_config(config)  # type: ignore[arg-type]
+        plan, doubts = checked_plan(loaded, base)
+        target = target or Path(loaded.directory)
     for doubt in doubts:
         warnings.warn(doubt, ConfigWarning, stacklevel=2)
     with Bar.of_call(progress) as bar, listening(bar.compiling):
         run_sweep(plan, target, base=base, threads=threads, report=bar)
     return Sweep(target)
-
-
-def _planned(
-    config: Any, output: Path | None, keys: Mapping[str, Any]
-) -> tuple[Plan, Path, Path | None, list[str]]:
-    """Return the plan, the output directory, the directory of tables, and the doubts."""
-    from rattlesweep.sweeps.config.read import load_config, parse_config
-    from rattlesweep.sweeps.plausible import checked_plan
-
-    if is_frame(config):
-        from rattlesweep.sweeps.frame import plan_frame
-
-        return plan_frame(config, output, keys)
-    if keys:
-        raise ConfigError(
-            f"{next(iter(keys))}: is given beside a config; write it into the config, as only a "
-            "DataFrame of bodies has its keys beside it"
-        )
-    base: Path | None = None
-    if isinstance(config, str | Path):
-        loaded, base = load_config(config), Path(config).resolve().parent
-    else:
-        loaded = parse_config(config)
-    plan, doubts = checked_plan(loaded, base)
-    return plan, output or Path(loaded.directory), base, doubts
 
 
 def _values(value: Any) -> str:

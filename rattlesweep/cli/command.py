@@ -9,7 +9,7 @@ import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Literal, NoReturn, get_args
+from typing import Any, NoReturn
 
 import click
 
@@ -19,27 +19,21 @@ from rattlesweep.integrate.compile import listening
 from rattlesweep.progress import Bar
 from rattlesweep.text import align
 
-DONE, FAILED, WRONG, SOME_FAILED, EARLY, INTERRUPTED, TERMINATED = 0, 1, 2, 3, 75, 130, 143
+DONE, FAILED, WRONG, SOME_FAILED, EARLY = 0, 1, 2, 3, 75
 MOST_ROWS = 20
 """Rows of a table that are printed."""
-
-# In the order of `--help`.
-Section = Literal["Sweeps", "Results of a sweep", "One run", "Studies"]
+SECTIONS = ("Sweeps", "Results of a sweep", "One run", "Studies")
 
 
-class Interrupted(BaseException):
-    """Ctrl-C was pressed while a command was at work."""
+class Stopped(BaseException):
+    """A signal has stopped a command: at a KeyboardInterrupt click would write an empty line."""
 
-
-class Terminated(BaseException):
-    """SIGTERM arrived."""
-
-
-# -- what goes out -----------------------------------------------------------------------------
+    def __init__(self, number: int) -> None:
+        self.number = number
 
 
 def say(text: str) -> None:
-    """Write a line to standard error, where everything goes that is no data."""
+    """Write a line to standard error, where everything goes that is not data."""
     click.echo(printable(text), err=True)
 
 
@@ -58,13 +52,10 @@ def probe(*files: Path | None) -> None:
         probe_directory(path.parent)
 
 
-# -- commands ----------------------------------------------------------------------------------
-
-
 class Command(click.Command):
     """A command; its function returns the exit code, or None if all is done."""
 
-    section: Section
+    section = ""
 
     def invoke(self, ctx: click.Context) -> None:
         """Check the environment, call the function and end with its exit code."""
@@ -74,8 +65,7 @@ class Command(click.Command):
             with listening(None if quiet else Bar.of_command(quiet).compiling):
                 code = super().invoke(ctx)
         except KeyboardInterrupt as error:
-            # click would write an empty line before it hands this on.
-            raise Interrupted from error
+            raise Stopped(signal.SIGINT) from error
         ctx.exit(code or DONE)
 
 
@@ -89,17 +79,18 @@ class Program(click.Group):
         try:
             code = super().main(*args, **{**settings, "standalone_mode": False})
             sys.stdout.flush()
-        except (click.Abort, KeyboardInterrupt, Interrupted, Terminated) as error:
+        except (click.Abort, KeyboardInterrupt, Stopped) as error:
             signal.signal(signal.SIGINT, signal.SIG_DFL)  # a second Ctrl-C ends it at once
+            number = getattr(error, "number", signal.SIGINT)
             kept: list[str] = getattr(error.__cause__ or error, "__notes__", [])
             resumes = f"; {'; '.join(kept)}, and the same command resumes from there"
-            term = isinstance(error, Terminated)
-            say(("terminated" if term else "interrupted") + (resumes if kept else ""))
-            code = TERMINATED if term else INTERRUPTED
+            word = "interrupted" if number == signal.SIGINT else "terminated"
+            say(word + (resumes if kept else ""))
+            code = 128 + number
         except BrokenPipeError:
             code = FAILED  # the reader of standard output has gone, and there is nobody to tell
         except click.ClickException as error:
-            message = error.format_message().rstrip(".").replace("'. (", "' (")
+            message = error.format_message().rstrip(".")
             context = getattr(error, "ctx", None)
             more = f"; see `{context.command_path} --help`" if context else ""
             say(f"error: {message[:1].lower()}{message[1:]}{more}")
@@ -109,37 +100,24 @@ class Program(click.Group):
                 say(f"error: {line}")
             code = FAILED if isinstance(error, OutputError) else WRONG
         except OSError as error:
-            # Such as a full disk behind standard output.
-            what = f"{error.filename}" if error.filename else "cannot write to standard output"
+            what = error.filename or "cannot write to standard output"
             say(f"error: {what}: {error.strerror or error}")
             code = FAILED
         _leave(code or DONE)
 
-    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
-        """Return the command of a command line; name the nearest one if there is none."""
-        name = args[0]
-        if name not in self.commands and name[:1] != "-" and not ctx.resilient_parsing:
-            from difflib import get_close_matches
-
-            near = get_close_matches(name, self.commands, n=1)
-            hint = f"did you mean {near[0]}?" if near else "`rattlesweep --help` lists all"
-            raise ConfigError(f"no such command: {name}; {hint}")
-        return super().resolve_command(ctx, args)
-
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands by section, each with its whole first sentence."""
-        for section in get_args(Section):
+        for section in SECTIONS:
+            rows = [
+                (f"{name:<11}", command.get_short_help_str(limit=1000))
+                for name, command in self.commands.items()
+                if getattr(command, "section", "") == section
+            ]
             with formatter.section(section):
-                formatter.write_dl(
-                    [
-                        (f"{name:<11}", command.get_short_help_str(limit=1000))
-                        for name, command in self.commands.items()
-                        if getattr(command, "section", None) == section
-                    ]
-                )
+                formatter.write_dl(rows)
 
 
-def command(section: Section, *examples: str) -> Callable[[Callable[..., Any]], Command]:
+def command(section: str, *examples: str) -> Callable[[Callable[..., Any]], Command]:
     """Make a function a command of the program.
 
     `section` is where `--help` lists it, `examples` are the command lines that end its own help.
@@ -198,9 +176,6 @@ def main(context: click.Context, verbose: bool) -> None:
         context.exit(WRONG)
 
 
-# -- the process -------------------------------------------------------------------------------
-
-
 def _mend_streams() -> None:
     """Replace streams that were closed when the process began.
 
@@ -214,7 +189,7 @@ def _mend_streams() -> None:
 
 
 def _terminate(number: int, frame: Any) -> NoReturn:
-    raise Terminated
+    raise Stopped(number)
 
 
 def _leave(code: int) -> NoReturn:
@@ -225,7 +200,7 @@ def _leave(code: int) -> NoReturn:
         # Python would try once more to write what could not be written, and fail.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     sys.stderr.flush()
-    # Ours by name: an embedding program, such as a test runner, may have daemons of its own.
-    if any(t.name.startswith("rattlesweep-") for t in threading.enumerate()):
+    # By name: an embedding program, such as a test runner, may have other threads.
+    if any(thread.name.startswith("rattlesweep-") for thread in threading.enumerate()):
         os._exit(code)
     raise SystemExit(code)

@@ -1,7 +1,4 @@
-"""Options that several commands have, and the kinds of their values.
-
-A value that is none of its kind is refused in one sentence.
-"""
+"""Options that several commands have, and the kinds of their values."""
 
 from __future__ import annotations
 
@@ -16,25 +13,21 @@ from pathlib import Path
 from typing import Any
 
 import click
-from click import argument, option
+from click import Choice, argument, option
 
 from rattlesweep.durations import seconds_of
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.integrate import check_settings
 from rattlesweep.integrate.tableau import METHODS
-from rattlesweep.units import SI, quantities, quantity
+from rattlesweep.units import quantities, quantity
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
-
-
-# -- kinds of values ---------------------------------------------------------------------------
 
 
 class Kind(click.ParamType):  # type: ignore[type-arg]
     """Values that a function reads from text, and refuses by a ValueError.
 
-    The function may be given by its place, ``module:function``, for modules that take long to
-    import.
+    The function may be given by its place, ``module:function``, if its module takes long to import.
     """
 
     def __init__(self, name: str, read: Callable[[str], Any] | str) -> None:
@@ -48,36 +41,11 @@ class Kind(click.ParamType):  # type: ignore[type-arg]
         try:
             return read(value)
         except ValueError as error:
-            given = f"{_flag(param)} {one_line(value)}".strip()
-            raise ConfigError(f"{given}: {error}") from None
+            flag = "" if param is None else max(param.opts, key=len)
+            raise ConfigError(f"{flag} {one_line(value)}".strip() + f": {error}") from None
 
 
-class Choice(click.Choice[str]):
-    """One of some words, or perhaps a number."""
-
-    def __init__(self, words: Sequence[str], *, or_number: bool = False) -> None:
-        super().__init__(words)
-        self._or_number = or_number
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: Any) -> Any:
-        """Read what was typed, and name the nearest word if it is none."""
-        if value in self.choices:
-            return value
-        if self._or_number:
-            with suppress(ValueError):
-                return float(value)
-        from rattlesweep.sweeps.config.messages import not_one_of
-
-        raise ConfigError(f"{_flag(param)}: {not_one_of(value, self.choices)}")
-
-
-def _flag(param: click.Parameter | None) -> str:
-    return "" if param is None else max(param.opts, key=len)
-
-
-def _numbers(
-    count: int, fit: Callable[..., bool], wanted: str
-) -> Callable[[str], tuple[float, ...]]:
+def _numbers(count: int, fit: Callable[..., bool], wanted: str) -> Callable[[str], Any]:
     """Return a function that reads so many numbers, with commas between them, that fit."""
 
     def read(text: str) -> tuple[float, ...]:
@@ -90,20 +58,23 @@ def _numbers(
     return read
 
 
-def _measured(kind: str) -> Callable[[str], float]:
-    """Return a function that reads a number in the body's units, or one with an SI unit."""
-
-    def read(text: str) -> float:
-        try:
-            return float(text)
-        except ValueError:
-            return SI(quantity(text, kind))
-
-    return read
+def _measured(kind: str, text: str) -> float | str:
+    """Read a number in the body's units, or check one with an SI unit."""
+    with suppress(ValueError):
+        return float(text)
+    quantity(text, kind)
+    return text
 
 
-def _names(text: str) -> tuple[str, ...]:
+def names(text: str) -> tuple[str, ...]:
+    """Return what stands between commas."""
     return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+def _direction(text: str) -> float | str:
+    with suppress(ValueError):
+        return float(text)
+    return text
 
 
 def _directory(text: str) -> Path:
@@ -114,21 +85,15 @@ def _directory(text: str) -> Path:
     return Path(text)
 
 
-def _file(endings: Sequence[str]) -> Kind:
-    def read(text: str) -> Path:
-        if not text.lower().endswith(tuple(endings)):
-            wanted = ", ".join(endings[:-1]) + " or " * (len(endings) > 1) + endings[-1]
-            raise ValueError(f"the name must end in {wanted}")
-        return Path(text)
-
-    return Kind("file", read)
+def _file(endings: Sequence[str], text: str) -> Path:
+    if not text.lower().endswith(tuple(endings)):
+        raise ValueError(f"the name must end in {' or '.join(endings)}")
+    return Path(text)
 
 
 def _title(text: str) -> str:
-    bad = next((c for c in text if unicodedata.category(c) in ("Cc", "Cs")), None)
-    if bad is not None:
-        what = "a control character" if unicodedata.category(bad) == "Cc" else "no text"
-        raise ValueError(f"{ascii(bad)[1:-1]} in it is {what}; leave it out")
+    if any(unicodedata.category(c) in ("Cc", "Cs") for c in text):
+        raise ValueError("a control character is in it; leave it out")
     return text
 
 
@@ -144,26 +109,27 @@ def _formula(text: str) -> str:
 
 
 def _count(text: str) -> int:
-    """Read a whole number of threads."""
     with suppress(ValueError):
         if (count := int(text)) >= 1:
             return count
     raise ValueError("is no number of threads; give a whole number from 1 on")
 
 
-def check_threads(count: int | None) -> int | None:
-    """Raise a ConfigError for more threads than Numba can start, without importing Numba."""
+def _check_threads(context: click.Context, _: click.Parameter, count: int | None) -> int | None:
+    """Refuse more threads than Numba can start here, without importing Numba.
+
+    Workers of a scheduler elsewhere may have more processors.
+    """
     check_settings()
     affinity = getattr(os, "sched_getaffinity", None)
     there = len(affinity(0)) if affinity else os.cpu_count() or 1
     most = int(os.environ.get("NUMBA_NUM_THREADS", there))
-    if count is not None and count > most:
+    if count is not None and count > most and not context.params.get("scheduler"):
         raise ConfigError(f"--threads {count}: is more than the {most} processors there are")
     return count
 
 
 PICTURES = (".svg", ".png", ".pdf")
-COUNT = Kind("n", _count)
 TIME = Kind("time", seconds_of)
 SIZE = Kind("w,h", _numbers(2, lambda w, h: 1 <= w <= 60 and 1 <= h <= 60,
             "give width and height in inches, each from 1 to 60, as in 7,4.5"))  # fmt: skip
@@ -171,22 +137,16 @@ LIMITS = Kind("low,high", _numbers(2, lambda low, high: -math.inf < low < high <
               "give the lower and the upper end, as in 0.01,0.1"))  # fmt: skip
 VECTOR = Kind("x,y,z", _numbers(3, lambda *xyz: True,
               "is no vector; give three numbers, such as 0,0,-1"))  # fmt: skip
-NAMES = Kind("a,b,...", _names)
-DIRECTORY = Kind("dir", _directory)
-SPIN, DURATION, LENGTH, DAMPING = (
-    Kind(name, _measured(kind))
+SPIN, DURATION, LENGTH, ENERGY, DAMPING = (
+    Kind(name, partial(_measured, kind))
     for name, kind in (("spin", "spin"), ("time", "time"), ("length", "length"),
-                       ("sigma", "torque per spin"))
+                       ("energy", "energy"), ("sigma", "torque per spin"))
 )  # fmt: skip
-# Registries hold these words too, but take long to import; a test compares.
+# The modules that hold these words too take long to import; a test compares.
 PRESETS = Choice(["GH", "KL"])
 ACCURACIES = Choice(["draft", "standard", "reference"])
 MODELS = Choice(["full", "reduced", "gh"])
-PSI = Choice(["relevant", "pitch", "roll"], or_number=True)
 KINDS = Choice(["fractions", "times", "ratio", "map", "reversals", "distribution", "scatter"])
-
-
-# -- options -----------------------------------------------------------------------------------
 
 
 def stack(*decorators: Decorator) -> Decorator:
@@ -208,13 +168,13 @@ def pick(given: dict[str, Any], *names: str) -> dict[str, Any]:
 
 def output(help: str = "Output directory; overrides the config's.", **settings: Any) -> Decorator:
     """Return the option of the directory to write."""
-    return option("-o", "--output", type=DIRECTORY, help=help, **settings)
+    return option("-o", "--output", type=Kind("dir", _directory), help=help, **settings)
 
 
 def file(name: str, *endings: str, help: str, **settings: Any) -> Decorator:
     """Return the option of a file to write, whose ending tells the format."""
     names = ("-o", name) if name == "--output" else (name,)
-    return option(*names, type=_file(endings), help=help, **settings)
+    return option(*names, type=Kind("file", partial(_file, endings)), help=help, **settings)
 
 
 def title(formula: bool = False) -> Decorator:
@@ -223,15 +183,17 @@ def title(formula: bool = False) -> Decorator:
     return option("--title", type=kind, help="Title of the page or the picture.")
 
 
-config = argument("config", type=click.Path(path_type=Path))
-directory = argument("directory", type=click.Path(path_type=Path))
+def path(name: str, **settings: Any) -> Decorator:
+    """Return an argument that is a path."""
+    return argument(name, type=click.Path(path_type=Path), **settings)
+
+
+config, directory = path("config"), path("directory")
 overrides = option(
     "--set", "overrides", metavar="KEY=VALUE", multiple=True,
     help="Override a key of the config, such as bodies.samples=10; may be repeated.",
 )  # fmt: skip
-any_threads = option("-j", "--threads", type=COUNT,
-                     help="Threads of the kernel; by default one a processor.")  # fmt: skip
-threads = option("-j", "--threads", type=COUNT, callback=lambda _, option, n: check_threads(n),
+threads = option("-j", "--threads", type=Kind("n", _count), callback=_check_threads,
                  help="Threads of the kernel; by default one a processor.")  # fmt: skip
 as_json = option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
 quiet = option("-q", "--quiet", is_flag=True, help="No progress, closing words or warnings.")
@@ -239,10 +201,11 @@ figure = file("--figure", *PICTURES, help="Also draw a figure, an .svg, .png or 
 data = file("--data", ".csv", ".parquet", help="Also write the numbers, as .csv or .parquet.")
 t_end = option("--t-end", type=DURATION, help="Horizon, in sqrt(a/g), or as in 20s; by default "
                "5 t_rGH, or that of the sweep.")  # fmt: skip
-from_time = option("--from-time", type=float, help="Time of the first row, in sqrt(a/g).")
+from_time = option("--from-time", type=DURATION, help="Time of the first row, likewise.")
 
 BODY = ("preset", "alpha", "beta", "gamma", "f_sd", "theta", "phi", "xi", "xi_deg", "c", "mass",
-        "height", "inertia", "radii", "axes_angle", "z_up")  # fmt: skip
+        "height", "inertia", "radii", "axes_angle", "z_up",
+        "half_ellipsoid", "skew", "weights", "at")  # fmt: skip
 body = stack(
     option("--preset", type=PRESETS,
            help="A named body (Garcia and Hubbard 1988, Kane and Levinson 1982)."),
@@ -267,6 +230,17 @@ body = stack(
     option("--axes-angle", type=Kind("angle", partial(quantity, kind="angle")),
            help="Angle from the x axis of --inertia to the direction of the first of --radii."),
     option("--z-up", is_flag=True, default=None, help="The z axis of --inertia points up."),
+    option("--half-ellipsoid", type=Kind("length,width,height",
+           lambda text: quantities(text, "length", 3)),
+           help="Instead of height, inertia and radii: a solid half ellipsoid with its flat side "
+                "up, as in 12cm,3cm,12mm; --mass is without weights."),
+    option("--skew", type=Kind("angle", partial(quantity, kind="angle")),
+           help="Angle by which its axes of inertia are turned clockwise, seen from above."),
+    option("--weights", type=Kind("mass", partial(quantity, kind="mass")),
+           help="Mass of each of two weights on its flat side."),
+    option("--at", type=Kind("x,y", lambda text: quantities(text, "length", 2)),
+           help="Place of one weight from the middle, along and across, as in 45,-9mm; the other "
+                "one lies opposite."),
 )  # fmt: skip
 DISSIPATION = ("sigma", "rolling")
 dissipation = stack(
@@ -280,17 +254,18 @@ spin = stack(
     option("--n-i", type=SPIN,
            help="Initial spin, in sqrt(g/a), or as in 60rpm.  [default: 0.1]"),
     option("--omega-xy0", type=SPIN,
-           help="Initial oscillation, in sqrt(g/a).  [default: 0.01]"),
+           help="Initial oscillation, in sqrt(g/a), or as in 5rpm.  [default: 0.01]"),
 )  # fmt: skip
-LAUNCH = (*SPIN_DEFAULTS, "psi", "omega", "u")
 launch = stack(
     spin,
-    option("--psi", type=PSI, metavar="DIRECTION", help="Direction of the oscillation: relevant, "
-           "pitch, roll, or degrees.  [default: relevant]"),
+    option("--psi", type=Kind("direction", _direction), help="Direction of the oscillation: "
+           "relevant, pitch, roll, or degrees.  [default: relevant]"),
     option("--omega", type=VECTOR, help="A full state instead: angular velocity along the body's "
            "axes, in sqrt(g/a)."),
     option("--u", type=VECTOR,
            help="Vertical unit vector along the body's axes.  [default: 0,0,-1]"),
+    dissipation,
+    t_end,
 )  # fmt: skip
 INTEGRATOR = ("method", "tol", "dt_step", "accuracy")
 integrator = stack(
@@ -305,7 +280,7 @@ ROWS = ("points", "dt", "steps", "from_time")
 rows = stack(
     option("--points", type=int, help="Number of rows, evenly spaced up to the horizon.  "
            "[default: 2001, or 20 per pitch period if that is more]"),
-    option("--dt", type=float, help="Spacing of the rows in time."),
+    option("--dt", type=DURATION, help="Spacing of the rows in time."),
     option("--steps", is_flag=True, default=None, help="One row per accepted step."),
     from_time,
 )  # fmt: skip

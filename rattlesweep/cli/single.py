@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import stat
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -11,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from click import argument, option
+from click import option
 
 from rattlesweep.cli import options
 from rattlesweep.cli.command import DONE, SOME_FAILED, command, probe, say, to_json
@@ -23,7 +21,7 @@ from rattlesweep.text import align, counted
 if TYPE_CHECKING:
     from rattlesweep.analysis.onerun.course import Course, PreparedRun
     from rattlesweep.analysis.onerun.rows import Rows
-    from rattlesweep.physics.si import Units
+    from rattlesweep.sweeps.bodies.protocol import Scale
     from rattlesweep.sweeps.single import Launch
 
 
@@ -32,6 +30,7 @@ if TYPE_CHECKING:
     "rattlesweep body --preset GH",
     "rattlesweep body --mass 85g --height 1cm --inertia '60,900,920,-20 g cm^2' "
     "--radii '50,1.5 cm' --n-i 60rpm",
+    "rattlesweep body --half-ellipsoid 12cm,3cm,12mm --mass 60g --skew 3deg --n-i 60rpm",
     "rattlesweep body --gamma 10 --f-sd 0.1 --theta 0.8 --phi 0.05 --xi-deg -3 --json",
 )
 @options.body
@@ -44,11 +43,14 @@ def body(as_json: bool, **given: Any) -> None:
     The spin and the oscillation matter for the reversal times only. A body that was given in SI
     units has all quantities in both systems, with g = 9.81 m/s^2.
     """
-    from rattlesweep.analysis.derived import derived, in_units_of, make_body
+    from rattlesweep.analysis.derived import derived, make_body
+    from rattlesweep.api.arrays import number, scale_of
 
     made = make_body(pick(given, *options.BODY))
+    scale = scale_of(made.units)
     launch = options.SPIN_DEFAULTS | pick(given, *given)
-    values = derived(made, **in_units_of(made.units, launch))
+    numbers: dict[str, Any] = {name: number(name, x, scale) for name, x in launch.items()}
+    values = derived(made, **numbers)
     if as_json:
         si = {q.name: dict(zip(("value", "unit"), q.in_si, strict=True)) for q in values if q.in_si}
         units = {} if made.units is None else {"units": asdict(made.units), "si": si}
@@ -56,14 +58,14 @@ def body(as_json: bool, **given: Any) -> None:
         return
     lines = []
     for q in values:
-        number = "none" if q.value is None else f"{q.value:.10g}"
+        value = "none" if q.value is None else f"{q.value:.10g}"
         shown = ("", "") if q.in_si is None else (f"{q.in_si[0]:.5g}", q.in_si[1])
-        lines.append((q.name, number, q.unit, *(shown if made.units else ()), q.description))
+        lines.append((q.name, value, q.unit, *(shown if made.units else ()), q.description))
     click.echo(align(lines, "<><><" if made.units else "<><"))
 
 
 def _list_channels(
-    context: click.Context, parameter: click.Parameter, names: tuple[str, ...] | None
+    context: click.Context, _: click.Parameter, names: tuple[str, ...] | None
 ) -> tuple[str, ...] | None:
     """Print every channel with its unit and meaning, if the word is ``list``."""
     if names != ("list",):
@@ -78,9 +80,10 @@ def _list_channels(
     context.exit()
 
 
-channels = option("--channels", type=options.NAMES, callback=_list_channels, help="Columns, and "
-                  "panels of the figure if given; 'list' prints all of them.  "
-                  "[default: t,n]")  # fmt: skip
+channels = option(
+    "--channels", type=options.Kind("a,b,...", options.names), callback=_list_channels,
+    help="Columns, and panels of the figure if given; 'list' prints all of them.  [default: t,n]",
+)  # fmt: skip
 
 
 @command(
@@ -92,14 +95,13 @@ channels = option("--channels", type=options.NAMES, callback=_list_channels, hel
 )
 @options.body
 @options.launch
-@options.dissipation
-@options.t_end
 @options.rows
 @channels
 @options.integrator
 @option("--model", type=options.MODELS, default="full", help="Equations of motion.")
-@option("--e-p0", type=float, help="Energy of the pitch at the start of the reduced model.")
-@option("--e-r0", type=float, help="Energy of the roll at the start of the reduced model.")
+@option("--e-p0", type=options.ENERGY, help="Energy of the pitch at the start of the reduced "
+        "model, in M g a, or as in 0.5mJ.")  # fmt: skip
+@option("--e-r0", type=options.ENERGY, help="Energy of the roll, likewise.")
 @options.file("--output", ".parquet", ".csv",
               help="A .parquet or .csv file, instead of CSV on standard output.")  # fmt: skip
 @options.figure
@@ -113,18 +115,21 @@ def trajectory(
 ) -> int:
     """Integrate one launch, past its reversals, as a time series.
 
-    Prints CSV unless a file or a figure is requested, of a long series only its head and tail; the
-    reversal times go to standard error. A reversal is counted once the spin has gone from beyond a
-    quarter of its initial value to beyond a quarter of it on the other side; of a launch without
-    spin (--n-i 0), a quarter of the spin that would hold all its energy.
+    Prints CSV unless a file or a figure is requested; the reversal times go to standard error. A
+    reversal is counted once the spin has gone from beyond a quarter of its initial value to beyond
+    a quarter of it on the other side; of a launch without spin (--n-i 0), a quarter of the spin
+    that would hold all its energy.
     """
-    from rattlesweep.analysis.onerun.rows import Rows
+    from rattlesweep.api.arrays import scale_of
+    from rattlesweep.api.single import rows_of
 
-    rows = Rows(**pick(given, *options.ROWS))
-    launch = _launched(given)
+    chosen = pick(given, *options.ROWS)
+    launch = _launch(given)
+    scale = scale_of(launch.body.units)
+    rows = rows_of(scale, **chosen)
     probe(output, figure)
     course = _write_course(launch, channels, rows, output, figure, quiet)
-    return _say_outcome(course, quiet, launch.body.units)
+    return _say_outcome(course, quiet, scale)
 
 
 @command(
@@ -160,12 +165,11 @@ def replay(
     compared with the stored one, bit for bit; so is the first reversal of the series. Exits with 1
     if any differs.
     """
-    from rattlesweep.analysis.derived import in_units_of
     from rattlesweep.analysis.onerun.replay import Replay, targets
-    from rattlesweep.analysis.onerun.rows import Rows
+    from rattlesweep.api.arrays import number
+    from rattlesweep.api.single import rows_of, stored_scale
 
-    in_units_of(None, {"t_end": t_end})
-    rows = Rows(**pick(given, *options.ROWS))
+    chosen = pick(given, *options.ROWS)
     source = Replay(directory)
     runs = source.select(**pick(given, "case", "sample", "where", "first"))
     outputs = targets(output, runs, "--output", printed=figure is None)
@@ -173,28 +177,30 @@ def replay(
     probe(*outputs, *drawings)
     codes = []
     for run, out, drawing in zip(runs, outputs, drawings, strict=True):
+        scale = stored_scale(source, run)
+        rows = rows_of(scale, **chosen)
+        prepared = source.prepare(run, number("t_end", t_end, scale))
         source.prove(run)
-        course = _write_course(source.prepare(run, t_end), channels, rows, out, drawing, quiet)
+        course = _write_course(prepared, channels, rows, out, drawing, quiet)
         run.check(course)
         if not quiet:
             say(run.proof)
             if cause := source.cause(run):
                 say(cause)
-        codes.append(_say_outcome(course, quiet))
+        codes.append(_say_outcome(course, quiet, scale))
     return max(codes)
 
 
 @command(
     "One run",
     "rattlesweep show --preset GH --n-i -0.1 --output spin.html",
+    "rattlesweep show out/quickstart --case 3 --sample 17 --output run.html",
     "rattlesweep show out/quickstart --where 'type == \"SW\"' --output wobble.html",
 )
-@argument("directory", type=click.Path(path_type=Path), required=False)
+@options.path("directory", required=False)
 @options.which
 @options.body
 @options.launch
-@options.dissipation
-@options.t_end
 @option("--points", type=int, help="Number of rows.  [default: 20 per pitch period]")
 @options.from_time
 @options.integrator
@@ -203,9 +209,6 @@ def replay(
 @options.quiet
 def show(
     directory: Path | None,
-    t_end: float | None,
-    points: int | None,
-    from_time: float | None,
     title: str | None,
     output: Path,
     quiet: bool,
@@ -213,63 +216,56 @@ def show(
 ) -> int:
     """Write an HTML page on which the body of one run rolls on the plane.
 
-    The run is a launch of a body, or a stored run of DIRECTORY. The page needs a browser but no
-    network. Play, pause, change the speed, drag to look around; the page lists its keys.
+    The run is a launch of a body, or a stored run of DIRECTORY, as `replay` takes it. The page
+    needs a browser but no network. Play, pause, change the speed, drag to look around; the page
+    lists its keys.
     """
-    from rattlesweep.analysis.derived import in_units_of
-    from rattlesweep.analysis.onerun.replay import Replay
-    from rattlesweep.analysis.viewer import show as pages
+    from rattlesweep.api.arrays import scale_of
+    from rattlesweep.api.single import page_of, stored_page
 
     probe(output)
     which = pick(given, "case", "sample", "where")
-    stored = None
+    rows = pick(given, "points", "from_time")
+    notes: list[str] = []
+    scale = None
     with Bar.of_command(quiet) as bar:
-        rows: dict[str, Any] = {
-            "points": points, "from_time": from_time, "watch": bar.counting("integrating")
-        }  # fmt: skip
+        rows["watch"] = bar.counting("integrating")
         if directory is not None:
+            rows |= pick(given, "t_end")
             for name in pick(given, *given):
                 flag = f"--{name.replace('_', '-')}"
                 raise ConfigError(f"{flag}: the sweep in {directory} says what the run was; leave "
                                   "this out")  # fmt: skip
-            in_units_of(None, {"t_end": t_end})
-            source = Replay(directory)
-            stored = source.select(**which)[0]
-            course, scene = pages.save_stored(source, stored, output, title, t_end, **rows)
+            page, course, notes = stored_page(directory, which, title=title, **rows)
         else:
             if which:
                 raise ConfigError("--case, --sample and --where choose a run of a DIRECTORY; give "
                                   "it too")  # fmt: skip
-            name = f"Rattleback {given['preset'] or ''}".rstrip()
-            course = pages.course_of(_launched(given | {"t_end": t_end}), **rows)
-            scene = pages.make_scene(course)
-            pages.save(course, scene, output, title or name)
+            title = title or f"Rattleback {given['preset'] or ''}".rstrip()
+            launch = _launch(given)
+            scale = scale_of(launch.body.units)
+            page, course = page_of(launch, scale, title, **rows)
+    page.save(output)
     click.echo(output)
-    if not quiet:
-        if stored is not None:
-            say(stored.proof)
-            if cause := dict(scene.about["facts"]).get("sensitive"):
-                say(cause)
-        say(f"{counted(len(scene.t), 'row')}, {output.stat().st_size / 1e6:.1f} MB")
-    return _say_outcome(course, quiet)
+    for note in () if quiet else (*notes, f"{len(page.content) / 1e6:.1f} MB"):
+        say(note)
+    return _say_outcome(course, quiet, scale)
 
 
 # -- shared ------------------------------------------------------------------------------------
 
 
-def _launched(given: dict[str, Any]) -> Launch:
+def _launch(given: dict[str, Any]) -> Launch:
     """Return the run that options ask for, in the units of its body."""
-    from rattlesweep.analysis.derived import in_units_of, make_body
-    from rattlesweep.sweeps.single import Launch
+    from rattlesweep.analysis.derived import make_body
+    from rattlesweep.api.single import launch_of
 
     made = make_body(pick(given, *options.BODY))
     integrator = pick(given, *options.INTEGRATOR)
-    if "dt_step" in integrator:
-        integrator["dt"] = integrator.pop("dt_step")
     rest = pick(given, *given)
     if not {"omega", "u"} & rest.keys():
         rest = options.SPIN_DEFAULTS | rest
-    return Launch(made, integrator=integrator, **in_units_of(made.units, rest))
+    return launch_of(made, **integrator, **rest)
 
 
 def _write_course(
@@ -280,10 +276,9 @@ def _write_course(
     figure: Path | None,
     quiet: bool,
 ) -> Course:
-    """Integrate a run, write what is asked for, or print CSV if nothing is.
+    """Integrate a run, and write what is asked for, or print CSV if nothing is.
 
-    Of a long table only the head and the tail are printed, unless standard output is a file. A
-    figure has rows of its own, and channels if none are asked for.
+    A figure has rows of its own, and channels if none are asked for.
     """
     from rattlesweep.analysis.onerun import files
     from rattlesweep.analysis.onerun.course import Course
@@ -293,19 +288,12 @@ def _write_course(
     with Bar.of_command(quiet or on_one) as bar:
         watch = bar.counting("integrating")
         if output is not None or figure is None:
-            names = ("t", "n") if channels is None else channels
-            course = Course(run, channels=names, rows=rows, watch=watch)
-            cut = False
+            course = Course(run, channels=channels or ("t", "n"), rows=rows, watch=watch)
             if output is not None:
                 files.save(course, output)
-            elif _goes_into_a_file():
-                files.write_csv(course, sys.stdout.buffer.write)
             else:
-                cut = files.write_ends(course, sys.stdout.buffer.write)
-            sys.stdout.flush()
-            if cut:
-                say(f"only the first and the last {files.ENDS} rows are printed; for all of them "
-                    "give --output FILE, a .csv or .parquet")  # fmt: skip
+                files.write_csv(course, sys.stdout.buffer.write)
+                sys.stdout.flush()
         if figure is not None:
             # Matplotlib is loaded for figures alone.
             from rattlesweep.analysis.onerun import figure as figures
@@ -315,20 +303,12 @@ def _write_course(
     return course
 
 
-def _goes_into_a_file() -> bool:
-    """Return whether standard output goes into a regular file."""
-    try:
-        return stat.S_ISREG(os.fstat(sys.stdout.fileno()).st_mode)
-    except (OSError, ValueError):  # no descriptor: a stream in memory
-        return False
-
-
-def _say_outcome(course: Course, quiet: bool, units: Units | None = None) -> int:
-    """Tell what became of a run, in SI units too where the body has some; return the exit code."""
+def _say_outcome(course: Course, quiet: bool, scale: Scale | None = None) -> int:
+    """Tell what became of a run, in seconds too where the body has a size; return the exit code."""
     if not quiet:
         text = _times(course.reversals, "reversal")
-        if units is not None and course.reversals:
-            text += f" ({', '.join(f'{t * units.time:.4g} s' for t in course.reversals[:8])})"
+        if scale is not None and course.reversals:
+            text += f" ({', '.join(f'{t * scale.second:.4g} s' for t in course.reversals[:8])})"
         if course.zeros != course.reversals:
             text += f" ({_times(course.zeros, 'zero crossing')})"
         say(f"{text}; {course.n_steps} steps to t = {course.t:g}")

@@ -1,4 +1,4 @@
-"""Commands that are studies of their own; the one of the paper has a module."""
+"""Commands that are studies of their own: the paper, and speed against accuracy."""
 
 from __future__ import annotations
 
@@ -6,11 +6,57 @@ import time
 from pathlib import Path
 
 import click
-from click import argument, option
+from click import option
 
 from rattlesweep.cli import options
-from rattlesweep.cli.command import command, say, to_json
+from rattlesweep.cli.command import DONE, SOME_FAILED, command, say, to_json
 from rattlesweep.progress import Bar
+from rattlesweep.text import counted
+
+
+@command(
+    "Studies",
+    "rattlesweep paper --quick",
+    "rattlesweep paper --only fig7,fig8 --output out/paper",
+)
+@options.output("Output directory; by default out/paper, or out/paper-quick.")
+@option("--quick", is_flag=True, help="Fewer samples: faster, with wide intervals.")
+@option("--only", metavar="NAMES", help="Parts to make, such as fig7,fig8, or theory.")
+@options.threads
+@options.quiet
+def paper(
+    output: Path | None, quick: bool, only: str | None, threads: int | None, quiet: bool
+) -> int:
+    """Reproduce the figures of Kondo and Nakanishi (2017) and check their claims.
+
+    Writes the data (Parquet) and the picture (SVG, PNG) of each figure, the verdicts on the claims
+    (claims.parquet, claims.md) and report.html, a self-contained page. After a stop the same
+    command resumes its sweeps; all else takes seconds and is computed anew. Prints each claim, its
+    verdict and what was measured on standard output.
+    """
+    from rattlesweep.paper.parts import PARTS, choose
+    from rattlesweep.paper.report import closing_table, tally
+    from rattlesweep.paper.reproduce import reproduce
+    from rattlesweep.paper.workspace import FULL, QUICK
+
+    names = choose(only)
+    directory = output or Path("out/paper-quick" if quick else "out/paper")
+    start = time.monotonic()
+    with Bar.of_command(quiet) as bar:
+        done = reproduce(
+            directory, names, sizes=QUICK if quick else FULL, threads=threads, bar=bar,
+            begin=lambda name: bar.stage(PARTS[name].title),
+        )  # fmt: skip
+    if not quiet:
+        if done.claims:
+            click.echo(closing_table(done.claims))
+            say(f"{len(done.claims)} claims: {tally(done.claims)}")
+        say(f"{directory / 'report.html'}; {time.monotonic() - start:.1f} s")
+    if done.workspace.failed:
+        failed = counted(done.workspace.failed, "run")
+        say(f"{failed} of the sweeps failed; see their column status")
+        return SOME_FAILED
+    return DONE
 
 
 @command(
@@ -18,7 +64,7 @@ from rattlesweep.progress import Bar
     "rattlesweep tradeoff --quick",
     "rattlesweep tradeoff configs/tradeoff.yaml --output out/tradeoff",
 )
-@argument("config", type=click.Path(path_type=Path), required=False)
+@options.path("config", required=False)
 @options.output()
 @option("--samples", type=click.IntRange(1),
         help="Number of bodies; by default enough for 2000 runs.")  # fmt: skip
@@ -47,20 +93,15 @@ def tradeoff(
     from rattlesweep.sweeps.config.read import load_config, override_config
     from rattlesweep.sweeps.files import probe_directory
 
-    loaded = (
-        override_config(DEFAULT, overrides) if config is None else load_config(config, overrides)
-    )
+    loaded = load_config(config, overrides) if config else override_config(DEFAULT, overrides)
     directory = output or Path(loaded.directory)
     probe_directory(directory)
     start = time.monotonic()
     study = measure(
-        loaded,
-        None if config is None else config.resolve().parent,
-        samples=samples,
-        scope=QUICK if quick else FULL,
-        threads=threads or available_threads(),
+        loaded, None if config is None else config.resolve().parent, samples=samples,
+        scope=QUICK if quick else FULL, threads=threads or available_threads(),
         report=Bar.of_command().stage,
-    )
+    )  # fmt: skip
     files = save(study, directory)
     click.echo(to_json(as_data(study)) if as_json else as_text(study))
     say(f"{', '.join(p.name for p in files)} in {directory}; {time.monotonic() - start:.1f} s")

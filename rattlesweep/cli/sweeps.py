@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from click import argument, option
+from click import option
 
 from rattlesweep.cli import options
 from rattlesweep.cli.command import (
@@ -31,14 +31,15 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from rattlesweep.sweeps.config.schema import Config
-    from rattlesweep.sweeps.job import Engine
+    from rattlesweep.sweeps.job import Result
     from rattlesweep.sweeps.pilot import Forecast
     from rattlesweep.sweeps.plan import Plan
-    from rattlesweep.sweeps.run import Result
+
+POSITIVE = click.IntRange(1)
 
 
 @command("Sweeps", "rattlesweep init mine.yaml")
-@argument("config", type=click.Path(path_type=Path), default="sweep.yaml")
+@options.path("config", default="sweep.yaml")
 def init(config: Path) -> None:
     """Write a commented config to begin with.
 
@@ -59,7 +60,7 @@ def init(config: Path) -> None:
     # In quotes, as YAML would take some names for numbers.
     text = text.replace("name: NAME", f"name: {json.dumps(config.stem)}")
     text = text.replace("NAME", config.stem)
-    parse_config(read_yaml(text)[0])  # a name may be none of a directory
+    parse_config(read_yaml(text)[0])  # the name of a file need not be one of a directory
     replace_file(config, text.encode())
     click.echo(config)
     say(f"run it: rattlesweep plan {shown}, rattlesweep run {shown}")
@@ -74,8 +75,8 @@ def init(config: Path) -> None:
 @options.config
 @options.output("Where the sweep would be written; nothing is written now.")
 @options.overrides
-@options.any_threads
-@option("--shards", type=click.IntRange(1), help="Also forecast the longest of N shards.")
+@options.threads
+@option("--shards", type=POSITIVE, help="Also forecast the longest of N shards.")
 @option("--budget", type=options.TIME, default="2s", help="Time spent on the sample of runs.")
 @option("--check", is_flag=True, help="Only check the config, and integrate nothing.")
 @options.as_json
@@ -116,12 +117,12 @@ def plan(
 @options.config
 @options.output()
 @options.overrides
-@options.any_threads
-@option("--engine", type=options.Choice(["local", "dask"]), default="local",
+@options.threads
+@option("--engine", type=click.Choice(["local", "dask"]), default="local",
         help="Compute blocks of runs here, or by workers of a Dask cluster.")  # fmt: skip
-@option("--scheduler", metavar="ADDRESS", help="Address of an existing Dask scheduler.")
-@option("--workers", type=click.IntRange(1),
-        help="Worker processes of a Dask cluster started here.")  # fmt: skip
+@option("--scheduler", metavar="ADDRESS", is_eager=True,
+        help="Address of an existing Dask scheduler.")  # fmt: skip
+@option("--workers", type=POSITIVE, help="Worker processes of a Dask cluster started here.")
 @option("--shard", type=Kind("i/n", "rattlesweep.sweeps.run:Shard.parse"),
         help="Compute shard I of N only, with I from 0 to N-1.")  # fmt: skip
 @option("--max-time", type=options.TIME, help="Stop after this much time, such as 3h50m.")
@@ -140,28 +141,21 @@ def run(
     engine: str,
     scheduler: str | None,
     workers: int | None,
-    shard: Any,
-    max_time: float | None,
-    fresh: bool,
-    retry_failed: bool,
     dry_run: bool,
     compile_only: bool,
     quiet: bool,
     verbose: bool,
+    **how: Any,
 ) -> int:
     """Run a sweep, or resume one that was stopped.
 
     Prints one row per case on standard output.
     """
-    if scheduler is None:
-        options.check_threads(threads)
-    if engine == "local":
-        for flag, value in (("--scheduler", scheduler), ("--workers", workers)):
-            if value is not None:
-                raise ConfigError(f"{flag}: is for --engine dask; add that, or leave this out")
-    if fresh and shard is not None:
+    for flag, value in (("--scheduler", scheduler), ("--workers", workers)):
+        if value is not None and engine == "local":
+            raise ConfigError(f"{flag}: is for --engine dask; add that, or leave this out")
+    if how["fresh"] and how["shard"] is not None:
         raise ConfigError("--fresh: would remove the runs of other shards; start over without it")
-    from rattlesweep.sweeps.local import local
     from rattlesweep.sweeps.run import run_sweep
     from rattlesweep.sweeps.stored import examine
 
@@ -171,20 +165,18 @@ def run(
         _compile(made)
         return DONE
     if dry_run:
-        if not fresh:
+        if not how["fresh"]:
             examine(made, where)
-        click.echo(_forecast(made, loaded, threads, None if shard is None else shard.count).words)
+        shards = None if how["shard"] is None else how["shard"].count
+        click.echo(_forecast(made, loaded, threads, shards).words)
         return DONE
-    computed: Engine = local
     if engine == "dask":
         from rattlesweep.sweeps.dask import make_engine
 
-        computed = make_engine(scheduler, workers, threads)
+        how["engine"] = make_engine(scheduler, workers, threads)
     with Bar.of_command(quiet) as bar:
-        result = run_sweep(
-            made, where, base=config.resolve().parent, threads=threads, report=bar, shard=shard,
-            max_time=max_time, fresh=fresh, retry_failed=retry_failed, engine=computed,
-        )  # fmt: skip
+        base = config.resolve().parent
+        result = run_sweep(made, where, base=base, threads=threads, report=bar, **how)
     return _close(result, quiet, verbose)
 
 
@@ -210,10 +202,12 @@ def _close(result: Result, quiet: bool, verbose: bool) -> int:
     if result.stopped is not None:
         say(f"stopped: {result.stopped}; {result.kept}, and the same command resumes from there")
         return EARLY
-    if result.missing and not quiet:
-        say(f"{counted(result.missing, 'run')} of other shards not in {result.directory} yet")
-    if result.summary is not None and not quiet:
-        say(f"see them: rattlesweep plot {result.directory}, rattlesweep report {result.directory}")
+    if not quiet:
+        where = result.directory
+        if result.missing:
+            say(f"{counted(result.missing, 'run')} of other shards not in {where} yet")
+        if result.summary is not None:
+            say(f"see them: rattlesweep plot {where}, rattlesweep report {where}")
     if result.failed:
         words = ", ".join(f"{count:,} {word}" for word, count in sorted(result.failed.items()))
         say(f"{counted(sum(result.failed.values()), 'run')} failed: {words}")
@@ -291,7 +285,7 @@ def classify(directory: Path, overrides: tuple[str, ...]) -> None:
 
 
 @command("Sweeps", "rattlesweep merge out/steady-0 out/steady-1 --output out/steady")
-@argument("directories", metavar="DIR...", type=click.Path(path_type=Path), nargs=-1, required=True)
+@options.path("directories", metavar="DIR...", nargs=-1, required=True)
 @options.output("The directory to write.", required=True)
 @options.quiet
 def merge(directories: tuple[Path, ...], output: Path, quiet: bool) -> int:
@@ -304,9 +298,9 @@ def merge(directories: tuple[Path, ...], output: Path, quiet: bool) -> int:
     from rattlesweep.sweeps.merge import merge as join
 
     merged = join(list(directories), output)
-    if merged.summary is not None and not quiet:
-        print_summary(merged.summary, output)
     if not quiet:
+        if merged.summary is not None:
+            print_summary(merged.summary, output)
         say(f"{counted(merged.runs, 'run')} in {counted(merged.files, 'file')} in {output}")
     if merged.missing:
         say(
@@ -326,12 +320,12 @@ def merge(directories: tuple[Path, ...], output: Path, quiet: bool) -> int:
     "sbatch steady.sh",
 )
 @options.config
-@option("--shards", type=click.IntRange(1), required=True, help="Number of tasks in the array.")
+@option("--shards", type=POSITIVE, required=True, help="Number of tasks in the array.")
 @option("--time", "limit", type=Kind("time", "rattlesweep.sweeps.slurm:limit_of"),
         default="4:00:00", help="Time limit of a task.")  # fmt: skip
-@option("--cpus", type=click.IntRange(1), default=1, help="CPUs per task.")
+@option("--cpus", type=POSITIVE, default=1, help="CPUs per task.")
 @option("--mem", "memory", type=Kind("size", "rattlesweep.sweeps.slurm:memory_of"),
-        help="Memory per task; by default 2 GB.")  # fmt: skip
+        default="2G", help="Memory per task.")  # fmt: skip
 @option("--partition", metavar="NAME", help="Partition of the cluster.")
 @options.output()
 @options.overrides
@@ -342,14 +336,10 @@ def merge(directories: tuple[Path, ...], output: Path, quiet: bool) -> int:
 def slurm(
     config: Path,
     shards: int,
-    limit: int,
-    cpus: int,
-    memory: int | None,
-    partition: str | None,
     output: Path | None,
     overrides: tuple[str, ...],
     own: bool,
-    restarts: int,
+    **job: Any,
 ) -> None:
     """Print the script of a Slurm job array that runs a sweep, one shard per task.
 
@@ -367,10 +357,7 @@ def slurm(
         raise ConfigError(f"--shards {shards}: there are only {counted(made.runs, 'run')}")
     if shards > MOST_SHARDS:
         say(f"note: Slurm takes arrays of {MOST_SHARDS} tasks unless MaxArraySize says otherwise")
-    script = job_script(
-        made, config.resolve(), where, overrides, shards=shards, own=own, limit=limit, cpus=cpus,
-        memory=2 * 1024**3 if memory is None else memory, partition=partition, restarts=restarts,
-    )  # fmt: skip
+    script = job_script(made, config.resolve(), where, overrides, shards=shards, own=own, **job)
     click.echo(script, nl=False)
 
 

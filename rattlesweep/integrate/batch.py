@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 import threading
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numba import config, get_num_threads, set_num_threads, threading_layer
 
+from rattlesweep.arrays import put, take
 from rattlesweep.integrate.defaults import DT, MAX_STEPS, TOL
 from rattlesweep.integrate.lanes import columns as C
 from rattlesweep.integrate.lanes.build import kernel, parallel, workspace
@@ -19,9 +20,10 @@ from rattlesweep.integrate.lanes.step import SUBSTEPS
 from rattlesweep.integrate.model import WITH_TANGENT
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.task import Control
+from rattlesweep.physics import vectors
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Collection, Iterator
 
     from numpy.typing import NDArray
 
@@ -37,7 +39,7 @@ MAX_DAMPING = 0.1
 # n_i = 0.1 and -0.1, with theta = 0.64, 0.75 and 0.9); a spin that wanders has no sure count.
 PLATEAU_SHARE = 0.25
 # What the kernel of every model can note, and what needs a kernel of its own.
-WATCHED = ("energy", "contact", "windows", "reversals")
+WATCHED = ("energy", "contact", "windows", "reversals", "volume")
 RECORDS = (*WATCHED, "lyapunov")
 
 
@@ -104,8 +106,8 @@ class Outcome:
         The columns of the same names in the tables.
     status, n_steps, near_tangencies, n_rejected : ndarray of int64
         ``status`` holds values of :class:`Status`.
-    energy_0, energy_drift_max, contact_ratio_max, contact_normal_min : ndarray
-        Meaningful only where they were asked for.
+    energy_0, energy_drift_max, contact_ratio_max, contact_normal_min, volume_rate : ndarray
+        Meaningful only where they were asked for; the last where the status is OK.
     y_end : ndarray, shape (runs, n_state)
         State at ``t_end``.
     windows : ndarray, shape (runs, windows, 3) or (0, ...)
@@ -133,6 +135,7 @@ class Outcome:
     energy_drift_max: Floats
     contact_ratio_max: Floats
     contact_normal_min: Floats
+    volume_rate: Floats
     status: NDArray[np.int64]
     n_steps: NDArray[np.int64]
     near_tangencies: NDArray[np.int64]
@@ -214,7 +217,8 @@ def integrate(
     """Integrate every run to its first reversal, or to its horizon.
 
     It is to the horizon if it does not reverse, and for all if reversals are recorded; less far
-    once it has settled.
+    once it has settled.  An ellipsoid that rolls onto its side, where the slope has no value, is
+    integrated anew as :attr:`Model.anywhere`.
 
     Parameters
     ----------
@@ -243,16 +247,47 @@ def integrate(
     Outcome
         Bit for bit the same for any number of threads and any composition of the batch.
     """
+    settings: dict[str, Any] = {"tol": tol, "dt": dt, "max_steps": max_steps, "record": record}
+    settings |= {"threads": threads, "control": control or Control()}
+    outcome = _integrate(batch, tableau, model, cost, **settings)
+    failed = np.isin(outcome.status, (Status.NONFINITE, Status.STEP_TOO_SMALL, Status.ENERGY))
+    if model.anywhere is None or not failed.any():
+        return outcome
+    # Anew from the launch, so that a run is a function of its own numbers alone.
+    rows = np.flatnonzero(failed)
+    again = take(batch, rows)
+    y0, constants = vectors.from_slopes(again.y0, again.constants)
+    again = replace(again, y0=y0, constants=constants)
+    settings["control"].stay()
+    found = _integrate(again, tableau, model.anywhere, None, **settings)
+    y_end = vectors.to_slopes(found.y_end)[:, : model.n_state]
+    put(replace(found, y_end=y_end), outcome, rows)
+    return replace(outcome, stopped=outcome.stopped or found.stopped)
+
+
+def _integrate(
+    batch: Batch,
+    tableau: Tableau,
+    model: Model,
+    cost: NDArray[Any] | None,
+    *,
+    tol: float,
+    dt: float,
+    max_steps: int,
+    record: frozenset[str],
+    threads: int | None,
+    control: Control,
+) -> Outcome:
+    """Do :func:`integrate` in the variables of one model."""
     runs = len(batch)
     threads = min(threads or available_threads(), most_threads()) if parallel() else 1
-    control = control or Control()
     cost = expected_cost(batch) if cost is None else cost.astype(float)
     # Longest first, so that no thread begins a long run when the others are done.
     order = np.argsort(-cost, kind="stable")
     control.total = control._cost = float(cost.sum())
     control._runs = runs
     control._progress = np.zeros((threads, 8))
-    carried = WITH_TANGENT[model.name] if "lyapunov" in record else model
+    carried, beside = needed(model, record)
     result = np.full((runs, C.FIRST_STATE + model.n_state), np.nan)
     counts = np.zeros((runs, C.N_COUNTS), dtype=np.int64)
     counts[:, C.STATUS] = Status.STOPPED
@@ -283,7 +318,7 @@ def integrate(
         control._shared[0] = 0
         with _threads(threads, control) as free:
             if free:
-                kernel(tableau.name, carried.name)(*arguments)
+                kernel(tableau.name, carried.name, *beside)(*arguments)
     if not tableau.adaptive:
         _mark_coarse(batch, tableau, dt, result, counts)
     counts[:, C.STEPS] *= stride(tableau)
@@ -300,6 +335,12 @@ def integrate(
         reversals=windows[: runs if turned > seen else 0, : C.MOST_REVERSALS, seen:turned],
         stopped=bool((counts[:, C.STATUS] == Status.STOPPED).any()),
     )
+
+
+def needed(model: Model, record: Collection[str]) -> tuple[Model, tuple[str, ...]]:
+    """Return the model that records something, and what its steps find beside the state."""
+    carried = WITH_TANGENT[model.name] if "lyapunov" in record else model
+    return carried, ("volume",) if "volume" in record else ()
 
 
 def stride(tableau: Tableau) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from rattlesweep.physics import attitude, full, reduced, stone, tangent
+from rattlesweep.physics import attitude, full, reduced, stone, tangent, vectors, volume
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -86,6 +86,10 @@ class Model:
         What the stages of a step carry, for models without tangent.
     n_given : int, optional
         Components that the states of a run have, where they are not all of them.
+    volume : callable, optional
+        ``volume(*y, *q)``, the rate of phase volume.
+    anywhere : Model, optional
+        The same equations for runs that these variables cannot follow.
     """
 
     name: str
@@ -103,6 +107,8 @@ class Model:
     tangent: Tangent | None = None
     carried: Carried | None = None
     n_given: int | None = None
+    volume: Callable[..., Any] | None = None
+    anywhere: Model | None = None
 
 
 @full.scalar
@@ -136,6 +142,7 @@ FULL = Model(
     energy=full.energy,
     contact=full.contact_force,
     touch=full.paraboloid,
+    volume=volume.paraboloid_volume,
 )
 
 
@@ -177,6 +184,56 @@ def _friction_rise(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lev
     return _rise(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k)
 
 
+@full.scalar
+def _friction_error(  # type: ignore[no-untyped-def]
+    ep, eq, ea, eb, ec, ework, p, q, a, b, c, work,
+    ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps,
+):  # fmt: skip
+    # The work is a quadrature beside, as accurate as what it is of.  The spin, which falls by
+    # itself, has errors of rounding: where the oscillation has died, no step is judged by them.
+    size = full.oscillation(p, q, a, b, ix, iy, cxx, cxy, cyy) + 1e-290
+    known = min(1.0, size / (SPIN_KNOWN * iz * c * c + 1e-290))
+    return full.oscillation(ep, eq, ea, eb, ix, iy, cxx, cxy, cyy) + known * iz * ec * ec, size
+
+
+SPIN_KNOWN = 1e-14
+"""Of an oscillation with less than this share of the spin's energy the error of the spin counts as
+of one with so much: it is then 1e-7 of the tolerance, and no less than rounding."""
+
+
+@full.scalar
+def _vectors_amplitude(u, v, w, a, b, c, work, p0, q0, a0, b0, p1, q1, a1, b1):  # type: ignore[no-untyped-def]
+    # Upright, minus u_x and u_y are the slopes.
+    return _full_amplitude(-u, -v, a, b, c, p0, q0, a0, b0, p1, q1, a1, b1)
+
+
+@full.scalar
+def _vectors_error(  # type: ignore[no-untyped-def]
+    eu, ev, ew, ea, eb, ec, ework, u, v, w, a, b, c, work,
+    ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps,
+):  # fmt: skip
+    step, size = _friction_error(
+        eu, ev, ea, eb, ec, ework, u, v, a, b, c, work,
+        ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps,
+    )  # fmt: skip
+    return step + ew * ew, size
+
+
+VECTORS = Model(
+    name="vectors",
+    n_state=vectors.N_STATE,
+    n_constants=stone.N_FRICTION_CONSTANTS,
+    n_probe=FULL.n_probe,
+    rhs=vectors.rhs,
+    spin=vectors.spin,
+    spin_rate=vectors.spin_rate,
+    amplitude=_vectors_amplitude,
+    error=_vectors_error,
+    energy=vectors.energy,
+    contact=vectors.contact_force,
+    volume=volume.vectors_volume,
+)
+
 ELLIPSOID = replace(
     FULL,
     name="ellipsoid",
@@ -187,6 +244,8 @@ ELLIPSOID = replace(
     contact=stone.contact_force,
     touch=stone.ellipsoid,
     carried=Carried(1, _rise, _rise_rhs),
+    volume=volume.ellipsoid_volume,
+    anywhere=VECTORS,
 )
 
 
@@ -205,25 +264,10 @@ def _friction_amplitude(p, q, a, b, c, work, p0, q0, a0, b0, p1, q1, a1, b1):  #
     return _full_amplitude(p, q, a, b, c, p0, q0, a0, b0, p1, q1, a1, b1)
 
 
-@full.scalar
-def _friction_error(  # type: ignore[no-untyped-def]
-    ep, eq, ea, eb, ec, ework, p, q, a, b, c, work,
-    ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps,
-):  # fmt: skip
-    # The work is a quadrature beside, as accurate as what it is of.  The spin, which falls by
-    # itself, has errors of rounding: where the oscillation has died, no step is judged by them.
-    size = full.oscillation(p, q, a, b, ix, iy, cxx, cxy, cyy) + 1e-290
-    known = min(1.0, size / (SPIN_KNOWN * iz * c * c + 1e-290))
-    return full.oscillation(ep, eq, ea, eb, ix, iy, cxx, cxy, cyy) + known * iz * ec * ec, size
-
-
-SPIN_KNOWN = 1e-14
-"""Of an oscillation with less than this share of the spin's energy the error of the spin counts as
-of one with so much: it is then 1e-7 of the tolerance, and no less than rounding."""
-
-
-def _with_friction(plain: Model, kind: str, rhs_on: Callable[..., Any]) -> Model:
-    """Return the model of the same body with friction, whose rates on a surface are ``rhs_on``."""
+def _with_friction(
+    plain: Model, kind: str, rhs_on: Callable[..., Any], volume_on: Callable[..., Any]
+) -> Model:
+    """Return the model of the same body with friction, of the rates on its surface."""
     surface = stone.ellipsoid if plain is ELLIPSOID else stone.flat
     energy_on = stone.energy if plain is ELLIPSOID else stone.flat_energy
 
@@ -245,8 +289,14 @@ def _with_friction(plain: Model, kind: str, rhs_on: Callable[..., Any]) -> Model
         )  # fmt: skip
         return f + (stone.rise_rate(p, q, f[0], f[1], cxx, cxy, cyy, k, rise),)  # noqa: RUF005
 
+    def volume_rate(p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):  # type: ignore[no-untyped-def]
+        return volume_on(
+            surface, p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps
+        )
+
     name = f"{plain.name}_{kind}"
-    rhs, energy, contact, rise_rhs = _compile(name, rhs, energy, contact, rise_rhs)
+    functions = rhs, energy, contact, rise_rhs, volume_rate
+    rhs, energy, contact, rise_rhs, volume_rate = _compile(name, *functions)
     return Model(
         name=name,
         n_state=stone.N_FRICTION_STATE,
@@ -261,13 +311,18 @@ def _with_friction(plain: Model, kind: str, rhs_on: Callable[..., Any]) -> Model
         contact=contact,
         touch=surface,
         carried=Carried(1, _friction_rise, rise_rhs) if plain is ELLIPSOID else None,
+        volume=volume_rate,
+        anywhere=plain.anywhere,
     )
 
 
 FRICTION = {
-    (plain.name, name): _with_friction(plain, name, rhs)
+    (plain.name, name): _with_friction(plain, name, *rates)
     for plain in (FULL, ELLIPSOID)
-    for name, rhs in (("viscous", stone.viscous_rhs), ("rolling", stone.rolling_rhs))
+    for name, *rates in (
+        ("viscous", stone.viscous_rhs, volume.viscous_volume),
+        ("rolling", stone.rolling_rhs, volume.rolling_volume),
+    )
 }
 """Models with friction, by the surface's model and the kind: viscous alone, or rolling too."""
 
@@ -394,10 +449,8 @@ ATTITUDES: dict[str, Model] = {
 }
 """Models with heading and contact point, by the names of those without."""
 
-MODELS: dict[str, Model] = {
-    model.name: model
-    for model in (FULL, ELLIPSOID, *FRICTION.values(), REDUCED, FULL_TANGENT, REDUCED_TANGENT)
-}
+PLAIN = FULL, ELLIPSOID, VECTORS, *FRICTION.values(), REDUCED
+MODELS: dict[str, Model] = {model.name: model for model in (*PLAIN, FULL_TANGENT, REDUCED_TANGENT)}
 
 
 def find_model(name: str) -> Model:

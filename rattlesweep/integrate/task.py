@@ -67,6 +67,10 @@ class Control:
         self._progress, self._cost, self._runs = np.zeros((1, 8)), 0.0, 0
         self._span, self._counts = (low, high), (begins, ends)
 
+    def stay(self) -> None:
+        """Say that the next kernel does again some runs that the last one has counted."""
+        self.stage(self._span[1], self._span[1])
+
     def settle(self, runs: int) -> None:
         """Count runs as done that no further kernel takes up."""
         self._ended += runs

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from rattlesweep.physics import si
+from rattlesweep.physics import shapes, si
 from rattlesweep.physics.si import Units
 from rattlesweep.units import quantities
 
@@ -86,7 +86,8 @@ class Rattleback:
         along, across, product = 2.0, 16.0, -0.2
         mean, half = (across + along) / 2, math.hypot((across - along) / 2, product)
         xi = 0.5 * math.atan2(2 * product, across - along)
-        return cls(mean + half + 1, mean - half + 1, 17.0, 2 / 3**2, 2 / 20**2, xi, c=2.0)
+        alpha, beta, size = mean + half + 1, mean - half + 1, Units(mass=1.0, length=0.01)
+        return cls(alpha, beta, 17.0, 2 / 3**2, 2 / 20**2, xi, c=2.0, units=size)
 
     @classmethod
     def shell_dumbbell(
@@ -187,6 +188,65 @@ class Rattleback:
         if c is not None:
             values["c"] = si.number(c, "length", "c") / measured["height"]
         units = Units(measured["mass"], measured["height"], measured["gravity"])
+        return cls(**values, units=units)
+
+    @classmethod
+    def half_ellipsoid(
+        cls,
+        *,
+        length: float | str,
+        width: float | str,
+        height: float | str,
+        mass: float | str,
+        skew: float | str = 0.0,
+        weights: float | str | None = None,
+        at: Sequence[float | str] | str | None = None,
+        gravity: float | str = si.GRAVITY,
+    ) -> Rattleback:
+        """A solid half ellipsoid with its flat side up, as a ruler and a scale measure it.
+
+        Parameters
+        ----------
+        length, width, height : float
+            Of the flat side, and from the lowest point up to it, in m; these and the other numbers
+            may be texts with a unit, such as ``"12 cm"``.
+        mass : float
+            In kg, without the weights.
+        skew : float
+            Angle in radians by which the axes of inertia are turned against those of the surface,
+            clockwise seen from above, of a body whose base is cut at an angle; ``xi = -skew``.
+        weights : float, optional
+            Mass in kg of each of two equal weights on the flat side, such as coins, which turn the
+            axes of inertia too.  They count as points.
+        at : two floats, optional
+            Place of one weight in m from the middle of the flat side, seen from above: to the right
+            along the length, and away across it; or as in ``"45, -9 mm"``.  The other one lies
+            opposite.
+        gravity : float
+            In m/s^2.
+
+        Raises
+        ------
+        ValueError
+            If the body cannot stand, or has no skew.
+
+        Notes
+        -----
+        See :func:`rattlesweep.physics.shapes.half_ellipsoid`.  The surface is the ellipsoid's.
+
+        Examples
+        --------
+        >>> import rattlesweep as rs
+        >>> stone = rs.Rattleback.half_ellipsoid(
+        ...     length="12 cm", width="3 cm", height="12 mm", mass="60 g", skew="3 deg"
+        ... )
+        >>> round(stone.alpha, 2), round(stone.theta, 2), round(stone.xi, 4)
+        (13.95, 0.4, -0.0524)
+        """
+        values, units = shapes.measured(
+            length=length, width=width, height=height, mass=mass, skew=skew, weights=weights,
+            at=at, gravity=gravity,
+        )  # fmt: skip
         return cls(**values, units=units)
 
     def replace(self, **parameters: Any) -> Rattleback:

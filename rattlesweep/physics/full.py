@@ -227,7 +227,7 @@ def energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped
 
 
 @scalar
-def force(p, q, a, b, c, da, db, dc, x, y, z, xd, yd, zd, vx, vy, vz, uz):  # type: ignore[no-untyped-def]
+def force(ux, uy, uz, a, b, c, da, db, dc, x, y, z, xd, yd, zd, vx, vy, vz):  # type: ignore[no-untyped-def]
     """Contact force (Eq. em-1) along the vertical and in the plane.
 
     Of the contact point ``(x, y, z)``, its rate ``(xd, yd, zd)`` and ``v = r x omega``.
@@ -236,8 +236,6 @@ def force(p, q, a, b, c, da, db, dc, x, y, z, xd, yd, zd, vx, vy, vz, uz):  # ty
     gx = (yd * c - zd * b) + (y * dc - z * db) + (b * vz - c * vy)
     gy = (zd * a - xd * c) + (z * da - x * dc) + (c * vx - a * vz)
     gz = (xd * b - yd * a) + (x * db - y * da) + (a * vy - b * vx)
-    ux = p * uz
-    uy = q * uz
     lift = gx * ux + gy * uy + gz * uz
     hx = gx - lift * ux
     hy = gy - lift * uy
@@ -267,7 +265,9 @@ def contact_force(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-
     vy = z * a - x * c
     vz = x * b - y * a
     uz = -1.0 / sqrt(1.0 + p * p + q * q)
-    return force(p, q, a, b, c, da, db, dc, x, y, z, xd, yd, zd, vx, vy, vz, uz)
+    return force(
+        p * uz, q * uz, uz, a, b, c, da, db, dc, x, y, z, xd, yd, zd, vx, vy, vz
+    )  # fmt: skip
 
 
 def to_vectors(state: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

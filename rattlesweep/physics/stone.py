@@ -152,16 +152,13 @@ def energy(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):  # type: ignore[no-unty
 
 
 @scalar
-def contact_of(p, q, a, b, c, da, db, dc, fx, fy, rise, wx, wy, wz, uz):  # type: ignore[no-untyped-def]
-    """Contact force of a surface that touches so; ``dr/dt = v - w`` with ``v = r x omega``."""
-    x = p + fx
-    y = q + fy
-    z = 1.0 - rise
+def contact_of(ux, uy, uz, a, b, c, da, db, dc, x, y, z, wx, wy, wz):  # type: ignore[no-untyped-def]
+    """Contact force at ``r = (x, y, z)``; ``dr/dt = v - w`` with ``v = r x omega``."""
     vx = y * c - z * b
     vy = z * a - x * c
     vz = x * b - y * a
     return force(
-        p, q, a, b, c, da, db, dc, x, y, z, vx - wx, vy - wy, vz - wz, vx, vy, vz, uz
+        ux, uy, uz, a, b, c, da, db, dc, x, y, z, vx - wx, vy - wy, vz - wz, vx, vy, vz
     )  # fmt: skip
 
 
@@ -171,7 +168,9 @@ def contact_force(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k):  # type: ignore[
     dp, dq, da, db, dc = rhs(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy, k)
     m = p * b - q * a
     fx, fy, rise, wx, wy, wz, uz = ellipsoid(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k)
-    return contact_of(p, q, a, b, c, da, db, dc, fx, fy, rise, wx, wy, wz, uz)
+    return contact_of(
+        p * uz, q * uz, uz, a, b, c, da, db, dc, p + fx, q + fy, 1.0 - rise, wx, wy, wz
+    )  # fmt: skip
 
 
 @scalar
@@ -199,32 +198,19 @@ def viscous_rhs(surface, p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigm
 
 
 @scalar
-def rolling_rhs(surface, p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):  # type: ignore[no-untyped-def]
-    """Return the time derivative of the state and the work under both couples.
+def resistance(ux, uy, uz, a, b, c, x, y, z, normal, lever, eps, dyz, dzx, dxy, along, ivol):  # type: ignore[no-untyped-def]
+    """Change of ``domega/dt`` by rolling resistance, and its power.
 
-    The rolling resistance depends on the normal force, and this on the acceleration.  Both are
-    linear: with the matrix ``J`` of Eq. diff-omega and ``h`` the resistance's direction,
-    ``domega/dt`` without it is corrected by ``-lever F_n J^-1 h``.
+    The resistance depends on the normal force, and this on the acceleration.  Both are linear:
+    with the matrix ``J`` of Eq. diff-omega and ``h`` the resistance's direction, the acceleration
+    without it is corrected by ``-lever F_n J^-1 h``.  The last five arguments are
+    :func:`rattlesweep.physics.full.turning`'s.
     """
-    dp, dq, m = slope_rate(p, q, a, b, c)
-    fx, fy, rise, wx, wy, wz, uz = surface(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k)
-    lx = -sigma * a
-    ly = -sigma * b
-    lz = -sigma * c
-    (da, db, dc), (dyz, dzx, dxy, along, ivol) = turning(
-        p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz, uz
-    )  # fmt: skip
-    normal, _ = contact_of(p, q, a, b, c, da, db, dc, fx, fy, rise, wx, wy, wz, uz)
-    ux = p * uz
-    uy = q * uz
     n = ux * a + uy * b + uz * c
     hx = a - n * ux
     hy = b - n * uy
     hz = c - n * uz
     square = hx * hx + hy * hy + hz * hz
-    x = p + fx
-    y = q + fy
-    z = 1.0 - rise
     s = (x * dyz * hx + y * dzx * hy + z * dxy * hz) * along
     jx = (hx + x * s) * dyz * ivol
     jy = (hy + y * s) * dzx * ivol
@@ -234,8 +220,28 @@ def rolling_rhs(surface, p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigm
     share = lever * normal / (sqrt(square + eps * eps) + lever * change)
     # A plane that would have to pull does not resist.
     share = 0.5 * (share + abs(share))
-    power = lx * a + ly * b + lz * c - share * square
-    return dp, dq, da - share * jx, db - share * jy, dc - share * jz, power
+    return share * jx, share * jy, share * jz, share * square
+
+
+@scalar
+def rolling_rhs(surface, p, q, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):  # type: ignore[no-untyped-def]
+    """Return the time derivative of the state and the work under both couples."""
+    dp, dq, m = slope_rate(p, q, a, b, c)
+    fx, fy, rise, wx, wy, wz, uz = surface(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k)
+    lx = -sigma * a
+    ly = -sigma * b
+    lz = -sigma * c
+    (da, db, dc), solved = turning(
+        p, q, a, b, c, ix, iy, iz, lx, ly, lz, fx, fy, rise, wx, wy, wz, uz
+    )  # fmt: skip
+    ux = p * uz
+    uy = q * uz
+    x = p + fx
+    y = q + fy
+    z = 1.0 - rise
+    normal, _ = contact_of(ux, uy, uz, a, b, c, da, db, dc, x, y, z, wx, wy, wz)
+    ra, rb, rc, loss = resistance(ux, uy, uz, a, b, c, x, y, z, normal, lever, eps, *solved)
+    return dp, dq, da - ra, db - rb, dc - rc, lx * a + ly * b + lz * c - loss
 
 
 @scalar
@@ -249,4 +255,6 @@ def friction_force(  # type: ignore[no-untyped-def]
     )  # fmt: skip
     m = p * b - q * a
     fx, fy, rise, wx, wy, wz, uz = surface(p, q, a, b, c, dp, dq, m, cxx, cxy, cyy, k)
-    return contact_of(p, q, a, b, c, da, db, dc, fx, fy, rise, wx, wy, wz, uz)
+    return contact_of(
+        p * uz, q * uz, uz, a, b, c, da, db, dc, p + fx, q + fy, 1.0 - rise, wx, wy, wz
+    )  # fmt: skip

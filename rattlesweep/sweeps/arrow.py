@@ -28,11 +28,18 @@ ROW_GROUP = 1 << 17
 def build_table(columns: Mapping[str, Any], schema: pa.Schema) -> pa.Table:
     """Make a table of `schema` from plain arrays.
 
-    There is one entry for each field of `schema`, in any order. Floats: an array in which NaN and
-    infinity mean null. Integers: an array. Text: a list of `str` or `None`, or a tuple of (integer
-    codes, categories) in which a negative code means null. Series: see `ragged`. Arrow arrays are
-    taken for any of them. A ValueError is a mistake of the calling code: names, lengths or types
-    disagree with `schema`, or a column that must have a value in every row lacks one.
+    Parameters
+    ----------
+    columns : mapping
+        One entry for each field, in any order.  Floats: an array in which NaN and infinity mean
+        null.  Text: a list, or a tuple of (integer codes, categories) in which a negative code
+        means null.  Series: see :func:`ragged`.  Arrow arrays are taken for any of them.
+
+    Raises
+    ------
+    ValueError
+        If the calling code is wrong: names, lengths or types disagree with `schema`, or a column
+        that must have a value in every row lacks one.
     """
     if columns.keys() != {*schema.names}:
         raise ValueError(f"internal error: columns {[*columns]} for a schema of {schema.names}")
@@ -68,8 +75,7 @@ def _to_arrow(values: Any, kind: pa.DataType) -> pa.Array:
     if pa.types.is_floating(kind):
         return _floats(values, kind)
     if isinstance(values, tuple):
-        codes, categories = values
-        codes = np.asarray(codes)
+        codes, categories = np.asarray(values[0]), values[1]
         indices = pa.array(codes.astype(np.int32), mask=codes < 0)
         return pa.DictionaryArray.from_arrays(indices, pa.array(categories, kind)).cast(kind)
     if isinstance(values, pa.Array):
@@ -88,9 +94,9 @@ def _floats(values: Any, kind: pa.DataType) -> pa.Array:
 
 
 def write_parquet(table: pa.Table, path: Path, metadata: Mapping[str, str] | None = None) -> None:
-    """Write a table as a Parquet file with page checksums, whole or not at all.
+    """Write a table, and words beside its schema, whole or not at all.
 
-    `metadata` is kept with the schema; equal tables give equal files.
+    Equal tables give equal files.
 
     Raises
     ------
@@ -104,7 +110,7 @@ def write_parquet(table: pa.Table, path: Path, metadata: Mapping[str, str] | Non
 
 
 def encode(table: pa.Table, sink: Any) -> None:
-    """Write a table as Parquet to a file that is open."""
+    """Write a table as Parquet, with page checksums, to an open file."""
     pq.write_table(
         table,
         sink,
@@ -146,10 +152,7 @@ def read_parquet(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
 
 
 def same_schema(one: pa.Schema, other: pa.Schema) -> bool:
-    """Whether two schemas hold the same data: names, types, nulls, units.
-
-    Descriptions are left out, so that better words do not make finished blocks worthless.
-    """
+    """Return whether names, types, nulls and units are the same; descriptions may differ."""
 
     def key(schema: pa.Schema) -> list[tuple[str, str, bool, bytes]]:
         return [

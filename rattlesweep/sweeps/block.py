@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
 from rattlesweep.arrays import Flags, Integers, take
-from rattlesweep.integrate.batch import Batch, Control, Outcome, has_settled, integrate
+from rattlesweep.integrate.batch import Batch, Control, Outcome, has_settled, integrate, needed
 from rattlesweep.integrate.defaults import DT, TOL
 from rattlesweep.integrate.follow.lyapunov import exponents
 from rattlesweep.integrate.lanes.build import kernel
 from rattlesweep.integrate.lanes.columns import MOST_REVERSALS
-from rattlesweep.integrate.model import WITH_TANGENT
 from rattlesweep.integrate.status import Status
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics import steady
@@ -25,34 +23,26 @@ from rattlesweep.sweeps.arrow import build_table, ragged
 from rattlesweep.sweeps.columns import RUNS
 from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.error import Estimated, integrate_estimated
-from rattlesweep.sweeps.launches import (
-    Launches,
-    ending_early,
-    make_batch,
-    model_of,
-    prepare,
-)
+from rattlesweep.sweeps.launches import Launches, ending_early, make_batch, model_of, prepare
 from rattlesweep.sweeps.plan import Plan
-from rattlesweep.sweeps.types import TYPES, chaotic_column, classify, sure_types
+from rattlesweep.sweeps.types import TYPES, classify, is_chaotic, sure_types
 
 STATUS_WORDS = [status.label for status in Status]
+Prepared = tuple[Launches, Batch | None]
+"""Bodies, launches and theory of some runs, and their batch; none for the closed form."""
 
 
 def load_kernel(config: Config) -> float:
     """Load the kernels that the runs take, and return how many seconds it took."""
     begin = time.perf_counter()
     if config.model != "gh":
-        plain, tangent = model_of(config).name, "lyapunov" in config.record
-        if tangent:
-            kernel(config.integrator.method, WITH_TANGENT[plain].name)
-        # Companions take the plain one, whatever is recorded.
-        if not tangent or "error" in config.record:
-            kernel(config.integrator.method, plain)
+        model = model_of(config)
+        carried, beside = needed(model, config.record)
+        kernel(config.integrator.method, carried.name, *beside)
+        if "error" in config.record:
+            # Companions take the plain one, whatever is recorded.
+            kernel(config.integrator.method, model.name)
     return time.perf_counter() - begin
-
-
-Prepared = tuple[Launches, Batch | None]
-"""Bodies, launches and theory of some runs, and their batch; none for the closed form."""
 
 
 def prepare_runs(plan: Plan, case: Integers, sample: Integers) -> Prepared:
@@ -71,15 +61,7 @@ def compute(
     threads: int | None = None,
     control: Control | None = None,
 ) -> tuple[pa.Table, int]:
-    """Integrate and type runs.
-
-    Parameters
-    ----------
-    prepared : tuple
-        Of :func:`prepare_runs`.
-    threads : int, optional
-    control : Control, optional
-        Stops the kernel when it is told to.
+    """Integrate and type the runs of :func:`prepare_runs`; `control` may stop it.
 
     Returns
     -------
@@ -97,66 +79,23 @@ def compute(
     if outcome.stopped:
         ended = outcome.status != Status.STOPPED
         lost = control.runs_begun - int((ended & (outcome.status != Status.NO_HORIZON)).sum())
-        launches, batch, outcome = take(launches, ended), take(batch, ended), take(outcome, ended)
         if not ended.any():
             return schema.remove_metadata().empty_table(), lost
+        launches, batch, outcome = take(launches, ended), take(batch, ended), take(outcome, ended)
     return build_table(columns_of(config, launches, batch, outcome), schema), lost
 
 
-def columns_of(
-    config: Config, launches: Launches, batch: Batch | None, outcome: Outcome | None
-) -> Mapping[str, Any]:
-    """Columns of runs, typed; without an outcome they are those of the closed form."""
-    columns = _inputs(launches)
-    columns |= _closed_form(launches) if outcome is None else _measured(outcome, config.parts)
-    if launches.second is not None:
-        columns["t_r_s"] = columns["t_r"] * launches.second
-    status = columns.pop("status_codes")
-    ok = status == Status.OK
-    if config.classify.early and batch is not None and outcome is not None:
-        # In the end all of its energy is spin.
-        spin = np.sqrt(2 * outcome.energy_0 / launches.bodies.gamma)
-        spin = np.copysign(spin, launches.n_i)
-        columns["n_end"] = np.where(has_settled(batch, outcome), spin, columns["n_end"])
-    if batch is not None and outcome is not None:
-        columns |= _dissipation(launches, batch, outcome)
-    codes = classify(ok, columns["t_r"], columns["amp_growth"], columns["n_departure"],
-                     config.classify, columns.get("energy_left"))  # fmt: skip
-    columns["type"] = (codes, list(TYPES))
-    columns["status"] = (status, STATUS_WORDS)
-    if isinstance(outcome, Estimated):
-        errors = columns["amp_growth_error"], columns["n_departure_error"]
-        observed = columns["amp_growth"], columns["n_departure"]
-        sure = sure_types(codes, outcome.reversal_sure, observed, errors, config.classify)
-        columns["type_sure"] = pa.array(sure, mask=codes < 0)
-    if "reversals" in config.record and outcome is not None:
-        counted = np.where(ok, outcome.n_turns, -1)
-        columns["n_turns"] = pa.array(counted.astype(np.int32), mask=~ok)
-        for k, name in enumerate(("turn_times", "spin_after_turn")):
-            columns[name] = ragged(outcome.reversals[:, :, k], np.minimum(counted, MOST_REVERSALS))
-    if "windows" in config.record and outcome is not None and batch is not None:
-        filled = np.isfinite(outcome.windows[:, :, 0]).sum(axis=1)
-        columns["window_t"] = batch.window
-        for k, name in enumerate(("window_amplitude", "window_n_min", "window_n_max")):
-            columns[name] = ragged(outcome.windows[:, :, k], filled)
-    return columns
-
-
 def run_batch(
-    config: Config,
-    batch: Batch,
-    *,
-    threads: int | None = None,
-    control: Control | None = None,
+    config: Config, batch: Batch, *, threads: int | None = None, control: Control | None = None
 ) -> Outcome:
     """Integrate the runs that have a horizon; the others get the status ``no_horizon``."""
     good = np.isfinite(batch.t_end) & (batch.t_end > 0)
     part = batch if good.all() else take(batch, good)
-    control = control or Control()
+    control, settings = control or Control(), config.integrator
+    outcome: Outcome
     if "error" in config.record:
-        outcome: Outcome = integrate_estimated(config, part, threads, control)
+        outcome = integrate_estimated(config, part, threads, control)
     else:
-        settings = config.integrator
         outcome = integrate(
             part,
             METHODS[settings.method],
@@ -185,21 +124,47 @@ def _spread(outcome: Outcome, good: Flags) -> Outcome:
     return type(outcome)(**wide)
 
 
+def columns_of(
+    config: Config, launches: Launches, batch: Batch | None, outcome: Outcome | None
+) -> dict[str, Any]:
+    """Return the columns of runs, typed; without an outcome they are those of the closed form."""
+    columns = _inputs(launches)
+    if batch is None or outcome is None:
+        columns |= _closed_form(launches)
+    else:
+        columns |= _measured(config, launches, batch, outcome)
+    if launches.second is not None:
+        columns["t_r_s"] = columns["t_r"] * launches.second
+    status = columns.pop("status_codes")
+    observed = columns["amp_growth"], columns["n_departure"]
+    codes = classify(
+        status == Status.OK, columns["t_r"], *observed, config.classify, columns.get("energy_left")
+    )
+    columns["type"] = (codes, list(TYPES))
+    columns["status"] = (status, STATUS_WORDS)
+    if isinstance(outcome, Estimated):
+        errors = outcome.amp_growth_error, outcome.n_departure_error
+        sure = sure_types(codes, outcome.reversal_sure, observed, errors, config.classify)
+        columns["type_sure"] = pa.array(sure, mask=codes < 0)
+    return columns
+
+
 def _inputs(launches: Launches) -> dict[str, Any]:
+    bodies = launches.bodies
     columns = (
         dict(launches.carried)
         | _named(launches, "case", "sample", "n_i", "omega_xy0", "psi", "n_c1", "n_0")
-        | _named(launches.bodies, *PARAMETERS, "f_sd")
+        | _named(bodies, *PARAMETERS, "f_sd")
         | _named(launches.modes, "omega_p", "omega_r", "K_p", "K_r")
         | {"t_rgh": launches.gh.t_rgh}
     )
     for name in ("omega", "u"):
-        if (vectors := getattr(launches.bodies, name)) is not None:
+        if (vectors := getattr(bodies, name)) is not None:
             columns |= {f"{name}_{x}": vectors[:, k] for k, x in enumerate("xyz")}
     if launches.second is not None:
         columns["n_i_rpm"] = launches.n_i / launches.second * 30 / np.pi
-    if launches.bodies.c is not None:
-        columns["c"] = launches.bodies.c
+    if bodies.c is not None:
+        columns["c"] = bodies.c
     return columns
 
 
@@ -207,11 +172,66 @@ def _named(values: Any, *names: str) -> dict[str, Any]:
     return {name: getattr(values, name) for name in names}
 
 
+def _closed_form(launches: Launches) -> dict[str, Any]:
+    """Return the columns of the model gh: n(t) is known, and so is its zero."""
+    finite, t_rgh = np.isfinite(launches.t_end), launches.gh.t_rgh
+    reverses = finite & (t_rgh <= launches.t_end)
+    t_end = np.where(reverses, t_rgh, np.where(finite, launches.t_end, 0.0))
+    n_end = np.where(reverses, 0.0, launches.gh.spin(t_end))
+    none = np.zeros(len(t_end), dtype=np.int32)
+    return {
+        "t_end": t_end,
+        "t_r": np.where(reverses, t_rgh, np.nan),
+        "n_end": np.where(finite, n_end, np.nan),
+        "n_steps": none,
+        "energy_drift": np.where(finite, 0.0, np.nan),
+        # Unknown here, which rules out SS: in this model the relevant oscillation only grows.
+        "amp_growth": np.full(len(t_end), np.nan),
+        "n_departure": np.where(finite, 1 - n_end / launches.n_i, np.nan),
+        "near_tangencies": none,
+        "status_codes": np.where(finite, Status.OK, Status.NO_HORIZON),
+    }
+
+
+def _measured(config: Config, launches: Launches, batch: Batch, outcome: Outcome) -> dict[str, Any]:
+    """Return the columns of runs that were integrated."""
+    ok = outcome.status == Status.OK
+    columns = {"status_codes": outcome.status} | _named(
+        outcome, "t_end", "t_r", "n_end", "n_steps", "energy_drift", "amp_growth", "n_departure",
+        "near_tangencies",
+    )  # fmt: skip
+    for part in {"energy", "contact", "volume", "error", "tol"}.intersection(config.parts):
+        # Whether a type is sure is not the kernel's to say.
+        names = [column.name for column in RUNS[part] if column.name != "type_sure"]
+        columns |= _named(outcome, *names)
+    if config.classify.early:
+        # In the end all of its energy is spin.
+        spin = np.copysign(np.sqrt(2 * outcome.energy_0 / launches.bodies.gamma), launches.n_i)
+        columns["n_end"] = np.where(has_settled(batch, outcome), spin, columns["n_end"])
+    if launches.sigma is not None:
+        columns |= _dissipation(launches, batch, outcome)
+    if "lyapunov" in config.record:
+        columns["lyapunov"], late = exponents(outcome.growth)
+        columns["lyapunov_late"] = late
+        columns["chaotic"] = pa.array(is_chaotic(late, outcome.t_end), mask=~np.isfinite(late))
+    if "reversals" in config.record:
+        counted = np.where(ok, outcome.n_turns, -1)
+        columns["n_turns"] = pa.array(counted.astype(np.int32), mask=~ok)
+        for k, name in enumerate(("turn_times", "spin_after_turn")):
+            columns[name] = ragged(outcome.reversals[:, :, k], np.minimum(counted, MOST_REVERSALS))
+    if "windows" in config.record:
+        filled = np.isfinite(outcome.windows[:, :, 0]).sum(axis=1)
+        columns["window_t"] = batch.window
+        for k, name in enumerate(("window_amplitude", "window_n_min", "window_n_max")):
+            columns[name] = ragged(outcome.windows[:, :, k], filled)
+    return columns
+
+
 def _dissipation(launches: Launches, batch: Batch, outcome: Outcome) -> dict[str, Any]:
-    """Columns of runs of a sweep with dissipation."""
+    """Return the columns of runs of a sweep with dissipation."""
     sigma, rolling = launches.sigma, launches.rolling
-    if sigma is None or rolling is None:
-        return {}
+    assert sigma is not None
+    assert rolling is not None
     b, m, n_i = launches.bodies, launches.modes, launches.n_i
     pitch = unsteady(m.K_p, n_i)
     growth = np.where(pitch, *steady.growth(batch.constants[:, :6].T, n_i, sigma))
@@ -225,42 +245,3 @@ def _dissipation(launches: Launches, batch: Batch, outcome: Outcome) -> dict[str
         "n_growth": np.where(rolling > 0, np.nan, n_growth),
         "energy_left": 1 + outcome.y_end[:, -1] / outcome.energy_0,
     }
-
-
-def _closed_form(launches: Launches) -> dict[str, Any]:
-    """The model gh: n(t) is known, and so is its zero; nothing is integrated."""
-    rows = len(launches.n_i)
-    finite, t_rgh = np.isfinite(launches.t_end), launches.gh.t_rgh
-    reverses = finite & (t_rgh <= launches.t_end)
-    t_end = np.where(reverses, t_rgh, np.where(finite, launches.t_end, 0.0))
-    n_end = np.where(reverses, 0.0, launches.gh.spin(t_end))
-    nothing = np.full(rows, np.nan)
-    return {
-        "t_end": t_end,
-        "t_r": np.where(reverses, t_rgh, np.nan),
-        "n_end": np.where(finite, n_end, np.nan),
-        "n_steps": np.zeros(rows, dtype=np.int64),
-        "energy_drift": np.where(finite, 0.0, np.nan),
-        # Unknown here, which rules out SS: in this model the relevant oscillation only grows.
-        "amp_growth": nothing,
-        "n_departure": np.where(finite, 1 - n_end / launches.n_i, np.nan),
-        "near_tangencies": np.zeros(rows, dtype=np.int32),
-        "status_codes": np.where(finite, Status.OK, Status.NO_HORIZON),
-    }
-
-
-def _measured(outcome: Outcome, parts: list[str]) -> dict[str, Any]:
-    columns = {"status_codes": outcome.status} | _named(
-        outcome, "t_end", "t_r", "n_end", "n_steps", "energy_drift", "amp_growth", "n_departure",
-        "near_tangencies",
-    )  # fmt: skip
-    for part in ("energy", "contact", "error", "tol"):
-        if part in parts:
-            # Whether a type is sure is not the kernel's to say.
-            names = [column.name for column in RUNS[part] if column.name != "type_sure"]
-            columns |= _named(outcome, *names)
-    if "lyapunov" in parts:
-        columns["lyapunov"], late = exponents(outcome.growth)
-        columns["lyapunov_late"] = late
-        columns["chaotic"] = chaotic_column(late, outcome.t_end)
-    return columns

@@ -43,13 +43,9 @@ class Classified:
 
 
 def classify_stored(directory: Path, overrides: Sequence[str] = ()) -> Classified:
-    """Give the stored runs of a directory the types that some thresholds ask for, and renew the
-    summary.
+    """Type the stored runs of a directory by some thresholds, and renew the summary.
 
-    Each file is rewritten in one step; after a kill the same command goes on.  With dissipation
-    `dead_energy` cannot change: a zero of the spin after the energy has fallen below it is not
-    stored as ``t_r``, so that neither a smaller nor, later, the sweep's own value could bring it
-    back.
+    Each file is rewritten in one step; after a kill the same command goes on.
 
     Parameters
     ----------
@@ -67,18 +63,19 @@ def classify_stored(directory: Path, overrides: Sequence[str] = ()) -> Classifie
     _changed(open_stored(directory), overrides)  # before anything is made there
     with hold(directory):
         stored = open_stored(directory)
-        thresholds = _changed(stored, overrides).classify
-        typed = thresholds.as_text
+        runs, thresholds = stored.runs, _changed(stored, overrides).classify
         changed = files = 0
-        for path in stored.files():
-            rows = stored.runs.table(path)
-            again = with_types(rows, thresholds)
-            changed += _differing(rows.column("type"), again.column("type"))
-            files += stored.runs.rewrite_if(path, again, typed)
+        for path in runs.files():
+            if runs.typed(path) != thresholds.as_text:
+                rows = runs.table(path)
+                again = with_types(rows, thresholds)
+                runs.rewrite(path, again, thresholds.as_text)
+                old, new = (pc.fill_null(t.column("type"), "") for t in (rows, again))
+                changed += pc.sum(pc.not_equal(old, new)).as_py()
+                files += 1
         own, before = stored.config.classify.thresholds, stored.thresholds.thresholds
         now = thresholds.thresholds
         note_thresholds(stored, None if now == own else thresholds)
-        stored = open_stored(directory)
         summary = summarise(stored)
         write_summary(stored, summary)
     return Classified(changed, files, before, own, now, summary)
@@ -86,19 +83,15 @@ def classify_stored(directory: Path, overrides: Sequence[str] = ()) -> Classifie
 
 def _changed(stored: Stored, overrides: Sequence[str]) -> Config:
     """Return the sweep's config with other thresholds."""
-    config = override_config(resolved(stored.config), list(overrides))
-    if config.model_copy(update={"classify": stored.config.classify}) != stored.config:
+    config, own = override_config(resolved(stored.config), list(overrides)), stored.config
+    if config.model_copy(update={"classify": own.classify}) != own:
         raise ConfigError("--set: only keys of classify can change here; others need a new sweep")
-    if config.classify.early != stored.config.classify.early:
+    if config.classify.early != own.classify.early:
         raise ConfigError("--set classify.early: decides how far runs go; it needs a new sweep")
-    if config.dissipation and config.classify.dead_energy != stored.config.classify.dead_energy:
+    # A zero of the spin after the energy has fallen below it is not stored as t_r.
+    if config.dissipation and config.classify.dead_energy != own.classify.dead_energy:
         raise ConfigError(
             "--set classify.dead_energy: decides which zeros of the spin are reversals; with "
             "dissipation it needs a new sweep"
         )
     return config
-
-
-def _differing(one: pa.ChunkedArray, other: pa.ChunkedArray) -> int:
-    same = pc.equal(pc.fill_null(one, ""), pc.fill_null(other, ""))
-    return len(one) - int(pc.sum(same).as_py() or 0)

@@ -136,6 +136,11 @@ RUNS: dict[str, tuple[pa.Field, ...]] = {
               "whether a small difference grows by more than e^10 in the second half: "
               "lyapunov_late * t_end / 2 > 10; null: too short to tell"),
     ),
+    "volume": (
+        field("volume_rate", F64, RATE,
+              "mean rate of the logarithm of phase volume over the run; null where status is not "
+              "ok"),
+    ),
     "error": (
         field("t_r_error", F64, TIME,
               "estimate of abs(t_r - true), which it exceeds in all but a few of a thousand "
@@ -178,6 +183,7 @@ RECORD_PARTS: dict[str, tuple[str, ...]] = {
     "contact": ("reduced", "gh"),
     "windows": ("gh",),
     "lyapunov": ("gh",),
+    "volume": ("reduced", "gh"),
     "error": ("gh",),
     "tol": ("gh",),
     "reversals": ("gh",),

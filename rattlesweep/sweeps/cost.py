@@ -17,8 +17,7 @@ SEED = 20170427
 
 
 def expected_cost(launches: Launches, model: str) -> Floats:
-    """Return the expected cost of runs: radians of oscillation up to the horizon, 0 where there is
-    none.
+    """Return the expected cost of runs: radians up to the horizon, 0 where there is none.
 
     The steps of the full dynamics go with the oscillations, those of the reduced dynamics with the
     spin's; the closed form costs the same for all.
@@ -56,7 +55,7 @@ def sample_keys(plan: Plan, per_case: int, cases: Integers) -> tuple[Plan, Integ
 
 
 def case_costs(plan: Plan) -> Floats:
-    """Return the expected cost of one run of each case, from a few samples spread over it."""
+    """Return the expected cost of one run of each case, above 0, from a few samples of it."""
     count = len(plan.cases)
     if plan.config.model == "gh":
         return np.ones(count)
@@ -66,4 +65,5 @@ def case_costs(plan: Plan) -> Floats:
     mean = cost.reshape(len(judged), -1).mean(axis=1)
     # Cases between judged ones are neighbours in the order of the config.
     costs: Floats = np.interp(np.arange(count), judged, mean)
+    costs[costs <= 0] = 1e-3 * costs.max() or 1.0
     return costs

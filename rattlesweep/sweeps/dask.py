@@ -1,61 +1,58 @@
 """The engine of many machines: the workers of a Dask cluster compute blocks.
 
 The driver, which is this process, hands out blocks, a few more than there are workers, and writes
-the tables that come back, so that workers need no disk in common with it.  When a worker is lost,
-Dask's scheduler gives its blocks to another one: a block depends on its keys alone.
+the tables that come back, so that workers need no disk in common with it.  The blocks of a worker
+that is lost are done by another: a block depends on its keys alone.
 """
 
 from __future__ import annotations
 
 import asyncio
-import hashlib
 import logging
 import pickle
 import signal
 import socket
-import sys
 import threading
 import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from functools import cache, partial
+from functools import lru_cache, partial
 from multiprocessing import resource_tracker
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, NamedTuple
-from uuid import uuid4
+from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 
 from rattlesweep.arrays import Integers
 from rattlesweep.errors import ConfigError, OutputError, one_line
 from rattlesweep.integrate.batch import Control, available_threads
-from rattlesweep.integrate.compile import PACKAGE
 from rattlesweep.integrate.task import POLL, Task
 from rattlesweep.sweeps.block import compute, load_kernel, prepare_runs
-from rattlesweep.sweeps.job import Engine, Job, Keys, OutOfTime
+from rattlesweep.sweeps.job import Engine, Job, Keys
 from rattlesweep.sweeps.plan import Plan
-from rattlesweep.sweeps.provenance import machine, versions
+from rattlesweep.sweeps.provenance import versions
 
 if TYPE_CHECKING:
     from distributed import Client, Future
 
 AHEAD = 2  # blocks of a worker: one under way, and one that is prepared meanwhile
 # Times in seconds.
-GATHER = 5.0  # for which a stop waits for the rows of blocks under way
 REACH = 5.0  # within which a scheduler must be reached
 ANSWER = 20.0  # after which a scheduler, or a table on its way, is given up
 SILENCE = 30  # after which the embedded cluster replaces a worker
 LOOK_EVERY = 2.0  # between two looks at the workers
 WORKERLESS = 120.0  # for which there may be no worker
-NUMERIC = ("numpy", "numba", "llvmlite", "scipy")  # packages on whose versions the bits depend
-NOISY = ("distributed", "distributed.client", "tornado", "tornado.application", "asyncio")
+NUMERIC = ("rattlesweep", "numpy", "numba", "llvmlite", "scipy")  # the bits depend on them
+LOGGERS = ("distributed", "distributed.client", "tornado", "tornado.application", "asyncio")
 
 
 def make_engine(
     scheduler: str | None = None, workers: int | None = None, threads: int | None = None
 ) -> Engine:
     """Return an engine for :func:`rattlesweep.sweeps.run.run_sweep`.
+
+    A stop loses the blocks under way, a few seconds of work, and frees the workers.
 
     Parameters
     ----------
@@ -82,19 +79,20 @@ def make_engine(
         ) from None
     if scheduler is not None and workers is not None:
         raise ConfigError("--workers: the workers of --scheduler are those that it has")
+    for name in LOGGERS:  # what matters is said in one sentence
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     driver: _Driver | None = None
 
-    def engine(job: Job, blocks: Iterator[Keys]) -> Iterator[pa.Table]:
+    def engine(job: Job, blocks: Iterator[Keys]) -> None:
         nonlocal driver
         if driver is None or driver.job is not job:  # else this is the session's next wave
-            job.resources.enter_context(_quiet())
             cluster = existing(scheduler) if scheduler else embedded(workers, threads or 1)
             client = job.resources.enter_context(cluster)
             driver = _Driver(job, client, threads or (None if scheduler else 1))
             # Workers on this machine, or on others that share its cache, then find it compiled.
             loading = Task(lambda _: load_kernel(job.plan.config))
-            job.load_seconds += loading.wait(lambda _: job.tick())
-        return driver.run_blocks(blocks)
+            job.result.load_seconds += loading.wait(lambda _: job.tick())
+        driver.run(blocks)
 
     return engine
 
@@ -109,45 +107,36 @@ class _Driver:
         import dask
 
         self.job, self._client, self._threads = job, client, threads
-        self._where, self._token = client.scheduler.address, uuid4().hex
+        self._where = client.scheduler.address
         self._flying: dict[Future, tuple[Keys, str]] = {}  # keys and the worker meant for them
         self._waiting: list[Keys] = []
         self._workers: dict[str, int] = {}  # threads by address
         self._due, self._seen = 0.0, time.monotonic()
-        self._cpus = {machine()["cpu"]}
-        order = {
-            "token": self._token,
-            "essentials": essentials(),
-            "threads": threads,
-            # In bytes: the scheduler looks into arguments, and need not make sense of a plan.
-            "plan": pickle.dumps(job.plan),
-        }
+        # The plan is in bytes, so that the scheduler need not make sense of it.
+        order = {"versions": versions(), "threads": threads, "plan": pickle.dumps(job.plan)}
         # A task of its own: a worker fetches the result once, and Dask makes it again if all
         # workers that have it are lost, as it would not with scattered data.
         with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1TB"}):
             self._order = client.submit(dict, order, pure=False)
 
-    def run_blocks(self, blocks: Iterator[Keys]) -> Iterator[pa.Table]:
-        """Yield the rows of blocks; after a stop, those of the runs that have ended."""
+    def run(self, blocks: Iterator[Keys]) -> None:
+        """Write the rows of blocks."""
         job = self.job
         try:
             while self._hand_out(blocks):
                 time.sleep(POLL)
-                for keys, answer in self._done():
-                    if answer is None or len(answer.table) < len(keys[0]):
+                for future in [future for future in self._flying if future.done()]:
+                    keys = self._flying[future][0]
+                    answer = self._result(future, keys)
+                    del self._flying[future]
+                    if answer is None or len(answer[0]) < len(keys[0]):
                         self._waiting.append(keys)  # its worker was lost or closed
                         continue
-                    job.worked(keys, answer.seconds)
-                    yield answer.table
+                    job.worked(keys, answer[1])
+                    job.write(answer[0])
                 job.tick()
-                if not self._workers and job.over():
-                    raise OutOfTime
-        except BaseException as error:
-            # A stop is a request and no failure: what has ended is kept.
-            if isinstance(error, OutOfTime) or not isinstance(error, (Exception, GeneratorExit)):
-                yield from self._ended()
-            self._flying.clear()  # what is not waited for is cancelled
-            raise
+        finally:
+            self._flying.clear()  # what nobody waits for is cancelled
 
     def _hand_out(self, blocks: Iterator[Keys]) -> bool:
         """Give each worker its blocks, and return whether any are under way or left."""
@@ -162,8 +151,8 @@ class _Driver:
                 self._waiting.append(keys)
                 return True
             load[address] += 1
-            # Left to itself, Dask prefers workers that have the plan already, and gives one as
-            # many blocks as it has threads, of which all but one would wait for the kernel.
+            # Left to itself, Dask gives a worker as many blocks as it has threads, of which all
+            # but one would wait for the kernel.
             future = self._client.submit(
                 do_block, self._order, *keys, workers=address, allow_other_workers=True, pure=False
             )
@@ -173,11 +162,11 @@ class _Driver:
         """Raise an OutputError if the scheduler is lost; now and then, ask for its workers."""
         from distributed import TimeoutError as Late
 
-        now, where = time.monotonic(), self._where
         lost = OutputError(
-            f"the scheduler at {where} is lost; completed runs are kept, and with a new one the "
-            "same command resumes from there"
+            f"the scheduler at {self._where} is lost; completed runs are kept, and with a new one "
+            "the same command resumes from there"
         )
+        now = time.monotonic()
         if self._client.status != "running":
             raise lost
         if now < self._due:
@@ -193,64 +182,34 @@ class _Driver:
             self.job.begin()
         elif now - self._seen > WORKERLESS:
             raise OutputError(
-                f"the scheduler at {where} has had no worker for {WORKERLESS:.0f} s; start some "
-                f"with `dask worker {where}`, and the same command resumes from there"
+                f"the scheduler at {self._where} has had no worker for {WORKERLESS:.0f} s; start "
+                f"some with `dask worker {self._where}`, and the same command resumes from there"
             )
 
-    def _done(self) -> Iterator[tuple[Keys, Answer | None]]:
-        """Yield what came of the blocks that have ended: None if one is to be done again."""
-        for future in [future for future in self._flying if future.done()]:
-            keys, _ = self._flying[future]
-            try:
-                answer = self._result(future, keys)
-            finally:
-                del self._flying[future]
-            yield keys, answer
-
-    def _result(self, future: Future, keys: Keys) -> Answer | None:
+    def _result(self, future: Future, keys: Keys) -> tuple[pa.Table, float] | None:
+        """Return what came of a block; None if it was lost together with its worker."""
         from distributed import CancelledError, KilledWorker
         from distributed import TimeoutError as Late
 
         try:
-            answer: Answer = future.result(timeout=ANSWER)
+            answer: tuple[pa.Table, float] = future.result(timeout=ANSWER)
+        except (CancelledError, Late, OSError):
+            return None
+        except (ConfigError, OutputError):
+            raise
         except KilledWorker as error:
             raise OutputError(
                 f"the block that begins with case {keys[0][0]}, sample {keys[1][0]} is given up: "
                 "workers that have it are lost again and again, the last one was "
                 f"{error.last_worker.address}; their logs may say why, for example a lack of memory"
             ) from error
-        except (CancelledError, Late, OSError):
-            return None  # lost together with its worker
-        except (ConfigError, OutputError):
-            raise
         except Exception as error:
             raise OutputError(
                 "the scheduler or a worker cannot read a block "
                 f"({one_line(f'{type(error).__name__}: {error}', 200)}); give them all the "
                 "environment of the driver"
             ) from error
-        if answer.cpu not in self._cpus:
-            self._cpus.add(answer.cpu)
-            self.job.remarks.append(
-                f"workers have other processors ({answer.cpu}) than the driver: last bits may "
-                "differ"
-            )
         return answer
-
-    def _ended(self) -> Iterator[pa.Table]:
-        """Stop the blocks under way, and yield the rows of their runs that have ended."""
-        client, end = self._client, time.monotonic() + GATHER
-        with suppress(Exception):  # not heard by a worker that is paused
-            client.sync(
-                client.run, stop, self._token, on_error="ignore", callback_timeout=GATHER / 2
-            )
-        while self._flying and time.monotonic() < end and client.status == "running":
-            with suppress(OutputError, ConfigError):  # a block that failed has no rows
-                for _, answer in self._done():
-                    if answer is not None:
-                        self.job.lost += answer.lost
-                        yield answer.table
-            time.sleep(POLL)
 
 
 # -- the cluster -------------------------------------------------------------------------------
@@ -273,10 +232,8 @@ def embedded(workers: int | None, threads: int) -> Iterator[Client]:
             "distributed.scheduler.worker-ttl": f"{SILENCE}s",
             "distributed.scheduler.http.routes": [],
             "distributed.worker.http.routes": [],
-            "distributed.worker.profile.enabled": False,
         }
         stack.enter_context(dask.config.set(settings))
-        path = sys.path[:]
         # A terminal sends Ctrl-C to the whole group.  A signal that is blocked here stays blocked
         # in all threads and processes that come from here, and in those that replace lost workers.
         resource_tracker.ensure_running()  # else the first child starts it, which unblocks them
@@ -287,7 +244,6 @@ def embedded(workers: int | None, threads: int) -> Iterator[Client]:
                     n_workers=workers or max(1, available_threads() // threads),
                     # A second thread prepares the next block while the kernel runs.
                     threads_per_worker=max(2, threads),
-                    processes=True,
                     host="127.0.0.1",
                     dashboard_address=None,
                     # Any port: by itself Dask warns where another cluster has taken 8787.
@@ -301,7 +257,6 @@ def embedded(workers: int | None, threads: int) -> Iterator[Client]:
             client = stack.enter_context(Client(cluster, set_as_default=False))
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
-            sys.path[:] = path
         yield client
 
 
@@ -338,62 +293,27 @@ def existing(address: str) -> Iterator[Client]:
             client.close(timeout=5)
 
 
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Keep Dask's log off the terminal: what matters is said in one sentence."""
-    levels = {logger: logger.level for logger in map(logging.getLogger, NOISY)}
-    for logger in levels:
-        logger.setLevel(logging.CRITICAL)
-    try:
-        yield
-    finally:
-        for logger, level in levels.items():
-            logger.setLevel(level)
-
-
 # -- a worker ----------------------------------------------------------------------------------
 
 _kernel = threading.Lock()  # one kernel at a time in a process
-_opening = threading.Lock()
-_plans: dict[str, Plan] = {}  # the one that was used last, by the token of its driver
-_stopped: set[str] = set()  # tokens
 
 
-class Answer(NamedTuple):
-    """What a worker sends back."""
-
-    table: pa.Table  # all rows of a block, or if it was stopped those of the runs that had ended
-    lost: int  # runs that had begun but not ended
-    seconds: float  # of the kernel
-    cpu: str  # of the worker's machine
-
-
-@cache
-def essentials() -> dict[str, str]:
-    """Return what must be equal for the bits to be: this package's source and some versions."""
-    root, digest = PACKAGE, hashlib.sha256()
-    for path in sorted(root.rglob("*.py")):
-        digest.update(path.relative_to(root).as_posix().encode())
-        digest.update(path.read_bytes())
-    known = versions()
-    source = f"{known['rattlesweep']} ({digest.hexdigest()[:12]})"
-    return {"rattlesweep": source, **{name: known[name] for name in NUMERIC}}
-
-
-def stop(token: str) -> None:
-    """Have the blocks of a driver answer with what they have; called by Dask on a worker."""
-    _stopped.add(token)
-
-
-def do_block(order: dict[str, Any], case: Integers, sample: Integers) -> Answer:
+def do_block(order: dict[str, Any], case: Integers, sample: Integers) -> tuple[pa.Table, float]:
     """Compute the runs of some keys; called by Dask on a worker.
+
+    Returns
+    -------
+    rows : pyarrow.Table
+        Not all of them if nobody waits for the block any more.
+    seconds : float
+        Time of the kernel.
 
     Raises
     ------
     ConfigError
         If the config asks for bodies that cannot be had.
     OutputError
-        If this worker fails, or is unlike the driver.
+        If this worker fails, or has other versions than the driver.
     """
     from distributed import Status, get_worker
 
@@ -401,26 +321,30 @@ def do_block(order: dict[str, Any], case: Integers, sample: Integers) -> Answer:
     state = worker.state.tasks.get(worker.get_current_task())
 
     def unwanted() -> bool:
-        # A block that nobody waits for, such as that of a driver that was killed, is cancelled.
-        cancelled = state is None or state.state == "cancelled"
         closing = worker.status in (Status.closing, Status.closed)
-        return cancelled or closing or order["token"] in _stopped
+        return closing or state is None or state.state == "cancelled"
 
     def watch(control: Control) -> None:
         if unwanted():
             control.stop()
 
     try:
-        plan, cpu = _open(order), machine()["cpu"]
+        ours, theirs = versions(), order["versions"]
+        if other := [name for name in NUMERIC if ours[name] != theirs[name]]:
+            words = "; ".join(f"{name} {ours[name]} there, {theirs[name]} here" for name in other)
+            raise OutputError(
+                f"it would compute other bits: {words}; give all workers the driver's environment"
+            )
+        plan = _unpack(order["plan"])
         prepared = prepare_runs(plan, case, sample)
         while not _kernel.acquire(timeout=POLL):
             if unwanted():
-                return Answer(plan.schema.remove_metadata().empty_table(), 0, 0.0, cpu)
+                return plan.schema.remove_metadata().empty_table(), 0.0
         try:
             load_kernel(plan.config)  # not while another thread uses a kernel
             threads = order["threads"] or worker.state.nthreads
             task = Task(partial(compute, plan.config, plan.schema, prepared, threads))
-            table, lost = task.wait(watch)
+            return task.wait(watch)[0], task.seconds
         finally:
             _kernel.release()
     except ConfigError:
@@ -429,20 +353,9 @@ def do_block(order: dict[str, Any], case: Integers, sample: Integers) -> Answer:
         words = str(error) if isinstance(error, OutputError) else f"{type(error).__name__}: {error}"
         me = f"the worker at {worker.address} on {socket.gethostname()}"
         raise OutputError(f"{me}: {one_line(words, 500)}") from None  # a cause may not be pickled
-    return Answer(table, lost, task.seconds, cpu)
 
 
-def _open(order: dict[str, Any]) -> Plan:
-    """Return the plan of an order; raise an OutputError if the driver has other versions."""
-    with _opening:
-        if order["token"] not in _plans:
-            ours, theirs = essentials(), order["essentials"]
-            if other := [name for name in theirs if ours.get(name) != theirs[name]]:
-                words = (f"{name} {ours.get(name)} there, {theirs[name]} here" for name in other)
-                raise OutputError(
-                    f"it would compute other bits: {'; '.join(words)}; give all workers the "
-                    "environment of the driver"
-                )
-            _plans.clear()
-            _plans[order["token"]] = pickle.loads(order["plan"])
-        return _plans[order["token"]]
+@lru_cache(maxsize=1)
+def _unpack(plan: bytes) -> Plan:
+    unpacked: Plan = pickle.loads(plan)
+    return unpacked

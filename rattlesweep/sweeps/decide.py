@@ -57,15 +57,14 @@ def decision(config: Config, cases: Sequence[Case], samples: int) -> Stopping | 
 
 
 class _Known:
-    """What is known of the runs.
+    """What is known of the runs: arrays of the shape (cases, samples).
 
     Attributes
     ----------
-    code : ndarray of int8, shape (cases, samples)
-        Place of the type in :data:`TYPES`, :data:`FAILED` where a run is not ok, -1 where there is
-        none.
-    value : ndarray, shape (cases, samples) or (0, 0)
-        The column that is asked for.
+    code : ndarray of int8
+        Place of the type in :data:`TYPES`, :data:`FAILED` where a run is not ok, -1 for no run.
+    value : ndarray
+        The column that is asked for, if one is.
     """
 
     def __init__(self, shape: tuple[int, int], column: str | None) -> None:
@@ -133,30 +132,22 @@ class Stopping(_Known):
 class Refining(_Known):
     """A grid of every 2^levels-th value, halved where the runs in and around a cell differ.
 
-    A cell is refined if the runs known of it, its border included, are not of one type, or if the
-    column that is asked for bends there: what is found on the border of a cell refines its
+    A cell is halved if the runs known of it, its border included, are not of one type, or if the
+    column that is asked for bends there: what is found on the border of a cell halves its
     neighbour, so that boundaries are followed to their ends.  Axes of few values are done whole.
-
-    Parameters
-    ----------
-    config : Config
-    cases : sequence of Case
-    samples : int
     """
 
     def __init__(self, config: Config, cases: Sequence[Case], samples: int) -> None:
-        bodies, spin = config.bodies, config.spin
+        bodies, spin, losses = config.bodies, config.spin, config.dissipation
         assert isinstance(bodies, GridSource)
         assert bodies.refine is not None
         refine = bodies.refine
         launches: dict[str, Sequence[float | None]] = {}
         if spin is not None:
             launches |= {"n_i": spin.n_i, "omega_xy0": spin.omega_xy0}
-        if losses := config.dissipation:
+        if losses:
             launches |= {name: losses.values(name) for name in ("sigma", "rolling")}
-        axes = bodies.varying
-        lengths = {name: len(values) for name, values in (launches | axes).items()}
-        self.names, self.shape = tuple(lengths), tuple(lengths.values())
+        self.shape = tuple(len(values) for values in (launches | bodies.varying).values())
         if (points := math.prod(self.shape)) > MOST_POINTS:
             raise ConfigError(
                 f"bodies.refine: the finest grid has {points} points; at most {MOST_POINTS} are "
@@ -192,30 +183,24 @@ class Refining(_Known):
 
     def wanted(self) -> Flags:
         """Return which runs are wanted, as far as the rows so far tell.  Shape (cases, samples)."""
-        code = self._grid(self.code)
-        value = self._grid(self.value) if self.value.size else None
+        code, value = self._grid(self.code), self._grid(self.value) if self._column else None
         wanted = np.zeros(self.shape, dtype=bool)
-        wanted[np.ix_(*(ticks(n, s) for n, s in zip(self.shape, self.strides, strict=True)))] = True
+        wanted[np.ix_(*map(ticks, self.shape, self.strides))] = True
         while not (code[wanted] < 0).any():
-            more = np.zeros(self.shape, dtype=bool)
+            before = wanted.copy()
             # Only what this wave and those before it have found counts.
-            seen = np.where(wanted, code, np.int8(-1))
-            seen_value = None if value is None else np.where(wanted, value, np.nan)
+            seen = np.where(before, code, np.int8(-1))
+            seen_value = None if value is None else np.where(before, value, np.nan)
             stride = self.strides
             while max(stride) > 1:
-                self._halve(stride, more, seen, seen_value)
+                self._halve(stride, wanted, seen, seen_value)
                 stride = tuple(max(1, s // 2) if s == max(stride) else s for s in stride)
-            more &= ~wanted
-            if not more.any():
+            if (wanted == before).all():
                 break
-            wanted |= more
         return self._runs(wanted)
 
     def nearest(self, there: Flags) -> tuple[Integers, Integers]:
-        """Return the case and the sample of the run nearest to each among those that are `there`.
-
-        Two arrays of the shape (cases, samples), as `there` is.
-        """
+        """Return case and sample of the run nearest to each among those that are `there`."""
         index = nearest(self._grid(there), [stride > 1 for stride in self.strides])
         number = self._grid(np.arange(there.size).reshape(there.shape))
         case, sample = np.divmod(self._runs(number[tuple(index)]), there.shape[1])
@@ -225,26 +210,21 @@ class Refining(_Known):
         self, stride: tuple[int, ...], wanted: Flags, code: NDArray[np.int8], value: Floats | None
     ) -> None:
         """Mark the points of the cells of these sides that are to be halved."""
-        axes = range(len(self.shape))
         at = [ticks(n, s) for n, s in zip(self.shape, stride, strict=True)]
-        known = code >= 0
-        most = np.where(known, code, np.int8(-1))
-        least = np.where(known, code, np.int8(127))
+        refined = [axis for axis, s in enumerate(self.strides) if s > 1]
+        most, least = code, np.where(code >= 0, code, np.int8(127))
         corners = code[np.ix_(*at)] >= 0
-        for axis in axes:
-            if self.strides[axis] == 1:
-                continue  # of few values, each apart from the others
+        for axis in refined:
             most = _over(np.maximum, most, at[axis], axis)
             least = _over(np.minimum, least, at[axis], axis)
             corners = _ends(np.logical_and, corners, axis)
-        differs = corners & (most != least)
+        differs = most != least
         if value is not None:
-            differs |= corners & self._bends(at, value)
-        cells = np.nonzero(differs)
+            differs |= self._bends(at, refined, value)
         sides: list[tuple[Integers, ...]] = []
-        for axis, cell in zip(axes, cells, strict=True):
+        for axis, cell in enumerate(np.nonzero(corners & differs)):
             low = at[axis][cell]
-            if self.strides[axis] == 1:
+            if axis not in refined:
                 sides.append((low,))
                 continue
             high = at[axis][cell + 1]
@@ -253,22 +233,21 @@ class Refining(_Known):
         for point in product(*sides):
             wanted[point] = True
 
-    def _bends(self, at: list[Integers], values: Floats) -> Flags:
+    def _bends(self, at: list[Integers], refined: list[int], values: Floats) -> Flags:
         """Return which cells have a corner that lies off the line through its neighbours."""
         value = values[np.ix_(*at)]
         bends = np.zeros(value.shape, dtype=bool)
-        for axis, place in enumerate(at):
-            if len(place) < 3 or self.strides[axis] == 1:
+        for axis in refined:
+            if len(at[axis]) < 3:
                 continue
-            v = np.moveaxis(value, axis, -1)
-            left, right = np.diff(place)[:-1], np.diff(place)[1:]
+            v, gaps = np.moveaxis(value, axis, -1), np.diff(at[axis])
+            left, right = gaps[:-1], gaps[1:]
             line = (v[..., :-2] * right + v[..., 2:] * left) / (left + right)
-            size = np.abs(v[..., 1:-1])
-            off = np.abs(v[..., 1:-1] - line) > self._tol * np.maximum(size, np.abs(line))
+            middle = v[..., 1:-1]
+            off = np.abs(middle - line) > self._tol * np.maximum(np.abs(middle), np.abs(line))
             np.moveaxis(bends, axis, -1)[..., 1:-1] |= off
-        for axis in range(len(at)):
-            if self.strides[axis] > 1:
-                bends = _ends(np.logical_or, bends, axis)
+        for axis in refined:
+            bends = _ends(np.logical_or, bends, axis)
         return bends
 
 
@@ -276,26 +255,6 @@ def strides(shape: Sequence[int], levels: int) -> tuple[int, ...]:
     """Return the steps of the coarse grid along axes of so many values: two at least, or 1."""
     return tuple(1 if n < FEWEST else min(1 << levels, 1 << ((n - 1) // 2).bit_length() - 1)
                  for n in shape)  # fmt: skip
-
-
-def nearest(known: Flags, refined: Sequence[bool]) -> Integers:
-    """Return the indices of the nearest known point of each point of a grid, shape (axes, ...).
-
-    Axes that are not `refined` are no way to a neighbour: planes across them are apart, and the
-    points of one without any known point have their own indices.
-    """
-    from scipy.ndimage import distance_transform_edt
-
-    index = np.indices(known.shape)
-    axes = np.flatnonzero(refined)
-    others = (1 if own else n for own, n in zip(refined, known.shape, strict=True))
-    for place in np.ndindex(*others):
-        here = tuple(slice(None) if own else k for own, k in zip(refined, place, strict=True))
-        if known[here].any() and not known[here].all():
-            index[(axes, *here)] = distance_transform_edt(
-                ~known[here], return_distances=False, return_indices=True
-            )
-    return index
 
 
 def ticks(length: int, stride: int) -> Integers:
@@ -319,27 +278,34 @@ def _ends(function: np.ufunc, values: Flags, axis: int) -> Flags:
     return both
 
 
-def filled(stored: Stored, names: Sequence[str]) -> Iterator[pa.Table]:
-    """Yield a row for every run of a refined sweep, whether it was done or left out, case by case.
+def nearest(known: Flags, refined: Sequence[bool]) -> Integers:
+    """Return the indices of the nearest known point of each point of a grid, shape (axes, ...).
 
-    A run that was left out has the columns of the nearest one on the grid that was done, under its
-    own case and sample.
+    Planes across axes that are not `refined` are apart: the points of one without any known point
+    have their own indices.
+    """
+    from scipy.ndimage import distance_transform_edt
+
+    index = np.indices(known.shape)
+    axes = np.flatnonzero(refined)
+    others = (1 if own else n for own, n in zip(refined, known.shape, strict=True))
+    for place in np.ndindex(*others):
+        here = tuple(slice(None) if own else k for own, k in zip(refined, place, strict=True))
+        if known[here].any() and not known[here].all():
+            index[(axes, *here)] = distance_transform_edt(
+                ~known[here], return_distances=False, return_indices=True
+            )
+    return index
+
+
+def nearest_rows(stored: Stored) -> Iterator[tuple[int, Integers]]:
+    """Yield each case of a refined sweep, with the row of the run nearest to each of its samples.
+
+    Rows are counted in the order of their keys; -1 where there is no run yet.
     """
     refining = Refining(stored.config, stored.cases, stored.samples)
-    rows = stored.read(list(dict.fromkeys(["case", "sample", *names])))
-    shape = refining.code.shape
-    place = np.full(shape, -1, dtype=np.int64)
-    place[rows["case"].to_numpy(), rows["sample"].to_numpy()] = np.arange(len(rows))
-    if not len(rows):
-        return
-    case, sample = refining.nearest(place >= 0)
-    for number in range(shape[0]):
-        nearest = place[case[number], sample[number]]
-        points = np.flatnonzero(nearest >= 0)  # of a sweep that has just begun, there may be none
-        found = rows.take(pa.array(nearest[points]))
-        for name, values in (("case", np.full(len(points), number)), ("sample", points)):
-            at = found.schema.get_field_index(name)
-            found = found.set_column(
-                at, rows.schema.field(at), pa.array(values, rows.schema.field(at).type)
-            )
-        yield found.select(list(names)) if set(names) >= {"case", "sample"} else found
+    refining.read(stored)
+    there = refining.code >= 0
+    row = np.where(there, np.cumsum(there).reshape(there.shape) - 1, -1)
+    for number, (case, sample) in enumerate(zip(*refining.nearest(there), strict=True)):
+        yield number, row[case, sample]

@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all, and what the system refuses, in words."""
+"""Files that are there whole or not at all, and errors of the system in words."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import contextlib
 import errno
 import os
 import secrets
+import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,11 +14,8 @@ from typing import BinaryIO
 
 from rattlesweep.errors import OutputError
 
-# A leading dot and another ending: no pattern such as `*.parquet` matches, and readers that take a
-# whole directory skip hidden files.
+# No pattern such as `*.parquet` matches, and readers of a whole directory skip hidden files.
 TEMPORARY = ".*.tmp"
-ABANDONED = 3600.0
-"""Seconds after which a temporary file in a shared folder counts as left by a dead process."""
 
 
 def reason(error: BaseException) -> str:
@@ -49,17 +47,16 @@ def replace_file(path: Path, data: bytes) -> None:
 
 @contextlib.contextmanager
 def streamed_file(path: Path) -> Iterator[BinaryIO]:
-    """Open a file to write to that takes its place at `path` in one step when the body has ended.
+    """Open a file that takes its place at `path`, whole and on the disk, when the body has ended.
 
-    What is there stays there, whole, until the new file is on the disk.  If the body raises,
-    nothing is left of it.
+    What is there stays there until then.  If the body raises, nothing is left of the new file.
 
     Raises
     ------
     OutputError
         If the file cannot be written.
     """
-    # The random part keeps two processes that write the same file out of each other's way.
+    # The random part keeps apart two processes that write the same file.
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
     with explained(f"cannot write {path}"):
         try:
@@ -76,27 +73,7 @@ def streamed_file(path: Path) -> Iterator[BinaryIO]:
                 temporary.unlink()
 
 
-def probe_directory(path: Path) -> None:
-    """Create `path` where need be, and raise an OutputError if files cannot be written in it."""
-    with explained(f"cannot write in {path}", folder=True):
-        path.mkdir(parents=True, exist_ok=True)
-    with streamed_file(path / "probe") as file:
-        file.write(b"probe")
-    with explained(f"cannot write in {path}"):
-        (path / "probe").unlink()
-
-
-def remove_temporaries(folder: Path, older_than: float = 0.0) -> None:
-    """Remove what processes that died were writing, if it is at least so many seconds old."""
-    now = time.time()
-    for path in folder.glob(TEMPORARY):
-        with contextlib.suppress(OSError):  # another process was quicker
-            if now - path.stat().st_mtime >= older_than:
-                path.unlink()
-
-
 def _sync_directory(path: Path) -> None:
-    """Force a rename to the disk."""
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)
@@ -106,3 +83,19 @@ def _sync_directory(path: Path) -> None:
             raise
     finally:
         os.close(handle)
+
+
+def probe_directory(path: Path) -> None:
+    """Create `path` where need be, and raise an OutputError if files cannot be written in it."""
+    with explained(f"cannot write in {path}", folder=True):
+        path.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path):
+            pass
+
+
+def remove_temporaries(folder: Path, older_than: float = 0.0) -> None:
+    """Remove what dead processes were writing, if it is at least so many seconds old."""
+    for path in folder.glob(TEMPORARY):
+        with contextlib.suppress(OSError):  # another process was quicker
+            if time.time() - path.stat().st_mtime >= older_than:
+                path.unlink()

@@ -1,13 +1,20 @@
-"""What an engine works off: the runs that are left to do, in blocks, until it is told to stop."""
+"""The work of a session: blocks of the runs that are left, what came of them, and how far it is.
+
+An engine, such as :func:`local`, takes blocks of keys and writes the rows that come of them.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import signal
+import threading
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from typing import Any
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -15,20 +22,31 @@ import pyarrow as pa
 from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.integrate.batch import Control
 from rattlesweep.integrate.lanes.lane import LANES
+from rattlesweep.integrate.task import Task
+from rattlesweep.sweeps.block import Prepared, compute, load_kernel, prepare_runs
+from rattlesweep.sweeps.cost import case_costs
+from rattlesweep.sweeps.decide import Refining, Stopping
 from rattlesweep.sweeps.plan import Plan
+from rattlesweep.sweeps.rows import Found
+from rattlesweep.sweeps.stored import Stored
 
 Keys = tuple[Integers, Integers]
 """Cases and samples of some runs."""
 
-SECONDS = 3.0
-"""Time that a block should take, and so what a kill or a lost worker costs."""
+SECONDS, MOST_SECONDS = 3.0, 30.0
+"""Time that a block should take, and so what a kill or a lost worker costs; and that it may take
+where runs are so long that it would otherwise leave lanes without work."""
 FIRST_SECONDS = 0.3
 FIRST_RATE = 2e6
 """Expected cost that a thread works off in a second, until blocks have told."""
 MOST_ROWS = 50_000
 """Runs of a block: a few hundred bytes each while it is under way."""
 ROUNDS = 4
-"""Runs of a block for each lane at least, so that all lanes are in use most of the time."""
+"""Runs of a block for each lane, so that all lanes are in use most of the time."""
+AT_ONCE = 1 << 20
+"""Runs of which it is looked up at a time whether they are left to do."""
+GATHER = 2.0
+"""Seconds for which a stop waits for the rows of the block under way."""
 GRACE = 5.0
 """Seconds for which a session in which no run has ended goes on after its time is up, so that the
 same command again and again comes to an end, however short the time."""
@@ -45,8 +63,32 @@ class Progress:
     left: float | None  # seconds, estimated; None as long as there is nothing to judge by
 
 
-class OutOfTime(Exception):
+class OutOfTime(BaseException):
     """The time that a session has been given is over."""
+
+
+@dataclass
+class Result:
+    """What a session came to."""
+
+    directory: Path
+    runs: int = 0  # rows on disk of those that were wanted
+    done: int = 0  # runs integrated in this session
+    retried: int = 0  # runs that had failed and were done again
+    lost: int = 0  # runs that were under way when it was stopped
+    seconds: float = 0.0
+    kernel_seconds: float = 0.0
+    load_seconds: float = 0.0
+    stopped: str | None = None  # why it ended before all was done
+    remarks: list[str] = field(default_factory=list)  # what the user should know
+    failed: Counter[str] = field(default_factory=Counter)  # runs on disk by status, if not ok
+    summary: pa.Table | None = None  # one row a case; None unless the whole sweep is done
+    missing: int = 0  # runs of other shards that are not on disk
+
+    @property
+    def kept(self) -> str:
+        """What is left after a stop, for the user."""
+        return f"{self.runs:,} runs are kept, {self.lost:,} in flight were lost"
 
 
 @dataclass
@@ -56,100 +98,108 @@ class Job:
     Parameters
     ----------
     plan : Plan
+    stored : Stored
+        Where the rows go.
+    found : Found
+        What is there.
+    result : Result
     threads : int
-    cost : ndarray, shape (cases,)
-        Expected cost of a run of each case.
     report : callable
         Called with a :class:`Progress` some times a second.
+    decide : Stopping, Refining or None
+        What looks at the rows to say which runs are wanted.
     deadline : float or None
         Time of ``time.monotonic`` at which to stop.
     """
 
     plan: Plan
+    stored: Stored
+    found: Found
+    result: Result
     threads: int
-    cost: Floats
-    report: Callable[[Progress], None]
+    report: Callable[[Progress], None] = lambda progress: None
+    decide: Stopping | Refining | None = None
     deadline: float | None = None
-    seconds: float = SECONDS
-    done: int = 0  # runs done in this session
-    kernel_seconds: float = 0.0
-    load_seconds: float = 0.0
-    lost: int = 0  # runs that were under way when it was stopped
-    waves: bool = False  # whether more may be wanted once this is done
-    remarks: list[str] = field(default_factory=list)
     resources: ExitStack = field(default_factory=ExitStack)  # what an engine keeps between waves
-    _start: float = field(default_factory=time.monotonic)
-    _begun: float | None = None
-    _wanted: int = 0
-    _shown: float = 0.0  # what was reported last, and when the wave began
-    _base: float = 0.0
-    _todo: Any = None  # runs of each case that were to do, and that are left
-    _left: Any = None
-    _expected: Any = None  # expected cost and steps of the runs done, by case
-    _steps: Any = None
-    _rate: float | None = None
-    _recent: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=8))
 
-    def count(self, wanted: int, todo: Flags) -> None:
-        """Say what is wanted and what is left to do of it."""
-        cases = len(self.cost)
-        if self._steps is None:
-            self._expected, self._steps = np.zeros(cases), np.zeros(cases)
-        self._base = self._shown
-        self._left = todo.sum(axis=1)
-        self._wanted, self._todo = wanted, self._left.copy()
+    def __post_init__(self) -> None:
+        cases = len(self.plan.cases)
+        self._start = time.monotonic()
+        self._begun: float | None = None
+        self._cost = case_costs(self.plan)
+        self._wanted = self._left = np.zeros(cases)  # runs of each case
+        self._expected, self._steps = np.zeros(cases), np.zeros(cases)  # of the runs done, by case
+        self._recent: deque[tuple[float, float]] = deque(maxlen=8)  # cost and seconds of blocks
+        self._base = self._shown = 0.0  # fraction when the wave began, and that was reported last
 
     # ----------------------------------------------------------------- blocks
 
-    def blocks(self, todo: Flags) -> Iterator[Keys]:
-        """Cut what is left to do into blocks of about the same expected time, in order."""
-        least = ROUNDS * LANES * self.threads
-        case = np.zeros(0, dtype=np.int64)
-        sample = np.zeros(0, dtype=np.int64)
-        rows, samples = todo.shape
-        step = max(1, 4 * MOST_ROWS // samples)
-        for first in range(0, rows, step):
-            # A few cases at a time: the keys of a large sweep take eight times the room of `todo`.
-            more_case, more_sample = np.nonzero(todo[first : first + step])
-            case = np.concatenate([case, more_case + first])
-            sample = np.concatenate([sample, more_sample])
-            last = first + step >= rows
-            while len(case):
-                sums = np.cumsum(self.cost[case[:MOST_ROWS]])
-                count = max(least, int(np.searchsorted(sums, self._block_cost(), side="right")))
-                count = min(count, MOST_ROWS, len(case))
-                if not last and count == len(case):
-                    break  # the next cases may belong to this block
-                if last and len(case) - count < count // 4 and len(case) <= MOST_ROWS:
-                    count = len(case)  # no small block at the end
-                yield case[:count], sample[:count]
-                case, sample = case[count:], sample[count:]
+    def blocks(self, wanted: Flags) -> Iterator[Keys]:
+        """Cut what is left to do of these runs into blocks of about the same expected time."""
+        todo = wanted & ~self.found.done
+        self._wanted, self._left, self._base = wanted.sum(axis=1), todo.sum(axis=1), self._shown
+        return self._cut(todo)
 
-    def _block_cost(self) -> float:
-        if self._rate is None:
-            return FIRST_RATE * self.threads * FIRST_SECONDS
-        return self._rate * self.seconds
+    def _cut(self, todo: Flags) -> Iterator[Keys]:
+        samples, flat = todo.shape[1], todo.reshape(-1)
+        waiting = np.zeros(0, dtype=np.int64)
+        for start in range(0, flat.size, AT_ONCE):
+            # Places of all runs at once would take eight times the room of `todo`.
+            waiting = np.append(waiting, start + np.flatnonzero(flat[start : start + AT_ONCE]))
+            last = start + AT_ONCE >= flat.size
+            while len(waiting) >= (1 if last else 2 * MOST_ROWS):
+                count = self._rows(waiting[:MOST_ROWS] // samples)
+                if len(waiting) - count < count // 4 and len(waiting) <= MOST_ROWS:
+                    count = len(waiting)  # no small block at the end
+                yield np.divmod(waiting[:count], samples)
+                waiting = waiting[count:]
+
+    def _rows(self, case: Integers) -> int:
+        """Return how many of the runs of these cases make a block."""
+        sums = np.cumsum(self._cost[case])
+        if self._recent:
+            cost, seconds = np.sum(self._recent, axis=0)
+            budget = cost / max(seconds, 1e-6) * SECONDS
+        else:
+            budget = FIRST_RATE * self.threads * FIRST_SECONDS
+        wanted, most = np.searchsorted(sums, [budget, budget * MOST_SECONDS / SECONDS], "right")
+        lanes = LANES * self.threads
+        rows = max(wanted, min(ROUNDS * lanes, most), lanes)
+        return int(min(rows, len(case)))
 
     def worked(self, keys: Keys, seconds: float) -> None:
         """Take note of how long a block has taken."""
-        self.kernel_seconds += seconds
-        self._recent.append((float(self.cost[keys[0]].sum()), seconds))
-        cost, time_ = map(sum, zip(*self._recent, strict=True))
-        self._rate = cost / max(time_, 1e-6)
+        self.result.kernel_seconds += seconds
+        self._recent.append((float(self._cost[keys[0]].sum()), seconds))
+
+    def write(self, table: pa.Table) -> None:
+        """Write rows to the disk, and count them."""
+        if not len(table):
+            return
+        with _undisturbed():
+            config, stored = self.plan.config, self.stored
+            stored.runs.append(table, stored.hash, config.classify.as_text, stored.cases)
+            case, sample = (table.column(name).to_numpy() for name in ("case", "sample"))
+            self.found.done[case, sample] = True
+            for entry in table.column("status").value_counts().to_pylist():
+                self.found.status[entry["values"]] += entry["counts"]
+            self.result.runs += len(table)
+            self.result.done += len(table)
+            if self.decide is not None:
+                self.decide.add(table)
+            self.count(case, table.column("n_steps").to_numpy())
 
     # --------------------------------------------------------------- progress
+
+    def count(self, case: Integers, steps: Integers) -> None:
+        """Count runs of these cases as done, with their steps."""
+        np.subtract.at(self._left, case, 1)
+        np.add.at(self._expected, case, self._cost[case])
+        np.add.at(self._steps, case, steps)
 
     def begin(self) -> None:
         """Say that work begins now: what came before, such as compilation, is no rate."""
         self._begun = self._begun or time.monotonic()
-
-    def wrote(self, table: pa.Table) -> None:
-        """Count rows that are on disk now."""
-        case = table.column("case").to_numpy()
-        self.done += len(case)
-        np.subtract.at(self._left, case, 1)
-        np.add.at(self._expected, case, self.cost[case])
-        np.add.at(self._steps, case, table.column("n_steps").to_numpy().astype(float))
 
     def tick(self, keys: Keys | None = None, control: Control | None = None) -> None:
         """Report progress, with what the kernel says of the block under way.
@@ -160,57 +210,120 @@ class Job:
             If the session's time is over.
         """
         factors = self._factors()
-        left, done = float((self._left * self.cost) @ factors), float(self._expected @ factors)
-        part, runs = 0.0, 0
+        cost = self._cost * factors
+        whole, left, done = self._wanted @ cost, self._left @ cost, self._expected @ factors
+        runs = int((self._wanted - self._left).sum())
         if keys is not None and control is not None and control.total > 0:
-            part = float((self.cost * factors)[keys[0]].sum()) * min(
-                1.0, control.done / control.total
-            )
-            runs = control.runs_done
-        now, remaining = time.monotonic(), None
-        if self._begun is not None and done + part > 0:
-            remaining = max(0.0, left - part) * (now - self._begun) / (done + part)
-        # Rows found on disk are taken to be like the rest.
-        todo = int(self._todo.sum())
-        whole = float((self._todo * self.cost) @ factors) * self._wanted / max(1, todo)
-        there = self._wanted - int(self._left.sum())
-        fraction = 1.0 - (left - part) / whole if whole > 0 else there / max(1, self._wanted)
-        fraction = min(1.0, max(0.0, fraction))
-        if self.waves:  # nobody knows how many follow
+            part = cost[keys[0]].sum() * min(1.0, control.done / control.total)
+            left, done, runs = left - part, done + part, runs + control.runs_done
+        now, remaining, fraction = time.monotonic(), None, float(1.0 - left / whole)
+        if self._begun is not None and done > 0:
+            remaining = max(0.0, float(left * (now - self._begun) / done))
+        if self.decide is not None:  # nobody knows how many waves follow
             fraction = self._base + (1.0 - self._base) * fraction / 2
         # What is learned of later cases can make what is done less.
-        self._shown = max(self._shown, fraction)
-        elapsed = now - self._start
-        self.report(Progress(self._shown, there + runs, self._wanted, elapsed, remaining))
-        if self.over(self.done > 0 or runs > 0):
+        self._shown = min(1.0, max(self._shown, fraction))
+        total = int(self._wanted.sum())
+        self.report(Progress(self._shown, runs, total, now - self._start, remaining))
+        if self.over(self.result.done > 0 or (control is not None and control.runs_done > 0)):
             raise OutOfTime
 
     def complete(self) -> None:
         """Report that nothing is left to do."""
-        elapsed = time.monotonic() - self._start
-        self.report(Progress(1.0, self._wanted, self._wanted, elapsed, 0.0))
+        total = int(self._wanted.sum())
+        self.report(Progress(1.0, total, total, time.monotonic() - self._start, 0.0))
 
     def _factors(self) -> Floats:
         """Return how many steps the runs of each case take for each unit of expected cost.
 
         Most runs end before their horizon, and how many do differs from case to case.
         """
-        factors = np.ones(len(self.cost))
-        if self._steps.sum() > 0 and self._expected.sum() > 0:
-            factors[:] = self._steps.sum() / self._expected.sum()
-            np.divide(
-                self._steps, self._expected, out=factors, where=self._steps * self._expected > 0
-            )
+        overall = self._steps.sum() / self._expected.sum() if self._steps.any() else 1.0
+        factors = np.full(len(self._cost), overall)
+        np.divide(self._steps, self._expected, out=factors, where=self._steps > 0)
         return factors
 
     def over(self, some_done: bool = True) -> bool:
         """Return whether the time is over; a session without a finished run gets a little more."""
-        if self.deadline is None or time.monotonic() < self.deadline:
+        now = time.monotonic()
+        if self.deadline is None or now < self.deadline:
             return False
-        return some_done or (self._begun is not None and time.monotonic() >= self._begun + GRACE)
+        return some_done or (self._begun is not None and now >= self._begun + GRACE)
 
 
-Engine = Callable[[Job, Iterator[Keys]], Iterator[pa.Table]]
-"""Given blocks of keys, yields tables of rows, in any order and cut in any way.  What is thrown
-into it, such as a KeyboardInterrupt, it raises again after it has yielded the rows that are
-done."""
+Engine = Callable[[Job, Iterator[Keys]], None]
+"""Given blocks of keys, writes their rows by :meth:`Job.write`, in any order and cut in any way.
+When it is stopped, by Ctrl-C or :class:`OutOfTime`, it writes the rows that it has and raises that
+again."""
+
+
+def local(job: Job, blocks: Iterator[Keys]) -> None:
+    """Compute blocks on this machine, one after the other.
+
+    The kernel runs in a thread of its own, without the interpreter's lock.  Meanwhile the main
+    thread writes the block before, prepares the one after, reports progress and hears Ctrl-C.
+    """
+    plan = job.plan
+    loading = Task(lambda _: load_kernel(plan.config))
+    task: Task[tuple[pa.Table, int]] | None = None
+    finished: list[pa.Table] = []
+    try:
+        ready = _prepare(job, blocks)  # bodies are drawn while the kernel is loaded
+        job.result.load_seconds += loading.wait()
+        job.begin()
+        while ready is not None:
+            keys, prepared = ready
+            task = Task(partial(compute, plan.config, plan.schema, prepared, job.threads))
+            while finished:
+                job.write(finished.pop())
+                job.tick()
+            ready = _prepare(job, blocks)
+            table, _ = task.wait(partial(job.tick, keys))
+            job.worked(keys, task.seconds)
+            finished, task = [table], None
+        while finished:
+            job.write(finished.pop())
+            job.tick()
+    except Exception:
+        if task is not None:
+            task.stop()
+        raise
+    except BaseException:
+        while finished:
+            job.write(finished.pop())
+        if task is not None:
+            _keep_ended(job, task)
+        raise
+
+
+def _prepare(job: Job, blocks: Iterator[Keys]) -> tuple[Keys, Prepared] | None:
+    """Return the keys of the next block and what the kernel needs for it; None behind the last."""
+    keys = next(blocks, None)
+    return None if keys is None else (keys, prepare_runs(job.plan, *keys))
+
+
+def _keep_ended(job: Job, task: Task[tuple[pa.Table, int]]) -> None:
+    """Stop a block and write the rows of its runs that have ended."""
+    task.stop(patience=GATHER)
+    with contextlib.suppress(TimeoutError):
+        table, lost = task.value()
+        job.result.lost += lost
+        job.write(table)
+
+
+@contextlib.contextmanager
+def _undisturbed() -> Iterator[None]:
+    """Let Ctrl-C and SIGTERM wait until the body has ended."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    heard: list[int] = []
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = {n: signal.signal(n, lambda number, _: heard.append(number)) for n in numbers}
+    try:
+        yield
+    finally:
+        for n, handler in before.items():
+            signal.signal(n, signal.SIG_DFL if handler is None else handler)
+        for number in heard:
+            signal.raise_signal(number)

@@ -15,8 +15,10 @@ from rattlesweep.integrate.model import ELLIPSOID, FRICTION, FULL, MODELS, Model
 from rattlesweep.physics import full, launch, reduced, stone, theory
 from rattlesweep.physics.steady import settled_oscillation, steady_modes
 from rattlesweep.sweeps.bodies.protocol import Bodies
+from rattlesweep.sweeps.bodies.table import check_quantity
 from rattlesweep.sweeps.config.schema import MAX_SPEED, Config, Horizon
 from rattlesweep.sweeps.plan import Plan
+from rattlesweep.units import Quantity
 
 # A window has at least this many periods of the slower mode, so that it contains the largest
 # amplitude; see the evidence in docs/types.md.
@@ -75,7 +77,7 @@ class Launches:
     @property
     def second(self) -> Floats | None:
         """``sqrt(a/g)`` in seconds, of bodies whose size is known."""
-        return self.bodies.second
+        return None if self.bodies.scale is None else self.bodies.scale.second
 
     @property
     def carried(self) -> dict[str, NDArray[Any]]:
@@ -102,9 +104,13 @@ def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
         n_i, omega_xy0, psi = launch.spin_and_oscillation(omega, u)
         bodies = replace(bodies, n_i=n_i, omega_xy0=omega_xy0, psi=psi, omega=omega, u=u)
 
+    in_si = plan.config.in_si
+
     def value(name: str) -> Floats:
-        # A row of a table has its own, or else its case.
+        # A row of a table has its own; else its case has, but for what differs by the size.
         own: Floats | None = getattr(bodies, name)
+        if own is None and name in in_si and getattr(plan.cases[0], name) is None:
+            own = _natural(name, in_si[name][0], bodies)
         return np.array([getattr(c, name) for c in plan.cases], float)[case] if own is None else own
 
     n_i, omega_xy0 = value("n_i"), value("omega_xy0")
@@ -153,7 +159,9 @@ def with_theory(
     if horizon.t_rgh is not None:
         # A launch without t_rGH, which is NaN, has the others.
         t_end = np.fmin(t_end, horizon.t_rgh * gh.t_rgh)
-    if horizon.t is not None:
+    if isinstance(horizon.t, Quantity):
+        t_end = np.minimum(t_end, _natural("t_end", horizon.t, b))
+    elif horizon.t is not None:
         t_end = np.minimum(t_end, horizon.t)
     if horizon.t_decay is not None and sigma is not None:
         with np.errstate(divide="ignore"):
@@ -176,6 +184,14 @@ def with_theory(
         sigma=sigma,
         rolling=rolling,
     )
+
+
+def _natural(name: str, value: Quantity, bodies: Bodies) -> Floats:
+    """Return a value with a unit in the units of each body."""
+    assert bodies.scale is not None
+    natural = bodies.scale.natural(value, value.kind)
+    check_quantity(name, value, natural)
+    return natural
 
 
 def _energy(bodies: Bodies, omega: Floats, u: Floats) -> Floats:

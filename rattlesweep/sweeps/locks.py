@@ -1,73 +1,72 @@
-"""Who works in an output directory: one process a share, by locks that die with their process.
+"""One writer for each shard: locks in an output directory that die with their process.
 
-A process that does the whole sweep excludes all others; shares ``I/N`` of the same N may work side
-by side.  What a share does first is to hold its own lock, and then it looks whether somebody holds
-one that excludes it, so that of two processes that begin at once at most one goes on.
+A process that does the whole sweep excludes all others; shards ``I/N`` of the same N may work side
+by side.  A process takes its own lock first and then looks for one that excludes it, so that of two
+processes that begin at once at most one goes on.
 """
 
 from __future__ import annotations
 
 import contextlib
 import errno
-import re
 from collections.abc import Iterator
 from pathlib import Path
 
 from filelock import FileLock, Timeout
 
 from rattlesweep.errors import OutputError
-from rattlesweep.sweeps.files import ABANDONED, explained, remove_temporaries
-from rattlesweep.sweeps.sessions import who_holds
+from rattlesweep.sweeps.files import explained, remove_temporaries
+from rattlesweep.sweeps.provenance import SESSIONS, read_sessions, who
 
 FOLDER = ".locks"
 WHOLE, MANIFEST = "whole", "manifest"
-PATIENCE = 0.5
-"""Seconds for which a lock may be in the hands of somebody who only looks at it."""
-MANIFEST_PATIENCE = 60.0
+PATIENCE, MANIFEST_PATIENCE = 0.5, 60.0
+"""Seconds; a lock may be held for a moment by a process that only looks whether it is held."""
+ABANDONED = 3600.0
+"""Seconds after which a temporary file beside working shards counts as left by a dead process."""
 NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EINVAL)
-"""Answers of file systems without locks."""
+"""Answers of file systems without locks, on which each process goes on as if it were alone."""
 
 
 @contextlib.contextmanager
-def hold(directory: Path, share: str | None = None) -> Iterator[None]:
-    """Hold a directory, or a share of it such as ``shard-0-of-4``, for a block of code.
-
-    What processes that died there were writing is removed.
+def hold(directory: Path, shard: str | None = None) -> Iterator[None]:
+    """Hold a directory, or a shard such as ``shard-0-of-4``, and tidy up after dead processes.
 
     Raises
     ------
     OutputError
         If another process works there, or no lock file can be made.
     """
-    folder = directory / FOLDER
+    folder, mine = directory / FOLDER, shard or WHOLE
     with explained(f"cannot write in {folder}", folder=True):
         folder.mkdir(exist_ok=True)
-    with contextlib.ExitStack() as stack:
-        mine = share or WHOLE
-        if not stack.enter_context(_held(folder / mine, PATIENCE)):
-            raise _in_use(directory, share)
+    with _held(folder / mine, PATIENCE) as held:
+        if not held:
+            raise _in_use(directory, shard)
         for path in sorted(folder.iterdir()):
-            if path.name != mine and _excludes(path.name, share) and at_work(path):
+            beside = shard is not None and _count(path.name) == _count(shard)
+            if path.name not in (mine, MANIFEST) and not beside and at_work(path):
                 raise _in_use(directory, None if path.name == WHOLE else path.name)
-        for place in (directory, directory / "runs", directory / "sessions"):
-            remove_temporaries(place, 0.0 if share is None else ABANDONED)
+        for place in (directory, directory / "runs", directory / SESSIONS):
+            remove_temporaries(place, 0.0 if shard is None else ABANDONED)
         yield
 
 
 @contextlib.contextmanager
 def manifest_lock(directory: Path) -> Iterator[None]:
     """Keep other processes from the manifest for a moment."""
-    with _held(directory / FOLDER / MANIFEST, MANIFEST_PATIENCE) as held:
+    path = directory / FOLDER / MANIFEST
+    with _held(path, MANIFEST_PATIENCE) as held:
         if not held:
-            raise OutputError(f"{directory / FOLDER / MANIFEST} has been held for a minute")
+            raise OutputError(f"{path} has been held for a minute")
         yield
 
 
-def others_at_work(directory: Path, share: str | None) -> bool:
+def others_at_work(directory: Path, shard: str | None) -> bool:
     """Return whether another process computes runs in the directory."""
     with contextlib.suppress(OSError):
-        names = [path for path in (directory / FOLDER).iterdir() if path.name != (share or WHOLE)]
-        return any(path.name != MANIFEST and at_work(path) for path in names)
+        paths = (directory / FOLDER).iterdir()
+        return any(p.name not in (shard or WHOLE, MANIFEST) and at_work(p) for p in paths)
     return False
 
 
@@ -82,44 +81,35 @@ def at_work(path: Path) -> bool:
         return False
 
 
-def _excludes(name: str, share: str | None) -> bool:
-    """Return whether who holds this lock leaves no room for a share, or for the whole."""
-    if name == MANIFEST:
-        return False
-    if share is None or name == WHOLE:
-        return True
-    counts = [re.fullmatch(r"shard-\d+-of-(\d+)", text) for text in (name, share)]
-    return counts[0] is not None and counts[1] is not None and counts[0][1] != counts[1][1]
+def _count(name: str) -> str:
+    """Return the N of ``shard-I-of-N``."""
+    return name.rpartition("-of-")[2]
 
 
 @contextlib.contextmanager
 def _held(path: Path, patience: float) -> Iterator[bool]:
-    """Hold a lock file; yield whether that could be done.
-
-    On a file system without locks the answer is yes: two processes may then do the same runs twice,
-    which the next one notices.
-    """
+    """Hold a lock file; yield whether that could be done."""
     lock = FileLock(path)
     with explained(f"cannot write {path}"):
         try:
             lock.acquire(timeout=patience, poll_interval=0.02)
         except Timeout:
-            held = False
+            yield False
+            return
         except OSError as error:
             if error.errno not in NO_LOCKS:
                 raise
-            held = True
-        else:
-            held = True
-    if not held:
-        yield False
-        return
     try:
         yield True
     finally:
         lock.release()
 
 
-def _in_use(directory: Path, share: str | None) -> OutputError:
-    what = f"{directory}" if share is None else f"{directory}: {share}"
-    return OutputError(f"{what} is in use by {who_holds(directory, share)}")
+def _in_use(directory: Path, shard: str | None) -> OutputError:
+    what = f"{directory}" if shard is None else f"{directory}: {shard}"
+    records = [
+        record
+        for record in read_sessions(directory)
+        if record.get("how") == "running" and record.get("shard") == shard
+    ]
+    return OutputError(f"{what} is in use by {who(records[-1]) if records else 'another process'}")

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from rattlesweep.arrays import Integers
+from rattlesweep.arrays import Flags, Integers
 from rattlesweep.integrate.batch import Control
 from rattlesweep.integrate.task import Task
 from rattlesweep.sweeps.block import compute, load_kernel, prepare_runs
@@ -42,8 +42,8 @@ def integrate_plan(
 ) -> pa.Table:
     """Return the rows of all runs of a plan, as the files of a sweep would hold them.
 
-    `report` is called some twenty times a second with the share that is done; what it raises stops
-    the kernel, and so does Ctrl-C.
+    `report` is called with the share that is done; what it raises stops the kernel, and so does
+    Ctrl-C.
     """
     load_kernel(plan.config)
     tables = [plan.schema.remove_metadata().empty_table()]
@@ -62,15 +62,7 @@ def integrate_plan(
 def differing_rows(
     plan: Plan, rows: pa.Table, threads: int | None = None
 ) -> Iterator[tuple[int, int, list[str]]]:
-    """Integrate stored runs again.
-
-    Yields
-    ------
-    case, sample : int
-        A run that differs in any bit.
-    names : list of str
-        Columns that do.
-    """
+    """Integrate stored runs again, and yield case, sample and columns of those that differ."""
     rows = rows.select(plan.schema.names)
     case, sample = (rows.column(name).to_numpy().astype(np.int64) for name in ("case", "sample"))
     again = integrate_runs(plan, case, sample, threads)
@@ -85,20 +77,18 @@ def differing_rows(
 
 def same_bits(one: pa.Table, other: pa.Table) -> bool:
     """Return whether two tables hold the same values, zeros of different sign told apart."""
-    if one.schema.names != other.schema.names or len(one) != len(other):
-        return False
-    return all(
-        _same_array(a.combine_chunks(), b.combine_chunks())
+    return one.schema.names == other.schema.names and all(
+        a.equals(b) and np.array_equal(_signs(a), _signs(b))
         for a, b in zip(one.columns, other.columns, strict=True)
     )
 
 
-def _same_array(a: pa.Array, b: pa.Array) -> bool:
-    if not a.equals(b):
-        return False
-    if pa.types.is_list(a.type):
-        a, b = a.flatten(), b.flatten()
-    if not pa.types.is_floating(a.type):
-        return True
-    x, y = (pc.fill_null(v, 0.0).to_numpy(zero_copy_only=False) for v in (a, b))
-    return bool(np.array_equal(np.signbit(x), np.signbit(y)))
+def _signs(column: pa.ChunkedArray) -> Flags:
+    """Return which numbers of a column are below zero or its negative twin."""
+    values = column.combine_chunks()
+    if pa.types.is_list(values.type):
+        values = values.flatten()
+    if not pa.types.is_floating(values.type):
+        return np.zeros(0, bool)
+    signs: Flags = np.signbit(pc.fill_null(values, 0.0).to_numpy(zero_copy_only=False))
+    return signs

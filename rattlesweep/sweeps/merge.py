@@ -43,7 +43,7 @@ class Merged:
 
 
 def merge(directories: Sequence[Path], output: Path) -> Merged:
-    """Make one directory of several of the same sweep, such as its shares; the sources stay as they
+    """Make one directory of several of the same sweep, such as its shards; the sources stay as they
     are.
 
     Parameters
@@ -59,34 +59,34 @@ def merge(directories: Sequence[Path], output: Path) -> Merged:
     OutputError
         If a run stands in two files, a file is damaged, or a directory is in use.
     """
-    for directory in directories:
-        if [other.resolve() for other in directories].count(directory.resolve()) > 1:
-            raise ConfigError(f"{directory}: is given twice; give each directory once")
-        if directory.resolve() == output.resolve():
-            raise ConfigError(
-                f"{directory}: is the output, whose runs are kept; leave it out of what is merged"
-            )
+    places = [directory.resolve() for directory in (output, *directories)]
+    if len(set(places)) < len(places):
+        raise ConfigError(
+            "a directory is given twice; give each once, and as --output another one, whose own "
+            "runs are kept"
+        )
     sources = [open_stored(directory) for directory in directories]
     there = [open_stored(output)] if (output / MANIFEST).exists() else []
     everything = [*there, *sources]
     largest = max(everything, key=lambda stored: (len(stored.cases), stored.samples))
-    _check(everything, largest)
+    for stored in everything:
+        _check(stored, largest)
     if not there and (foreign_name(output) or Runs(output).files()):
         raise ConfigError(f"{output}: holds other files; give a new directory")
     with contextlib.ExitStack() as stack:
         for stored in sources:
             if os.access(stored.directory, os.W_OK):  # nobody works in one that is read-only
                 stack.enter_context(hold(stored.directory))
+        here = Runs(output)
         with explained(f"cannot write in {output}", folder=True):
-            (output / "runs").mkdir(parents=True, exist_ok=True)
+            here.folder.mkdir(parents=True, exist_ok=True)
         stack.enter_context(hold(output))
         # A merge that was killed has left some files there.
-        here = Runs(output)
         merged_before = {
             p for s in sources for p in s.files() if _is_there(p, here.folder / p.name)
         }
         done, failed = np.zeros((len(largest.cases), largest.samples), dtype=bool), 0
-        for runs in [here, *(stored.runs for stored in sources)]:
+        for runs in (here, *(stored.runs for stored in sources)):
             found = runs.find(
                 largest.cases, largest.samples, largest.hash, largest.schema, merged_before,
                 put_aside=False,
@@ -106,46 +106,43 @@ def merge(directories: Sequence[Path], output: Path) -> Merged:
                 case, sample = np.argwhere(twice)[0]
                 raise OutputError(
                     f"{int(twice.sum())} runs, such as case {case} sample {sample}, stand in "
-                    f"{runs.folder} and in another directory; give each share once"
+                    f"{runs.folder} and in another directory; give each shard once"
                 )
             done |= found.done
             failed += found.rows - found.status["ok"]
         write_manifest(output, largest.manifest)
-        merged = open_stored(output)
         for stored in sources:
             for path in stored.files():
                 if path not in merged_before:
                     _put(path, here.free(path.stem))
-        wanted = np.ones_like(done)
+        merged, wanted = open_stored(output), np.ones_like(done)
         if (decide := decision(merged.config, merged.cases, merged.samples)) is not None:
             decide.read(merged)
             wanted = decide.wanted()
-        missing = int((wanted & ~done).sum())
-        summary = None
+        missing, summary = int((wanted & ~done).sum()), None
         if not missing:
             summary = summarise(merged)
             write_summary(merged, summary)
     return Merged(int(done.sum()), len(merged.files()), missing, failed, summary)
 
 
-def _check(everything: Sequence[Stored], largest: Stored) -> None:
-    for stored in everything:
-        if stored.hash != largest.hash:
-            ours, theirs = (fixed_part(resolved(s.config)) for s in (stored, largest))
-            what = "; ".join(differences(ours, theirs)[:3]) or "the tables of bodies differ"
-            raise ConfigError(
-                f"{stored.directory} and {largest.directory} hold different sweeps ({what})"
-            )
-        if [c.key for c in stored.cases] != [c.key for c in largest.cases[: len(stored.cases)]]:
-            raise ConfigError(
-                f"{stored.directory} and {largest.directory} number their cases differently, as "
-                "they have grown in different ways; run the whole config in one of them instead"
-            )
-        if stored.thresholds != largest.thresholds:
-            raise ConfigError(
-                f"{stored.directory} and {largest.directory} have types of different thresholds; "
-                "run `rattlesweep classify` with the same ones on both"
-            )
+def _check(stored: Stored, largest: Stored) -> None:
+    """Raise a ConfigError unless the runs of a directory belong to the largest sweep."""
+    both = f"{stored.directory} and {largest.directory}"
+    if stored.hash != largest.hash:
+        ours, theirs = (fixed_part(resolved(s.config)) for s in (stored, largest))
+        what = "; ".join(differences(ours, theirs)[:3]) or "the tables of bodies differ"
+        raise ConfigError(f"{both} hold different sweeps ({what})")
+    if [c.key for c in stored.cases] != [c.key for c in largest.cases[: len(stored.cases)]]:
+        raise ConfigError(
+            f"{both} number their cases differently, as they have grown in different ways; run the "
+            "whole config in one of them instead"
+        )
+    if stored.thresholds != largest.thresholds:
+        raise ConfigError(
+            f"{both} have types of different thresholds; run `rattlesweep classify` with the same "
+            "ones on both"
+        )
 
 
 def _is_there(path: Path, target: Path) -> bool:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from rattlesweep.arrays import Floats, take
+from rattlesweep.arrays import take
 from rattlesweep.durations import clock
 from rattlesweep.integrate.batch import available_threads
 from rattlesweep.integrate.status import Status
@@ -27,12 +27,14 @@ from rattlesweep.sweeps.plan import Plan
 
 KNOWN = 20_000
 """Runs whose expected cost is worked out."""
-FIRST, LEAST, MOST = 128, 256, 8_192
-"""Runs of the first look, and of the pilot at least and at most."""
-CAP_SHARE = 1 / 128
-"""Share of the pilot's steps that one run may take: a longer one tells only that it is long."""
-FEW_SHARE, FEW_LIMIT = 0.01, 0.5
+FIRST, FIRST_STEPS = 128, 20_000
+"""Runs of a first look, which tells the size of the pilot, and the steps of each at most."""
+LEAST, MOST = 256, 8_192
+"""Runs of the pilot; a run takes at most the budget over `FIRST`, and longer ones are cut."""
+FEW_OF, FEW_LIMIT = 100, 0.5
 """A few runs take most of the time if one in a hundred takes half of it."""
+LANES = 8
+"""Lanes of a thread at the speed of which a run that is left alone goes on."""
 CONFIDENT = 1.96
 
 
@@ -48,13 +50,13 @@ class Forecast:
     low, high : float
         Interval of 95 % of that; runs that the pilot could not follow to their end widen it.
     longest : float
-        Time that the longest single run takes at most, on one lane of a thread.
+        Time that the longest single run takes at most.
     bytes : int
         Size of the files.
     share : float or None
         Seconds of one of so many shares.
-    few : float
-        Share of the expected cost that one run in a hundred takes.
+    few : float or None
+        Share of the expected cost that one run in a hundred takes; None for fewer runs.
     unseen : float
         Share of the pilot's runs that were too long for it.
     decides : str or None
@@ -69,7 +71,7 @@ class Forecast:
     longest: float
     bytes: int
     share: float | None
-    few: float
+    few: float | None
     unseen: float
     decides: str | None
 
@@ -88,7 +90,7 @@ class Forecast:
         ]
         if self.share is not None:
             lines.append(f"a shard takes about {_time(self.share)}")
-        if self.few >= FEW_LIMIT:
+        if self.few is not None and self.few >= FEW_LIMIT:
             lines.append(
                 f"one run in a hundred takes {100 * self.few:.0f} % of the time, as t_rGH goes to "
                 "infinity with the skew to zero; horizon: {t_rgh: 5, t: ...} sets a limit"
@@ -108,15 +110,7 @@ def forecast(
 ) -> Forecast:
     """Integrate some runs of a plan for about so many seconds, and say what all of them take.
 
-    Parameters
-    ----------
-    plan : Plan
-    threads : int, optional
-        Threads of the kernel; by default one for each processor.
-    shards : int, optional
-        Shares of which the time of one is asked for.
-    seconds : float
-        Time for the pilot, beside compiling and drawing bodies.
+    `shards` is the number of shares of which the time of one is asked for.
     """
     here = available_threads()
     threads = threads or here
@@ -124,57 +118,40 @@ def forecast(
     launches = _known(plan)
     cost = expected_cost(launches, plan.config.model)
     rng = np.random.default_rng(SEED)
-    share = cost / cost.sum() if cost.sum() > 0 else np.full(len(cost), 1 / len(cost))
+    shares = cost / cost.sum() if cost.sum() > 0 else np.full(len(cost), 1 / len(cost))
 
-    def draw(count: int) -> Launches:
-        return take(launches, np.sort(rng.choice(len(cost), count, p=share)))
+    def measure(count: int, most: int) -> tuple[Any, ...]:
+        """Return the runs drawn, how often each was, their steps, which were cut, and the rate."""
+        drawn, times = np.unique(rng.choice(len(cost), count, p=shares), return_counts=True)
+        table, steps, cut, rate = _integrate(plan, take(launches, drawn), here, most)
+        return table, times / count, steps / np.maximum(cost[drawn], 1e-300), cut, rate, steps
 
-    # A first look, of which the pilot's size follows.
-    first = _measure(plan, draw(FIRST), here, 20_000)
-    steps = max(first.rate * seconds * 0.6, 1e4)
-    reach = np.where(first.cut, first.cost * np.max(first.steps / first.cost), first.steps)
-    each = float(np.mean(np.minimum(reach, steps * CAP_SHARE)))
-    count = int(np.clip(steps / max(each, 1.0), LEAST, MOST))
-    begin = time.perf_counter()
-    parts: list[_Pilot] = []
-    while not parts or time.perf_counter() - begin < 0.6 * seconds:
-        parts.append(_measure(plan, draw(count), here, max(1_000, int(steps * CAP_SHARE))))
-    pilot = _together(parts)
-
-    ratio = pilot.steps / np.maximum(pilot.cost, 1e-300)
-    # A run that was cut off takes as many steps for its cost as one that reaches its horizon.
-    whole = float(ratio[~pilot.cut].max()) if (~pilot.cut).any() else float(ratio.max())
-    upper = np.where(pilot.cut, max(whole, float(ratio.max())), ratio)
-    error = CONFIDENT * float(ratio.std()) / np.sqrt(len(ratio))
-    each = float(cost.mean()) * plan.runs / (pilot.rate * threads / here)
-    low, high = each * max(0.0, float(ratio.mean()) - error), each * (float(upper.mean()) + error)
-    middle = each * float((ratio + upper).mean()) / 2
-    order = np.sort(cost)[::-1]
-    few = float(order[: max(1, int(FEW_SHARE * len(order)))].sum() / max(order.sum(), 1e-300))
+    *_, rate, steps = measure(FIRST, FIRST_STEPS)
+    budget = max(rate * seconds, 1e4)
+    count = int(np.clip(budget / max(float(steps.mean()), 1.0), LEAST, MOST))
+    table, weight, ratio, cut, rate, _ = measure(count, max(1_000, int(budget / FIRST)))
+    # A run that was cut takes at most as many steps for its cost as one that has ended.
+    upper = np.where(cut, ratio.max(), ratio)
+    error = CONFIDENT * np.sqrt(float(weight @ (ratio - weight @ ratio) ** 2) / count)
+    each = float(cost.mean()) * plan.runs / (rate * threads / here)
+    low, high = each * max(0.0, float(weight @ ratio) - error), each * (weight @ upper + error)
+    middle = each * float(weight @ (ratio + upper)) / 2
+    few = None
+    if min(plan.runs, len(cost)) >= FEW_OF:
+        few = float(np.sort(shares)[::-1][: len(cost) // FEW_OF].sum())
     # Of a heavy tail the largest of many draws grows with their number.
-    beyond = max(1.0, plan.runs / len(cost)) if few >= FEW_LIMIT and plan.runs > len(cost) else 1.0
-    lanes = 8 * here
-    longest = float(order[0]) * beyond * whole / (pilot.rate / lanes)
+    beyond = plan.runs / len(cost) if few is not None and few >= FEW_LIMIT else 1.0
+    longest = float(cost.max() * ratio.max()) * beyond / (rate / (LANES * here))
     return Forecast(
-        plan.runs, threads, middle, low, high, longest, int(pilot.row_bytes * plan.runs),
-        None if shards is None else max(middle / shards, longest), few,
-        float(pilot.cut.mean()), decides(plan.config),
+        plan.runs, threads, middle, low, float(high), longest, _disk(table, plan.runs),
+        None if shards is None else max(middle / shards, longest), few, float(weight @ cut),
+        decides(plan.config),
     )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class _Pilot:
-    steps: Floats
-    cost: Floats
-    cut: Any  # runs that were given up
-    rate: float  # steps a second
-    row_bytes: float
-
-
-def _measure(plan: Plan, launches: Launches, threads: int, most: int) -> _Pilot:
-    """Integrate runs, each for so many steps at most."""
+def _integrate(plan: Plan, launches: Launches, threads: int, most: int) -> tuple[Any, ...]:
+    """Return the rows of runs of so many steps at most, their steps, which were cut, the rate."""
     config = plan.config
-    cost = expected_cost(launches, config.model)
     capped = {"max_steps": min(most, config.integrator.max_steps)}
     limited = config.model_copy(update={"integrator": config.integrator.model_copy(update=capped)})
     batch = make_batch(launches, config.model)
@@ -182,25 +159,10 @@ def _measure(plan: Plan, launches: Launches, threads: int, most: int) -> _Pilot:
     outcome = None if batch is None else run_batch(limited, batch, threads=threads)
     columns = columns_of(config, launches, batch, outcome)
     seconds = max(time.perf_counter() - start, 1e-6)
-    table = build_table(columns, plan.schema)
-    steps = np.ones(len(cost)) if outcome is None else outcome.n_steps.astype(float)
-    cut = np.zeros(len(cost), bool) if outcome is None else outcome.status == Status.STEP_LIMIT
-    # Runs are drawn with replacement, and those that come again compress to nothing.
-    _, once = np.unique([launches.case, launches.sample], axis=1, return_index=True)
-    rows = table.take(pa.array(np.sort(once)))
-    half = len(rows) // 2
-    row_bytes = (_encoded(rows) - _encoded(rows.slice(0, half))) / (len(rows) - half)
-    return _Pilot(np.maximum(steps, 1.0), cost, cut, float(steps.sum()) / seconds, row_bytes)
-
-
-def _together(parts: list[_Pilot]) -> _Pilot:
-    return _Pilot(
-        steps=np.concatenate([part.steps for part in parts]),
-        cost=np.concatenate([part.cost for part in parts]),
-        cut=np.concatenate([part.cut for part in parts]),
-        rate=len(parts) / sum(1 / part.rate for part in parts),
-        row_bytes=float(np.mean([part.row_bytes for part in parts])),
-    )
+    steps, cut = np.ones(len(launches.n_i)), np.zeros(len(launches.n_i), bool)
+    if outcome is not None:
+        steps, cut = np.maximum(outcome.n_steps, 1.0), outcome.status == Status.STEP_LIMIT
+    return build_table(columns, plan.schema), steps, cut, float(steps.sum()) / seconds
 
 
 def _known(plan: Plan) -> Launches:
@@ -212,6 +174,13 @@ def _known(plan: Plan) -> Launches:
     if plan.config.bodies.source == "sd" and getattr(plan.config.bodies, "target", None):
         each = min(each, 400)  # each of these is drawn many times until it meets its target
     return prepare(*sample_keys(plan, each, cases))
+
+
+def _disk(table: pa.Table, runs: int) -> int:
+    """Return the size of a file of so many runs, from rows of some of them."""
+    half = len(table) // 2
+    whole, part = _encoded(table), _encoded(table.slice(0, half))
+    return int(whole + (runs - len(table)) * (whole - part) / (len(table) - half))
 
 
 def _encoded(table: pa.Table) -> int:

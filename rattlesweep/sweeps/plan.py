@@ -19,13 +19,13 @@ import pyarrow as pa
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics.launch import spin_and_oscillation
-from rattlesweep.sweeps.bodies.protocol import Source
+from rattlesweep.sweeps.bodies.protocol import Scale, Source
 from rattlesweep.sweeps.bodies.sources import make_source
-from rattlesweep.sweeps.bodies.table import TableBodies
+from rattlesweep.sweeps.bodies.table import KEYS, LOSSES, TableBodies, check_quantity
 from rattlesweep.sweeps.cases import Case
 from rattlesweep.sweeps.columns import STATE, runs_schema
-from rattlesweep.sweeps.config.read import parse_config
-from rattlesweep.sweeps.config.schema import TABLE, Config, Dissipation, SdSource
+from rattlesweep.sweeps.config.schema import TABLE, Config, SdSource, clashes
+from rattlesweep.units import Quantity
 
 MAX_RUNS = 10**9
 """Runs of a sweep; what is done of them is held as one byte each."""
@@ -98,41 +98,45 @@ def make_plan(config: Config, base: Path | None = None, source: Source | None = 
         If bodies, launches and model do not go together.
     """
     source = source or make_source(config, base)
-    if isinstance(source, TableBodies):
-        config = _with_losses(config, source.losses)
+    table = source if isinstance(source, TableBodies) else None
+    if table is not None:
+        config = _with_losses(config, table.losses)
     runs_schema(config.parts, config.model)  # refuses what the model cannot record
     targets: list[tuple[str | None, float | None]] = [(None, None)]
     if isinstance(config.bodies, SdSource) and config.bodies.target is not None:
         aim = config.bodies.target
         targets = [(aim.name, value) for value in aim.values]
+    units = _Units(config, source)
     launches: list[tuple[float | None, float | None]] = [(None, None)]
     extra: tuple[pa.Field, ...] = ()
-    if isinstance(source, TableBodies) and source.has_launch:
-        extra = STATE if source.has_state else ()
-        n_i, t_end = source.columns["n_i"], source.columns.get("t_end")
-        _check_launches(config, source.has_state, n_i, t_end, " (row {} of the table)")
+    if table is not None and table.has_launch:
+        extra = STATE if table.has_state else ()
+        n_i, t_end = table.columns["n_i"], table.columns.get("t_end")
+        _check_launches(config, table.has_state, n_i, t_end, " (row {} of the table)")
     elif config.launch is not None:
         n_i, omega_xy0, _ = spin_and_oscillation(config.launch.omega, config.launch.u)
         launches = [(float(n_i), float(omega_xy0))]
         extra = STATE
         _check_launches(config, True, np.array([n_i]))
-    elif config.spin is not None:
-        launches = list(product(config.spin.n_i, config.spin.omega_xy0))
-        _check_launches(config, False, np.array(config.spin.n_i))
+    elif (spin := config.spin) is not None:
+        spins, pushes = units.lost("n_i", spin.n_i), units.lost("omega_xy0", spin.omega_xy0)
+        launches = list(product(spins, pushes))
+        _check_launches(config, False, np.array(spin.n_i))
     else:
         raise ConfigError(
             "spin: missing; the table has no columns n_i and omega_xy0, so the config must "
             "give spin.n_i and spin.omega_xy0"
         )
-    if isinstance(source, TableBodies):
-        extra += source.fields
-    losses = config.dissipation.cases if config.dissipation else [(None, None)]
+    losses: list[tuple[float | None, float | None]] = [(None, None)]
+    if lost := config.dissipation:
+        sigma, rolling = (units.lost(name, lost.values(name)) for name in LOSSES)
+        losses = list(product(sigma, rolling))
     combinations = product(targets, launches, losses)
     cases = tuple(
         Case(number, *target, *launch, *loss)
         for number, (target, launch, loss) in enumerate(combinations)
     )
-    plan = Plan(config, source, cases, extra)
+    plan = Plan(config, source, cases, extra + source.fields)
     if plan.runs > MAX_RUNS:
         raise ConfigError(
             f"bodies: {len(cases)} cases of {plan.samples} samples are {plan.runs:.3g} runs; at "
@@ -141,10 +145,46 @@ def make_plan(config: Config, base: Path | None = None, source: Source | None = 
     return plan
 
 
+class _Units:
+    """The units of a sweep's bodies, where the config has values in SI units."""
+
+    def __init__(self, config: Config, source: Source) -> None:
+        self.scale: Scale | None = None
+        if not (given := config.in_si):
+            return
+        count = source.samples if isinstance(source, TableBodies) else min(source.samples, 64)
+        self.scale = source.bodies(np.nan, np.arange(count)).scale
+        for name, values in given.items():
+            told = f"{KEYS[name]}: {values[0].text} needs the size of the bodies"
+            if self.scale is None:
+                what = f"and these of source {config.bodies.source} have none"
+                raise ConfigError(f"{told}, {what}; give a number in their own units")
+            if np.isnan(self.scale.natural(values[0], values[0].kind)).any():
+                raise ConfigError(f"{told}; add a column mass_kg to the table")
+
+    def lost(self, name: str, values: Sequence[float | None]) -> list[float | None]:
+        """Return values without units; None stands for those that differ between bodies."""
+        found: list[float | None] = []
+        for value in values:
+            if not isinstance(value, Quantity) or self.scale is None:
+                found.append(value)
+                continue
+            natural = self.scale.natural(value, value.kind)
+            check_quantity(name, value, natural)
+            same = natural.min() == natural.max()
+            if not same and len(values) > 1:
+                raise ConfigError(
+                    f"{KEYS[name]}: {value.text} is another number for each body, as their sizes "
+                    "differ, so it must be the only value; or give numbers in the body's own units"
+                )
+            found.append(float(natural[0]) if same else None)
+        return found
+
+
 def _with_losses(config: Config, own: Mapping[str, float | str]) -> Config:
     """Return the config with the dissipation that a table gives for its rows."""
     given = config.dissipation
-    for name in Dissipation.model_fields:
+    for name in LOSSES:
         if getattr(given, name) == TABLE and name not in own:
             raise ConfigError(
                 f"dissipation.{name}: the table has no column {name}; add it, or give a number"
@@ -157,12 +197,10 @@ def _with_losses(config: Config, own: Mapping[str, float | str]) -> Config:
     found = given.model_copy(update=dict(own))
     if found == given:
         return config
-    try:
-        data = config.model_dump() | {"dissipation": found.model_dump()}
-        return parse_config(data, like=config)
-    except ConfigError as error:
-        words = [f"bodies.path: with the table's columns: {line}" for line in error.messages]
-        raise ConfigError(words) from None
+    config = config.model_copy(update={"dissipation": found})
+    if wrong := [": ".join(one) for one in clashes(dict(config))]:
+        raise ConfigError(f"bodies.path: with the table's columns: {one}" for one in wrong)
+    return config
 
 
 def _check_launches(

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -24,26 +23,21 @@ from rattlesweep.sweeps.bodies.sampler import bodies_of
 from rattlesweep.sweeps.bodies.sources import SdBodies, drawn, ranges_of
 from rattlesweep.sweeps.config.messages import Key
 from rattlesweep.sweeps.config.schema import Config, SdSource
-from rattlesweep.sweeps.launches import make_batch, prepare
+from rattlesweep.sweeps.launches import Launches, make_batch, prepare
 from rattlesweep.sweeps.plan import Plan, make_plan
 
-# Runs that stand for a sweep, and bodies drawn to see which targets are within reach.
 RUNS, DRAWN = 4096, 65_536
+"""Runs that stand for a sweep, and bodies drawn to see which targets are within reach."""
 SEED = 2017
-# Share of runs from which on a short horizon looks like a mistake.
 MOST = 0.5
-# Bodies by which the density near a target is judged.
+"""Share of runs from which on a short horizon looks like a mistake."""
 ENOUGH = 32
-# Draws a body and in all; the sampler makes some 1e7 a second and thread.
+"""Bodies by which the density near a target is judged."""
 TOO_MANY, MANY = 1e10, 1e11
+"""Draws a body and in all; the sampler makes some 1e7 a second and thread."""
 
-
-class Finding(NamedTuple):
-    """What makes little sense at a key; fatal if no run of the sweep can be right."""
-
-    key: Key
-    message: str
-    fatal: bool = False
+Finding = tuple[Key, str, bool]
+"""What makes little sense at a key, and whether no run of the sweep can be right."""
 
 
 def checked_plan(
@@ -66,55 +60,54 @@ def checked_plan(
 
 def check_physics(plan: Plan) -> list[str]:
     """Return the warnings about a plan; raise a ConfigError if no run of it can be right."""
-    with np.errstate(all="ignore"):
-        found = list(_findings(plan))
-    if fatal := [one for one in found if one.fatal]:
-        raise ConfigError(plan.config.line(one.key, one.message) for one in fatal)
-    return [plan.config.line(one.key, one.message) for one in found]
-
-
-def _findings(plan: Plan) -> Iterator[Finding]:
     config, bodies, words = plan.config, plan.config.bodies, f"the {plan.runs} runs"
-    if isinstance(bodies, SdSource):
-        targets = list(target_findings(bodies))
-        yield from targets
-        if any(one.fatal for one in targets):
-            return
-        plan = replace(plan, source=DrawnBodies(bodies))
-        words = f"{min(plan.runs, RUNS)} runs drawn from the ranges"
-    elif plan.runs > RUNS:
-        words = f"{RUNS} of the {plan.runs} runs"
-    runs = np.linspace(0, plan.runs - 1, min(plan.runs, RUNS)).astype(np.int64)
-    launches = prepare(plan, *np.divmod(runs, plan.samples))
+    with np.errstate(all="ignore"):
+        found = [*target_findings(bodies)] if isinstance(bodies, SdSource) else []
+        if not any(fatal for *_, fatal in found):
+            if isinstance(bodies, SdSource):
+                plan = replace(plan, source=DrawnBodies(bodies))
+                words = f"{min(plan.runs, RUNS)} runs drawn from the ranges"
+            elif plan.runs > RUNS:
+                words = f"{RUNS} of the {plan.runs} runs"
+            runs = np.linspace(0, plan.runs - 1, min(plan.runs, RUNS)).astype(np.int64)
+            found += _findings(config, prepare(plan, *np.divmod(runs, plan.samples)), words)
+    if any(fatal for *_, fatal in found):
+        raise ConfigError(config.line(key, message) for key, message, fatal in found if fatal)
+    return [config.line(key, message) for key, message, _ in found]
+
+
+def _findings(config: Config, launches: Launches, words: str) -> Iterator[Finding]:
+    """Yield what is wrong with the horizons and the step of some runs."""
 
     def told(mask: Flags) -> str:
         """Return words for the runs of a mask."""
-        if len(runs) == 1:
+        if len(mask) == 1:
             return "the only run"
         return f"{'all' if mask.all() else mask.sum()} of {words}"
 
-    t_end, t_rgh = launches.t_end, launches.gh.t_rgh
-    period = 2 * np.pi / launches.modes.omega_p
-    horizon, key = config.horizon, ("horizon", "t")
-    if launches.bodies.t_end is not None:
-        key = ("bodies", "path")
-    elif horizon.t is None:
-        key = ("horizon", "t_rgh" if horizon.t_decay is None else "t_decay")
+    t_end, t_rgh, horizon = launches.t_end, launches.gh.t_rgh, config.horizon
     endless = ~np.isfinite(t_end)
     if endless.any():
         unit = "t_rgh times t_rGH" if horizon.t_rgh is not None else "t_decay times gamma/sigma"
         message = f"{unit} is not a finite time in {told(endless)}; give t as well"
-        yield Finding(("horizon", unit.split()[0]), message, fatal=bool(endless.all()))
+        yield ("horizon", unit.split()[0]), message, bool(endless.all())
         return
+    key = ("horizon", "t")
+    if launches.bodies.t_end is not None:
+        key = ("bodies", "path")
+    elif horizon.t is None:
+        key = ("horizon", "t_rgh" if horizon.t_decay is None else "t_decay")
+    period = 2 * np.pi / launches.modes.omega_p
+    # A launch without spin has no t_rGH, which is NaN.
     brief, early = (t_end < period) & (config.model == "full"), t_end < t_rgh
     if brief.mean() >= MOST:
         message = f"the horizon of {_span(t_end)} is shorter than one pitch oscillation, "
         message += f"{_span(period)}, in {told(brief)}, and no type can be told; give a longer one"
-        yield Finding(key, message)
+        yield key, message, False
     elif early.mean() >= MOST and horizon.t_decay is None:
         message = "the horizon comes before t_rGH, the time of reversal by theory, in "
         message += f"{told(early)}, and few will be of type R; give t_rgh above 1, or t above "
-        yield Finding(key, f"{message}{np.median(t_rgh):.3g}, the median of t_rGH")
+        yield key, f"{message}{np.nanmedian(t_rgh):.3g}, the median of t_rGH", False
 
     method, dt = METHODS[config.integrator.method], config.integrator.dt
     if dt is None or config.model != "full":
@@ -131,12 +124,12 @@ def _findings(plan: Plan) -> Iterator[Finding]:
     if unstable.all():
         message = f"{dt:g} is beyond the stability of {method.name} for {told(unstable)}: dt "
         message += f"omega_p must be below {limit:.3g}, and omega_p is {_span(slowest)}"
-        yield Finding(("integrator", "dt"), f"{message}; give a smaller dt", fatal=True)
+        yield ("integrator", "dt"), f"{message}; give a smaller dt", True
     elif coarse.any():
         message = f"{dt:g} is too coarse for {told(coarse)}: up to their horizons {method.name} "
         message += f"damps or feeds the oscillation by more than {100 * MAX_DAMPING:g} %, and they "
         message += "end as coarse_step or energy; give a smaller dt or take an adaptive method"
-        yield Finding(("integrator", "dt"), message)
+        yield ("integrator", "dt"), message, False
 
 
 def target_findings(source: SdSource) -> Iterator[Finding]:
@@ -145,14 +138,14 @@ def target_findings(source: SdSource) -> Iterator[Finding]:
     if target is None:
         return
     key, tol = ("bodies", "target", target.name), target.rel_tol
-    found = coefficient(draw(source), target.name)
+    found = DrawnBodies(source).coefficient
     low, high = float(np.nanmin(found)), float(np.nanmax(found))
     for value in target.values:
         # A value beyond all of these takes millions of draws a body, if there is any.
         if not low <= (1 + tol) * value or not (1 - tol) * value <= high:
             message = f"{value:g} is out of reach: in {DRAWN} bodies drawn from the ranges "
             message += f"{target.name} lies between {low:.4g} and {high:.4g}; give a target in "
-            yield Finding(key, message + "between or other ranges", fatal=True)
+            yield key, message + "between or other ranges", True
             continue
         # The nearest bodies stand for the neighbourhood.
         off = np.sort(np.abs(found - value))
@@ -163,12 +156,11 @@ def target_findings(source: SdSource) -> Iterator[Finding]:
         words = f"{value:g} takes about {draws:.1e} draws a body"
         wayout = "give other ranges, a larger rel_tol or another target"
         if draws > TOO_MANY or draws * source.samples > MANY:
-            fatal = draws > TOO_MANY
-            which = "each" if fatal else f"all {source.samples} samples"
-            yield Finding(key, f"{words}: hours for {which}; {wayout}", fatal=fatal)
+            which = "each" if draws > TOO_MANY else f"all {source.samples} samples"
+            yield key, f"{words}: hours for {which}; {wayout}", draws > TOO_MANY
         elif missed * source.samples > 0.01:
             message = f"{words}, but max_draws is {target.max_draws}, and a sample that misses the "
-            yield Finding(key, f"{message}target ends the sweep; {wayout}, or more max_draws")
+            yield key, f"{message}target ends the sweep; {wayout}, or more max_draws", False
 
 
 def stability_limit(method: Tableau) -> float:
@@ -187,31 +179,22 @@ class DrawnBodies:
     """A source of random bodies; with targets, of those that come nearest to them."""
 
     samples = RUNS
+    fields = ()
 
     def __init__(self, source: SdSource) -> None:
-        self._bodies = draw(source)
-        self._found = coefficient(self._bodies, source.target.name) if source.target else None
+        ranges = ranges_of(source)
+        points = np.random.default_rng(SEED).random((len(ranges), DRAWN))
+        self._bodies = b = drawn(bodies_of(points, ranges))
+        self._aims = source.target is not None
+        with np.errstate(all="ignore"):
+            *_, K_p, K_r = theory.torque_coefficients(b.alpha, b.beta, b.theta, b.phi, b.xi)
+        # The one that has targets.
+        self.coefficient = K_p if source.target and source.target.name == "K_p" else K_r
 
     def bodies(self, target: float | Floats, sample: Integers) -> Bodies:
         """Return the bodies of some runs."""
         wanted, place = np.broadcast_to(target, sample.shape), sample.copy()
-        for value in np.unique(wanted) if self._found is not None else ():
-            nearest = np.argpartition(np.abs(self._found - value), RUNS)[:RUNS]
+        for value in np.unique(wanted) if self._aims else ():
+            nearest = np.argpartition(np.abs(self.coefficient - value), RUNS)[:RUNS]
             place[wanted == value] = nearest[sample[wanted == value]]
         return take(self._bodies, place)
-
-
-def draw(source: SdSource) -> Bodies:
-    """Return bodies drawn evenly from the ranges of a source."""
-    ranges = ranges_of(source)
-    points = np.random.default_rng(SEED).random((len(ranges), DRAWN))
-    return drawn(bodies_of(points, ranges))
-
-
-def coefficient(bodies: Bodies, name: str) -> Floats:
-    """Return the torque coefficient K_p or K_r of bodies."""
-    b = bodies
-    with np.errstate(all="ignore"):
-        found = theory.torque_coefficients(b.alpha, b.beta, b.theta, b.phi, b.xi)
-    chosen: Floats = found[2 if name == "K_p" else 3]
-    return chosen

@@ -1,36 +1,45 @@
-"""Where numbers come from: this program, this machine, this moment, and what determines them."""
+"""Where numbers come from: program, machine, and the sessions that worked in a directory.
+
+``sessions/*.json`` say who worked there, when, how long, and how it ended.  They are for people:
+nothing depends on them.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import json
 import os
 import platform
+import shlex
+import socket
 import sys
+import time
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from rattlesweep.errors import OutputError
+from rattlesweep.sweeps.files import replace_file
+
 PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "pandas", "pyarrow")
+SESSIONS = "sessions"
+NOTE_EVERY = 5.0
+"""Seconds between two notes of how far a session is."""
 
 
 def package_version() -> str:
-    """Version of rattlesweep."""
+    """Return the version of rattlesweep."""
     try:
         return version("rattlesweep")
     except PackageNotFoundError:
         return "unknown"
 
 
-def now(timespec: str = "seconds") -> str:
-    """The time, in UTC."""
-    return datetime.now(UTC).isoformat(timespec=timespec)
-
-
-def command_line() -> list[str]:
-    """The words of the command that this process is."""
-    words = [Path(sys.argv[0]).name, *sys.argv[1:]]
-    # A path need not be UTF-8, and JSON must.
-    return [word.encode(errors="backslashreplace").decode() for word in words]
+def versions() -> dict[str, str]:
+    """Return the versions of what the numbers depend on."""
+    own = {"rattlesweep": package_version(), "python": platform.python_version()}
+    return own | {name: version(name) for name in PACKAGES}
 
 
 def machine() -> dict[str, Any]:
@@ -46,20 +55,82 @@ def machine() -> dict[str, Any]:
     }
 
 
-def peak_memory() -> int | None:
-    """Most memory this process has held, in bytes; None where the system does not say."""
+def now(timespec: str = "seconds") -> str:
+    """Return the time, in UTC."""
+    return datetime.now(UTC).isoformat(timespec=timespec)
+
+
+def command_line() -> list[str]:
+    """Return the words of the command that this process is."""
+    words = [Path(sys.argv[0]).name, *sys.argv[1:]]
+    # A path need not be UTF-8, and JSON must.
+    return [word.encode(errors="backslashreplace").decode() for word in words]
+
+
+class Session:
+    """The record of this process in an output directory; `shard` is such as ``shard-0-of-4``."""
+
+    def __init__(self, directory: Path, shard: str | None, threads: int) -> None:
+        started = now("microseconds")
+        self._data: dict[str, Any] = {
+            "started": started,
+            "ended": None,
+            "how": "running",
+            "shard": shard,
+            "command": shlex.join(command_line()),
+            "host": socket.gethostname(),
+            "pid": os.getpid(),
+            "threads": threads,
+            "versions": versions(),
+            "machine": machine(),
+        }
+        stamp = started.replace(":", "").replace("-", "").replace("+0000", "Z")
+        self._path = directory / SESSIONS / f"{stamp}-{os.getpid()}.json"
+        self._due = 0.0
+        self.note()
+
+    def note(self, **facts: Any) -> None:
+        """Write down how far the session is, now and then."""
+        if time.monotonic() >= self._due:
+            self._due = time.monotonic() + NOTE_EVERY
+            self._write(facts)
+
+    def end(self, how: str, **facts: Any) -> None:
+        """Write down how the session ended: complete, stopped, interrupted or failed."""
+        self._data.pop("progress", None)
+        self._write({"ended": now(), "how": how, "peak_memory": _peak_memory(), **facts})
+
+    def _write(self, facts: dict[str, Any]) -> None:
+        self._data |= facts
+        with contextlib.suppress(OutputError, OSError):  # a full disk does not matter here
+            self._path.parent.mkdir(exist_ok=True)
+            replace_file(self._path, json.dumps(self._data, indent=2).encode())
+
+
+def read_sessions(directory: Path) -> list[dict[str, Any]]:
+    """Return the records of a directory, the oldest first; what cannot be read is left out."""
+    found = []
+    for path in sorted((directory / SESSIONS).glob("*.json")):
+        with contextlib.suppress(OSError, ValueError):
+            data = json.loads(path.read_bytes())
+            if isinstance(data, dict):
+                found.append(data)
+    return found
+
+
+def who(session: dict[str, Any]) -> str:
+    """Return the command and process of a session, in words."""
+    return (
+        f"`{session.get('command')}` (process {session.get('pid')} on {session.get('host')}, "
+        f"since {str(session.get('started'))[:19]} UTC)"
+    )
+
+
+def _peak_memory() -> int | None:
+    """Return the most memory this process has held, in bytes; None where the system hides it."""
     try:
         import resource
     except ImportError:  # Windows
         return None
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak if sys.platform == "darwin" else 1024 * peak
-
-
-def versions() -> dict[str, str]:
-    """Versions of what the numbers depend on."""
-    return {
-        "rattlesweep": package_version(),
-        "python": platform.python_version(),
-        **{name: version(name) for name in PACKAGES},
-    }

@@ -22,31 +22,19 @@ from rattlesweep.sweeps.plan import Plan, make_plan
 
 @dataclass(frozen=True)
 class Launch:
-    """One run as a user asks for it.
+    """One run as a user asks for it; all keys but `n_i` and `omega_xy0` may be left out.
 
     Attributes
     ----------
     body : Rattleback
-        The body.
-    n_i, omega_xy0 : float
-        Initial spin and size of the oscillation, in ``sqrt(g/a)``.
-    t_end : float, optional
-        Horizon in ``sqrt(a/g)``; None for 5 t_rGH of the spin's own direction.
-    psi : str or float, optional
-        Direction of the oscillation: ``relevant``, which is the default, ``pitch``, ``roll`` or
-        degrees.
-    model : str
-        ``full``, ``reduced`` or ``gh``.
-    integrator : mapping
-        Keys of the config's `integrator`.
+    n_i, omega_xy0, t_end, psi, model, integrator, sigma, rolling, record
+        As in a config; without `t_end` the horizon is 5 t_rGH of the spin's own direction.
     e_p0, e_r0 : float, optional
         Initial energies of pitch and roll in the reduced model, in ``M g a``; None for those of
         the launch.
-    omega, u : sequence of float
+    omega, u : sequence of float, optional
         A full state instead of `n_i`, `omega_xy0` and `psi`: angular velocity in ``sqrt(g/a)`` and
         vertical unit vector (None: upright), components along the body's axes.
-    sigma, rolling : float
-        Dissipation.
     """
 
     body: Rattleback
@@ -63,11 +51,6 @@ class Launch:
     sigma: float = 0.0
     rolling: float = 0.0
     record: Sequence[str] = ()
-
-    @property
-    def surface(self) -> dict[str, Any]:
-        """Surface of the body, as keys of a config's `bodies`."""
-        return {} if self.body.c is None else {"surface": "ellipsoid", "c": self.body.c}
 
     @property
     def config(self) -> dict[str, Any]:
@@ -100,11 +83,13 @@ def is_full_state(omega: Any, u: Any, spin: Mapping[str, Any]) -> bool:
 
 def plan_of(launch: Launch, source: TableBodies | None = None) -> Plan:
     """Return the sweep of one body, or of the bodies, launches and dissipation of `source`."""
-    if source is None:
-        bodies = {"source": "preset", "name": "GH"} | launch.surface
-    else:
-        surface = {"surface": "ellipsoid"} if source.has_semi_axes else {}
-        bodies = {"source": "table", "path": "the table is in memory"} | surface
+    c = launch.body.c
+    bodies: dict[str, Any] = {"source": "preset", "name": "GH"}
+    if source is not None:
+        bodies = {"source": "table", "path": "the table is in memory"}
+        bodies |= {"surface": "ellipsoid"} if source.has_semi_axes else {}
+    elif c is not None:
+        bodies |= {"surface": "ellipsoid", "c": c}
     config = parse_config({
         "bodies": bodies,
         **launch.config,
@@ -118,7 +103,7 @@ def plan_of(launch: Launch, source: TableBodies | None = None) -> Plan:
         assert config.bodies.source == "table"
         return make_plan(config, source=source.with_surface(config.bodies))
     # The body itself, which was checked when it was made, takes the place of the preset.
-    names = [*PARAMETERS, *(["c"] if launch.surface else [])]
+    names = PARAMETERS if c is None else (*PARAMETERS, "c")
     one = GridBodies({name: getattr(launch.body, name) for name in names}, {})
     return make_plan(config, source=one)
 

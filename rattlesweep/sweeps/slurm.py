@@ -1,4 +1,4 @@
-"""A Slurm job array that does a sweep, one share per task."""
+"""A Slurm job array that does a sweep, one shard per task."""
 
 from __future__ import annotations
 
@@ -31,18 +31,16 @@ def limit_of(text: str) -> int:
     ValueError
         If it is none, or shorter than two minutes.
     """
-    match = re.fullmatch(r"(?:(\d{1,4})-)?(\d{1,6})(?::(\d{1,3}))?(?::(\d{1,3}))?", text.strip())
+    match = re.fullmatch(r"(?:(\d{1,4})-)?(\d{1,6}(?::\d{1,3}){0,2})", text.strip())
     if not match:
         raise ValueError(
             "is no time limit; write it as Slurm does, as in 4:00:00, 90 (minutes) or 2-12:00:00"
         )
-    days, *parts = (int(part) for part in match.groups() if part is not None)
-    if match[1] is None:
-        days, parts = 0, [days, *parts]
-        if len(parts) < 3:  # without days, minutes come first
-            parts = [0, *parts]
+    parts = [int(part) for part in match[2].split(":")]
+    if match[1] is None and len(parts) < 3:
+        parts.insert(0, 0)  # without days, minutes come first
     hours, minutes, seconds = (*parts, 0, 0)[:3]
-    total = 86400 * days + 3600 * hours + 60 * minutes + seconds
+    total = 86400 * int(match[1] or 0) + 3600 * hours + 60 * minutes + seconds
     if total < SHORTEST:
         raise ValueError(f"is too short; give at least {SHORTEST // 60} minutes")
     return total
@@ -59,8 +57,7 @@ def memory_of(text: str) -> int:
     match = re.fullmatch(r"(\d{1,9})\s*([KMGT]?)B?", text.strip(), re.IGNORECASE)
     if not match or not int(match[1]):
         raise ValueError("is no size of memory; write it as in 4G or 800M")
-    power: int = " KMGT".index(match[2].upper() or "M")
-    return int(match[1]) << (10 * power)
+    return int(match[1]) << (10 * " KMGT".index(match[2].upper() or "M"))
 
 
 def job_script(
@@ -73,7 +70,7 @@ def job_script(
     own: bool,
     limit: int,
     cpus: int,
-    memory: int,
+    memory: int | None,
     partition: str | None,
     restarts: int,
 ) -> str:
@@ -86,10 +83,12 @@ def job_script(
         Absolute.
     overrides : sequence of str
         Values of ``--set``.
-    shards, limit, cpus, memory, restarts : int
-        Number of tasks; seconds, processors and bytes of each; how often it may requeue itself.
+    shards, limit, cpus, restarts : int
+        Number of tasks; seconds and processors of each; how often it may requeue itself.
     own : bool
-        Whether each share has a directory of its own, ``OUTPUT-I``.
+        Whether each shard has a directory of its own, ``OUTPUT-I``.
+    memory : int or None
+        Bytes of a task.
     partition : str or None
 
     Raises
@@ -98,49 +97,38 @@ def job_script(
         If a value cannot stand in a script.
     """
     name, where = plan.config.name, Path.cwd()
-    texts = (name, str(config), str(output), str(where), *overrides)
-    if any("\n" in text or "\r" in text for text in texts):
+    if any("\n" in f"{text}" for text in (name, config, output, where, *overrides)):
         raise ConfigError("a name, path or override with a line break cannot stand in a script")
     if partition is not None and not re.fullmatch(r"[\w.,+-]+", partition):
         raise ConfigError(f"--partition {partition}: is no name of a partition")
+    more = [] if memory is None else [f"#SBATCH --mem={math.ceil(memory / 1024**2)}M\n"]
+    more += [] if partition is None else [f"#SBATCH --partition={partition}\n"]
     # A task stops by itself before its limit; Slurm warns after half of that margin.
     margin = round(min(MARGIN, MARGIN_SHARE * limit))
-    safe = re.sub(r"[^\w.-]+", "-", name).strip("-.") or "sweep"
-    directives = [
-        f"--job-name={safe}",
-        f"--array=0-{shards - 1}",
-        "--ntasks=1",
-        f"--cpus-per-task={cpus}",
-        f"--mem={math.ceil(memory / 1024**2)}M",
-        f"--time={limit // 86400}-{limit // 3600 % 24:02}:{limit // 60 % 60:02}:{limit % 60:02}",
-        f"--signal=B:USR1@{margin // 2}",
-        "--requeue",
-        "--open-mode=append",
-        f"--output={safe}-%A_%a.log",
-        *([] if partition is None else [f"--partition={partition}"]),
-    ]
     target, merged = _quoted(output), _quoted(f"{output}-merged")
     parts = f"{target}-{{0..{shards - 1}}}" if shards > 1 else f"{target}-0"
+    finish = f"merge {parts} --output {merged}" if own else f"verify {target}"
     values = {
-        "DIRECTIVES": "\n".join(f"#SBATCH {line}" for line in directives),
-        "ABOUT": f"{plan.runs} runs in {shards} shares.",
-        "FINISH": (
-            f"rattlesweep merge {parts} --output {merged}"
-            if own
-            else f"rattlesweep verify {target}"
-        ),
+        "NAME": re.sub(r"[^\w.-]+", "-", name).strip("-.") or "sweep",
+        "LAST": shards - 1,
+        "CPUS": cpus,
+        "TIME": f"{limit // 3600}:{limit // 60 % 60:02}:{limit % 60:02}",
+        "WARNING": margin // 2,
+        "MORE": "".join(more),
+        "ABOUT": f"{plan.runs} runs in {shards} shards.",
+        "FINISH": f"rattlesweep {finish}",
         "VERSION": package_version(),
         "PROGRAM": _quoted(Path(sys.executable).with_name("rattlesweep")),
         "WHERE": _quoted(where),
         "CONFIG": _quoted(config),
         "OUTPUT": f'{target}"-$index"' if own else target,
         "SETS": "".join(f" --set {_quoted(text)}" for text in overrides),
-        "SHARDS": str(shards),
-        "SECONDS": str(limit - margin),
-        "RESTARTS": str(restarts),
+        "SHARDS": shards,
+        "SECONDS": limit - margin,
+        "RESTARTS": restarts,
     }
     template = files(__package__).joinpath("slurm_array.sh").read_text(encoding="utf-8")
-    return re.sub(r"@(\w+)@", lambda match: values[match[1]], template)
+    return re.sub(r"@(\w+)@", lambda match: str(values[match[1]]), template)
 
 
 def _quoted(text: str | Path) -> str:

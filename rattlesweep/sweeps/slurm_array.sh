@@ -1,6 +1,14 @@
 #!/bin/bash
-@DIRECTIVES@
-
+#SBATCH --job-name=@NAME@
+#SBATCH --array=0-@LAST@
+#SBATCH --ntasks=1
+#SBATCH --cpus-per-task=@CPUS@
+#SBATCH --time=@TIME@
+#SBATCH --signal=B:USR1@@WARNING@
+#SBATCH --requeue
+#SBATCH --open-mode=append
+#SBATCH --output=@NAME@-%A_%a.log
+@MORE@
 # @ABOUT@ A task stops before its time limit and puts itself into the
 # queue again, where it resumes; so does one whose node fails. When all have ended:
 #   @FINISH@

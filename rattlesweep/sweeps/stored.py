@@ -33,7 +33,7 @@ from rattlesweep.sweeps.files import explained, reason, replace_file
 from rattlesweep.sweeps.locks import FOLDER as LOCKS
 from rattlesweep.sweeps.locks import manifest_lock, others_at_work
 from rattlesweep.sweeps.provenance import command_line, machine, now, versions
-from rattlesweep.sweeps.rows import Runs, is_of_a_sweep
+from rattlesweep.sweeps.rows import FOLDER, Runs
 
 if TYPE_CHECKING:
     from rattlesweep.sweeps.plan import Plan
@@ -198,28 +198,76 @@ def open_stored(directory: Path | str) -> Stored:
         raise OutputError(f"cannot read {path}: {reason(error)}") from error
     try:
         data = json.loads(text)
-        if data["format"] != FORMAT:
-            raise ConfigError(
-                f"{directory} was written in format {data['format']} by another version of "
-                f"rattlesweep; this one reads format {FORMAT}"
-            )
-        fields = tuple(_load_field(field) for field in data["columns"])
-        cases = tuple(Case.load(case) for case in data["cases"])
-        if [case.index for case in cases] != list(range(len(cases))) or int(data["samples"]) < 1:
-            raise ValueError("its cases are not numbered")
-        config = override_config(data["config"], [])
-        Classify(**{**config.classify.model_dump(), **(data.get("classified") or {})})
-        return Stored(directory, data, config, cases, fields)
+        other = data["format"] != FORMAT
+        if not other:
+            fields = tuple(_load_field(field) for field in data["columns"])
+            cases = tuple(Case.load(case) for case in data["cases"])
+            if [case.index for case in cases] != list(range(len(cases))) or data["samples"] < 1:
+                raise ValueError("its cases are not numbered")
+            config = override_config(data["config"], [])
+            stored = Stored(directory, data, config, cases, fields)
+            _ = stored.thresholds.as_text
     except (ValueError, TypeError, KeyError, AttributeError) as error:
-        if isinstance(error, ConfigError) and "format" in str(error):
-            raise
         raise DamagedError(
             f"{path} is damaged ({reason(error)[:100]}); move it away, and `rattlesweep run` with "
             "the same config makes it again"
         ) from error
+    if other:
+        raise ConfigError(
+            f"{directory} was written in format {data['format']} by another version of "
+            f"rattlesweep; this one reads format {FORMAT}"
+        )
+    return stored
 
 
-def begin(plan: Plan, directory: Path, base: Path | None, share: str | None) -> Stored:
+def examine(plan: Plan, directory: Path) -> tuple[Stored | None, tuple[Case, ...]]:
+    """Compare a plan with what a directory holds.
+
+    Returns
+    -------
+    held : Stored or None
+        The sweep that is there; None if its manifest has yet to be written.
+    cases : tuple of Case
+        The plan's cases as they are numbered there.
+
+    Raises
+    ------
+    ConfigError
+        If the plan cannot go on there.
+    OutputError
+        If a file is not of this sweep, or cannot be read.
+    """
+    ours, runs = sweep_hash(plan), Runs(directory)
+    try:
+        if not (directory / MANIFEST).exists():
+            if directory.exists() and not directory.is_dir():
+                raise ConfigError("is a file; give the path of a directory")
+            files = runs.files()
+            if (foreign := foreign_name(directory)) and not files:
+                raise ConfigError(
+                    f"holds other files, such as {foreign}; give an empty or new directory"
+                )
+            if not files:
+                return None, plan.cases
+            cases = recovered(runs.cases(ours), plan.cases)
+            runs.find(cases, plan.samples, ours, plan.schema, put_aside=False)
+            return None, cases
+        held = open_stored(directory)
+        if held.hash != ours:
+            theirs, mine = (fixed_part(resolved(c)) for c in (held.config, plan.config))
+            what = "; ".join(differences(theirs, mine)[:3]) or "the table of bodies has changed"
+            raise ConfigError(f"holds another sweep ({what}); give another output, or --fresh")
+        if plan.samples < held.samples:
+            raise ConfigError(
+                f"holds a sweep of {held.samples} samples a case, and the config asks for "
+                f"{plan.samples}; a sweep can only grow"
+            )
+        return held, grown(held.cases, plan.cases)
+    except ConfigError as error:
+        raise ConfigError([f"{directory}: {line}" for line in error.messages]) from None
+
+
+def begin(plan: Plan, directory: Path, base: Path | None, shard: str | None) -> Stored:
     """Make a directory, which this process holds, one of a plan, and return it.
 
     The manifest is written where there is none, and again where the sweep grows.
@@ -232,100 +280,67 @@ def begin(plan: Plan, directory: Path, base: Path | None, share: str | None) -> 
         If it cannot be written, or others compute runs of the smaller sweep.
     """
     with manifest_lock(directory):
-        held = examine(plan, directory)
-        runs = Runs(directory)
-        with explained(f"cannot write in {runs.folder}", folder=True):
-            runs.folder.mkdir(exist_ok=True)
-        if held is None:
-            cases = plan.cases
-            if found := runs.cases(sweep_hash(plan)):
-                cases = _located(directory, recovered, found, plan.cases)
-        else:
-            cases = _located(directory, grown, held.cases, plan.cases)
-            same = len(cases) == len(held.cases) and plan.samples == held.samples
-            if same and _asks_for(held.config) == _asks_for(plan.config):
-                return held
-            if others_at_work(directory, share):
-                raise OutputError(
-                    f"{directory}: other shares are at work on the smaller sweep; let it grow when "
-                    "they have ended"
-                )
+        held, cases = examine(plan, directory)
         data = _manifest(plan.with_cases(cases), base)
         if held is not None:
+            same = len(cases) == len(held.cases) and plan.samples == held.samples
+            if same and _may_change(held.config) == _may_change(plan.config):
+                return held
+            if others_at_work(directory, shard):
+                raise OutputError(
+                    f"{directory}: other shards are at work on the smaller sweep; let it grow when "
+                    "they have ended"
+                )
             kept = ("started", "classified")
             data |= {key: held.manifest[key] for key in kept if key in held.manifest}
-        # It is of the smaller sweep.
-        with explained(f"cannot remove {directory / SUMMARY}"):
-            (directory / SUMMARY).unlink(missing_ok=True)
+        with explained(f"cannot write in {directory / FOLDER}", folder=True):
+            (directory / FOLDER).mkdir(exist_ok=True)
+        remove_summary(directory)  # it is of the smaller sweep
         write_manifest(directory, data)
     return open_stored(directory)
 
 
-def examine(plan: Plan, directory: Path) -> Stored | None:
-    """Return the sweep that a directory holds; None where there is none yet.
-
-    Raises
-    ------
-    ConfigError
-        If a plan cannot go on there.
-    """
-    where = f"{directory}: "
-    if not (directory / MANIFEST).exists():
-        if directory.exists() and not directory.is_dir():
-            raise ConfigError(f"{where}is a file; give the path of a directory")
-        if (foreign := foreign_name(directory)) and not Runs(directory).files():
-            raise ConfigError(
-                f"{where}holds other files, such as {foreign}; give an empty or new directory"
-            )
-        Runs(directory).cases(sweep_hash(plan))  # refuses what is of another sweep
-        return None
-    held = open_stored(directory)
-    if held.hash != sweep_hash(plan):
-        theirs, ours_ = (fixed_part(resolved(c)) for c in (held.config, plan.config))
-        what = "; ".join(differences(theirs, ours_)[:3]) or "the table of bodies has changed"
-        raise ConfigError(f"{where}holds another sweep ({what}); give another output, or --fresh")
-    if plan.samples < held.samples:
-        raise ConfigError(
-            f"{where}holds a sweep of {held.samples} samples a case, and the config asks for "
-            f"{plan.samples}; a sweep can only grow"
-        )
-    _located(directory, grown, held.cases, plan.cases)
-    return held
+OURS = ("runs", "sessions", MANIFEST, SUMMARY)
 
 
-def foreign_name(directory: Path) -> str | None:
+def foreign_name(directory: Path, ours: Sequence[str] = OURS) -> str | None:
     """Return the name of a file in a directory that is no part of a sweep; None if there is none,
     no such directory, or one in which a sweep has worked: figures may lie beside it.
     """
-    if (directory / LOCKS).is_dir():
+    if (directory / LOCKS).is_dir() or not directory.is_dir():
         return None
-    ours = ("runs", "sessions", MANIFEST, SUMMARY)
     with explained(f"cannot read {directory}"):
-        names = sorted(p.name for p in directory.iterdir()) if directory.is_dir() else []
+        names = sorted(p.name for p in directory.iterdir())
     # Bodies from memory are kept before the sweep begins.
-    ours_too = (".", "bodies-")
-    return next((n for n in names if n not in ours and not n.startswith(ours_too)), None)
+    return next((n for n in names if n not in ours and not n.startswith((".", "bodies-"))), None)
 
 
 def check_removable(directory: Path) -> None:
-    """Raise a ConfigError if a directory holds files, and no sweep.
-
-    A sweep of another version, or one whose manifest is damaged or lost, is one all the same.
-    """
-    path = directory / MANIFEST
-    with contextlib.suppress(OSError, ValueError):
-        data = json.loads(path.read_bytes())
-        if isinstance(data, dict) and "config_hash" in data:
-            return
-    if files := Runs(directory).files():
-        foreign = next((file.name for file in files if not is_of_a_sweep(file)), None)
-    else:
-        foreign = MANIFEST if path.exists() else foreign_name(directory)
-    if foreign:
+    """Raise a ConfigError if a directory holds files and no sweep has worked there."""
+    with contextlib.suppress(ConfigError, DamagedError):
+        open_stored(directory)
+        return
+    if foreign := foreign_name(directory, ours=()):
         raise ConfigError(
             f"{directory}: holds other files, such as {foreign}, and no sweep that --fresh could "
             "start over; give an empty or new directory"
         )
+
+
+def start_over(directory: Path) -> None:
+    """Remove a sweep, its rows first, so that a kill leaves a sweep and no foreign files."""
+    runs = Runs(directory)
+    with explained(f"cannot remove the runs of {directory}"):
+        for path in [*runs.files(), *runs.folder.glob("*.damaged")]:
+            path.unlink()
+        for name in (SUMMARY, MANIFEST):
+            (directory / name).unlink(missing_ok=True)
+
+
+def remove_summary(directory: Path) -> None:
+    """Remove the summary where rows have come or gone."""
+    with explained(f"cannot remove {directory / SUMMARY}"):
+        (directory / SUMMARY).unlink(missing_ok=True)
 
 
 def note_thresholds(stored: Stored, thresholds: Classify | None) -> None:
@@ -363,20 +378,12 @@ def _manifest(plan: Plan, base: Path | None) -> dict[str, Any]:
     }
 
 
-def _asks_for(config: Config) -> dict[str, Any]:
+def _may_change(config: Config) -> dict[str, Any]:
     """Return the part of a config that may change while its sweep goes on."""
     data = resolved(config)
     kept = {key: data.get(key) for key in ("name", "classify", "stop")}
     limits = {"max_steps": data["integrator"]["max_steps"]}
     return kept | limits | {"refine": data["bodies"].get("refine")}
-
-
-def _located(directory: Path, function: Any, *arguments: Any) -> tuple[Case, ...]:
-    try:
-        cases: tuple[Case, ...] = function(*arguments)
-    except ConfigError as error:
-        raise ConfigError(f"{directory}: {error}; give another output, or --fresh") from None
-    return cases
 
 
 def _dump_field(field: pa.Field) -> dict[str, Any]:
@@ -386,7 +393,5 @@ def _dump_field(field: pa.Field) -> dict[str, Any]:
 
 def _load_field(data: dict[str, Any]) -> pa.Field:
     kinds = {"double": columns.F64, "int64": columns.I64, "string": columns.TEXT}
-    return columns.field(
-        str(data["name"]), kinds[data["type"]], str(data["unit"]), str(data["description"]),
-        nullable=bool(data["nullable"]),
-    )  # fmt: skip
+    kind, nullable = kinds[data["type"]], bool(data["nullable"])
+    return columns.field(data["name"], kind, data["unit"], data["description"], nullable=nullable)

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
 
-from rattlesweep.arrays import Floats, Integers
 from rattlesweep.sweeps.arrow import build_table, read_parquet, write_parquet
 from rattlesweep.sweeps.cases import Case
 from rattlesweep.sweeps.columns import summary_schema
-from rattlesweep.sweeps.counts import FRICTION, Counts, columns_for
-from rattlesweep.sweeps.decide import decides, filled
+from rattlesweep.sweeps.counts import FRICTION, Counts, columns_for, share
+from rattlesweep.sweeps.decide import decides, nearest_rows
 from rattlesweep.text import align
 
 if TYPE_CHECKING:
@@ -28,41 +27,59 @@ def count_cases(stored: Stored) -> Counts:
     to, in the case of the point: runs lie close where types differ, so that plain shares would be
     those of the boundaries.  ``runs`` and ``failed`` count what was done.
     """
-    counts = Counts(len(stored.cases))
-    names = ("case", *columns_for(stored.config))
+    cases, names = len(stored.cases), ("case", *columns_for(stored.config))
+    counts = Counts(cases)
     for rows in stored.batches(names):
-        counts.add(rows, _case(rows))
+        counts.add(rows, rows.column("case").to_numpy().astype(np.int64))
     if decides(stored.config) != "bodies.refine":
         return counts
-    over_grid = Counts(len(stored.cases))
-    for table in filled(stored, names):
-        over_grid.add(table, _case(table))
-    over_grid.runs, over_grid.stored_failed = counts.runs, counts.failed
-    return over_grid
+    weighted, runs = Counts(cases), stored.read(names)
+    for case, nearest in nearest_rows(stored):
+        place, weight = np.unique(nearest[nearest >= 0], return_counts=True)
+        weighted.add(runs.take(pa.array(place)), np.full(len(place), case), weight)
+    weighted.runs, weighted.failed = counts.runs, counts.failed
+    return weighted
 
 
 def summarise(stored: Stored) -> pa.Table:
-    """Return one row a case, of :func:`summary_schema`; a case of which nothing is stored has 0
-    runs.
-
-    Memory does not grow with the runs, unless the sweep is refined.
-    """
+    """Return one row a case, of :func:`summary_schema`; of nothing stored, with 0 runs."""
     return summary_table(stored.cases, count_cases(stored))
 
 
 def summary_table(cases: Sequence[Case], counts: Counts) -> pa.Table:
     """Return the summary of cases whose runs are counted."""
-    columns = {
+
+    def known(there: bool, values: Any, kind: pa.DataType | None = None) -> Any:
+        return values if there else pa.nulls(len(cases), kind or pa.float64())
+
+    def told(name: str) -> Any:
+        return pa.array([getattr(case, name) for case in cases], pa.float64())
+
+    columns: dict[str, Any] = {
+        name: pa.array([c.target if c.target_name == name else None for c in cases], pa.float64())
+        for name in ("K_p", "K_r")
+    }
+    columns |= {name: told(name) for name in ("n_i", "omega_xy0", "sigma", "rolling")}
+    columns |= {f"fraction_{name}": share(part, counts.ok) for name, part in counts.types.items()}
+    columns |= {} if counts.has_losses else {"fraction_D": known(False, None)}
+    columns |= {
+        name: known(counts.has_contact, share(part, counts.ok))
+        for name, part in counts.contact.items()
+    }
+    columns |= {
         "case": np.arange(len(cases)),
-        **{
-            name: _values(case.target if case.target_name == name else None for case in cases)
-            for name in ("K_p", "K_r")
-        },
-        **{
-            name: _values(getattr(case, name) for case in cases)
-            for name in ("n_i", "omega_xy0", "sigma", "rolling")
-        },
-        **counts.columns(),
+        "runs": counts.runs,
+        "fraction_bondi": share(counts.bondi, counts.steady),
+        "t_r_mean": counts.t_r.means(),
+        "t_r_std": counts.t_r.deviations(),
+        "t_rgh_mean": counts.t_rgh.means(),
+        "t_r_over_t_rgh_mean": counts.ratio.means(),
+        "t_r_over_t_rgh_sem": counts.ratio.errors(),
+        "failed": counts.failed,
+        "near_tangencies": counts.near_tangencies,
+        "sensitive": known(counts.has_errors, counts.sensitive, pa.int64()),
+        "unsure": known(counts.has_errors, counts.unsure, pa.int64()),
+        "t_r_mean_error": counts.t_r_error.means(),
     }
     return build_table(columns, summary_schema())
 
@@ -80,31 +97,15 @@ def write_summary(stored: Stored, table: pa.Table) -> Path:
     return path
 
 
-def _case(rows: pa.RecordBatch | pa.Table) -> Integers:
-    cases: Integers = rows.column("case").to_numpy().astype(np.int64)
-    return cases
-
-
 def same_summary(one: pa.Table, other: pa.Table) -> bool:
     """Return whether two summaries say the same, but for the last digits of their means."""
-
-    def alike(a: pa.ChunkedArray, b: pa.ChunkedArray) -> bool:
-        x, y = (c.to_numpy().astype(float) for c in (a, b))
-        return np.allclose(x, y, rtol=1e-9, atol=0, equal_nan=True)
-
     return one.schema.names == other.schema.names and all(
-        alike(a, b) for a, b in zip(one.columns, other.columns, strict=True)
+        np.allclose(a.to_numpy().astype(float), b.to_numpy().astype(float), 1e-9, 0, equal_nan=True)
+        for a, b in zip(one.columns, other.columns, strict=True)
     )
 
 
-def _values(values: Iterable[float | None]) -> Floats:
-    return np.array([np.nan if value is None else value for value in values], float)
-
-
-# -------------------------------------------------------------------- for the terminal
-
-
-# Columns of the summary, with their headings and formats.
+# Columns of the summary, with their headings and formats for the terminal.
 _SHOWN = {
     "n_i": ("n_i", ".4g"),
     "omega_xy0": ("omega_xy0", ".4g"),
@@ -130,31 +131,25 @@ _SHOWN = {
 
 def absent_columns(summary: pa.Table) -> set[str]:
     """Return the columns that say nothing of these cases, as none or all have it."""
-    cases = len(summary)
     optional = ("sensitive", "unsure", "fraction_D", "share_lift_off", *FRICTION)
-    return {n for n in optional if summary.column(n).null_count == cases} | {
-        n for n in ("sigma", "rolling") if len(summary.column(n).unique()) < 2
-    }
+    absent = {n for n in optional if summary.column(n).null_count == len(summary)}
+    return absent | {n for n in ("sigma", "rolling") if len(summary.column(n).unique()) < 2}
 
 
 def closing_table(summary: pa.Table) -> str:
     """Lay a summary out as an aligned text table about 120 characters wide.
 
-    The means are over type R, the second of the ratio of each run. "beyond Bondi" is the share of
-    runs whose spin is beyond Bondi's threshold. What a case has nothing of is "-". Sensitive runs
-    and unsure types are shown where errors are recorded, type D where there is dissipation, and
-    the dissipation where cases differ in it. Where contact is recorded, "friction > 0.3" is the
-    share of runs that need a larger coefficient of friction to roll.
+    The means are over type R, the second of the ratio of each run; "beyond Bondi" and "friction >
+    0.3" are shares of runs. What a case has nothing of is "-"; what no case has is left out.
     """
-    shown_columns = {
-        name: how for name, how in _SHOWN.items() if name not in absent_columns(summary)
-    }
-    lines = [["case", "target", *(heading for heading, _ in shown_columns.values())]]
+    absent = absent_columns(summary)
+    shown = {name: how for name, how in _SHOWN.items() if name not in absent}
+    lines = [["case", "target", *(heading for heading, _ in shown.values())]]
     for row in summary.to_pylist():
         targets = [f"{k}={row[k]:.4g}" for k in ("K_p", "K_r") if row[k] is not None]
-        shown = [
+        values = [
             "-" if row[name] is None else format(row[name], form)
-            for name, (_, form) in shown_columns.items()
+            for name, (_, form) in shown.items()
         ]
-        lines.append([str(row["case"]), *(targets or ["-"]), *shown])
+        lines.append([str(row["case"]), *(targets or ["-"]), *values])
     return align(lines)

@@ -1,12 +1,10 @@
 """Types of runs: R, SS, SW, unclassified (the paper, "Steady initial spin direction"), and D.
 
-R: the spin reached zero by the horizon, with dissipation while the body was not yet dead (below).
-Otherwise SS: the amplitude of the relevant oscillation
-decayed monotonically.  Otherwise SW: the spin left its plateau.  Otherwise unclassified: the
-oscillation grew, yet the spin had not visibly changed.  With dissipation what would be one of these
-three is D, dead, once so little energy is left that nothing more will come of it.
+R: the spin reached zero by the horizon.  D: too little energy is left for anything more; a zero of
+the spin after that is no reversal.  Otherwise SS: the amplitude of the relevant oscillation decayed
+monotonically.  Otherwise SW: the spin left its plateau.  Otherwise unclassified.
 
-Both questions are answered from two stored numbers, so that runs can be typed again without
+The last questions are answered by two stored numbers, so that runs can be typed again without
 integrating: ``amp_growth``, the largest ratio of the amplitude in a window to its smallest value in
 an earlier window, minus 1, and ``n_departure``, the largest fractional loss of spin.
 """
@@ -23,6 +21,11 @@ from rattlesweep.sweeps.config.schema import Classify
 
 TYPES = ("R", "SS", "SW", "unclassified", "D")
 R, SS, SW, UNCLASSIFIED, DEAD = range(5)
+COLUMNS = ("status", "t_r", "amp_growth", "n_departure", "energy_left", "amp_growth_error",
+           "n_departure_error")  # fmt: skip
+"""Columns that types follow from; the last three where there are such."""
+LEAST_GROWTH = 10.0
+"""Between the growth that no chaos is needed for and that of chaos; see docs/dynamics.md."""
 
 
 def classify(
@@ -33,11 +36,10 @@ def classify(
     thresholds: Classify,
     energy_left: Floats | None = None,
 ) -> NDArray[np.int8]:
-    """Codes of the types, places in :data:`TYPES`; -1 where a run is not ok.
+    """Return the places of types in :data:`TYPES`; -1 where a run is not ok.
 
-    `ok` tells whether the status of the run is, the others are the columns of these names, NaN for
-    null; without dissipation there is no `energy_left`.  A run too short for two windows has no
-    ``amp_growth`` and cannot be SS.
+    The arguments are the columns of these names, NaN for null.  A run too short for two windows has
+    no ``amp_growth`` and cannot be SS.
     """
     dead = np.zeros(ok.shape, bool) if energy_left is None else energy_left < thresholds.dead_energy
     steady, leaves = amp_growth <= thresholds.ss_growth, n_departure > thresholds.sw_departure
@@ -52,7 +54,7 @@ def sure_types(
     errors: tuple[Floats, Floats],
     thresholds: Classify,
 ) -> Flags:
-    """Whether types survive errors of this size.
+    """Return whether types survive errors of this size.
 
     `observed` are ``amp_growth`` and ``n_departure``, `errors` those of their columns; of a run of
     type R or D only `reversal_sure` counts, whether it is certain that it reverses or does not.
@@ -73,22 +75,18 @@ def sure_types(
 
 
 def with_types(rows: pa.Table, thresholds: Classify) -> pa.Table:
-    """Stored runs with the types that their numbers give, and how sure they are where told."""
+    """Return stored runs with the types that their numbers give, and whether these are sure."""
     names = rows.schema.names
-
-    def of(name: str) -> Floats:
-        values: Floats = rows.column(name).to_numpy()
-        return values
-
-    observed = of("amp_growth"), of("n_departure")
-    left = of("energy_left") if "energy_left" in names else None
-    codes = classify(of("status") == "ok", of("t_r"), *observed, thresholds, left)
+    of = {name: rows.column(name).to_numpy() for name in COLUMNS if name in names}
+    observed = of["amp_growth"], of["n_departure"]
+    ok = of["status"] == "ok"
+    codes = classify(ok, of["t_r"], *observed, thresholds, of.get("energy_left"))
     indices = pa.array(codes, mask=codes < 0)
     changed = {"type": pa.DictionaryArray.from_arrays(indices, pa.array(TYPES)).cast(pa.string())}
     if "type_sure" in names:
         # Whether a reversal is certain does not depend on thresholds.
         before = pc.fill_null(rows.column("type_sure"), False).to_numpy()
-        errors = of("amp_growth_error"), of("n_departure_error")
+        errors = of["amp_growth_error"], of["n_departure_error"]
         sure = sure_types(codes, before, observed, errors, thresholds)
         changed["type_sure"] = pa.array(sure, mask=codes < 0)
     for name, values in changed.items():
@@ -97,21 +95,11 @@ def with_types(rows: pa.Table, thresholds: Classify) -> pa.Table:
     return rows
 
 
-# Between the growth that no chaos is needed for and that of chaos; evidence in docs/dynamics.md.
-LEAST_GROWTH = 10.0
-
-
 def is_chaotic(lyapunov_late: ArrayLike, t_end: ArrayLike) -> Flags:
-    """Whether differences grow exponentially in the second half of a run, by more than e^10.
+    """Return whether differences grow by more than e^10 in the second half of a run.
 
-    An almost periodic run doubles them there at most, or shrinks them; the instability by which
-    wobbling sets in multiplies them by no more than the oscillation grows, some hundreds. Of the
-    columns of ``runs``; False where ``lyapunov_late`` is not known.
+    An almost periodic run doubles them there at most; the instability by which wobbling sets in
+    multiplies them by some hundreds.  False where ``lyapunov_late`` is not known.
     """
     growth = np.asarray(lyapunov_late, dtype=float) * np.asarray(t_end, dtype=float) / 2
     return np.asarray(growth > LEAST_GROWTH)
-
-
-def chaotic_column(lyapunov_late: Floats, t_end: Floats) -> pa.Array:
-    """The column ``chaotic`` of runs: null where ``lyapunov_late`` is not a number."""
-    return pa.array(is_chaotic(lyapunov_late, t_end), mask=~np.isfinite(lyapunov_late))

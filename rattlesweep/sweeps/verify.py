@@ -25,8 +25,8 @@ from rattlesweep.text import counted
 
 CLOSE = 1e-9
 """Relative difference up to which theory counts as equal: other processors have other last bits."""
-AT_ONCE = 10_000
 TOLD = 10
+"""Problems that are printed."""
 
 
 @dataclass
@@ -40,10 +40,8 @@ class Verified:
         Rows and files there are, and runs that are wanted and not there.
     recomputed : int
         Runs that were integrated again.
-    problems : list of str
-        What is wrong, a sentence each.
-    notes : list of str
-        What is worth knowing and no problem.
+    problems, notes : list of str
+        What is wrong, a sentence each; what is worth knowing and no problem.
     """
 
     directory: Path
@@ -63,10 +61,10 @@ class Verified:
             lines.append(f"{counted(self.recomputed, 'run')} computed again")
         lines += [f"note: {note}" for note in self.notes]
         lines += [f"problem: {problem}" for problem in self.problems[:TOLD]]
-        if len(self.problems) > TOLD:
-            lines.append(f"and {len(self.problems) - TOLD} more problems")
+        if (more := len(self.problems) - TOLD) > 0:
+            lines.append(f"and {counted(more, 'more problem')}")
         lines.append(
-            "no problem found" if not self.problems else counted(len(self.problems), "problem")
+            counted(len(self.problems), "problem") if self.problems else "no problem found"
         )
         return "\n".join(lines)
 
@@ -78,16 +76,14 @@ def verify(
     threads: int | None = None,
     report: Callable[[float], None] = lambda share: None,
 ) -> Verified:
-    """Read all of an output directory and compare it with what its manifest says; nothing is
-    changed.
+    """Read all of an output directory and compare it with its manifest; nothing is changed.
 
     Parameters
     ----------
     directory : Path
-    recompute : int
-        Number of runs, drawn at random, that are integrated again and compared bit by bit.
-    seed : int
-        Seed of that draw.
+    recompute, seed : int
+        Number of runs that are integrated again and compared bit by bit, and the seed of their
+        draw.
     threads : int, optional
     report : callable
         Called with the share that is done.
@@ -108,61 +104,52 @@ def verify(
     result.problems += [
         f"{path} is damaged; `rattlesweep run` does its runs again" for path in found.aside
     ]
-    _check_keys(stored, found, result)
-    good = [path for paths in found.typed.values() for path in paths]
-    for number, path in enumerate(good):
-        report(0.5 * number / len(good))
-        result.problems += _row_problems(stored, path)
-    _check_summary(stored, result)
-    if recompute:
-        _recompute(stored, good, recompute, seed, threads, result, report)
-    report(1.0)
-    return result
-
-
-def _check_keys(stored: Stored, found: Found, result: Verified) -> None:
     decide = decision(stored.config, stored.cases, stored.samples)
     if decide is None:
         result.missing = found.done.size - found.rows
     elif not found.aside:
         decide.read(stored)
         result.missing = int((decide.wanted() & ~found.done).sum())
-    typed = stored.typed
     for text, paths in found.typed.items():
-        if text != typed:
+        if text != stored.typed:
+            more = f" and {counted(len(paths) - 1, 'more file')}" if len(paths) > 1 else ""
             result.problems.append(
-                f"{paths[0]}{f' and {len(paths) - 1} more files' if len(paths) > 1 else ''} were "
-                "typed by other thresholds; `rattlesweep classify` ends what was begun"
+                f"{paths[0]}{more} were typed by other thresholds; `rattlesweep classify` ends "
+                "what was begun"
             )
+    good = [path for paths in found.typed.values() for path in paths]
+    for number, path in enumerate(good):
+        report(0.5 * number / len(good))
+        result.problems += _row_problems(stored, path)
+    _check_summary(stored, result)
+    if recompute:
+        _recompute(stored, found, min(recompute, found.rows), seed, threads, result, report)
+    report(1.0)
+    return result
 
 
 def _row_problems(stored: Stored, path: Path) -> Iterator[str]:
     """Yield what is wrong with the rows of a file."""
     rows = stored.runs.table(path)
+    case, sample = (rows.column(n).to_numpy().astype(np.int64) for n in ("case", "sample"))
 
     def told(wrong: Any, what: str) -> Iterator[str]:
         places = np.flatnonzero(wrong)
         if len(places):
-            case, sample = (rows.column(n)[int(places[0])].as_py() for n in ("case", "sample"))
-            yield f"{path}: {len(places)} runs, such as case {case} sample {sample}: {what}"
+            such = f"such as case {case[places[0]]} sample {sample[places[0]]}"
+            yield f"{path}: {counted(len(places), 'run')}, {such}: {what}"
 
-    case, sample = (rows.column(n).to_numpy().astype(np.int64) for n in ("case", "sample"))
-    later = (case[1:] > case[:-1]) | ((case[1:] == case[:-1]) & (sample[1:] > sample[:-1]))
-    yield from told(np.append(True, ~later)[1:], "its rows are not in order")
+    order = np.lexsort((sample, case))
+    yield from told(order != np.arange(len(order)), "its rows are not in order")
     for name, kind in zip(rows.schema.names, rows.schema.types, strict=True):
-        if pa.types.is_floating(kind):
-            values = pc.drop_null(rows.column(name)).to_numpy()
-            if not np.isfinite(values).all():
-                yield f"{path}: {name} holds a number that is not finite"
+        values = pc.drop_null(rows.column(name)).to_numpy()
+        if pa.types.is_floating(kind) and not np.isfinite(values).all():
+            yield f"{path}: {name} holds a number that is not finite"
     again = with_types(rows, stored.thresholds)
-    for name in ("type", "type_sure"):
-        if name in rows.schema.names:
-            same = pc.equal(rows.column(name), again.column(name)).fill_null(False)
-            both = pc.and_(rows.column(name).is_null(), again.column(name).is_null())
-            wrong = ~pc.or_(same, both).to_numpy()
-            yield from told(wrong, f"{name} does not follow from its columns")
-    bodies = {n: floats(rows.column(n)) for n in ("alpha", "beta", "theta", "phi", "xi")}
-    modes = theory.modes(**bodies)
+    for name in {"type", "type_sure"}.intersection(rows.schema.names):
+        theirs, ours = (table.column(name).to_numpy() for table in (rows, again))
+        yield from told(theirs != ours, f"{name} does not follow from its columns")
+    modes = theory.modes(*(floats(rows.column(n)) for n in ("alpha", "beta", "theta", "phi", "xi")))
     for name in ("omega_p", "omega_r", "K_p", "K_r"):
         theirs, ours = floats(rows.column(name)), getattr(modes, name)
         ours = np.where(np.isfinite(ours), ours, np.nan)
@@ -174,59 +161,69 @@ def _row_problems(stored: Stored, path: Path) -> Iterator[str]:
 
 def _check_summary(stored: Stored, result: Verified) -> None:
     path = stored.directory / SUMMARY
-    if not path.exists():
-        if not result.missing and not result.problems:
-            result.problems.append(f"{path} is missing; `rattlesweep run` writes it")
-        return
     try:
-        theirs = read_parquet(path)
+        if not path.exists():
+            if not result.missing and not result.problems:
+                result.problems.append(f"{path} is missing; `rattlesweep run` writes it")
+        elif not result.problems and not same_summary(read_parquet(path), summarise(stored)):
+            result.problems.append(
+                f"{path} does not follow from the runs; `rattlesweep run` writes it anew"
+            )
     except DamagedError as error:
         result.problems.append(f"{error}; `rattlesweep run` writes it anew")
-        return
-    if not result.problems and not same_summary(theirs, summarise(stored)):
-        result.problems.append(
-            f"{path} does not follow from the runs; `rattlesweep run` writes it anew"
-        )
 
 
 def _recompute(
     stored: Stored,
-    files: list[Path],
+    found: Found,
     count: int,
     seed: int,
     threads: int | None,
     result: Verified,
     report: Callable[[float], None],
 ) -> None:
+    """Integrate some runs again."""
     # Numba, without which the rest can be checked.
     from rattlesweep.sweeps.memory import differing_rows
 
     theirs = stored.manifest["versions"]
-    ours = versions()
-    other = [f"{n} {theirs.get(n)} then, {v} now" for n, v in ours.items() if theirs.get(n) != v]
+    other = [f"{n} {theirs.get(n)} then, {v} now" for n, v in versions().items()
+             if theirs.get(n) != v]  # fmt: skip
     if other:
         result.notes.append(f"last bits may differ: {'; '.join(other)}")
-    sizes = [len(stored.runs.table(path, ["case"])) for path in files]
-    chosen = np.random.default_rng(seed).choice(
-        sum(sizes), min(count, sum(sizes)), replace=False, shuffle=False
-    )
-    chosen.sort()
     try:
         plan = stored.plan
     except ConfigError as error:
         result.problems.append(str(error))
         return
-    first = 0
-    for path, size in zip(files, sizes, strict=True):
-        here = chosen[(chosen >= first) & (chosen < first + size)] - first
-        first += size
-        if len(here):
-            rows = stored.runs.table(path).take(pa.array(here))
-            for start in range(0, len(rows), AT_ONCE):
-                part = rows.slice(start, AT_ONCE)
-                for case, sample, names in differing_rows(plan, part, threads):
-                    result.problems.append(
-                        f"case {case} sample {sample} comes out differently: {', '.join(names[:4])}"
-                    )
-            result.recomputed += len(here)
-            report(0.5 + 0.5 * result.recomputed / len(chosen))
+    random = np.random.default_rng(seed)
+    chosen = np.sort(random.choice(found.rows, count, replace=False, shuffle=False))
+    limit, gone_on, first = stored.config.integrator.max_steps, 0, 0
+    for path in (path for paths in found.typed.values() for path in paths):
+        rows = stored.runs.table(path)
+        here = chosen[(chosen >= first) & (chosen < first + len(rows))] - first
+        first += len(rows)
+        if not len(here):
+            continue
+        rows = rows.take(pa.array(here))
+        keys = zip(rows["case"].to_pylist(), rows["sample"].to_pylist(), strict=True)
+        told = zip(rows["status"].to_pylist(), rows["n_steps"].to_pylist(), strict=True)
+        stopped = {
+            key
+            for key, (status, steps) in zip(keys, told, strict=True)
+            if status == "step_limit" and steps < limit
+        }
+        for case, sample, names in differing_rows(plan, rows, threads):
+            if (case, sample) in stopped:
+                gone_on += 1
+                continue
+            result.problems.append(
+                f"case {case} sample {sample} comes out differently: {', '.join(names[:4])}"
+            )
+        result.recomputed += len(here)
+        report(0.5 + 0.5 * result.recomputed / count)
+    if gone_on:
+        result.notes.append(
+            f"{counted(gone_on, 'run')} failed before, under a smaller integrator.max_steps; "
+            "`rattlesweep run --retry-failed` does them again"
+        )

@@ -16,7 +16,7 @@ from sweeping import changed, invoke, sweep
 from rattlesweep.analysis.sensitivity import MOST_MISSING, sensitivity
 from rattlesweep.analysis.sensitivity import _indices as indices
 from rattlesweep.errors import OutputError
-from rattlesweep.sweeps.bodies.quasi import Sequence
+from rattlesweep.sweeps.bodies.sampler import sequence_points
 
 GROUP, GROUPS = 7, 256
 PARAMETERS = ("gamma", "f_sd", "theta", "phi", "minus_xi_deg")
@@ -40,7 +40,7 @@ def ishigami(u: np.ndarray) -> np.ndarray:
 
 
 def test_a_design_gives_ishigamis_indices_within_their_intervals_and_those_of_scipy():
-    a, b = Sequence(6, 1).points(0, 2**12).reshape(2, 3, -1)
+    a, b = sequence_points(6, 1, 0, 2**12).reshape(2, 3, -1)
     swapped = [np.where(np.arange(3)[:, None] == k, b, a) for k in range(3)]
     f = np.array([ishigami(a), ishigami(b), *map(ishigami, swapped)])
     found = indices(f)

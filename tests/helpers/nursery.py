@@ -18,7 +18,7 @@ from typing import Any
 from syscalls import Calls
 
 from rattlesweep import cli
-from rattlesweep.sweeps import job, local
+from rattlesweep.sweeps import job
 
 ROWS = 6
 """Runs of a block, so that small sweeps have several files."""
@@ -98,7 +98,7 @@ def _prepare(order: dict[str, Any]) -> None:
 
 def _hold(blocks: int) -> None:
     """Let so many blocks pass, and the others wait for SIGUSR1 or a stop."""
-    honest, passed, released = local.compute, [], []
+    honest, passed, released = job.compute, [], []
     signal.signal(signal.SIGUSR1, lambda *_: released.append(True))
 
     def held(config: Any, schema: Any, prepared: Any, threads: int, control: Any) -> Any:
@@ -109,7 +109,7 @@ def _hold(blocks: int) -> None:
         passed.append(None)
         return honest(config, schema, prepared, threads, control)
 
-    local.compute = held  # type: ignore[assignment]
+    job.compute = held  # type: ignore[assignment]
 
 
 if __name__ == "__main__":

@@ -10,7 +10,6 @@ import socket
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -19,11 +18,11 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.csv
 import pytest
+from hardship import wait_until
 
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps import dask as daskengine
 from rattlesweep.sweeps import job as jobs
-from rattlesweep.sweeps.block import compute
 from rattlesweep.sweeps.config.read import load_config, parse_config
 from rattlesweep.sweeps.dask import AHEAD, make_engine
 from rattlesweep.sweeps.job import Progress
@@ -51,17 +50,10 @@ REFINED = SWEEP | {
     },
     "spin": {"n_i": {"linspace": [-0.5, -0.1, 9]}, "omega_xy0": 0.01},
 }
-# Spins of which a few reverse and most are followed for hours.
+# Spins that are followed for hours.
 ENDLESS = SWEEP | {"horizon": {"t": 1e10}, "spin": {"n_i": -0.9, "omega_xy0": 1e-3}}
 NEVER = 300
 """Seconds after which what a test waits for will not come, however busy the machine is."""
-
-
-def wait_for(condition: Callable[[], Any]) -> None:
-    end = time.monotonic() + NEVER
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.01)
 
 
 def spread(output: Path, config: dict[str, Any], engine: Any = None, **how: Any) -> Result:
@@ -93,7 +85,7 @@ def cluster() -> Iterator[str]:
     from distributed import LocalCluster
 
     path = sys.path[:]
-    with daskengine._quiet(), LocalCluster(
+    with LocalCluster(
         n_workers=2, threads_per_worker=2, processes=False, protocol="tcp", host="127.0.0.1",
         dashboard_address="127.0.0.1:0", memory_limit=0,
     ) as it:  # fmt: skip
@@ -118,7 +110,7 @@ class Cluster:
             "127.0.0.1:0", "--scheduler-file", str(file),
         )  # fmt: skip
         # Dask does not write it in one step.
-        wait_for(lambda: file.exists() and file.read_text().endswith("}"))
+        wait_until(lambda: file.exists() and file.read_text().endswith("}"))
         self.address = json.loads(file.read_text())["address"]
 
     def worker(self, **environment: Any) -> subprocess.Popen[bytes]:
@@ -182,43 +174,29 @@ def test_rows_are_those_of_the_local_engine(name, cluster, tmp_path):
         "table": lambda: parse_config(table_of_bodies(tmp_path)),
         "refine": lambda: parse_config(REFINED),
     }[name]()
-    waves = []
-
-    def engine(job: Any, blocks: Any) -> Any:
-        waves.append(job)
-        return honest(job, blocks)
-
-    honest = make_engine(cluster)
     run_sweep(make_plan(config), tmp_path / "local")
-    result = run_sweep(make_plan(config), tmp_path / "dask", engine=engine)
+    result = run_sweep(make_plan(config), tmp_path / "dask", engine=make_engine(cluster))
     assert result.summary is not None
     assert result.runs == result.done == len(rows(tmp_path / "dask"))
     assert rows(tmp_path / "dask").equals(rows(tmp_path / "local"))
-    assert (len(waves) > 1) == (name == "refine")
 
 
-def test_blocks_in_flight_are_bounded_and_progress_is_told(cluster, plain, tmp_path):
-    honest, counts, flying, seen = make_engine(cluster), [0, 0], [], []
+def test_blocks_in_flight_are_bounded_and_progress_is_told(cluster, plain, tmp_path, monkeypatch):
+    honest, flying, seen = make_engine(cluster), [], []
 
-    def engine(job: Any, blocks: Any) -> Iterator[pa.Table]:
+    def engine(job: Any, blocks: Any) -> None:
         def drawn() -> Iterator[Any]:
-            for keys in blocks:
-                counts[0] += 1
-                flying.append(counts[0] - counts[1])
+            for number, keys in enumerate(blocks, 1):
+                flying.append(number - job.result.done // 2)
                 yield keys
 
-        for table in honest(job, drawn()):
-            counts[1] += 1
-            yield table
+        honest(job, drawn())
 
-    def report(progress: Progress) -> None:
-        seen.append(progress.runs)
-
-    jobs.MOST_ROWS = 2  # given back by `small_blocks`
-    spread(tmp_path, SWEEP, engine, report=report)
+    monkeypatch.setattr(jobs, "MOST_ROWS", 2)
+    spread(tmp_path, SWEEP, engine, report=lambda progress: seen.append(progress.runs))
     assert rows(tmp_path).equals(plain)
-    assert counts == [40, 40]
     # One more is drawn before it is known whether a worker is free.
+    assert len(flying) == 40
     assert 2 < max(flying) <= 2 * AHEAD + 1
     assert seen == sorted(seen)
     assert 3 < len(set(seen)) <= 41
@@ -254,64 +232,37 @@ def test_workers_need_no_disk_in_common_and_a_killed_one_costs_nothing(
 # -- stops -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("how", ["time", "interrupt"])
-def test_stop_keeps_the_runs_that_have_ended_and_frees_the_workers(
+@pytest.mark.parametrize("how", ["time", "interrupt", "full disk"])
+def test_a_stop_keeps_the_blocks_that_are_done_and_frees_the_workers(
     how, cluster, plain, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(jobs, "MOST_ROWS", 40)
-    engine, output, controls = make_engine(cluster, threads=1), tmp_path / "out", []
+    output, endless = tmp_path / "out", tmp_path / "endless"
 
-    def noted(*args: Any) -> Any:  # workers are threads of this process
-        controls.append(args[-1])
-        return compute(*args)
-
-    def some_ended(*_: Any) -> bool:
-        return any(control.runs_done for control in controls)
-
-    def interrupt(progress: Progress) -> None:
-        if some_ended():
+    def stop(progress: Progress) -> None:
+        if progress.runs >= 10:
             raise KeyboardInterrupt
 
-    with monkeypatch.context() as patch:
-        patch.setattr(daskengine, "compute", noted)
-        if how == "time":
-            patch.setattr(jobs.Job, "over", some_ended)
-            result = spread(output, ENDLESS, engine)
-            assert str(result.stopped).startswith("the time")
-            done, lost = result.done, result.lost
-        else:
-            with pytest.raises(KeyboardInterrupt) as caught:
-                spread(output, ENDLESS, engine, report=interrupt)
-            done, lost = map(int, re.findall(r"\d+", caught.value.__notes__[0]))
-    assert 0 < done == len(rows(output)) < 40
-    assert lost > 0
-    assert set(rows(output)["status"].to_pylist()) == {"ok"}
-    # The workers are free for something else at once.
-    spread(tmp_path / "next", SWEEP, make_engine(cluster))
-    assert rows(tmp_path / "next").equals(plain)
-
-
-def test_stopped_sweeps_resume_to_the_same_rows(cluster, plain, tmp_path):
-    sessions = [spread(tmp_path, SWEEP, make_engine(cluster, threads=1), max_time=1e-9)]
-    while sessions[-1].stopped:
-        assert len(sessions) < 40
-        sessions.append(spread(tmp_path, SWEEP, make_engine(cluster, threads=1), max_time=1e-9))
-    assert sum(result.done for result in sessions) == 80
-    assert rows(tmp_path).equals(plain)
-
-
-def test_rows_that_cannot_be_written_end_the_sweep_and_free_the_workers(
-    cluster, plain, tmp_path, monkeypatch
-):
     def full(*args: Any) -> None:
         raise OutputError("the disk is full")
 
-    with monkeypatch.context() as patch:
-        patch.setattr(Runs, "append", full)
-        with pytest.raises(OutputError, match="the disk is full"):
-            spread(tmp_path, SWEEP, make_engine(cluster))
-    assert spread(tmp_path, SWEEP, make_engine(cluster)).done == 80
-    assert rows(tmp_path).equals(plain)
+    engine = make_engine(cluster, threads=1)
+    if how == "time":
+        assert spread(output, SWEEP, engine, max_time=1e-9).stopped == "the time is up"
+        # Of blocks that would take hours, too.
+        assert spread(endless, ENDLESS, engine, max_time=1e-9).stopped is not None
+    elif how == "interrupt":
+        with pytest.raises(KeyboardInterrupt) as caught:
+            spread(output, SWEEP, engine, report=stop)
+        assert caught.value.__notes__ == [
+            f"{len(rows(output))} runs are kept, 0 in flight were lost"
+        ]
+    else:
+        with monkeypatch.context() as patch, pytest.raises(OutputError, match="the disk is full"):
+            patch.setattr(Runs, "append", full)
+            spread(output, SWEEP, engine)
+    assert len(rows(output)) < 80
+    assert spread(output, SWEEP, make_engine(cluster)).runs == 80
+    assert rows(output).equals(plain)
 
 
 # -- harm --------------------------------------------------------------------------------------
@@ -338,7 +289,7 @@ def test_lost_scheduler_and_one_without_workers_are_one_sentence(
         f"the scheduler at {it.address} is lost; completed runs are kept, and with a new one the "
         "same command resumes from there"
     )
-    assert spread(output, SWEEP).resumed_runs == 10
+    assert spread(output, SWEEP).done == 70
     assert rows(output).equals(plain)
 
 
@@ -380,7 +331,7 @@ def driver(tmp_path, gate) -> Iterator[Callable[..., subprocess.Popen[str]]]:
             start_new_session=True,
         )  # fmt: skip
         started.append(process)
-        wait_for(lambda: any(output.glob("runs/*.parquet")) or process.poll() is not None)
+        wait_until(lambda: any(output.glob("runs/*.parquet")) or process.poll() is not None)
         return process
 
     yield start
@@ -408,9 +359,9 @@ def test_ctrl_c_to_the_whole_group_ends_an_embedded_cluster_quietly(driver, plai
     os.killpg(process.pid, signal.SIGINT)
     said = process.communicate(timeout=NEVER)[1]
     assert process.returncode == 130, said
-    assert re.fullmatch(r"\d+ runs are kept, \d+ in flight were lost\n", said)
+    assert re.fullmatch(r"\d+ runs are kept, 0 in flight were lost\n", said)
     assert len(workers) == 2
-    wait_for(lambda: not any(Path(f"/proc/{pid}").exists() for pid in workers))
+    wait_until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in workers))
     spread(tmp_path / "out", SWEEP)
     assert rows(tmp_path / "out").equals(plain)
 
@@ -439,7 +390,7 @@ def test_blocks_of_a_killed_driver_are_dropped(driver, own_cluster, gate, plain,
     process.communicate()
     with Client(own_cluster.address, set_as_default=False) as client:
         # The gate is still shut, so blocks end only if the worker sees that nobody waits for them.
-        wait_for(
+        wait_until(
             lambda: not any(client.run(lambda dask_worker: dask_worker.active_threads).values())
         )
     (gate / "ticket").touch()
@@ -457,9 +408,7 @@ def test_embedded_cluster_is_closed_to_others_and_has_a_directory_of_its_own(tmp
     planted.mkdir(mode=0o777)
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     monkeypatch.setenv("TMPDIR", str(tmp_path))
-    before = sys.path[:]
-    with daskengine._quiet(), daskengine.embedded(1, 1) as client:
-        assert sys.path == before
+    with daskengine.embedded(1, 1) as client:
         (paths,) = client.run(lambda: sys.path).values()
         (private,) = tmp_path.glob("rattlesweep-dask-*")
         assert private.stat().st_mode & 0o777 == 0o700
@@ -478,11 +427,12 @@ def test_embedded_cluster_is_closed_to_others_and_has_a_directory_of_its_own(tmp
 
 
 def test_worker_of_another_version_is_refused(cluster, tmp_path, monkeypatch):
-    answers = iter([{"numba": "0.1"}])  # the driver's; workers are threads of this process
-    monkeypatch.setattr(daskengine, "essentials", lambda: next(answers, {"numba": "0.2"}))
+    ours = daskengine.versions()
+    answers = iter([ours | {"numba": "0.1"}])  # the driver's; workers are threads of this process
+    monkeypatch.setattr(daskengine, "versions", lambda: next(answers, ours | {"numba": "0.2"}))
     sentence = (
         r"^the worker at tcp://127\S+ on \S+: it would compute other bits: numba 0.2 there, 0.1 "
-        "here; give all workers the environment of the driver$"
+        "here; give all workers the driver's environment$"
     )
     with pytest.raises(OutputError, match=sentence):
         spread(tmp_path, SWEEP, make_engine(cluster))

@@ -21,7 +21,7 @@ from rattlesweep.sweeps import rows as rows_module
 from rattlesweep.sweeps.block import compute, prepare_runs
 from rattlesweep.sweeps.config.read import parse_config, physics_hash
 from rattlesweep.sweeps.counts import wilson
-from rattlesweep.sweeps.decide import FIRST, Refining, Stopping, decision, filled, strides
+from rattlesweep.sweeps.decide import FIRST, Refining, Stopping, decision, nearest_rows, strides
 from rattlesweep.sweeps.memory import integrate_plan, same_bits
 from rattlesweep.sweeps.run import Shard
 from rattlesweep.sweeps.status import status
@@ -191,6 +191,18 @@ def test_there_are_no_shares_of_what_depends_on_all(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+def filled(directory: Path, names: list[str]) -> pa.Table:
+    """All points of the grid, those that were left out with the columns of the nearest run."""
+    stored = open_stored(directory)
+    rows = stored.read(names)
+    return pa.concat_tables(
+        rows.take(pa.array(nearest))
+        .append_column("at_case", pa.array(np.full(len(nearest), case)))
+        .append_column("at_sample", pa.array(np.arange(len(nearest))))
+        for case, nearest in nearest_rows(stored)
+    )
+
+
 # -- refine ----------------------------------------------------------------------------------------
 
 
@@ -201,10 +213,7 @@ def test_a_fraction_of_the_runs_gives_the_same_map(full, done):
     at = some["case"].to_numpy().astype(int) * 61 + some["sample"].to_numpy()
     assert same_bits(some, full.take(pa.array(at)))
     assert len(some) < POINTS / 4
-    names = ["case", "sample", "type"]
-    shown = pa.concat_tables(filled(open_stored(output), names))
-    assert same_bits(shown.select(["case", "sample"]), full.select(["case", "sample"]))
-    types = full["type"].to_numpy()
+    shown, types = filled(output, ["type"]), full["type"].to_numpy()
     assert len(set(types)) == 3
     assert np.mean(shown["type"].to_numpy() != types) < 0.002
 
@@ -226,7 +235,7 @@ def test_filled_is_the_nearest_of_each_spin_and_body(done):
     """By brute force; ties may go either way."""
     stored = open_stored(done["refine by type"])
     rows = stored.read(["case", "sample"])
-    shown = pa.concat_tables(filled(stored, ["case", "sample", "theta", "n_i", "omega_xy0"]))
+    shown = filled(stored.directory, ["theta", "n_i", "omega_xy0"])
     theta = np.linspace(0.6, 0.99, 61)
     place = {case.index: (case.n_i, case.omega_xy0) for case in stored.cases}
     spins = sorted({n_i for n_i, _ in place.values()})
@@ -236,18 +245,17 @@ def test_filled_is_the_nearest_of_each_spin_and_body(done):
     dice = np.random.default_rng(1)
     for k in dice.choice(len(shown), 300, replace=False):
         row = {name: shown[name][int(k)].as_py() for name in shown.schema.names}
-        n_i, push = place[row["case"]]
+        n_i, push = place[row["at_case"]]
         assert row["omega_xy0"] == push  # an axis of two values is no way to a neighbour
-        here = np.array([spins.index(n_i), row["sample"]])
+        here = np.array([spins.index(n_i), row["at_sample"]])
         found = np.array([spins.index(row["n_i"]), np.abs(theta - row["theta"]).argmin()])
         least = np.min(np.sum((np.array(known[push]) - here) ** 2, axis=1))
         assert np.sum((found - here) ** 2) == least
 
 
 def test_times_between_runs_are_as_near_as_asked(full, done):
-    names = ["case", "sample", "t_r"]
-    shown = pa.concat_tables(filled(open_stored(done["refine by t_r"]), names))
-    exact, near = full["t_r"].to_pandas(), shown["t_r"].to_pandas()
+    exact = full["t_r"].to_pandas()
+    near = filled(done["refine by t_r"], ["t_r"])["t_r"].to_pandas()
     assert (exact.isna() == near.isna()).mean() > 0.99
     off = (near / exact - 1).abs().dropna()
     assert off.quantile(0.9) < 0.1
@@ -290,13 +298,6 @@ def test_a_boundary_that_hides_between_coarse_points_is_followed_to_its_ends():
     assert there[0].sum() < 0.25 * there[0].size
 
 
-def test_what_is_smaller_than_a_coarse_cell_may_be_missed():
-    """The known weakness, which the docs measure."""
-    island = lambda x, y: (x - 0.53) ** 2 + (y - 0.53) ** 2 < 0.02**2  # noqa: E731
-    assert asked(island, 129, 129, levels=4)[0][0].sum() == 9 * 9
-    assert asked(island, 129, 129, levels=1)[0][0].sum() > 65 * 65
-
-
 @pytest.mark.parametrize(
     ("shape", "levels", "expected"),
     [((400, 2, 400), 4, (16, 1, 16)), ((9, 9), 4, (4, 4)), ((4, 5), 1, (1, 2)), ((17,), 3, (8,))],
@@ -319,7 +320,7 @@ def test_refused_where_nothing_can_be_left_out_or_recorded(tmp_path):
 def test_a_refined_directory_becomes_the_whole_grid(full, done, tmp_path):
     sweeping.sweep(tmp_path, MAP)
     result = sweeping.sweep(tmp_path, MAP | {"bodies": GRID})
-    assert result.resumed_runs == open_stored(done["refine by type"]).count()
+    assert result.runs - result.done == open_stored(done["refine by type"]).count()
     assert same_bits(open_stored(tmp_path).read(), full)
 
 

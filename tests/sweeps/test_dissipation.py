@@ -197,7 +197,8 @@ def test_it_is_an_axis_of_pictures_and_arrays(swept, tmp_path):
 
 def test_grows_by_more_values(swept, tmp_path):
     sweeping.sweep(tmp_path, CONFIG | {"dissipation": {"sigma": 0.2, "rolling": ROLLING}})
-    assert sweeping.sweep(tmp_path, CONFIG).resumed_runs == 24
+    result = sweeping.sweep(tmp_path, CONFIG)
+    assert result.runs - result.done == 24
     key = ["n_i", "sigma", "rolling", "sample"]
     grown, whole = (
         frame.sort_values(key, ignore_index=True).drop(columns="case")

@@ -1,4 +1,4 @@
-"""What `merge` makes of the directories of shares, and what it does not."""
+"""What `merge` makes of the directories of shards, and what it does not."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from refusal import assert_refused
 from sweeping import changed, invoke, tree
 
 from rattlesweep.sweeps.classify import classify_stored
+from rattlesweep.sweeps.provenance import read_sessions
 from rattlesweep.sweeps.rows import Runs
 from rattlesweep.sweeps.run import Shard
-from rattlesweep.sweeps.sessions import read_sessions
 
 CONFIG: dict[str, Any] = {
-    "name": "shares",
+    "name": "shards",
     "seed": 11,
     "bodies": {"source": "sd", "samples": 30, "target": {"K_r": [0.03, 0.1], "rel_tol": 0.1}},
     "spin": {"n_i": [-0.1, -0.5, 0.2], "omega_xy0": [0.01, 0.1]},
@@ -27,9 +27,9 @@ CONFIG: dict[str, Any] = {
 RUNS = 360
 
 
-def sweep(output: Path, share: tuple[int, int] | None = None, **changes: Any) -> Any:
-    shard = None if share is None else Shard(*share)
-    return sweeping.sweep(output, CONFIG | changes, shard=shard)
+def sweep(output: Path, shard: tuple[int, int] | None = None, **changes: Any) -> Any:
+    own = None if shard is None else Shard(*shard)
+    return sweeping.sweep(output, CONFIG | changes, shard=own)
 
 
 def merge(*directories: Path, to: Path, options: tuple[str, ...] = ()) -> Any:
@@ -51,14 +51,14 @@ def plain(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def thirds(tmp_path_factory) -> list[Path]:
-    """Each share in a directory of its own."""
+    """Each shard in a directory of its own."""
     folder = tmp_path_factory.mktemp("thirds")
     for index in range(3):
         sweep(folder / str(index), (index, 3))
     return [folder / str(index) for index in range(3)]
 
 
-def test_shares_come_to_the_same_table_and_stay_as_they_are(plain, thirds, tmp_path):
+def test_shards_come_to_the_same_table_and_stay_as_they_are(plain, thirds, tmp_path):
     before = [files(third) for third in thirds]
     result = merge(*thirds, to=tmp_path / "out")
     assert result.exit_code == 0
@@ -68,18 +68,18 @@ def test_shares_come_to_the_same_table_and_stay_as_they_are(plain, thirds, tmp_p
     assert [files(third) for third in thirds] == before
     # An output directory like any other: nothing is left to run there.
     assert sweep(tmp_path / "out").done == 0
-    # Other types in it are not those of the shares.
+    # Other types in it are not those of the shards.
     classify_stored(tmp_path / "out", ["classify.sw_departure=1e-6"])
     assert [files(third) for third in thirds] == before
 
 
-def test_a_missing_share_is_said_and_run_or_merge_does_the_rest(plain, thirds, tmp_path):
+def test_a_missing_shard_is_said_and_run_or_merge_does_the_rest(plain, thirds, tmp_path):
     result = merge(*thirds[:2], to=tmp_path / "a")
     assert result.exit_code == 75
     assert "120 runs missing; merge the other shards too" in result.stderr
     assert not (tmp_path / "a" / "summary.parquet").exists()
     shutil.copytree(tmp_path / "a", tmp_path / "b")
-    assert sweep(tmp_path / "a").resumed_runs == 240
+    assert sweep(tmp_path / "a").done == 120
     check_equal(tmp_path / "a", plain)
     # What is there already is not there twice.
     assert merge(*thirds[1:], to=tmp_path / "b").exit_code == 0
@@ -106,7 +106,7 @@ def test_an_interrupted_merge_goes_on(plain, thirds, tmp_path):
     check_equal(tmp_path, plain)
 
 
-def test_shares_of_a_smaller_sweep(plain, tmp_path):
+def test_shards_of_a_smaller_sweep(plain, tmp_path):
     small = changed(CONFIG, bodies={"samples": 20})
     sweeping.sweep(tmp_path / "0", small, shard=Shard(0, 2))
     sweep(tmp_path / "1", (1, 2))
@@ -126,7 +126,7 @@ def test_shares_of_a_smaller_sweep(plain, tmp_path):
         ({"spin": {"n_i": [0.2, -0.1], "omega_xy0": 0.1}}, "number their cases differently"),
     ],
 )
-def test_only_shares_of_one_config_are_joined(changes, word, plain, tmp_path):
+def test_only_shards_of_one_config_are_joined(changes, word, plain, tmp_path):
     sweep(tmp_path / "other", (0, 12), **changes)
     result = merge(tmp_path / "other", plain, to=tmp_path / "out")
     assert_refused(result, 2, word)
@@ -135,7 +135,7 @@ def test_only_shares_of_one_config_are_joined(changes, word, plain, tmp_path):
 
 def test_what_is_there_twice_or_damaged_is_not_passed_on(plain, thirds, tmp_path):
     result = merge(plain, thirds[0], to=tmp_path / "a")
-    assert_refused(result, 1, "120 runs, such as case 0 sample 0, stand in", "give each share once")
+    assert_refused(result, 1, "120 runs, such as case 0 sample 0, stand in", "give each shard once")
     other = Path(shutil.copytree(thirds[0], tmp_path / "other"))
     (path,) = Runs(other).files()
     path.write_bytes(path.read_bytes()[:-9])
@@ -161,7 +161,7 @@ def test_files_that_a_killed_classify_has_left_are_not_mixed(thirds, tmp_path):
 
 
 def test_output_must_be_new(plain, thirds, tmp_path):
-    assert_refused(merge(plain, to=plain), 2, "is the output, whose runs are kept")
+    assert_refused(merge(plain, to=plain), 2, "a directory is given twice")
     assert_refused(merge(plain, plain, to=tmp_path / "a"), 2, "is given twice")
     sweep(tmp_path / "used", (0, 12), seed=3)
     before = tree(tmp_path / "used")
@@ -172,4 +172,4 @@ def test_output_must_be_new(plain, thirds, tmp_path):
     assert_refused(merge(plain, to=tmp_path / "foreign"), 2, "holds other files")
     result = merge(tmp_path / "nothing", to=tmp_path / "out")
     assert_refused(result, 2, "is not an output directory")
-    assert read_sessions(thirds[0])[-1]["share"] == "shard-0-of-3"
+    assert read_sessions(thirds[0])[-1]["shard"] == "shard-0-of-3"

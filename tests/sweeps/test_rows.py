@@ -14,7 +14,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from sweeping import plan_of, rows, sweep
+from sweeping import sweep
 
 from rattlesweep.errors import ConfigError, DamagedError, OutputError
 from rattlesweep.sweeps import columns as units
@@ -113,23 +113,6 @@ def test_what_is_not_finite_becomes_null_and_lists_are_as_long_as_counted() -> N
     assert lists == [[0.0, 1.0], None]
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (lambda c: c.pop("t_r"), "columns"),
-        (lambda c: c.update(more=[1]), "columns"),
-        (lambda c: c.update(alpha=np.full(50, np.nan)), "without a finite value"),
-        (lambda c: c.update(t_r=np.zeros(3)), "t_r expected length 50 but got length 3"),
-        (lambda c: c.update(sample=[2**70] * 50), "too big|too large"),
-    ],
-)
-def test_mistakes_of_the_calling_code_are_found(change, words) -> None:
-    columns = random_columns(np.zeros(50, int), np.arange(50))
-    change(columns)
-    with pytest.raises((ValueError, OverflowError), match=words):
-        build_table(columns, SCHEMA)
-
-
 # -- files -----------------------------------------------------------------------------------------
 
 
@@ -174,12 +157,8 @@ def test_rows_come_back_in_order_however_they_lie_in_files(files, piece, tmp_pat
     runs = scatter(tmp_path, table, parts)
     assert len(runs.files()) == len(np.unique(parts))
     assert runs.count() == len(table)
-    read = runs.read()
-    assert read is not None
-    assert same_bits(read, table)
-    some = runs.read(["t_r", "case"])
-    assert some is not None
-    assert some.schema.names == ["t_r", "case"]
+    assert same_bits(pa.concat_tables(runs.batches()), table)
+    some = pa.concat_tables(runs.batches(["t_r", "case"]))
     assert same_bits(some, table.select(["t_r", "case"]))
 
 
@@ -215,7 +194,7 @@ def test_a_file_of_failed_runs_only_goes(tmp_path):
 
 def test_nothing_is_an_empty_sweep(tmp_path):
     runs = Runs(tmp_path)
-    assert (runs.files(), runs.count(), runs.read(), runs.cases("sweep")) == ([], 0, None, {})
+    assert (runs.files(), runs.count(), [*runs.batches()], runs.cases("")) == ([], 0, [], {})
 
 
 @pytest.fixture
@@ -241,7 +220,7 @@ def test_a_damaged_file_is_put_aside_and_its_runs_are_to_do(harm, runs):
     found = find(runs, put_aside=False)
     assert found.aside == [path]
     with pytest.raises(DamagedError, match="is damaged"):
-        runs.read()
+        list(runs.batches())
     found = find(runs)
     assert found.aside == [path.with_suffix(".damaged")]
     assert found.aside[0].exists()
@@ -249,7 +228,7 @@ def test_a_damaged_file_is_put_aside_and_its_runs_are_to_do(harm, runs):
     assert np.array_equal(np.flatnonzero(~found.done.ravel()), np.arange(700, 1400))
     # Once more, under another name.
     path.write_bytes(b"")
-    assert find(runs).aside == [path.with_suffix(".damaged-2")]
+    assert find(runs).aside == [path.with_name(f"{path.stem}-2.damaged")]
 
 
 def flip(path: Path, column: str) -> None:
@@ -301,52 +280,35 @@ def test_out_of_memory_or_unreadable_is_not_damaged(runs, monkeypatch):
     assert find(runs).done.all()
 
 
-def test_a_folder_in_the_place_of_a_file(runs):
-    path = runs.files()[1]
-    path.unlink()
-    path.mkdir()
-    with pytest.raises(OutputError, match=f"cannot read {path}|{path} is damaged"):
-        runs.read()
-
-
-def test_what_is_no_part_of_the_sweep_is_refused(runs, tmp_path):
+def test_what_is_no_part_of_the_sweep_is_refused(runs):
     first, *_, last = runs.files()
+    some = runs.table(first).slice(0, 2)
+    more = runs.folder / "zz.parquet"
 
-    def refused(words: str) -> None:
-        with pytest.raises(OutputError, match=words):
+    def refused(words: str, path: Path = more) -> None:
+        with pytest.raises(OutputError, match=f"{path.name} {words}"):
             find(runs)
-        assert find(runs, skip=[more]).done.all()
-        more.unlink()
+        assert find(runs, skip=[path]).done.all()
+        path.unlink()
 
     # Twice under another name, and some rows of it with others.
-    more = Path(shutil.copy(last, runs.folder / "zz.parquet"))
-    refused(f"600 runs, such as case 3 sample 200, stand both in {last.name} and in .*zz.parquet")
-    more = runs.append(runs.table(first).slice(5, 1), "sweep", "{}", CASES)
-    refused(f"1 runs, such as case 0 sample 5, stand both in .*{first.name}")
-    rows_ = runs.table(first).slice(0, 2)
-    for table, sweep_, cases, words in (
-        (rows_, "another", CASES, "holds runs of another sweep"),
-        (rows_, "sweep", CASES[::-1], "numbers its cases in another way: case 0 is n_i -0.5"),
-        (rows_.drop_columns("t_r"), "sweep", CASES, "has the columns of another version"),
-    ):
-        more = runs.append(table, sweep_, "{}", cases)
-        if cases != CASES:
-            write_parquet(
-                table,
-                more,
-                {SWEEP: sweep_, rows_module.CASES: json.dumps([CASES[4].dump() | {"case": 0}])},
-            )
-        refused(words)
-    more = runs.folder / "zz.parquet"
+    shutil.copy(last, more)
+    refused("holds runs that are there twice; move it away")
+    runs.append(some, "sweep", "{}", CASES).rename(more)
+    refused("holds runs that are there twice")
+    refused("holds runs of another sweep", runs.append(some, "another", "{}", CASES))
+    without = some.drop_columns("t_r")
+    refused("has the columns of another version", runs.append(without, "sweep", "{}", CASES))
+    other = json.dumps([CASES[4].dump() | {"case": 0}])
+    write_parquet(some, more, {SWEEP: "sweep", rows_module.CASES: other})
+    refused("numbers its cases in another way: case 0 is n_i -0.5")
     pq.write_table(pa.table({"x": [1]}), more)
-    refused("zz.parquet was not written by rattlesweep")
-    with pytest.raises(
-        OutputError, match=r"holds runs up to case 1 and sample 399; the sweep has 5"
-    ):
+    refused("was not written by rattlesweep")
+    with pytest.raises(OutputError, match=r"runs up to case 1 and sample 399; the sweep has 5"):
         runs.find(CASES, 300, "sweep", SCHEMA)
 
 
-def test_a_file_that_another_share_has_put_aside_is_gone(runs, monkeypatch):
+def test_a_file_that_another_shard_has_put_aside_is_gone(runs, monkeypatch):
     gone = runs.files()[1]
     listed = runs.files()
     gone.unlink()
@@ -355,13 +317,8 @@ def test_a_file_that_another_share_has_put_aside_is_gone(runs, monkeypatch):
     assert found.rows == 1300
 
 
-def test_files_of_a_sweep_hold_what_the_memory_does(tmp_path):
-    plan = plan_of(CONFIG)
+def test_columns_that_are_not_there(tmp_path):
     sweep(tmp_path, CONFIG)
-    frame = rows(tmp_path)
-    assert len(frame) == plan.runs
-    schema = open_stored(tmp_path).read().schema
-    assert schema.equals(plan.schema, check_metadata=True)
     assert open_stored(tmp_path).read(["t_r"]).schema.names == ["t_r"]
     with pytest.raises(ConfigError, match="its runs have no column t_R; they have case, sample"):
         open_stored(tmp_path).read(["t_R"])

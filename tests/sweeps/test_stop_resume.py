@@ -12,21 +12,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 import pytest
 import sweeping
-from hardship import check_equal, check_whole, nursery, one_sentence, rows_of, tiny, wait_until
-from refusal import assert_refused
+from hardship import check_equal, check_whole, nursery, one_sentence, tiny, wait_until
 from sweeping import begin, plan_of
 
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.integrate import task
 from rattlesweep.sweeps import job
-from rattlesweep.sweeps.job import Job, OutOfTime, Progress
-from rattlesweep.sweeps.memory import integrate_plan
-from rattlesweep.sweeps.rows import Runs
+from rattlesweep.sweeps.job import Job, OutOfTime, Progress, Result
+from rattlesweep.sweeps.provenance import read_sessions
+from rattlesweep.sweeps.rows import Found, Runs
 from rattlesweep.sweeps.run import Shard
-from rattlesweep.sweeps.sessions import read_sessions
 from rattlesweep.sweeps.status import status
 from rattlesweep.sweeps.stored import open_stored
 
@@ -102,44 +99,41 @@ def test_a_time_too_short_for_one_run_says_so(tiny_sweep, tmp_path):
     assert (done.code, done.err) == (0, "")
 
 
-@pytest.mark.parametrize("text", ["2", "s", "-1s", "0s", "1 fortnight", "", "nan s"])
-def test_what_is_no_time(text, tiny_sweep, tmp_path):
-    given = ("--output", tmp_path / "out", f"--max-time={text}")
-    result = sweeping.invoke("run", tiny_sweep[0], *given)
-    assert_refused(result, 2, f"error: --max-time {text}".rstrip() + ": is ")
-    assert not (tmp_path / "out").exists()
-
-
-def test_two_processes_for_the_same_runs(tiny_sweep, tmp_path):
-    """The second is refused at once, and a lock goes with its process."""
+def test_one_writer_a_shard(tiny_sweep, tmp_path):
+    """Who would get in the way is refused at once, and a lock goes with its process."""
     config, expected = tiny_sweep
     args = ("run", config, "--output", tmp_path, "-q", "--shard")
     first = nursery().start(*args, "0/3", hold=0)
-    wait_until(lambda: first.ended() or status_says(tmp_path, "at work: "))
-    refused = f"(process {first.pid} on "
-    for other in (("--shard", "0/3"), ("--shard", "0/4"), ("--shard", "3/4"), ()):
-        done = nursery().run(*args[:-1], *other)
-        assert (done.code, done.out) == (1, "")
-        assert one_sentence(done.err)
-        assert f"{tmp_path}: shard-0-of-3 is in use by `" in done.err
-        assert refused in done.err
-    done = nursery().run("classify", tmp_path)
-    assert done.code == 1
-    assert refused in done.err
-    done = nursery().run("merge", tmp_path, "--output", tmp_path / "merged")
-    assert done.code == 1
-    # Other shares of as many go on, and see what is missing.
+    wait_until(lambda: first.ended() or status_says(tmp_path, "at work: shard-0-of-3, "))
+    in_use = f"{tmp_path}: shard-0-of-3 is in use by `rattlesweep run"
+    for other in (
+        (*args, "0/3"), (*args, "3/4"), args[:-1], ("classify", tmp_path),
+        ("merge", tmp_path, "--output", tmp_path / "merged"),
+    ):  # fmt: skip
+        done = nursery().run(*other)
+        assert (done.code, done.out, one_sentence(done.err)) == (1, "", True)
+        assert in_use in done.err
+        assert f"(process {first.pid} on " in done.err
+    # Nor is the sweep made larger meanwhile.
+    before = (tmp_path / "manifest.json").read_bytes()
+    done = nursery().run(*args, "1/3", "--set", "bodies.samples=20")
+    assert (done.code, one_sentence(done.err)) == (1, True)
+    assert "other shards are at work on the smaller sweep" in done.err
+    assert (tmp_path / "manifest.json").read_bytes() == before
+    # Other shards of as many go on, and see what is missing.
     for index in (1, 2):
         assert nursery().run(*args, f"{index}/3").code == 0
     assert Runs(tmp_path).count() == 16
     first.kill()
     assert first.wait().code == -signal.SIGKILL
     assert not status(tmp_path).data["at_work"]
-    again = nursery().start(*args, "0/3", hold=0)
-    # Of the sessions of a share, the one that died is not at work.
-    wait_until(lambda: [s["pid"] for s in status(tmp_path).data["at_work"]] == [again.pid])
-    again.kill(signal.SIGUSR1)
-    assert again.wait().code == 0
+    whole = nursery().start(*args[:-1], hold=0)
+    wait_until(lambda: [s["pid"] for s in status(tmp_path).data["at_work"]] == [whole.pid])
+    done = nursery().run(*args, "0/3")
+    assert (done.code, one_sentence(done.err)) == (1, True)
+    assert f"error: {tmp_path} is in use by `" in done.err
+    whole.kill(signal.SIGUSR1)
+    assert whole.wait().code == 0
     check_equal(tmp_path, expected)
 
 
@@ -147,45 +141,17 @@ def status_says(directory: Path, words: str) -> bool:
     return (directory / "manifest.json").exists() and words in status(directory).words
 
 
-def test_a_whole_run_keeps_shares_out(tiny_sweep, tmp_path):
-    config, expected = tiny_sweep
-    args = ("run", config, "--output", tmp_path, "-q")
-    child = nursery().start(*args, hold=1)
-    wait_until(lambda: child.ended() or status_says(tmp_path, "at work: "))
-    done = nursery().run(*args, "--shard", "0/2")
-    assert (done.code, one_sentence(done.err)) == (1, True)
-    assert f"error: {tmp_path} is in use by `" in done.err
-    child.kill(signal.SIGUSR1)
-    assert child.wait().code == 0
-    check_equal(tmp_path, expected)
-
-
-def test_three_shares_at_once_in_one_directory(tiny_sweep, tmp_path):
+def test_three_shards_at_once_in_one_directory(tiny_sweep, tmp_path):
     config, expected = tiny_sweep
     args = ("run", config, "--output", tmp_path, "-q", "--shard")
     for trial in range(3):
         shutil.rmtree(tmp_path)
-        shares = [nursery().start(*args, f"{k}/3", rows=1) for k in range(3)]
-        assert [share.wait().code for share in shares] == [0, 0, 0], trial
+        shards = [nursery().start(*args, f"{k}/3", rows=1) for k in range(3)]
+        assert [shard.wait().code for shard in shards] == [0, 0, 0], trial
         check_equal(tmp_path, expected)
 
 
-def test_a_share_does_not_grow_what_others_work_on(tiny_sweep, tmp_path):
-    config, _ = tiny_sweep
-    args = ("run", config, "--output", tmp_path, "-q")
-    child = nursery().start(*args, "--shard", "0/2", hold=1)
-    wait_until(lambda: child.ended() or status_says(tmp_path, "at work: "))
-    before = (tmp_path / "manifest.json").read_bytes()
-    more = nursery().run(*args, "--shard", "1/2", "--set", "bodies.samples=20")
-    assert more.code == 1
-    assert "other shares are at work on the smaller sweep" in more.err
-    assert (tmp_path / "manifest.json").read_bytes() == before
-    child.kill(signal.SIGUSR1)
-    assert child.wait().code == 0
-    assert nursery().run(*args, "--shard", "1/2", "--set", "bodies.samples=20").code == 0
-
-
-def test_other_thresholds_are_no_business_of_a_share(tiny_sweep, tmp_path):
+def test_other_thresholds_are_no_business_of_a_shard(tiny_sweep, tmp_path):
     config, expected = tiny_sweep
     shutil.copytree(expected, tmp_path, dirs_exist_ok=True)
     args = ("run", config, "--output", tmp_path, "-q", "--shard", "0/2")
@@ -245,7 +211,7 @@ def test_the_runs_of_a_stopped_block_are_kept(whole, often, tmp_path):
         assert re.fullmatch(rf"{kept[-1]} runs are kept, \d+ in flight were lost", said)
         assert status(tmp_path).data["runs"] == kept[-1]
     done = sweeping.sweep(tmp_path, CONFIG)
-    assert (done.resumed_runs, done.done, done.runs) == (kept[-1], FEW - kept[-1], FEW)
+    assert (done.done, done.runs) == (FEW - kept[-1], FEW)
     check_equal(tmp_path, whole)
 
 
@@ -288,7 +254,7 @@ def test_a_second_ctrl_c_ends_the_waiting_for_rows(tmp_path, monkeypatch):
     def impatient(*args: Any, **options: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("rattlesweep.sweeps.local._ended", impatient)
+    monkeypatch.setattr("rattlesweep.sweeps.job._keep_ended", impatient)
     with pytest.raises(KeyboardInterrupt):
         sweeping.sweep(tmp_path, CONFIG, report=stop_after(0))
     monkeypatch.undo()
@@ -324,7 +290,7 @@ def test_what_is_refused_changes_nothing(whole, tmp_path):
     foreign = tmp_path / "foreign"
     (foreign / "runs").mkdir(parents=True)
     shutil.copy(whole / "summary.parquet", foreign / "runs" / "mine.parquet")
-    with pytest.raises(ConfigError, match=r"mine\.parquet, and no sweep"):
+    with pytest.raises(ConfigError, match=r"runs, and no sweep"):
         sweeping.sweep(foreign, CONFIG, fresh=True)
     (tmp_path / "file").touch()
     with pytest.raises(ConfigError, match="is a file; give the path of a directory"):
@@ -349,54 +315,69 @@ def test_a_fresh_start_removes_a_sweep_whatever_has_come_to_it(harm, whole, tmp_
 # -- blocks and progress ---------------------------------------------------------------------------
 
 
-def new_job(cost: Any, samples: int, report: Any = lambda p: None, **options: Any) -> Job:
+def new_job(
+    monkeypatch: Any, cost: Any, samples: int, report: Any = lambda p: None, **more: Any
+) -> Job:
+    monkeypatch.setattr(job, "case_costs", lambda plan: np.array(cost, float))
     spin = {"n_i": np.linspace(-0.5, -0.1, len(cost)).tolist(), "omega_xy0": 0.01}
     plan = plan_of(CONFIG, bodies={"source": "sd", "samples": samples}, spin=spin)
-    return Job(plan, 2, np.array(cost, float), report, **options)
+    found: Any = Found(np.zeros(plan.shape, bool))
+    nowhere: Any = None
+    return Job(plan, nowhere, found, Result(Path()), 2, report, **more)
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_blocks_are_each_run_once_in_order_and_alike_in_cost(seed, monkeypatch):
     monkeypatch.setattr(job, "MOST_ROWS", 3000)
+    monkeypatch.setattr(job, "AT_ONCE", 7000)
     dice = np.random.default_rng(seed)
-    todo = dice.random((40, 500)) < 0.6
-    work = new_job(10 ** dice.uniform(2, 5, 40), 500)
-    work.count(todo.size, todo)
+    work = new_job(monkeypatch, 10 ** dice.uniform(2, 5, 40), 500)
+    work.found.done[:] = dice.random((40, 500)) < 0.4
     blocks = []
-    for keys in work.blocks(todo):
+    for keys in work.blocks(np.ones((40, 500), bool)):
         blocks.append(keys)
-        work.worked(keys, float(work.cost[keys[0]].sum()) / 1e7)  # as many costs a second
+        work.worked(keys, float(work._cost[keys[0]].sum()) / 1e7)  # as many costs a second
     case, sample = (np.concatenate(part) for part in zip(*blocks, strict=True))
-    assert np.array_equal(np.stack([case, sample]), np.nonzero(todo))
-    cost = np.array([work.cost[block[0]].sum() for block in blocks])
-    least = job.ROUNDS * 8 * 2
+    assert np.array_equal(np.stack([case, sample]), np.nonzero(~work.found.done))
+    cost = np.array([work._cost[block[0]].sum() for block in blocks])
     sizes = np.array([len(block[0]) for block in blocks])
     assert sizes.max() <= 3000
     # But for the first, which learns, and the last, which is what is left.
-    middle = slice(1, -1)
-    assert (cost[middle][sizes[middle] > least] <= 3.0e7).all()
-    assert (sizes[middle] >= least).all()
+    least = job.ROUNDS * job.LANES * 2
+    assert (cost[1:-1][sizes[1:-1] > least] <= 3.0e7).all()
+    assert (sizes[1:-1] >= least).all()
+
+
+@pytest.mark.parametrize(
+    ("seconds", "rows"), [(1e-4, 3000), (0.01, 300), (0.05, 256), (0.2, 150), (30.0, 64)]
+)
+def test_a_block_of_long_runs_is_small(seconds, rows, monkeypatch):
+    """Time that a run takes, and rows of a block of two threads with 32 lanes each."""
+    monkeypatch.setattr(job, "MOST_ROWS", 3000)
+    monkeypatch.setattr(job, "LANES", 32)
+    work = new_job(monkeypatch, [1.0], 10_000)
+    blocks = work.blocks(np.ones((1, 10_000), bool))
+    first = next(blocks)
+    work.worked(first, seconds * len(first[0]))
+    assert len(next(blocks)[0]) == pytest.approx(rows, abs=1)
 
 
 @pytest.mark.parametrize("waves", [False, True])
-def test_progress_never_falls_and_ends_at_one(waves):
+def test_progress_never_falls_and_ends_at_one(waves, monkeypatch):
     """Cases turn out to be dearer or cheaper than expected by a hundredfold."""
     seen: list[Progress] = []
     dice = np.random.default_rng(5)
-    work = new_job(10 ** dice.uniform(0, 4, 20), 50, seen.append)
-    work.waves = waves
-    really = work.cost * 10 ** dice.uniform(-1, 1, 20)
-    todo = np.zeros((20, 50), bool)
+    some: Any = object() if waves else None
+    work = new_job(monkeypatch, 10 ** dice.uniform(0, 4, 20), 50, seen.append, decide=some)
+    really = work._cost * 10 ** dice.uniform(-1, 1, 20)
+    wanted = np.zeros((20, 50), bool)
     for wave in range(3 if waves else 1):
-        todo[:, : (wave + 1) * 16 if waves else 50] = True
-        left = todo.copy()
-        left[:, : wave * 16] = False
-        work.count(int(todo.sum()), left)
-        work.begin()
-        for keys in work.blocks(left):
+        wanted[:, : (wave + 1) * 16 if waves else 50] = True
+        for keys in work.blocks(wanted):
+            work.begin()
             work.tick()
-            steps = np.maximum(1, really[keys[0]]).astype(int)
-            work.wrote(pa.table({"case": keys[0], "n_steps": steps}))
+            work.found.done[keys] = True
+            work.count(keys[0], np.maximum(1, really[keys[0]]))
             work.tick()
     work.complete()
     fractions = [progress.fraction for progress in seen]
@@ -405,28 +386,14 @@ def test_progress_never_falls_and_ends_at_one(waves):
     assert fractions[-1] == 1.0
     assert all(p.left is None or (np.isfinite(p.left) and p.left >= 0) for p in seen)
     assert [p.runs for p in seen] == sorted(p.runs for p in seen)
-    assert seen[-1].runs == seen[-1].total == todo.sum()
-
-
-@pytest.mark.parametrize("cost", [[0.0, 0.0], [1.0, 0.0]])
-def test_runs_whose_cost_nobody_knows(cost):
-    seen: list[Progress] = []
-    work = new_job(cost, 30, seen.append)
-    todo = np.ones((2, 30), bool)
-    work.count(60, todo)
-    work.begin()
-    for keys in work.blocks(todo):
-        work.wrote(pa.table({"case": keys[0], "n_steps": np.full(len(keys[0]), 9)}))
-        work.tick()
-    assert np.isfinite([p.fraction for p in seen]).all()
-    assert seen[-1].runs == 60
+    assert seen[-1].runs == seen[-1].total == wanted.sum()
 
 
 def test_the_time_is_over_when_a_run_has_ended_or_after_the_grace(monkeypatch):
     now = [0.0]
     monkeypatch.setattr(time, "monotonic", lambda: now[0])
-    work = new_job([1.0], 30, deadline=1.0)
-    work.count(30, np.ones((1, 30), bool))
+    work = new_job(monkeypatch, [1.0], 30, deadline=1.0)
+    work.blocks(np.ones((1, 30), bool))
     now[0] = 2.0
     work.tick()  # nothing has begun
     work.begin()
@@ -437,9 +404,8 @@ def test_the_time_is_over_when_a_run_has_ended_or_after_the_grace(monkeypatch):
         work.tick()
 
 
-def test_rows_in_memory_are_those_on_disk(whole):
-    assert integrate_plan(plan_of(CONFIG)).num_rows == len(rows_of(whole)) == FEW
+def test_shards_are_read_as_words():
     assert Shard.parse(" 1/3 ") == Shard(1, 3)
     for text in ("3/3", "1", "a/b", "-1/3", "0/0"):
-        with pytest.raises(ValueError, match=r"is not I/N|there is no such share"):
+        with pytest.raises(ValueError, match=r"is not I/N|there is no such shard"):
             Shard.parse(text)

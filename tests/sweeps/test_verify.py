@@ -251,7 +251,7 @@ def test_a_killed_classify(then, output, whole):
     killed_classify(output)
     (problem,) = verify(output).problems[:1]
     assert "typed by other thresholds; `rattlesweep classify` ends what was begun" in problem
-    with pytest.raises(ConfigError, match="before its shares go on"):
+    with pytest.raises(ConfigError, match="before its shards go on"):
         sweep(output, shard=Shard(0, 2))
     if then == "run":
         assert sweep(output).done == 0

@@ -311,6 +311,12 @@ class Trajectory:
     units: dict[str, str]
     warning: str = ""
     si: dict[str, str] = field(default_factory=dict)
+    page: Callable[..., Any] | None = field(default=None, repr=False, compare=False)
+
+    def show(self, **settings: Any) -> Any:
+        """Return the page on which the body rolls; settings as for :func:`rattlesweep.show`."""
+        assert self.page is not None
+        return self.page(**settings)
 
     def __getitem__(self, columns: str | list[str]) -> Any:
         """Return a column as a Series, or several as a DataFrame."""
@@ -357,8 +363,8 @@ class Trajectory:
         return figure
 
 
-def collect(course: Course) -> Trajectory:
-    """Integrate the whole trajectory into memory."""
+def collect(course: Course, page: Callable[..., Any] | None = None) -> Trajectory:
+    """Integrate the whole trajectory into memory; `page` is what its `show` calls."""
     import pandas as pd  # half a second, which commands need not wait for
 
     table = pd.DataFrame(course.columns())
@@ -366,4 +372,4 @@ def collect(course: Course) -> Trajectory:
     zeros, reversals = np.array(course.zeros), np.array(course.reversals)
     si = {name: channel.name for name, channel in course.si.items()}
     return Trajectory(table, reversals, zeros, course.t, course.status.label, course.n_steps,
-                      units, course.observer.warning, si)  # fmt: skip
+                      units, course.observer.warning, si, page)  # fmt: skip

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, BinaryIO
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pcsv
 import pyarrow.parquet as pq
@@ -17,9 +16,6 @@ from rattlesweep.sweeps.arrow import build_table
 from rattlesweep.sweeps.columns import F64, field
 from rattlesweep.sweeps.files import streamed_file
 from rattlesweep.sweeps.provenance import package_version
-
-# A table of more rows is not printed whole, but only so many rows from either end.
-MOST_PRINTED, ENDS = 10_000, 20
 
 
 def schema(course: Course) -> pa.Schema:
@@ -54,25 +50,6 @@ def write_csv(course: Course, write: Callable[[bytes], Any]) -> None:
     write((",".join(columns.names) + "\n").encode())
     for chunk in course:
         write(_lines(build_table(chunk, columns)))
-
-
-def write_ends(course: Course, write: Callable[[bytes], Any]) -> bool:
-    """Write as :func:`write_csv` does, but only the first and the last rows of a long table.
-
-    Returns whether rows are left out; a line of dots, which no reader takes for a row, says so.
-    """
-    columns, times = schema(course), course.times
-    cut = times is not None and len(times) > MOST_PRINTED
-    if times is not None and cut:
-        # Rows that are not shown need not be computed.
-        course.times = np.concatenate([times[:ENDS], times[len(times) - ENDS : len(times)]])
-    rows = pa.concat_tables([columns.empty_table(), *(build_table(c, columns) for c in course)])
-    cut |= len(rows) > MOST_PRINTED
-    first = min(ENDS, len(rows)) if cut else len(rows)
-    write((",".join(columns.names) + "\n").encode() + _lines(rows[:first]))
-    if cut:
-        write(b"...\n" + _lines(rows[max(first, len(rows) - ENDS) :]))
-    return cut
 
 
 def _lines(table: pa.Table) -> bytes:

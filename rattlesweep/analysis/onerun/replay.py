@@ -14,6 +14,7 @@ from rattlesweep.analysis.onerun.course import Course, PreparedRun
 from rattlesweep.analysis.where import parse_where
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.integrate.model import MODELS
+from rattlesweep.integrate.status import Status
 from rattlesweep.sweeps.block import run_batch
 from rattlesweep.sweeps.config.schema import Config
 from rattlesweep.sweeps.counts import is_sensitive
@@ -72,6 +73,8 @@ class StoredRun:
         """
         if course.model not in MODELS or self.status != "ok":
             return
+        if course.status != Status.OK and course.t < self.t_end:
+            return  # a body on its side, which a trajectory does not follow
         first = course.zeros[0] if course.zeros else None
         if self.t_r is None:
             wrong = first is not None and first <= self.t_end

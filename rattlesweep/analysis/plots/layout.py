@@ -225,7 +225,9 @@ def read_layout(directory: Path) -> Layout:
     if cases[0].target_name is not None:
         given[cases[0].target_name] = [case.target for case in cases]
     if config.spin is not None and cases[0].n_i is not None:
-        given |= {"n_i": [case.n_i for case in cases], "omega_xy0": [c.omega_xy0 for c in cases]}
+        given |= {"n_i": [case.n_i for case in cases]}
+    if config.spin is not None and cases[0].omega_xy0 is not None:
+        given |= {"omega_xy0": [case.omega_xy0 for case in cases]}
     for name in ("sigma", "rolling"):
         if isinstance(getattr(config.dissipation, name), list):
             given[name] = [getattr(case, name) for case in cases]

@@ -16,18 +16,15 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.resources import files
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rattlesweep.analysis.onerun.course import Course, PreparedRun
-from rattlesweep.analysis.onerun.replay import Replay, StoredRun
 from rattlesweep.analysis.onerun.rows import EvenTimes, Rows
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics.body import PARAMETERS
-from rattlesweep.sweeps.files import replace_file
 from rattlesweep.sweeps.provenance import package_version
 from rattlesweep.sweeps.single import Launch
 
@@ -226,22 +223,3 @@ def describe(course: Course) -> str:
     launch = f"n_i {course.launch['n_i']:g}, ω_xy0 {course.launch['omega_xy0']:g}"
     line = f"{body}, ξ {math.degrees(xi):.3g}°; {launch}; units M = a = g = 1"
     return line.replace("-", "−")
-
-
-def save_stored(
-    source: Replay, stored: StoredRun, path: Path, title: str | None, t_end: float | None,
-    **rows: Any,
-) -> tuple[Course, Scene]:  # fmt: skip
-    """Write the page of a stored run, proved to be the stored one; ``rows`` as `course_of` has."""
-    course = course_of(source.prepare(stored, t_end), **rows)
-    source.prove(stored)
-    scene = make_scene(course, source.cause(stored))
-    stored.check(course)
-    kind = f", type {stored.type}" if stored.type else ""
-    save(course, scene, path, title or f"{source.config.name}: {stored.name}{kind}")
-    return course, scene
-
-
-def save(course: Course, scene: Scene, path: Path, title: str) -> None:
-    """Write the page, which appears whole or not at all."""
-    replace_file(path, make_page(scene, title, describe(course)))

@@ -89,11 +89,12 @@ def work(model_name: str, adaptive: bool) -> Kernel:
     return Kernel(lanes.work, (problem_of(model, adaptive), *arguments), options)
 
 
-def attempt(tableau_name: str, model_name: str) -> Kernel:
-    """Return the step of a method and a model."""
+def attempt(tableau_name: str, model_name: str, beside: str = "") -> Kernel:
+    """Return the step of a method and a model; ``beside`` is ``volume`` or nothing."""
     tableau, model = METHODS[tableau_name], find_model(model_name)
     arguments = problem_of(model, tableau.adaptive), workspace(tableau, model, 1)[0], 1.0
-    return Kernel(write_attempt(tableau, model), arguments, OPTIONS)
+    written = write_attempt(tableau, model, volume=beside == "volume")
+    return Kernel(written, arguments, OPTIONS)
 
 
 def decide_closely(adaptive: bool) -> Kernel:
@@ -150,15 +151,16 @@ def parallel() -> bool:
 # -- kernels ---------------------------------------------------------------------------------------
 
 
-def kernel(tableau_name: str, model_name: str) -> Callable[..., None]:
+def kernel(tableau_name: str, model_name: str, *beside: str) -> Callable[..., None]:
     """Return a kernel: called with the number of threads, their workspaces and what they share.
 
+    With ``"volume"`` beside, its steps find the rate of phase volume.
     Where not :func:`parallel`, its threads work one after another.
     """
     adaptive = METHODS[tableau_name].adaptive
     wanted: list[tuple[Any, ...]] = [
         (work, model_name, adaptive),
-        (attempt, tableau_name, model_name),
+        (attempt, tableau_name, model_name, *beside),
         (decide_closely, adaptive),
     ]
     if parallel():

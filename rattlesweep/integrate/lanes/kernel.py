@@ -224,6 +224,8 @@ def watch(problem, w, windows, record):
                 lane.window_n_max = max(lane.window_n_max, lane.n1)
             if record[C.REC_REVERSALS]:
                 see_side(lane, windows, record)
+            if record[C.REC_VOLUME]:
+                lane.volume += lane.h * lane.volume_rate1
 
 
 def work(problem, thread, parts, w, shared, order, y0, constants, probe, plan, options,
@@ -262,6 +264,7 @@ def work(problem, thread, parts, w, shared, order, y0, constants, probe, plan, o
         or record[C.REC_CONTACT]
         or record[C.REC_WINDOWS]
         or record[C.REC_REVERSALS]
+        or record[C.REC_VOLUME]
     )
     total = order.size
     busy = 0

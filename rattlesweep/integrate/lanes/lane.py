@@ -171,6 +171,10 @@ class Lane:
     reversals: float
     n_after: float
 
+    # Where recorded: the logarithm of the phase volume, and its mean rate over the step tried.
+    volume: float
+    volume_rate1: float
+
     # Share of the launch's energy below which a zero of the spin is no reversal; 0 for none.
     dead: float
 

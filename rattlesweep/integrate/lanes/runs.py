@@ -286,6 +286,8 @@ def finish(lane, status, reversal, t, run, result, counts, windows, record):
     result[run, C.DRIFT_MAX] = max(lane.drift_max, abs(drift))
     result[run, C.RATIO_MAX] = lane.ratio_max
     result[run, C.NORMAL_MIN] = lane.normal_min
+    if record[C.REC_VOLUME] and status == OK:
+        result[run, C.VOLUME] = (lane.volume + lane.h * lane.volume_rate1) / t
     for i, component in enumerate(lane.y1):
         result[run, C.FIRST_STATE + i] = component
     counts[run, C.STATUS] = status

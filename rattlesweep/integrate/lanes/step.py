@@ -65,8 +65,10 @@ class Attempt:
         The text of the module.
     """
 
-    def __init__(self, tableau: Tableau, model: Model, lanes: int = LANES) -> None:
-        self.tableau, self.model, self.lanes = tableau, model, lanes
+    def __init__(
+        self, tableau: Tableau, model: Model, lanes: int = LANES, *, volume: bool = False
+    ) -> None:
+        self.tableau, self.model, self.lanes, self.volume = tableau, model, lanes, volume
         self.at = Layout.of(model)
         self.n = model.n_state
         # Reads and writes of many cells, by name, and the lines of the function.
@@ -75,6 +77,8 @@ class Attempt:
         self._indent = 4
         self._line("widest_vectors()")
         at = self.at
+        if volume:
+            self._loop("lane.volume_rate1 = 0.0")
         if tableau.adaptive:
             self.step(at.y, at.f, at.v, at.g, 1.0)
             self.errors()
@@ -102,6 +106,8 @@ class Attempt:
             self.stage(i, y, share)
             if self.model.tangent:
                 self.tangent_stage(i, v, share)
+        if self.volume:
+            self.volume_sum(y, share)
         self.end(y, share)
         if self.model.tangent:
             self.tangent_end(v, share)
@@ -128,6 +134,17 @@ class Attempt:
         body = [f"q = {given}(w, l)", "f = problem.rhs(*q)", f"y = q[:{self.n}]"]
         body += ["lane.y1 = y", "lane.f1 = f"]
         self._loop(*body, *(self._seen() if self.tableau.adaptive else []))
+
+    def volume_sum(self, y: int, share: float) -> None:
+        """Add the rate of phase volume in the stages of a step from rows ``y``, by their weights.
+
+        The sum is that of the method for a variable beside the state, which no stage depends on.
+        """
+        for i, weight in self.tableau.b.items():
+            values = self._sums(self.tableau.a[i], self._stages, y, share)
+            given = self._gather("given", values if i else self._rows(y, self.n))
+            rate = f"problem.volume(*{given}(w, l))"
+            self._loop(f"lane.volume_rate1 += {share * weight} * {rate}", barriers=True)
 
     def carried_start(self, y: int) -> None:
         """Write what is carried, and its derivative, where a step from rows ``y`` starts."""
@@ -246,10 +263,12 @@ class Attempt:
 OPTIONS: dict[str, Any] = {"fastmath": FASTMATH} | INNER | {"no_cpython_wrapper": False}
 
 
-def write_attempt(tableau: Tableau, model: Model, lanes: int = LANES) -> Callable[..., Any]:
+def write_attempt(
+    tableau: Tableau, model: Model, lanes: int = LANES, *, volume: bool = False
+) -> Callable[..., Any]:
     """Write and import the step of a method and a model, and return its function."""
-    name = f"attempt_{tableau.name}_{model.name}_{lanes}"
-    written = import_written(name, Attempt(tableau, model, lanes).source)
+    name = f"attempt_{tableau.name}_{model.name}_{lanes}{'_volume' * volume}"
+    written = import_written(name, Attempt(tableau, model, lanes, volume=volume).source)
     function: Callable[..., Any] = written.attempt
     return function
 

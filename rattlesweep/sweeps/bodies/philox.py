@@ -1,10 +1,9 @@
 """Counter-based random numbers: Philox 4x64-10 (Salmon et al., SC'11), compiled.
 
 A draw is a function of ``(seed, word, sample, draw)`` and of nothing else, so that every sample can
-be drawn again alone, in any thread and any block.  The word stands for the target of a sample
-(:func:`rattlesweep.sweeps.bodies.sampler.word_of`).  The bits are those of
-``numpy.random.Philox(key=(seed, word), counter=(2 draw, sample, 0, 0))``, whose objects take too
-long to create for every sample.
+be drawn again alone, in any thread and any block.  The word stands for the target of a sample.  The
+bits are those of ``numpy.random.Philox(key=(seed, word), counter=(2 draw, sample, 0, 0))``, whose
+objects take too long to create for every sample.
 """
 
 # mypy: disable-error-code="no-untyped-def"
@@ -35,35 +34,27 @@ def _multiply(a, b):
 
 
 @njit(nogil=True)
-def philox(key0, key1, c0, c1, c2, c3):
-    """Return four words for one counter (unsigned 64 bit each)."""
+def _philox(key0, key1, c0, c1):
+    """Return four numbers in [0, 1), multiples of 2^-53, for one counter (64 bit words)."""
+    c2 = c3 = np.uint64(0)
     for _ in range(10):
         high0, low0 = _multiply(_M0, c0)
         high1, low1 = _multiply(_M1, c2)
         c0, c1, c2, c3 = high1 ^ c1 ^ key0, low1, high0 ^ c3 ^ key1, low0
         key0 += _W0
         key1 += _W1
-    return c0, c1, c2, c3
+    return (
+        float(c0 >> _SHIFT) * _UNIT,
+        float(c1 >> _SHIFT) * _UNIT,
+        float(c2 >> _SHIFT) * _UNIT,
+        float(c3 >> _SHIFT) * _UNIT,
+    )
 
 
 @njit(nogil=True)
 def uniforms(seed, word, sample, draw):
-    """Return eight numbers in [0, 1), multiples of 2^-53.
-
-    NumPy raises its counter before it uses it, hence the 1 and the 2.
-    """
+    """Return eight numbers in [0, 1)."""
     s, w, k = np.uint64(seed), np.uint64(word), np.uint64(sample)
-    first = np.uint64(2) * np.uint64(draw)
-    zero = np.uint64(0)
-    a = philox(s, w, first + np.uint64(1), k, zero, zero)
-    b = philox(s, w, first + np.uint64(2), k, zero, zero)
-    return (
-        float(a[0] >> _SHIFT) * _UNIT,
-        float(a[1] >> _SHIFT) * _UNIT,
-        float(a[2] >> _SHIFT) * _UNIT,
-        float(a[3] >> _SHIFT) * _UNIT,
-        float(b[0] >> _SHIFT) * _UNIT,
-        float(b[1] >> _SHIFT) * _UNIT,
-        float(b[2] >> _SHIFT) * _UNIT,
-        float(b[3] >> _SHIFT) * _UNIT,
-    )
+    # NumPy raises its counter before it uses it.
+    first = np.uint64(2) * np.uint64(draw) + np.uint64(1)
+    return _philox(s, w, first, k) + _philox(s, w, first + np.uint64(1), k)

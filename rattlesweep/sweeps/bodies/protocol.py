@@ -5,9 +5,40 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
+import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from rattlesweep.arrays import Floats, Integers
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Units of bodies in SI units, arrays of one length: ``M`` in kg, ``a`` in m, and gravity.
+
+    The mass is NaN where it is not known.
+    """
+
+    mass: Floats
+    length: Floats
+    gravity: Floats
+
+    @property
+    def second(self) -> Floats:
+        """``sqrt(a/g)`` in seconds."""
+        return np.sqrt(self.length / self.gravity)
+
+    def natural(self, value: float | Floats, kind: str) -> Floats:
+        """Return quantities that are given in SI units in those of the bodies.
+
+        `kind` is one of :data:`rattlesweep.units.KINDS`.
+        """
+        if kind == "spin":
+            return value * self.second
+        units = {"time": self.second, "length": self.length,
+                 "energy": self.mass * self.gravity * self.length,
+                 "torque per spin": self.mass * self.length**2 / self.second}  # fmt: skip
+        return np.asarray(value / units[kind])
 
 
 @dataclass(frozen=True)
@@ -26,8 +57,8 @@ class Bodies:
         Vertical semi-axes of ellipsoids, NaN for paraboloids among them; None: all paraboloids.
     n_i, omega_xy0, psi, t_end, omega, u, sigma, rolling : ndarray or None
         Launches, horizons and dissipation; a full state has `omega` and `u` of shape (runs, 3).
-    second : ndarray or None
-        ``sqrt(a/g)`` in seconds, of bodies whose size is known.
+    scale : Scale or None
+        Units of bodies whose size is known.
     carried : dict of ndarray
         Columns of a table that the runs get too.
     """
@@ -48,7 +79,7 @@ class Bodies:
     u: Floats | None = None
     sigma: Floats | None = None
     rolling: Floats | None = None
-    second: Floats | None = None
+    scale: Scale | None = None
     carried: dict[str, NDArray[Any]] = field(default_factory=dict)
 
 
@@ -59,13 +90,13 @@ class Source(Protocol):
     def samples(self) -> int:
         """Samples of each case."""
 
+    @property
+    def fields(self) -> tuple[pa.Field, ...]:
+        """Columns that the runs have because of the bodies."""
+
     def bodies(self, target: float | Floats, sample: Integers) -> Bodies:
         """Return the bodies of some runs.
 
-        Parameters
-        ----------
-        target : float or ndarray
-            Target of each run, or of all of them; NaN without one.
-        sample : ndarray of int
-            Sample number of each run, in any order.
+        `target` is that of each run, or of all of them, and NaN without one; `sample` has the
+        number of each run's sample, in any order.
         """

@@ -1,4 +1,8 @@
-"""Random shell-dumbbell bodies, drawn again until a torque coefficient meets its target."""
+"""Random shell-dumbbell bodies, drawn again until a torque coefficient meets its target.
+
+Points of a scrambled Sobol' sequence (Owen, J. Complexity 14, 466, 1998) fill the ranges more
+evenly than random ones; each is a function of the seed and its own number.
+"""
 
 # mypy: disable-error-code="no-untyped-def"
 from __future__ import annotations
@@ -30,9 +34,8 @@ torque_coefficients = njit(nogil=True)(theory.torque_coefficients)
 def word_of(coefficient: str, value: float) -> int:
     """Return the second word of the Philox key of samples that are drawn for a target.
 
-    Without a target the word is 0.  With one it is the 64 bits of the value as a float; values are
-    positive, and the sign bit, set for ``K_p``, tells the two coefficients apart.  So a draw does
-    not depend on the other targets in the list.  The word is returned as a signed integer.
+    It is the 64 bits of the value as a float, which is positive; the sign bit is set for ``K_p``.
+    So a draw does not depend on the other targets in the list.
     """
     return int(np.float64(-value if coefficient == "K_p" else value).view(np.int64))
 
@@ -64,6 +67,31 @@ def bodies_of(points: Floats, ranges: Floats) -> Floats:
     gamma, f_sd, theta, phi, xi = cast("Any", unit_to_ranges)(points, ranges)
     c = [low + (high - low) * u for (low, high), u in zip(ranges[5:], points[5:], strict=True)]
     return np.stack([gamma, f_sd, theta, phi, xi, *body.shell_dumbbell(gamma, f_sd), *c])
+
+
+def sequence_points(dimensions: int, seed: int, first: int, stop: int, group: int = 1) -> Floats:
+    """Return points of the unit cube by their numbers, shape (dimensions, points).
+
+    With a `group` above 1, samples come in groups about two points, for indices of sensitivity:
+    the first sample is the one point, the second the other, and each of the rest is the first point
+    with one coordinate of the second.
+    """
+    # scipy.stats takes longer to import than all the rest.
+    from scipy.stats import qmc
+
+    if group > 1:
+        number, place = np.divmod(np.arange(first, stop), group)
+        pairs = sequence_points(2 * dimensions, seed, int(number[0]), int(number[-1]) + 1)
+        one, other = np.split(pairs[:, number - number[0]], 2)
+        swapped = (place == 1) | (place == 2 + np.arange(dimensions)[:, None])
+        return np.where(swapped, other, one)
+    sobol = qmc.Sobol(dimensions, rng=np.random.default_rng((seed, 0)))
+    if first:
+        sobol.fast_forward(first)
+    # SciPy warns if the first points it is asked for are not a power of two.
+    count = stop - first
+    points: Floats = sobol.random(count if first else 1 << (count - 1).bit_length())[:count].T
+    return points
 
 
 def _draw(
@@ -122,19 +150,14 @@ def draw_bodies(
 ) -> tuple[Floats, Integers]:
     """Draw the bodies of some samples; each depends on the seed, the target's value and its number.
 
-    The threads that draw for a target are Python's, since one of Numba's pools aborts the process
-    if the kernel of the integrator runs in another thread at the same time.
-
     Parameters
     ----------
-    seed : int
-        Seed of the sweep.
-    samples : ndarray of int
-        Numbers of the samples.
+    seed, samples : int and ndarray of int
+        Seed of the sweep, numbers of the samples.
     ranges : ndarray, shape (5, 2) or (6, 2)
         Ranges of ``gamma, f_sd, theta, phi``, minus ``xi`` in degrees, and perhaps ``c``.
-    target : Target, optional
-        The coefficient to be met, and how closely; `value` is the one of its values to be met.
+    target, value : Target and float, optional
+        The coefficient to be met, and which of its values.
     threads : int, optional
         Threads that draw for a target; by default one for each processor.
 
@@ -168,6 +191,7 @@ def draw_bodies(
         return out, draws
     threads = threads or available_threads()
     edges = np.linspace(0, samples.size, threads + 1).astype(int).tolist()
+    # Python's threads: a pool of Numba's aborts the process if another kernel runs at that time.
     # This thread stays free to notice Ctrl-C.
     side_by_side([partial(_part, draw, *ends, settings) for ends in pairwise(edges)], threads)
     for place in np.flatnonzero(draws < 0):

@@ -1,33 +1,39 @@
-"""Sources of bodies: drawn from ranges, or a preset or a grid; those of tables are in `table`."""
+"""Sources of bodies: drawn from ranges, a preset, a grid or a shape; for tables see `table`."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from functools import lru_cache
+from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from rattlesweep.arrays import Floats, Integers
 from rattlesweep.errors import ConfigError
+from rattlesweep.physics import si
 from rattlesweep.physics.body import PARAMETERS, PRESETS, shell_dumbbell, violations
-from rattlesweep.sweeps.bodies.protocol import Bodies, Source
-from rattlesweep.sweeps.bodies.sampler import bodies_of, draw_bodies
-from rattlesweep.sweeps.bodies.table import TableBodies, read_bodies
+from rattlesweep.physics.shapes import half_ellipsoid
+from rattlesweep.sweeps.bodies.protocol import Bodies, Scale, Source
+from rattlesweep.sweeps.bodies.sampler import bodies_of, draw_bodies, sequence_points
+from rattlesweep.sweeps.bodies.table import KEPT, TableBodies, read_bodies
+from rattlesweep.sweeps.columns import F64, MEASURED, required
 from rattlesweep.sweeps.config.schema import (
     Config,
     GridSource,
     PresetSource,
     SdSource,
+    ShapeSource,
     TableSource,
 )
 
-if TYPE_CHECKING:
-    from rattlesweep.sweeps.bodies.quasi import Sequence
-
 CHUNK = 4096
 """Samples that are drawn together, and kept while the other cases of their target ask for them."""
+SIZES = {"KL": (1.0, 0.01)}
+"""Mass in kg and height of the centre of mass in m of presets that have a size."""
 
 
 def make_source(config: Config, base: Path | None = None) -> Source:
@@ -43,19 +49,26 @@ def make_source(config: Config, base: Path | None = None) -> Source:
     bodies = config.bodies
     if isinstance(bodies, SdSource):
         return SdBodies(config.seed, bodies)
+    if isinstance(bodies, ShapeSource):
+        return ShapeBodies(config.seed, bodies)
     if isinstance(bodies, TableSource):
         return read_bodies(bodies.path, base).with_surface(bodies)
-    fixed = _fixed(bodies)
+    preset = bodies.name if isinstance(bodies, PresetSource) else bodies.base.preset
+    fixed = _fixed(bodies, preset)
+    # Its runs are in seconds too where the config is.
+    size = SIZES.get(preset or "") if config.in_si else None
     if isinstance(bodies, PresetSource):
         for _, sentence in violations(**fixed):
             raise ConfigError(f"bodies.overrides: {sentence}")
-        return GridBodies(fixed, {})
+        return GridBodies(fixed, {}, size)
     axes = {name: np.asarray(values, float) for name, values in bodies.varying.items()}
     for name, sign in (("xi_deg", 1), ("minus_xi_deg", -1)):
         if name in axes:
             axes["xi"] = sign * np.radians(axes.pop(name))
-    _check_corners(fixed, axes)
-    return GridBodies(fixed, axes)
+    # Each rule is linear in each parameter, so a grid that breaks it breaks it in a corner.
+    corners = GridBodies(fixed, {name: np.array([x.min(), x.max()]) for name, x in axes.items()})
+    _check(corners.bodies(np.nan, np.arange(corners.samples)), "bodies.axes")
+    return GridBodies(fixed, axes, size)
 
 
 def content_hash(source: Source) -> str:
@@ -70,6 +83,8 @@ class SdBodies:
     the number of samples nor on the other targets.
     """
 
+    fields: tuple[pa.Field, ...] = ()
+
     def __init__(self, seed: int, source: SdSource) -> None:
         theta = source.ranges.theta
         if source.c is not None and not source.c[0] > theta[1]:
@@ -80,13 +95,6 @@ class SdBodies:
         self.samples = source.samples
         self._seed, self._source = seed, source
         self._ranges = ranges_of(source)
-        self._sequence: Sequence | None = None
-        if source.draw != "random":
-            # scipy.stats takes longer to import than all the rest.
-            from rattlesweep.sweeps.bodies.quasi import Sequence
-
-            group = source.group if source.draw == "saltelli" else 1
-            self._sequence = Sequence(len(self._ranges), seed, group)
         self._chunk = lru_cache(maxsize=64)(self._draw_chunk)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -101,7 +109,7 @@ class SdBodies:
 
     def bodies(self, target: float | Floats, sample: Integers) -> Bodies:
         """Return the bodies of some runs; all cases of a target share theirs."""
-        if self._source.target is None and self._sequence is None:
+        if self._source.target is None and self._source.draw == "random":
             return drawn(draw_bodies(self._seed, sample, self._ranges)[0])
         # It is slow to draw for a target, and points of a sequence come one after another.
         columns = np.empty((2 + len(self._ranges), len(sample)))
@@ -116,10 +124,11 @@ class SdBodies:
 
     def _draw_chunk(self, value: float, number: int) -> Floats:
         first, stop = number * CHUNK, min((number + 1) * CHUNK, self.samples)
-        if self._sequence is not None:
-            return bodies_of(self._sequence.points(first, stop), self._ranges)
-        samples, target = np.arange(first, stop), self._source.target
-        return draw_bodies(self._seed, samples, self._ranges, target, value)[0]
+        source, seed, ranges = self._source, self._seed, self._ranges
+        if source.draw != "random":
+            group = source.group if source.draw == "saltelli" else 1
+            return bodies_of(sequence_points(len(ranges), seed, first, stop, group), ranges)
+        return draw_bodies(seed, np.arange(first, stop), ranges, source.target, value)[0]
 
 
 def ranges_of(source: SdSource) -> Floats:
@@ -134,12 +143,21 @@ def drawn(columns: Floats) -> Bodies:
 
 
 class GridBodies:
-    """A base body with some parameters varied over the product of their axes."""
+    """A base body with some parameters varied over the product of their axes.
 
-    def __init__(self, base: dict[str, float], axes: dict[str, Floats]) -> None:
-        self._base, self._axes = base, axes
+    `size` is the mass in kg and the height of the centre of mass in m, where they are known.
+    """
+
+    def __init__(
+        self,
+        base: dict[str, float],
+        axes: dict[str, Floats],
+        size: tuple[float, float] | None = None,
+    ) -> None:
+        self._base, self._axes, self._size = base, axes, size
         self._shape = tuple(len(values) for values in axes.values())
         self.samples = math.prod(self._shape)
+        self.fields: tuple[pa.Field, ...] = MEASURED if size else ()
 
     def bodies(self, target: float | Floats, sample: Integers) -> Bodies:
         """Return the bodies of some runs; all cases have the same."""
@@ -152,16 +170,56 @@ class GridBodies:
         f_sd = values.pop("f_sd", np.full(len(sample), np.nan))
         if len(f_sd) and np.isfinite(f_sd).all():
             values["alpha"], values["beta"] = shell_dumbbell(values["gamma"], f_sd)
-        return Bodies(f_sd=f_sd, c=values.get("c"), **{name: values[name] for name in PARAMETERS})
+        scale = None
+        if self._size:
+            scale = Scale(*(np.full(len(sample), x) for x in (*self._size, si.GRAVITY)))
+        return Bodies(f_sd=f_sd, **values, scale=scale)
 
 
-def _fixed(source: PresetSource | GridSource) -> dict[str, float]:
+class ShapeBodies:
+    """Bodies of a simple shape and a known size; what is a range is drawn for each sample."""
+
+    fields = (
+        *(required(name, F64, KEPT[name], "of the body") for name in ("mass_kg", "height_m")),
+        *MEASURED,
+    )
+
+    def __init__(self, seed: int, source: ShapeSource) -> None:
+        self._seed = seed
+        self._ranges = np.array(list(source.sizes.values()))
+        self.samples = (source.samples or 1000) if source.drawn else 1
+        # The conditions of a body are monotonic in each size.
+        corners = np.array(list(product(*self._ranges))).T
+        _check(_shaped(corners), "bodies", dict(zip(source.sizes, corners, strict=True)))
+
+    def bodies(self, target: float | Floats, sample: Integers) -> Bodies:
+        """Return the bodies of some runs; all cases have the same."""
+        low, high = self._ranges.T[:, :, None]
+        # The sampler draws from five ranges; here only its random numbers are wanted.
+        unit = draw_bodies(self._seed, sample, UNIT)[0][:5] if (low < high).any() else 0.0
+        return _shaped(low + (high - low) * unit * np.ones(len(sample)))
+
+
+UNIT = np.array([[0.0, 1.0]] * 4 + [[-np.degrees(1.0), 0.0]])
+"""Ranges of which the sampler makes numbers from 0 to 1."""
+
+
+def _shaped(sizes: Floats) -> Bodies:
+    """Return half ellipsoids of some lengths, widths, heights, masses and skew angles."""
+    length, width, height, mass, skew = sizes
+    found = half_ellipsoid(length, width, height, mass, np.abs(skew))
+    mass, a = found.pop("mass"), found.pop("height")
+    return Bodies(
+        **found,
+        f_sd=np.full(mass.shape, np.nan),
+        scale=Scale(mass, a, np.full(mass.shape, si.GRAVITY)),
+        carried={"mass_kg": mass, "height_m": a},
+    )
+
+
+def _fixed(source: PresetSource | GridSource, preset: str | None) -> dict[str, float]:
     """Return the parameters of all bodies of a source, where no axis replaces them."""
-    preset: str | None
-    if isinstance(source, PresetSource):
-        preset, given = source.name, source.overrides.given()
-    else:
-        preset, given = source.base.preset, source.base.given()
+    given = (source.overrides if isinstance(source, PresetSource) else source.base).given()
     if preset is not None:
         body = PRESETS[preset]()
         given = {name: getattr(body, name) for name in (*PARAMETERS, "c")} | given
@@ -170,17 +228,11 @@ def _fixed(source: PresetSource | GridSource) -> dict[str, float]:
     return rest if c is None or not source.ellipsoidal else rest | {"c": c}
 
 
-def _check_corners(fixed: dict[str, float], axes: dict[str, Floats]) -> None:
-    """Refuse a grid with bodies that cannot exist.
-
-    Each rule is linear in each parameter, so a grid that breaks it breaks it in a corner.
-    """
-    ends = {name: np.array([axis.min(), axis.max()]) for name, axis in axes.items()}
-    corners = GridBodies(fixed, ends)
-    bodies = corners.bodies(np.nan, np.arange(corners.samples))
-    columns = {name: getattr(bodies, name) for name in PARAMETERS}
-    if bodies.c is not None:
-        columns["c"] = bodies.c
+def _check(bodies: Bodies, where: str, sizes: Mapping[str, Floats] | None = None) -> None:
+    """Raise a ConfigError if one of the bodies in the corners of a grid cannot exist."""
+    columns = {name: getattr(bodies, name) for name in (*PARAMETERS, "c")}
+    if bodies.c is None:
+        del columns["c"]
     for place, sentence in violations(**columns):
-        corner = ", ".join(f"{name} {values[place]:g}" for name, values in columns.items())
-        raise ConfigError(f"bodies.axes: at {corner}: {sentence}")
+        told = (f"{name} {values[place]:g}" for name, values in (sizes or columns).items())
+        raise ConfigError(f"{where}: at {', '.join(told)}: {sentence}")

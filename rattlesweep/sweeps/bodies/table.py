@@ -19,14 +19,14 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from rattlesweep.arrays import Flags, Floats, Integers
+from rattlesweep.arrays import Flags, Floats, Integers, take
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.physics import si
 from rattlesweep.physics.body import PARAMETERS, violations
 from rattlesweep.physics.launch import spin_and_oscillation
 from rattlesweep.sweeps import columns as known
-from rattlesweep.sweeps.arrow import build_table, write_parquet
-from rattlesweep.sweeps.bodies.protocol import Bodies
+from rattlesweep.sweeps.arrow import write_parquet
+from rattlesweep.sweeps.bodies.protocol import Bodies, Scale
 from rattlesweep.sweeps.bodies.tablefile import read_table, table_of
 from rattlesweep.sweeps.columns import F64, I64, MEASURED, RUNS, STATE, TEXT
 from rattlesweep.sweeps.config.schema import (
@@ -39,6 +39,7 @@ from rattlesweep.sweeps.config.schema import (
     unit,
 )
 from rattlesweep.sweeps.files import explained
+from rattlesweep.units import Quantity
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -54,12 +55,19 @@ BODY = ("mass_kg", "height_m", "ixx_kg_m2", "iyy_kg_m2", "izz_kg_m2", "r1_m", "r
 BODY_DEFAULTS = {"ixy_kg_m2": 0.0, "axes_angle_deg": 0.0, "gravity_m_s2": si.GRAVITY}
 """Product of inertia, angle from the x axis to the direction of r1, and gravity."""
 WITH_UNITS = {
-    "xi_deg": ("xi", ()), "psi_deg": ("psi", ()), "n_i_rpm": ("n_i", ("height_m",)),
-    "omega_xy0_rpm": ("omega_xy0", ("height_m",)), "t_end_s": ("t_end", ("height_m",)),
-    "c_m": ("c", ("height_m",)), "rolling_m": ("rolling", ("height_m",)),
-    "sigma_N_m_s": ("sigma", ("mass_kg", "height_m")),
-}  # fmt: skip
-"""Columns with units: what each stands for, and which other columns tell its scale."""
+    "xi_deg": ("xi", np.pi / 180, ""),
+    "psi_deg": ("psi", np.pi / 180, ""),
+    "n_i_rpm": ("n_i", np.pi / 30, "spin"),
+    "omega_xy0_rpm": ("omega_xy0", np.pi / 30, "spin"),
+    "t_end_s": ("t_end", 1.0, "time"),
+    "c_m": ("c", 1.0, "length"),
+    "rolling_m": ("rolling", 1.0, "length"),
+    "sigma_N_m_s": ("sigma", 1.0, "torque per spin"),
+}
+"""Columns with units: what each stands for, its size in SI units, and its kind."""
+KEYS = {"n_i": "spin.n_i", "omega_xy0": "spin.omega_xy0", "t_end": "horizon.t",
+        "sigma": "dissipation.sigma", "rolling": "dissipation.rolling"}  # fmt: skip
+"""Keys of the config that may have SI units, by the columns that they stand for."""
 INPUT = (*COLUMNS, "t_r", *BODY, *BODY_DEFAULTS, *WITH_UNITS)
 NULLABLE = ("t_end", "psi", "psi_deg", "f_sd", "t_r", "c", "t_end_s", "c_m")
 KEPT = {"mass_kg": "kg", "height_m": "m", "gravity_m_s2": "m/s^2"}
@@ -79,17 +87,14 @@ POSITIVE = np.nextafter(0.0, 1.0)
 SIZES = {"mass_kg": "mass", "height_m": "length", "r1_m": "length", "r2_m": "length",
          "gravity_m_s2": "acceleration"}  # fmt: skip
 RULES: tuple[tuple[tuple[str, ...], float, float, str], ...] = (
-    # These two are for launches by a spin; full states may have no oscillation.
-    (("omega_xy0",), POSITIVE, np.inf, "it must be positive"),
-    (("omega_xy0",), MIN_OSCILLATION, np.inf,
-     f"at least {MIN_OSCILLATION:g} is allowed, as the square of a smaller one underflows"),
+    # This one is for launches by a spin; full states may have no oscillation.
+    (("omega_xy0",), MIN_OSCILLATION, np.inf, f"at least {MIN_OSCILLATION:g} is allowed"),
     ((*LAUNCH, *OMEGA), -MAX_SPEED, MAX_SPEED,
      f"from {-MAX_SPEED:g} to {MAX_SPEED:g} sqrt(g/a) is allowed"),
-    (("sigma",), -np.inf, MAX_SIGMA, f"at most {MAX_SIGMA:g} is allowed"),
+    (("sigma",), 0, MAX_SIGMA, f"from 0 to {MAX_SIGMA:g} is allowed"),
+    (("rolling",), 0, 1, "from 0 to 1 is allowed"),
     (("t_end", *BODY, "gravity_m_s2"), POSITIVE, np.inf, "it must be positive"),
     (("t_end",), -np.inf, MAX_TIME, f"at most {MAX_TIME:g} is allowed"),
-    (LOSSES, 0, np.inf, "it must be at least 0"),
-    (("rolling",), -np.inf, 1, "at most 1 is allowed"),
     (("psi",), -2 * np.pi, 2 * np.pi,
      "an angle from -2 pi to 2 pi in radians is allowed; a column in degrees is called psi_deg"),
     (("psi_deg",), -360, 360, "an angle from -360 to 360 degrees is allowed"),
@@ -98,6 +103,7 @@ RULES: tuple[tuple[tuple[str, ...], float, float, str], ...] = (
 )  # fmt: skip
 """Columns that are no parameters of bodies: the smallest and the largest value, and a sentence."""
 Problem = tuple[int, str]
+"""Number of a row from 0, and what is wrong with it."""
 
 
 class TableBodies:
@@ -108,7 +114,7 @@ class TableBodies:
     columns : dict of ndarray
         Columns by the names of :data:`COLUMNS`, all of one length: those of the parameters, and
         perhaps others.
-    second, carried : ndarray and dict of ndarray, optional
+    scale, carried : Scale and dict of ndarray, optional
         As for :class:`rattlesweep.sweeps.bodies.protocol.Bodies`.
     fields : tuple of pyarrow.Field
         Fields of the columns that the runs have because of these two.
@@ -117,20 +123,15 @@ class TableBodies:
     def __init__(
         self,
         columns: dict[str, Floats],
-        second: Floats | None = None,
+        scale: Scale | None = None,
         carried: dict[str, NDArray[Any]] | None = None,
         fields: tuple[pa.Field, ...] = (),
     ) -> None:
-        self.columns, self.second = columns, second
+        self.columns, self.scale = columns, scale
         self.carried, self.fields = carried or {}, fields
         self.samples = len(columns["alpha"])
         self.has_launch = "n_i" in columns
         self.has_state = "u_x" in columns
-
-    @property
-    def carried_names(self) -> tuple[str, ...]:
-        """Names of the table's own columns, which have no meaning for the runs."""
-        return tuple(name for name in self.carried if name not in KEPT)
 
     @property
     def losses(self) -> dict[str, float | str]:
@@ -158,24 +159,18 @@ class TableBodies:
             digest.update(f"{name}\0{values.dtype.kind}\0{len(values)}\0".encode())
             if values.dtype.kind == "f":
                 # One NaN is as good as another.
-                digest.update(np.where(np.isnan(values), np.nan, values).tobytes())
-            elif values.dtype.kind == "i":
-                digest.update(values.tobytes())
-            else:
-                digest.update(repr(values.tolist()).encode())
+                values = np.where(np.isnan(values), np.nan, values)
+            text = values.dtype.kind == "O"
+            digest.update(repr(values.tolist()).encode() if text else values.tobytes())
         return digest.hexdigest()
 
     def bodies(self, target: float | Floats, sample: Integers) -> Bodies:
         """Return the bodies of some runs; all cases have the same."""
-        columns = {name: values[sample] for name, values in self.columns.items()}
+        columns = take(self.columns, sample)
         columns.setdefault("f_sd", np.full(len(sample), np.nan))
         for name, parts in (("omega", OMEGA), ("u", U)) if self.has_state else ():
             columns[name] = np.stack([columns.pop(part) for part in parts], axis=1)
-        return Bodies(
-            **columns,
-            second=None if self.second is None else self.second[sample],
-            carried={name: values[sample] for name, values in self.carried.items()},
-        )
+        return Bodies(**columns, scale=take(self.scale, sample), carried=take(self.carried, sample))
 
     def with_surface(self, source: TableSource) -> TableBodies:
         """Return these bodies with the surface that a config gives them.
@@ -194,12 +189,11 @@ class TableBodies:
             if source.c is not None:
                 c = np.where(np.isnan(c), source.c, c)
             if np.isnan(c).all():
-                raise ConfigError(
-                    "bodies.c: missing; the table has no column c, so the config must give one"
-                )
+                told = "missing; the table has no column c, so the config must give one"
+                raise ConfigError(f"bodies.c: {told}")
             columns["c"] = c
             refuse("bodies.path", _impossible(columns, (*PARAMETERS, "c")))
-        return TableBodies(columns, self.second, self.carried, self.fields)
+        return TableBodies(columns, self.scale, self.carried, self.fields)
 
 
 def read_bodies(path: str, base: Path | None = None) -> TableBodies:
@@ -212,8 +206,7 @@ def read_bodies(path: str, base: Path | None = None) -> TableBodies:
     """
     where = f"bodies.path: {one_line(path, 200)}"
     table = read_table(path, base, where)
-    names = set(table.column_names)
-    if not {"case", "sample"} <= names:  # an output table has results too
+    if not {"case", "sample"} <= {*table.column_names}:  # an output table has results too
         for name in table.column_names:
             if name in TAKEN and name not in INPUT:
                 raise ConfigError(f"{where}: the column {name} has the name of a result; rename it")
@@ -235,16 +228,11 @@ def keep_bodies(source: TableBodies, directory: Path) -> None:
     """
     if (path := directory / source.config["path"]).exists():
         return
-    data = source.columns | source.carried
-    fields = [
-        f.with_nullable(True) for part in (*RUNS.values(), STATE, source.fields) for f in part
-    ]
-    # A directory with nothing else in it is known by the mark to be that of a sweep.
-    mark = {"rattlesweep.bodies": source.content_hash}
-    schema = pa.schema([f for f in fields if f.name in data])
     with explained(f"cannot write in {directory}", folder=True):
         directory.mkdir(parents=True, exist_ok=True)
-    write_parquet(build_table(data, schema), path, mark)
+    # A directory with nothing else in it is known by the mark to be that of a sweep.
+    mark = {"rattlesweep.bodies": source.content_hash}
+    write_parquet(pa.table(source.columns | source.carried), path, mark)
 
 
 # -- from columns to bodies --------------------------------------------------------------------
@@ -258,9 +246,8 @@ def _bodies(table: pa.Table, where: str) -> TableBodies:
     for name in (name for name in INPUT if name in table.column_names):
         columns[name], bad = _numbers(table.column(name), name, where)
         problems += bad
-    refuse(where, problems)
-    refuse(where, _out_of_range(columns))
-    second = _lose_units(columns, where)
+    with np.errstate(all="ignore"):  # of bad rows, which are refused below
+        scale, differing = _lose_units(columns, where)
     _require(PARAMETERS, columns, where, f"{' '.join(PARAMETERS)} are wanted")
     state = [name for name in (*OMEGA, *U) if name in columns]
     if state:
@@ -269,7 +256,8 @@ def _bodies(table: pa.Table, where: str) -> TableBodies:
     if len(lone) == 1 and not state:
         told = "stands alone; give both n_i and omega_xy0, or neither"
         raise ConfigError(f"{where}: {lone[0]} {told}")
-    refuse(where, _impossible(columns, PARAMETERS) + _out_of_range(columns))
+    problems += _out_of_range(columns) + differing + _impossible(columns, PARAMETERS)
+    refuse(where, problems)
     if "t_r" in columns and "t_end" in columns:
         # In an output table the t_end of a run that reversed is its result, and not its horizon.
         columns["t_end"] = np.where(np.isfinite(columns["t_r"]), np.nan, columns["t_end"])
@@ -279,7 +267,7 @@ def _bodies(table: pa.Table, where: str) -> TableBodies:
         columns |= launched_from(columns, where)
     if "n_i" not in columns or not np.isfinite(columns.get("psi", np.nan)).all():
         columns.pop("psi", None)
-    return TableBodies(columns, second, carried, fields if second is None else fields + MEASURED)
+    return TableBodies(columns, scale, carried, fields if scale is None else fields + MEASURED)
 
 
 def _numbers(column: pa.ChunkedArray, name: str, where: str) -> tuple[Floats, list[Problem]]:
@@ -313,48 +301,39 @@ def _is_number(column: pa.ChunkedArray) -> bool:
     return bool(plain or types.is_decimal(kind) or types.is_null(kind))
 
 
-def _lose_units(columns: dict[str, Floats], where: str) -> Floats | None:
+def _lose_units(columns: dict[str, Floats], where: str) -> tuple[Scale | None, list[Problem]]:
     """Add the columns without units that follow from those with units.
 
-    Returns the unit of time in seconds, where it is known.
+    Returns the units of the bodies, where they are known, and where two columns disagree.
     """
     made: dict[str, tuple[str, Floats]] = {}
-    second: Any = None
-    if "height_m" in columns:
-        second = np.sqrt(columns["height_m"] / columns.get("gravity_m_s2", si.GRAVITY))
+    scale: Scale | None = None
+    if (height := columns.get("height_m")) is not None:
+        gravity = columns.get("gravity_m_s2", np.full(len(height), si.GRAVITY))
+        scale = Scale(columns.get("mass_kg", np.full(len(height), np.nan)), height, gravity)
     if columns.keys() & {*BODY[2:], "ixy_kg_m2", "axes_angle_deg"}:
         _require(BODY, columns, where, f"a body in SI units has {' '.join(BODY)}")
-        full = {name: np.full(len(second), x) for name, x in BODY_DEFAULTS.items()} | columns
+        rows = len(columns["mass_kg"])
+        full = {name: np.full(rows, x) for name, x in BODY_DEFAULTS.items()} | columns
         tensor = np.stack([full[f"i{x}_kg_m2"] for x in ("xx", "yy", "zz", "xy")], axis=1)
         radii = np.stack([full["r1_m"], full["r2_m"]], axis=1)
         angle = np.radians(full["axes_angle_deg"])
         found = si.parameters(full["mass_kg"], tensor, full["height_m"], radii, angle)
         made |= {name: ("the body in SI units", values) for name, values in found.items()}
-    for name, (plain, needed) in WITH_UNITS.items():
-        if name not in columns:
-            continue
-        _require(needed, columns, where, f"{name} needs it")
-        value = columns[name]
-        if name.endswith("_deg"):
-            value = np.radians(value)
-        elif name.endswith("_rpm"):
-            value = value * (np.pi / 30) * second
-        elif name == "t_end_s":
-            value = value / second
-        elif name == "sigma_N_m_s":
-            value = value / (columns["mass_kg"] * columns["height_m"] ** 2 / second)
-        else:
-            value = value / columns["height_m"]
-        made[plain] = name, value
+    for name, (plain, size, kind) in WITH_UNITS.items():
+        if name in columns:
+            needed = {"": (), "torque per spin": ("mass_kg", "height_m")}.get(kind, ("height_m",))
+            _require(needed, columns, where, f"{name} needs it")
+            value = columns[name] * size
+            made[plain] = name, scale.natural(value, kind) if scale and kind else value
     problems: list[Problem] = []
     for plain, (name, values) in made.items():
         # The one without units counts, so that an output table gives the same runs again.
         own = columns.setdefault(plain, values)
         for k in _first(~np.isclose(values, own, rtol=SLACK, atol=0, equal_nan=True)):
-            problems.append((k, f"{plain} is {own[k]:g}, and {name} comes to {values[k]:g}; keep "
-                                "one of the two"))  # fmt: skip
-    refuse(where, problems)
-    return None if second is None else np.asarray(second)
+            told = f"{plain} is {own[k]:g}, and {name} comes to {values[k]:g}"
+            problems.append((k, f"{told}; keep one of the two"))
+    return scale, problems
 
 
 def launched_from(columns: dict[str, Floats], where: str) -> dict[str, Floats]:
@@ -373,7 +352,6 @@ def launched_from(columns: dict[str, Floats], where: str) -> dict[str, Floats]:
             u[row] = unit(u[row].tolist())
         except ValueError as error:
             problems.append((row, f"u: {error}"))
-    refuse(where, problems)
     n_i, omega_xy0, psi = spin_and_oscillation(omega, u)
     told = "the body stands upright and at rest; give it an angular velocity"
     problems += [(row, told) for row in _first((omega == 0).all(axis=1) & (u[:, 2] == -1))]
@@ -404,9 +382,9 @@ def _carried(
             if kind == F64:
                 carried[name] = _numbers(column, name, "")[0]
             elif kind == TEXT or column.null_count:
-                values = column.to_pylist()
-                whole = [None if x is None else int(x) for x in values] if kind == I64 else values
-                carried[name] = np.array(whole, dtype=object)
+                whole = int if kind == I64 else str
+                values = [None if x is None else whole(x) for x in column.to_pylist()]
+                carried[name] = np.array(values, dtype=object)
             else:
                 carried[name] = np.asarray(column).astype(np.int64)
             fields.append(known.field(name, kind, "1", "column of the table of bodies"))
@@ -419,13 +397,10 @@ def _kind(column: pa.ChunkedArray) -> pa.DataType:
         whole = pa.types.is_integer(column.type) and not pa.types.is_uint64(column.type)
         return I64 if whole else F64
     given = column.drop_null()
-
-    def fits(pattern: str) -> pa.Array:
-        return pc.match_substring_regex(given, pattern)
-
-    if not len(given) or not pc.all(fits(NUMBER)).as_py() or pc.any(fits(PADDED)).as_py():
+    number, whole, padded = (pc.match_substring_regex(given, p) for p in (NUMBER, WHOLE, PADDED))
+    if not len(given) or not pc.all(number).as_py() or pc.any(padded).as_py():
         return TEXT
-    return I64 if pc.all(fits(WHOLE)).as_py() else F64
+    return I64 if pc.all(whole).as_py() else F64
 
 
 # -- bad rows ----------------------------------------------------------------------------------
@@ -439,8 +414,16 @@ def check_value(name: str, values: Floats) -> tuple[int, str] | None:
     return None
 
 
+def check_quantity(name: str, value: Quantity, natural: Floats) -> None:
+    """Raise a ConfigError if a value with a unit is out of range in the units of the bodies."""
+    if broken := check_value(name, natural):
+        place, wanted = broken
+        told = f"{value.text} comes to {natural[place]:g} in units of the body"
+        raise ConfigError(f"{KEYS[name]}: {told}; {wanted}")
+
+
 def refuse(where: str, problems: list[Problem]) -> None:
-    """Raise a ConfigError with a line for each of the first bad rows."""
+    """Raise a ConfigError with a sentence for each of the first bad rows."""
     first: dict[int, str] = {}
     for row, sentence in problems:
         first.setdefault(row, sentence)
@@ -463,11 +446,11 @@ def _impossible(columns: dict[str, Floats], names: Iterable[str]) -> list[Proble
     rows, problems = np.arange(len(bodies["alpha"])), list[Problem]()
     # Each time the first offender of each rule is found.
     for _ in range(MOST_TOLD + 1):
-        found = list(violations(**{name: values[rows] for name, values in bodies.items()}))
-        if not found:
-            break
+        found = list(violations(**take(bodies, rows)))
         problems += [(int(rows[place]), sentence) for place, sentence in found]
         rows = np.delete(rows, [place for place, _ in found])
+        if not found or not rows.size:
+            break
     return problems
 
 
@@ -475,7 +458,7 @@ def _out_of_range(columns: dict[str, Floats]) -> list[Problem]:
     """Return the values that break a rule of their column; NaN, where it may stand, breaks none."""
     return [
         (row, f"{name} is {columns[name][row]:g}; {wanted}")
-        for names, low, high, wanted in (RULES[2:] if "u_x" in columns else RULES)
+        for names, low, high, wanted in (RULES[1:] if "u_x" in columns else RULES)
         for name in names
         if name in columns
         for row in _first((columns[name] < low) | (columns[name] > high))

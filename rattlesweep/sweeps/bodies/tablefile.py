@@ -15,8 +15,6 @@ from rattlesweep.errors import ConfigError, one_line
 if TYPE_CHECKING:
     import pandas as pd
 
-MAX_ROWS, MAX_COLUMNS = 10**7, 1000
-
 
 def read_table(path: str, base: Path | None, where: str) -> pa.Table:
     """Read a CSV file, a Parquet file, or a directory of such, given here or under `base`.
@@ -27,7 +25,7 @@ def read_table(path: str, base: Path | None, where: str) -> pa.Table:
     Raises
     ------
     ConfigError
-        If there is no such table, or if it is too large; begins with `where`.
+        If there is no such table; begins with `where`.
     """
     file = Path(path)
     # os.path.exists returns False for a name that is too long.
@@ -37,7 +35,10 @@ def read_table(path: str, base: Path | None, where: str) -> pa.Table:
         raise ConfigError(f"{where}: no such file; give the path of a CSV or Parquet table")
     try:
         if file.is_dir() or file.suffix.lower() in (".parquet", ".pq"):
-            return _read_parquet(file, where)
+            table = _plain(pq.ParquetDataset(file).read())
+            if file.is_dir() and {"case", "sample"} <= set(table.column_names):
+                table = table.sort_by([("case", "ascending"), ("sample", "ascending")])
+            return table
         return _read_csv(file, where)
     except ConfigError:
         raise
@@ -51,25 +52,18 @@ def _read_csv(file: Path, where: str) -> pa.Table:
 
     # As text, so that a wrong cell can be quoted; and the names as a row like any other, since
     # pandas renames columns that repeat, and shifts all columns if rows have a cell more.
-    frame = pd.read_csv(file, header=None, dtype=str, skipinitialspace=True, nrows=MAX_ROWS + 2)
+    frame = pd.read_csv(file, header=None, dtype=str, skipinitialspace=True)
     names = frame.iloc[0].fillna("").str.strip()
     frame = frame.iloc[1:, (names != "").to_numpy()]
     return table_of(frame.set_axis(names[names != ""].tolist(), axis=1), where)
 
 
-def _read_parquet(file: Path, where: str) -> pa.Table:
-    data = pq.ParquetDataset(file)
-    _check_size(data.schema.names, 0, where)
-    _check_size([], sum(part.count_rows() for part in data.fragments), where)
-    table = data.read()
-    if file.is_dir() and {"case", "sample"} <= set(table.column_names):
-        table = table.sort_by([("case", "ascending"), ("sample", "ascending")])
-    return _plain(table)
-
-
 def table_of(frame: pd.DataFrame, where: str) -> pa.Table:
     """Return a DataFrame as Arrow columns; a column of mixed types becomes text."""
-    _check_size([str(name) for name in frame.columns], len(frame), where)
+    for name, count in Counter(map(str, frame.columns)).items():
+        if count > 1:
+            told = f"there are {count} columns {one_line(name)}; keep one of them"
+            raise ConfigError(f"{where}: {told}")
     try:
         table = pa.Table.from_pandas(frame, preserve_index=False)
     except (pa.ArrowException, TypeError, ValueError):
@@ -83,16 +77,3 @@ def _plain(table: pa.Table) -> pa.Table:
     kinds = {f.name: f.type.value_type for f in table.schema if pa.types.is_dictionary(f.type)}
     columns = zip(table.column_names, table.columns, strict=True)
     return pa.table({name: c.cast(kinds[name]) if name in kinds else c for name, c in columns})
-
-
-def _check_size(names: list[str], rows: int, where: str) -> None:
-    if len(names) > MAX_COLUMNS:
-        told = f"the table has {len(names)} columns; at most {MAX_COLUMNS} can be read"
-        raise ConfigError(f"{where}: {told}")
-    if rows > MAX_ROWS:
-        told = f"the table has more than {MAX_ROWS} rows; divide it into several sweeps"
-        raise ConfigError(f"{where}: {told}")
-    for name, count in Counter(names).items():
-        if count > 1:
-            told = f"there are {count} columns {one_line(name)}; keep one of them"
-            raise ConfigError(f"{where}: {told}")

@@ -14,9 +14,6 @@ from rattlesweep.errors import one_line
 Key = tuple[str | int, ...]
 """Place of a value in nested data, such as ``("bodies", "ranges", "theta", 1)``."""
 
-# Longer words are no misspelling of anything here, and comparing them takes long.
-MAX_WORD = 40
-
 
 def dotted(key: Key) -> str:
     """Return a key as people write it: ``bodies.ranges.theta[1]``."""
@@ -40,10 +37,8 @@ def describe(value: Any) -> str:
         return str(value) if isinstance(value, float) else one_line(f"{value:d}", 24)
     if isinstance(value, str):
         return f"{quoted(value)} (text)"
-    if isinstance(value, list):
-        return "a list"
-    if isinstance(value, dict):
-        return "a mapping"
+    if isinstance(value, list | dict):
+        return "a list" if isinstance(value, list) else "a mapping"
     return f"a value of type {one_line(type(value).__name__)}"
 
 
@@ -72,8 +67,8 @@ def nearest(text: str, names: Iterable[str]) -> str | None:
 
 
 def _fold(text: str) -> str:
-    """Return a word without capitals, dashes and underscores, which are often misspelt."""
-    return re.sub(r"[\W_]+", "", text[:MAX_WORD]).casefold()
+    """Return the beginning of a word without capitals, dashes and underscores."""
+    return re.sub(r"[\W_]+", "", text[:40]).casefold()
 
 
 @dataclass(frozen=True)
@@ -84,7 +79,7 @@ class Places:
     """
 
     file: str | None = field(default=None, compare=False)
-    origins: Mapping[Key, int | str | None] = field(default_factory=dict, compare=False)
+    origins: Mapping[Key, int | str] = field(default_factory=dict, compare=False)
 
     def origin(self, key: Key) -> int | str | None:
         """Return the place of a key, or of the nearest key around it."""
@@ -92,8 +87,8 @@ class Places:
             key = key[:-1]
         return self.origins.get(key)
 
-    def line(self, key: Key, message: str) -> str:
+    def line(self, key: Key, message: str, origin: int | str | None = None) -> str:
         """Return ``file:line: key: message``."""
-        origin = self.origin(key)
+        origin = origin or self.origin(key)
         place = f"{self.file}:{origin}" if isinstance(origin, int) else origin
         return ": ".join(part for part in (place, dotted(key), message) if part)

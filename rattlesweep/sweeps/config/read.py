@@ -26,15 +26,15 @@ from rattlesweep.sweeps.config.messages import (
 )
 from rattlesweep.sweeps.config.schema import (
     SOURCES,
-    TAGS,
     Clashes,
     Config,
     Dissipation,
     as_number,
+    clashes,
 )
 
-# Larger files are refused at once; they take seconds to parse.
-MAX_BYTES, MAX_VALUES, MAX_DEPTH = 250_000, 20_000, 30
+# Larger files take seconds to parse; aliases may stand for far more values than a file has.
+MAX_BYTES, MAX_VALUES = 250_000, 20_000
 # Problems told in full; the rest is counted.
 MAX_TOLD = 20
 
@@ -51,34 +51,30 @@ def load_config(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> 
     """
     file = one_line(os.fspath(path), 200)
     data, lines, problems = read_yaml(_read_text(path, file))
-    if data is None and not problems:
-        raise ConfigError(f"{file}:1: the file is empty; it needs at least bodies and spin")
-    if data is None:
-        raise ConfigError(f"{file}:{problems[0][0]}: {problems[0][2]}")
     if not isinstance(data, dict):
-        raise ConfigError(f"{file}:1: {describe(data)} is found; write key: value lines")
+        line, _, sentence = problems[0] if problems else (1, (), "")
+        empty = data is None and "the file is empty; it needs at least bodies and spin"
+        sentence = sentence or empty or f"{describe(data)} is found; write key: value lines"
+        raise ConfigError(f"{file}:{line}: {sentence}")
     stem = "".join(c if c.isprintable() and c != "\\" else "_" for c in Path(path).stem)
-    return _check(data, overrides, Places(file, {(): 1, **lines}), problems, stem)
+    return _check(data, overrides, file, {(): 1, **lines}, problems, stem)
 
 
-def parse_config(data: Mapping[str, Any], like: Config | None = None) -> Config:
-    """Check a config given as Python data; its keys have the places of those of `like`.
+def parse_config(data: Mapping[str, Any]) -> Config:
+    """Check a config given as Python data.
 
     Tuples count as lists, and NumPy's numbers as Python's. A ConfigError has everything that is
     wrong, one line each: ``key: sentence``.
     """
-    config = override_config(data, ())
-    if like is not None:
-        config._places = like._places
-    return config
+    return override_config(data, ())
 
 
 def override_config(data: Mapping[str, Any], overrides: Sequence[str]) -> Config:
     """Check a config given as Python data, with some keys replaced by ``KEY=VALUE`` texts."""
-    plain = _plain(data, ())
+    plain = _plain(data)
     if not isinstance(plain, dict):
         raise ConfigError(f"{describe(plain)} is given for a config; give a dict")
-    return _check(plain, overrides, Places(None, {}), [])
+    return _check(plain, overrides, None, {}, [])
 
 
 def config_json_schema() -> dict[str, Any]:
@@ -107,7 +103,7 @@ def fixed_part(data: Mapping[str, Any]) -> dict[str, Any]:
     and the thresholds between types. Of the dissipation its kind stays, which chooses the kernel,
     and with it `dead_energy`, which decides which zeros of the spin are reversals.
     """
-    part = {key: value for key, value in data.items() if key not in ("name", "output", "stop")}
+    part = _without(data, "name", "output", "stop")
     # A table is known by what it holds, wherever it lies.
     part["bodies"] = _without(data["bodies"], "samples", "refine", "path")
     if target := part["bodies"].get("target"):
@@ -158,8 +154,7 @@ def _flat(data: Any, prefix: str = "") -> dict[str, str]:
 
 def _read_text(path: str | os.PathLike[str], file: str) -> str:
     try:
-        with Path(path).open("rb") as stream:
-            raw = stream.read(MAX_BYTES + 1)
+        raw = Path(path).read_bytes()
     except (OSError, ValueError) as error:
         reason = one_line(getattr(error, "strerror", None) or str(error))
         if isinstance(error, FileNotFoundError):
@@ -187,8 +182,8 @@ def read_yaml(text: str) -> tuple[Any, dict[Key, int], list[Problem]]:
     def convert(node: Node, key: Key) -> Any:
         nonlocal count
         count += 1
-        if count > MAX_VALUES or len(key) > MAX_DEPTH:
-            raise ValueError(f"more than {MAX_VALUES} values or {MAX_DEPTH} levels")
+        if count > MAX_VALUES:
+            raise ValueError(f"more than {MAX_VALUES} values")
         if isinstance(node, SequenceNode):
             for index, item in enumerate(node.value):
                 lines[(*key, index)] = item.start_mark.line + 1
@@ -233,21 +228,16 @@ def _scalar(kind: str, text: str) -> Any:
     return as_number(text) if kind in ("int", "float") else text
 
 
-def _plain(value: Any, key: Key) -> Any:
+def _plain(value: Any) -> Any:
     """Return Python data as a config file would give it."""
-    if len(key) > MAX_DEPTH:
-        # Data that holds itself has no end.
-        raise ConfigError(f"{dotted(key[:1])}: is nested too deeply; a config has 5 levels")
     if isinstance(value, Mapping):
-        return {str(name): _plain(item, (*key, str(name))) for name, item in value.items()}
+        return {str(name): _plain(item) for name, item in value.items()}
     if isinstance(value, list | tuple) or type(value).__name__ == "ndarray":
-        return [_plain(item, (*key, index)) for index, item in enumerate(value)]
-    if isinstance(value, bool):
-        return value
+        return [_plain(item) for item in value]
     # NumPy's numbers are registered as these.
-    if isinstance(value, Integral):
-        return int(value)
-    return float(value) if isinstance(value, Real) else value
+    if isinstance(value, bool) or not isinstance(value, Real):
+        return value
+    return int(value) if isinstance(value, Integral) else float(value)
 
 
 # -- checking --------------------------------------------------------------------------------------
@@ -256,36 +246,44 @@ def _plain(value: Any, key: Key) -> Any:
 def _check(
     data: dict[str, Any],
     overrides: Sequence[str],
-    places: Places,
-    problems: list[Problem],
+    file: str | None,
+    origins: dict[Key, int | str],
+    found: list[Problem],
     name: str | None = None,
 ) -> Config:
     """Return the config, or raise a ConfigError with everything that is wrong."""
-    origins = dict(places.origins)
-    places = Places(places.file, origins)
+    places = Places(file, origins)
     refused = [line for text in overrides for line in _override(data, origins, text)]
     if name is not None:
         data.setdefault("name", name)
-    found = list(problems)
-    try:
-        config = Config.model_validate(data)
-        if not found and not refused:
-            config._places = places
-            return config
-    except ValidationError as error:
-        for one in error.errors(include_url=False):
-            found += [(places.origin(key), key, text) for key, text in _sentences(one, data)]
+    sections, wrong = data, set[str | int]()
+    while True:
+        try:
+            config = Config.model_validate(sections)
+            break
+        except ValidationError as error:
+            # Once more without the sections that are wrong.
+            for one in error.errors(include_url=False):
+                wrong.add(one["loc"][0])
+                found += [(places.origin(key), key, text) for key, text in _sentences(one, data)]
+            right = {key: value for key, value in data.items() if key not in wrong}
+            sections = {"bodies": {"source": "sd"}} | right
+    known = {name: getattr(config, name) for name in Config.model_fields if name not in wrong}
+    found += [(places.origin((name,)), (name,), text) for name, text in clashes(known)]
+    if not found and not refused:
+        config._places = places
+        return config
     # In the order of the file; those of settings come last.
     found.sort(key=lambda one: one[0] if isinstance(one[0], int) else bool(one[0]) * MAX_BYTES)
-    told = [Places(places.file, {key: origin}).line(key, text) for origin, key, text in found]
+    told = [places.line(key, text, origin) for origin, key, text in found]
     lines = list(dict.fromkeys([*told, *refused]))
     if (more := len(lines) - MAX_TOLD) > 0:
-        head = f"{places.file}: " if places.file else ""
+        head = f"{file}: " if file else ""
         lines = [*lines[:MAX_TOLD], f"{head}and {more} more; fix these first"]
     raise ConfigError(lines)
 
 
-def _override(data: dict[str, Any], origins: dict[Key, int | str | None], text: str) -> list[str]:
+def _override(data: dict[str, Any], origins: dict[Key, int | str], text: str) -> list[str]:
     """Put one ``KEY=VALUE`` into `data`; return what is wrong with it."""
     origin = f"--set {one_line(text, 100)}"
     name, equals, value = text.partition("=")
@@ -325,17 +323,16 @@ _LIMITS = {
 def _sentences(error: Any, data: Any) -> Iterator[tuple[Key, str]]:
     """Yield the keys and sentences of one of pydantic's errors."""
     kind, value, context = error["type"], error["input"], error.get("ctx", {})
-    key, models = _walk(error["loc"], data)
+    key, names = _walk(error["loc"], data)
     if kind == "value_error" and isinstance(context["error"], Clashes):
         for name, sentence in context["error"].found:
             yield ((*key, name) if name else key), sentence
     elif kind == "value_error":
         yield key, str(context["error"])
     elif kind == "extra_forbidden":
-        word, names = str(key[-1]), [name for model in models for name in model.model_fields]
-        near, choice = nearest(word, names), f"the keys allowed here are {', '.join(names)}"
-        hint = f"did you mean {quoted(near)}?" if near else choice if names else "remove it"
-        yield key, f"unknown key {quoted(word)}; {hint}"
+        near = nearest(str(key[-1]), names)
+        hint = f"did you mean {quoted(near)}?" if near else "the keys allowed here are "
+        yield key, f"unknown key {quoted(str(key[-1]))}; {hint}{'' if near else ', '.join(names)}"
     elif kind == "missing":
         yield key, "the key is missing; add it"
     elif kind == "union_tag_not_found":
@@ -351,37 +348,31 @@ def _sentences(error: Any, data: Any) -> Iterator[tuple[Key, str]]:
     elif kind in _LIMITS:
         name, bound = _LIMITS[kind]
         yield key, f"{describe(value)} is out of range; it must be {bound} {context[name]:.15g}"
-    elif kind in ("too_short", "too_long"):
-        bound, limit = ("least", "min_length") if kind == "too_short" else ("most", "max_length")
-        count = context["actual_length"]
-        yield key, f"the list has {count} values; give at {bound} {context[limit]}"
-    elif wanted := _WANTED.get(kind.split("_")[0]) if kind != "string_too_short" else None:
-        if key[-1:] == ("accuracy",):
-            wanted = "draft, standard, reference or {t_r: 1.0e-6}"
+    elif (wanted := _WANTED.get(kind.split("_")[0])) and kind != "string_too_short":
         yield key, f"{describe(value)} is given here; write {wanted}"
     else:
         words = error["msg"].replace("Input", "it")
         yield key, f"{describe(value)} is given here; {words[0].lower()}{words[1:]}"
 
 
-def _walk(location: Sequence[str | int], data: Any) -> tuple[Key, list[type[BaseModel]]]:
-    """Return the key of an error, and the models that may hold it.
+def _walk(location: Sequence[str | int], data: Any) -> tuple[Key, list[str]]:
+    """Return the key of an error, and the keys that are allowed beside it.
 
-    Pydantic's location has tags of unions too, and places in lists that are made of other data.
+    Pydantic's location has the source of bodies too, and places in lists made of other data.
     """
     key: Key = ()
-    holders: list[type[BaseModel]] = []
-    models: list[type[BaseModel]] = [Config]
+    model: Any = Config
+    names: list[str] = []
     for place, part in enumerate(location):
         if place == 1 and key == ("bodies",):
-            models = [models[SOURCES.index(str(part))]]
-        elif isinstance(part, str) and part not in TAGS:
-            fields = [model.model_fields.get(part) for model in models]
-            holders, key = models, (*key, part)
-            models = [inner for field in fields if field for inner in _models(field.annotation)]
-        elif isinstance(part, int) and isinstance(value_at(data, key), list):
+            model = SOURCES[str(part)]
+        elif isinstance(part, str):
+            key, names = (*key, part), list(model.model_fields) if model else []
+            field = model.model_fields.get(part) if model else None
+            model = _model(field.annotation) if field else None
+        elif isinstance(value_at(data, key), list):
             key = (*key, part)
-    return key, holders
+    return key, names
 
 
 def value_at(data: Any, key: Sequence[str | int]) -> Any:
@@ -394,8 +385,8 @@ def value_at(data: Any, key: Sequence[str | int]) -> Any:
     return data
 
 
-def _models(annotation: Any) -> list[type[BaseModel]]:
-    """Return the models inside unions and annotations."""
+def _model(annotation: Any) -> type[BaseModel] | None:
+    """Return the model inside a union or an annotation."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return [annotation]
-    return [model for inner in get_args(annotation) for model in _models(inner)]
+        return annotation
+    return next((model for inner in get_args(annotation) if (model := _model(inner))), None)

@@ -7,21 +7,20 @@ import json
 import math
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from itertools import product
-from typing import Annotated, Any, Literal, NamedTuple, Self, get_args
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self, get_args
 
 from pydantic import (
     AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
-    Discriminator,
     Field,
     PlainSerializer,
     PrivateAttr,
-    Tag,
+    WrapValidator,
     model_validator,
 )
 
@@ -29,7 +28,8 @@ from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.defaults import DT, MAX_STEPS, TOL
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics.body import MAX_INERTIA
-from rattlesweep.sweeps.config.messages import Key, Places, describe, dotted
+from rattlesweep.sweeps.config.messages import Key, Places, dotted, not_one_of, quoted
+from rattlesweep.units import KINDS, Quantity, split
 
 Clash = Iterator[tuple[str, str]]
 """Keys, empty for the section, and what is wrong with them."""
@@ -40,13 +40,16 @@ MAX_SIGMA = 1e6
 """Largest torque of friction over the angular velocity, in M a^2 sqrt(g/a)."""
 MAX_TIME = 1e30
 """Largest horizon in sqrt(a/g) or t_rGH, beyond any run; sums of such numbers stay finite."""
-MAX_AXIS, MAX_BODIES, MAX_CASES, MAX_SOBOL = 10**6, 10**12, 100_000, 2**30
+MIN_OSCILLATION = 1e-140
+"""Smallest oscillation in sqrt(g/a); the square of a smaller one underflows."""
+MAX_AXIS, MAX_CASES = 10**6, 100_000
 U_SLACK = 1e-3
 """Largest distance of a typed unit vector's length from 1."""
 TABLE = "table"
 """Word for values that stand in the rows of a table."""
 ELLIPSOIDS = ("KL",)
 """Presets that are ellipsoids."""
+NO_NUL = r"^[^\x00]*$"
 
 
 class Parameter(NamedTuple):
@@ -58,20 +61,17 @@ class Parameter(NamedTuple):
 
 
 PARAMETERS = {
-    "alpha": Parameter(1, MAX_INERTIA,
-                       "I_xx / (M a^2) + 1, inertia about the x axis; no unit, > beta."),
-    "beta": Parameter(1, MAX_INERTIA,
-                      "I_yy / (M a^2) + 1, inertia about the y axis; no unit, > 1."),
-    "gamma": Parameter(0, MAX_INERTIA,
-                       "I_zz / (M a^2), inertia about the spin axis; no unit, above 0."),
-    "theta": Parameter(0, 1, "Larger curvature at the bottom times a; no unit, phi < theta < 1."),
-    "phi": Parameter(0, 1, "Smaller curvature at the bottom times a; no unit, 0 < phi < theta."),
+    "alpha": Parameter(1, MAX_INERTIA, "I_xx / (M a^2) + 1, inertia about the x axis; > beta."),
+    "beta": Parameter(1, MAX_INERTIA, "I_yy / (M a^2) + 1, inertia about the y axis; > 1."),
+    "gamma": Parameter(0, MAX_INERTIA, "I_zz / (M a^2), inertia about the spin axis; > 0."),
+    "theta": Parameter(0, 1, "Larger curvature at the bottom times a; phi < theta < 1."),
+    "phi": Parameter(0, 1, "Smaller curvature at the bottom times a; 0 < phi < theta."),
     "xi": Parameter(-math.pi / 2, 0, "Skew from inertia to curvature axes in radians; negative."),
     "xi_deg": Parameter(-90, 0, "Skew from inertia to curvature axes in degrees; negative."),
     "minus_xi_deg": Parameter(0, 90, "Skew angle times -1, in degrees; between 0 and 90."),
-    "c": Parameter(0, 1e9, "Vertical semi-axis of the ellipsoid over a; no unit, above theta."),
-    "f_sd": Parameter(0, 0.5, "I_yy / I_zz of a shell-dumbbell body; no unit, below 0.5."),
-}  # fmt: skip
+    "c": Parameter(0, 1e9, "Vertical semi-axis of the ellipsoid over a; above theta."),
+    "f_sd": Parameter(0, 0.5, "I_yy / I_zz of a shell-dumbbell body; below 0.5."),
+}
 """Parameters of bodies, in the symbols of Kondo and Nakanishi (2017).
 
 `rattlesweep.physics.body` checks how they go together.
@@ -136,11 +136,6 @@ def as_number(value: Any) -> Any:
     return value
 
 
-def is_number(value: Any) -> bool:
-    """Return whether a value is a number and no truth value."""
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
 def number(name: str) -> Any:
     """Return the type of a body parameter."""
     return Annotated[float, Field(gt=PARAMETERS[name].low, lt=PARAMETERS[name].high)]
@@ -149,6 +144,39 @@ def number(name: str) -> Any:
 def parameter(name: str) -> Any:
     """Return the type of a body parameter that may be left out."""
     return Annotated[number(name) | None, Field(description=PARAMETERS[name].meaning)]
+
+
+def or_word(item: Any, *words: str) -> Any:
+    """Return the type of an item that may be one of some words instead."""
+
+    def check(value: Any, handler: Callable[[Any], Any]) -> Any:
+        if not isinstance(value, str):
+            return handler(value)
+        if value not in words:
+            raise ValueError(not_one_of(value, words))
+        return value
+
+    given = Literal[words] | item
+    return Annotated[item, WrapValidator(check, given), PlainSerializer(lambda value: value)]
+
+
+def measured(item: Any, kind: str) -> Any:
+    """Return the type of a number in units of the body, or of a text with a unit of a kind."""
+    text = Annotated[str, Field(examples=[KINDS[kind][1]])]
+
+    def check(value: Any, handler: Callable[[Any], Any]) -> Any:
+        if not isinstance(value, str):
+            return handler(value)
+        try:
+            return Quantity(value, kind)
+        except ValueError as error:
+            raise ValueError(f"{quoted(value)} {error}") from None
+
+    return Annotated[item, WrapValidator(check, item | text), PlainSerializer(_plain)]
+
+
+def _plain(value: float) -> float | str:
+    return value.text if isinstance(value, Quantity) else value
 
 
 PAIR: Any = Field(min_length=2, max_length=2)
@@ -187,6 +215,20 @@ class Logspace(Spaced):
     logspace: Annotated[list[float], TRIPLE] = Field(description="[low, high, n], ends included.")
 
 
+def _as_list(value: Any) -> Any:
+    if not isinstance(value, dict) or not value.keys() & {"linspace", "logspace"}:
+        return value if isinstance(value, list) else [value]
+    kind, name = (Logspace, "logspace") if "logspace" in value else (Linspace, "linspace")
+    ends, unit = value[name], ""
+    if isinstance(ends, list) and len(ends) == 3 and all(isinstance(x, str) for x in ends[:2]):
+        (low, unit), (high, other) = map(split, ends[:2])
+        if low is None or high is None or unit != other:
+            raise ValueError("the ends are not two numbers with one unit; write them alike")
+        value = {**value, name: [low, high, ends[2]]}
+    values = kind.model_validate(value).values()
+    return [f"{value!r} {unit}" for value in values] if unit else values
+
+
 def no_repeats(values: list[Any]) -> list[Any]:
     """Return the values; raise if one stands twice."""
     for value, count in Counter(values).items():
@@ -195,25 +237,15 @@ def no_repeats(values: list[Any]) -> list[Any]:
     return values
 
 
-def _as_list(value: Any) -> Any:
-    if is_number(value):
-        return [value]
-    if isinstance(value, dict) and value.keys() & {"linspace", "logspace"}:
-        return (Logspace if "logspace" in value else Linspace).model_validate(value).values()
-    if not isinstance(value, list):
-        raise ValueError(f"{describe(value)} is given here; write a number or a list of numbers")
-    return value
-
-
 def several(item: Any) -> Any:
-    """Return the metadata of a list of distinct numbers, given as one, some, or spaced ones."""
+    """Return the type of a list of distinct numbers, given as one, some, or spaced ones."""
     many = Annotated[list[item], Field(min_length=1, json_schema_extra={"uniqueItems": True})]
-    given = item | many | Linspace | Logspace
-    return (
+    return Annotated[
+        list[item],
         Field(min_length=1),
-        BeforeValidator(_as_list, json_schema_input_type=given),
+        BeforeValidator(_as_list, item | many | Linspace | Logspace),
         AfterValidator(no_repeats),
-    )
+    ]
 
 
 def _check_order(ends: list[float]) -> list[float]:
@@ -223,56 +255,51 @@ def _check_order(ends: list[float]) -> list[float]:
     return ends
 
 
-def interval(name: str, item: Any = None) -> Any:
-    """Return the type of a range of a body parameter, with ends of a type."""
-    words = Field(description=f"Range [low, high]. {PARAMETERS[name].meaning}")
-    item = item or number(name)
-    return Annotated[list[item], PAIR, AfterValidator(_check_order), words]
+def interval(item: Any) -> Any:
+    """Return the type of a range [low, high] that may be given as one number."""
+    pair = Annotated[list[item], PAIR]
+    both = BeforeValidator(lambda x: x if isinstance(x, list) else [x, x], item | pair)
+    return Annotated[list[item], PAIR, both, AfterValidator(_check_order)]
 
 
-TAGS = ("<word>", "<number>", "<goal>")
-"""Tags of unions, which stand in pydantic's locations of errors."""
-
-
-def _word_or_number(value: Any) -> str:
-    return "<word>" if isinstance(value, str) else "<number>"
-
-
-def losses(most: float) -> Any:
+def losses(most: float, kind: str) -> Any:
     """Return the type of one or several numbers up to a limit, or of the word table."""
-    item = Annotated[float, Field(ge=0, le=most)]
-    return Annotated[
-        Annotated[list[item], *several(item), Tag("<number>")]
-        | Annotated[Literal["table"], Tag("<word>")],
-        Discriminator(_word_or_number),
-        AfterValidator(lambda x: x[0] if isinstance(x, list) and len(x) == 1 else x),
-        PlainSerializer(lambda value: value),
-    ]
+    item = measured(Annotated[float, Field(ge=0, le=most)], kind)
+
+    def check(value: Any, handler: Callable[[Any], list[float]]) -> Any:
+        if value == TABLE:
+            return value
+        values = handler(value)
+        return values[0] if len(values) == 1 else values
+
+    many = several(item)
+    given = many | Literal["table"]
+    dump = PlainSerializer(lambda x: [*map(_plain, x)] if isinstance(x, list) else _plain(x))
+    return Annotated[many, WrapValidator(check, given), dump]
 
 
 Speed = Annotated[float, Field(ge=-MAX_SPEED, le=MAX_SPEED)]
 Unsigned = Annotated[Speed, AfterValidator(lambda spin: spin + 0.0)]  # a zero has no sign
-Spins = Annotated[list[Unsigned], *several(Unsigned)]
-# The square of a smaller one underflows.
-MIN_OSCILLATION = 1e-140
 Oscillation = Annotated[float, Field(ge=MIN_OSCILLATION, le=MAX_SPEED)]
-Oscillations = Annotated[list[Oscillation], *several(Oscillation)]
 Positive = Annotated[float, Field(gt=0)]
-Targets = Annotated[list[Positive], *several(Positive)]
 Time = Annotated[float, Field(gt=0, le=MAX_TIME)]
-C = Annotated[float, Field(gt=PARAMETERS["c"].low, lt=PARAMETERS["c"].high)]
 Preset = Literal["GH", "KL"]
+
+
+def ranged(name: str, item: Any = None) -> Any:
+    """Return the type of a range of a body parameter."""
+    return Annotated[interval(item or number(name)), Field(description=PARAMETERS[name].meaning)]
 
 
 class SdRanges(Base):
     """Ranges that shell-dumbbell bodies are drawn from; the paper's Table I unless given."""
 
-    gamma: interval("gamma") = [5.0, 15.0]
-    f_sd: interval("f_sd") = [0.05, 0.15]
-    theta: interval("theta") = [0.6, 0.95]
-    phi: interval("phi") = [0.01, 0.1]
+    gamma: ranged("gamma") = [5.0, 15.0]
+    f_sd: ranged("f_sd") = [0.05, 0.15]
+    theta: ranged("theta") = [0.6, 0.95]
+    phi: ranged("phi") = [0.01, 0.1]
     # Drawn from (low, high]: zero may bound the skew angle, but is never drawn.
-    minus_xi_deg: interval("minus_xi_deg", Annotated[float, Field(ge=0, lt=90)]) = [0.0, 6.0]
+    minus_xi_deg: ranged("minus_xi_deg", Annotated[float, Field(ge=0, lt=90)]) = [0.0, 6.0]
 
     def _clashes(self) -> Clash:
         (_, _, theta, phi, skew) = self.ends()
@@ -290,12 +317,12 @@ class SdRanges(Base):
 class Target(Base):
     """Bodies are redrawn until their torque coefficient lies close to one of these values."""
 
-    K_r: Targets | None = None
-    """Targets of the rolling coefficient K_r, no unit; one case for each."""
-    K_p: Targets | None = None
-    """Targets of the pitching coefficient K_p, no unit; one case for each."""
+    K_r: several(Positive) | None = None
+    """Targets of the rolling coefficient K_r; one case for each."""
+    K_p: several(Positive) | None = None
+    """Targets of the pitching coefficient K_p; one case for each."""
     rel_tol: float = Field(default=1e-3, gt=0, le=0.5)
-    """Largest relative distance from the target, no unit."""
+    """Largest relative distance from the target."""
     max_draws: int = Field(default=1_000_000, ge=1, le=2**62)
     """Draws after which a sample is given up."""
 
@@ -327,10 +354,7 @@ class Surfaced(Base):
     @property
     def has_c(self) -> bool:
         """Whether a vertical semi-axis is given, or the preset has one."""
-        if isinstance(self, GridSource):
-            return bool(self.c or self.axes.c) or self.base.preset in ELLIPSOIDS
-        preset = self.name if isinstance(self, PresetSource) else None
-        return getattr(self, "c", None) is not None or preset in ELLIPSOIDS
+        return getattr(self, "c", None) is not None or getattr(self, "name", None) in ELLIPSOIDS
 
     def _clashes(self) -> Clash:
         if self.surface == "paraboloid" and getattr(self, "c", None) is not None:
@@ -345,7 +369,7 @@ class SdSource(Surfaced):
 
     source: Literal["sd"]
     """Draw shell-dumbbell bodies at random."""
-    samples: int = Field(default=1000, ge=1, le=MAX_BODIES)
+    samples: int = Field(default=1000, ge=1, le=2**62)
     """Bodies per case."""
     ranges: SdRanges = Field(default_factory=lambda: SdRanges())
     """Where the parameters are drawn from, uniformly."""
@@ -354,23 +378,10 @@ class SdSource(Surfaced):
     evenly; saltelli: groups that differ in one parameter each, for `rattlesweep sensitivity`."""
     target: Target | None = None
     """Keep only bodies with this torque coefficient; null: keep all."""
-    c: (
-        Annotated[
-            list[C],
-            PAIR,
-            BeforeValidator(
-                lambda c: [c, c] if is_number(c) else c,
-                json_schema_input_type=C | Annotated[list[C], PAIR],
-            ),
-            AfterValidator(_check_order),
-        ]
-        | None
-    ) = Field(None, description=f"A number, or a range [low, high]. {PARAMETERS['c'].meaning}")
+    c: Annotated[interval(number("c")) | None, Field(description=PARAMETERS["c"].meaning)] = None
 
     def _clashes(self) -> Clash:
         yield from super()._clashes()
-        if self.draw != "random" and self.samples > MAX_SOBOL:
-            yield "draw", f"the sequence has {MAX_SOBOL} points; take fewer samples, or random"
         if self.draw != "random" and self.target:
             yield "target", "only random draws can meet a target; take draw: random"
 
@@ -425,10 +436,9 @@ class TableSource(Surfaced):
 
     source: Literal["table"]
     """Read bodies from a table."""
-    path: str = Field(min_length=1, pattern=r"^[^\x00]*$")
-    """CSV or Parquet file, or a directory of Parquet files, with a body in each row; other columns
-    replace spin, horizon and dissipation row by row."""
-    c: C | None = Field(None, description=f"Of rows without a c. {PARAMETERS['c'].meaning}")
+    path: str = Field(min_length=1, pattern=NO_NUL)
+    """CSV or Parquet file, or a directory of Parquet files, with a body in each row."""
+    c: parameter("c") = None
 
 
 class GridBase(Overrides):
@@ -450,8 +460,8 @@ class GridBase(Overrides):
 
 def axis(name: str) -> Any:
     """Return the type of an axis of a body parameter."""
-    item, words = number(name), Field(description=PARAMETERS[name].meaning)
-    return Annotated[Annotated[list[item], *several(item)] | None, words]
+    words = Field(description=PARAMETERS[name].meaning)
+    return Annotated[several(number(name)) | None, words]
 
 
 class Axes(Base):
@@ -472,8 +482,6 @@ class Axes(Base):
         if not self.given():
             yield "", "no parameter varies; give at least one axis"
         yield from self._one_of("xi", "xi_deg", "minus_xi_deg", needed=False)
-        if (bodies := math.prod(map(len, self.given().values()))) > MAX_BODIES:
-            yield "", f"the grid has {bodies} bodies; at most {MAX_BODIES} are possible"
 
     def given(self) -> dict[str, list[float]]:
         """Return the axes that are given."""
@@ -503,9 +511,7 @@ class GridSource(Surfaced):
     """Which parameters vary, over which values."""
     refine: Refine | None = None
     """Leave out runs between others of one type; null: every combination is run."""
-    c: Annotated[list[C], *several(C)] | None = Field(
-        None, description=f"A number, or an axis, which varies fastest. {PARAMETERS['c'].meaning}"
-    )
+    c: axis("c") = None
 
     def _clashes(self) -> Clash:
         yield from super()._clashes()
@@ -518,25 +524,76 @@ class GridSource(Surfaced):
             yield "c", "refine takes the axes of axes alone; write axes: {c: ...}"
 
     @property
+    def has_c(self) -> bool:
+        """Whether a vertical semi-axis is given, or the preset has one."""
+        return bool(self.c or self.axes.c) or self.base.preset in ELLIPSOIDS
+
+    @property
     def varying(self) -> dict[str, list[float]]:
         """The values of each axis in their order, `c` behind the others where it is one."""
         own = {} if self.c is None or len(self.c) == 1 else {"c": self.c}
         return self.axes.given() | own
 
 
+def size(kind: str, most: float = math.inf) -> Any:
+    """Return the type of a size, or of a range of sizes, in SI units or as texts with a unit."""
+    least = -most if kind == "angle" else 0
+    return interval(measured(Annotated[float, Field(gt=least, lt=most)], kind))
+
+
+class ShapeSource(Base):
+    """Bodies of a simple shape, which have a size; drawn from the keys that are ranges."""
+
+    source: Literal["shape"]
+    """Make bodies of a shape, with a size."""
+    shape: Literal["half_ellipsoid"] = "half_ellipsoid"
+    """half_ellipsoid: solid and of uniform density, its flat side up."""
+    length: size("length")
+    """Longer side of the flat face, in m or with a unit."""
+    width: size("length")
+    """Shorter side of the flat face, in m or with a unit."""
+    height: size("length")
+    """From the lowest point to the flat face, in m or with a unit."""
+    mass: size("mass")
+    """Mass, in kg or with a unit."""
+    skew: size("angle", math.pi / 2)
+    """Size of the angle between the axes of inertia and surface, in radians or with a unit."""
+    samples: int | None = Field(default=None, ge=1, le=2**62)
+    """Bodies per case where a key is a range (1000 unless given)."""
+
+    ellipsoidal: ClassVar[bool] = True  # its bottom is one
+
+    def _clashes(self) -> Clash:
+        if self.samples is not None and not self.drawn:
+            yield "samples", "no key is a range, so all bodies are alike; leave it out"
+
+    @property
+    def sizes(self) -> dict[str, list[float]]:
+        """The range of each key in SI units."""
+        return {name: getattr(self, name) for name in ("length", "width", "height", "mass", "skew")}
+
+    @property
+    def drawn(self) -> list[str]:
+        """Names of the keys that are drawn from a range."""
+        return [name for name, (low, high) in self.sizes.items() if low < high]
+
+
+SOURCES = {"sd": SdSource, "preset": PresetSource, "table": TableSource, "grid": GridSource,
+           "shape": ShapeSource}  # fmt: skip
+Bodies = Annotated[
+    SdSource | PresetSource | TableSource | GridSource | ShapeSource, Field(discriminator="source")
+]
+
+
 class Spin(Base):
     """How bodies are launched. Every n_i is combined with every omega_xy0."""
 
-    n_i: Spins
-    """Initial spins in sqrt(g/a); positive is the unsteady direction, negative the steady, and 0 a
-    tap, which needs horizon.t."""
-    omega_xy0: Oscillations
-    """Initial sizes of the oscillation's angular velocity in sqrt(g/a)."""
-    psi: Annotated[
-        Annotated[Literal["relevant", "pitch", "roll"], Tag("<word>")]
-        | Annotated[Annotated[float, Field(ge=-360, le=360)], Tag("<number>")],
-        Discriminator(_word_or_number),
-    ] = "relevant"
+    n_i: several(measured(Unsigned, "spin"))
+    """Initial spins in sqrt(g/a), or with a unit; positive is the unsteady direction, negative the
+    steady, and 0 a tap, which needs horizon.t."""
+    omega_xy0: several(measured(Oscillation, "spin"))
+    """Initial sizes of the oscillation's angular velocity in sqrt(g/a), or with a unit."""
+    psi: or_word(Annotated[float, Field(ge=-360, le=360)], "relevant", "pitch", "roll") = "relevant"
     """Direction of the oscillation: the pitch or the roll mode, the relevant one (pitch for
     n_i >= 0, roll for n_i < 0), or an angle from the x axis in degrees."""
 
@@ -552,15 +609,14 @@ def unit(u: Sequence[float]) -> list[float]:
     return list(u) if abs(length - 1) < 1e-15 else [component / length for component in u]
 
 
-Component = Annotated[float, Field(ge=-2, le=2)]
-
-
 class State(Base):
     """A full state that all bodies are launched from, in components along the body's axes."""
 
     omega: Annotated[list[Speed], TRIPLE]
     """Angular velocity [x, y, z] in sqrt(g/a)."""
-    u: Annotated[list[Component], TRIPLE, AfterValidator(unit)] = [0, 0, -1]
+    u: Annotated[
+        list[Annotated[float, Field(ge=-2, le=2)]], TRIPLE, AfterValidator(unit)
+    ] = [0, 0, -1]  # fmt: skip
     """Vertical unit vector [x, y, z], upwards; [0, 0, -1] is upright."""
 
     def _clashes(self) -> Clash:
@@ -573,8 +629,8 @@ class Horizon(Base):
 
     t_rgh: Time | None = None
     """In units of t_rGH, the reversal time of Garcia and Hubbard in the spin's direction."""
-    t: Time | None = None
-    """A time in sqrt(a/g)."""
+    t: measured(Time, "time") | None = None
+    """A time in sqrt(a/g), or with a unit."""
     t_decay: Time | None = None
     """In units of gamma/sigma, in which dissipation.sigma takes an upright spin down to 1/e."""
 
@@ -588,10 +644,10 @@ class Dissipation(Base):
     The word `table` stands for the column of that name in a table of bodies.
     """
 
-    sigma: losses(MAX_SIGMA) = 0.0
-    """Torque -sigma omega about the centre of mass, in M a^2 sqrt(g/a)."""
-    rolling: losses(1) = 0.0
-    """Lever of the rolling resistance, in a: its moment over the normal force."""
+    sigma: losses(MAX_SIGMA, "torque per spin") = 0.0
+    """Torque -sigma omega about the centre of mass, in M a^2 sqrt(g/a), or with a unit."""
+    rolling: losses(1, "length") = 0.0
+    """Lever of the rolling resistance, in a: its moment over the normal force; or with a unit."""
 
     def values(self, name: str) -> list[float | None]:
         """Return the values of one of the two in their order; None stands for a table's."""
@@ -675,14 +731,7 @@ class Integrator(Base):
 
     method: Literal["dop853", "dopri5", "verner98", "rk4"] = "dop853"
     """Name of the method."""
-    accuracy: (
-        Annotated[
-            Annotated[Literal["draft", "standard", "reference"], Tag("<word>")]
-            | Annotated[AccuracyGoal, Tag("<goal>")],
-            Discriminator(lambda value: "<word>" if isinstance(value, str) else "<goal>"),
-        ]
-        | None
-    ) = None
+    accuracy: or_word(AccuracyGoal, *ACCURACIES) | None = None
     """A method with its tol, by the median error of t_r: draft: dop853 at tol 1e-06, 1e-07;
     standard: dop853 at tol 1e-09, 9e-11; reference: verner98 at tol 1e-12, 2e-14. Or the error that
     t_r may have, {t_r: 1.0e-6}, which implies record: [error]."""
@@ -733,11 +782,7 @@ class Integrator(Base):
             yield "tol", f"{self.method} has steps of one size and takes no tol; leave it out"
 
 
-SOURCES = ("sd", "preset", "table", "grid")
-Bodies = Annotated[
-    SdSource | PresetSource | TableSource | GridSource, Field(discriminator="source")
-]
-Record = Literal["energy", "contact", "windows", "lyapunov", "error", "reversals"]
+Record = Literal["energy", "contact", "windows", "lyapunov", "volume", "error", "reversals"]
 
 
 def _check_name(name: str) -> str:
@@ -776,49 +821,10 @@ class Config(Base):
         default_factory=list, json_schema_extra={"uniqueItems": True}
     )
     """Extra columns; each costs time. With reversals, runs go on to the horizon."""
-    output: str | None = Field(default=None, min_length=1, pattern=r"^[^\x00]*$")
+    output: str | None = Field(default=None, min_length=1, pattern=NO_NUL)
     """Directory; null: out/<name>."""
 
     _places: Places = PrivateAttr(default_factory=Places)
-
-    def _clashes(self) -> Clash:
-        bodies, model, lost, early = self.bodies, self.model, self.dissipation, self.classify.early
-        goal, record, table = self.integrator.goal, self.record, bodies.source == "table"
-        plain = not lost and not bodies.ellipsoidal
-        target = bodies.target if isinstance(bodies, SdSource) else None
-        if self.stop and not isinstance(bodies, SdSource):
-            yield "stop", f"bodies of source {bodies.source} are all there are; take source: sd"
-        if self.stop and isinstance(bodies, SdSource) and bodies.draw == "saltelli":
-            yield "stop", "samples of draw: saltelli are not independent; take draw: sobol"
-        if self.spin and self.launch:
-            yield "spin", "spin and launch are both given; keep one of them"
-        elif not (self.spin or self.launch or table):
-            yield "spin", "the key is missing; give n_i and omega_xy0, or a launch with omega and u"
-        lists: dict[str, Sequence[Any]] = {"targets": target.values if target else [0]}
-        lists |= {"n_i": self.spin.n_i, "omega_xy0": self.spin.omega_xy0} if self.spin else {}
-        lists |= {name: lost.values(name) for name in Dissipation.model_fields} if lost else {}
-        if (cases := math.prod(map(len, lists.values()))) > MAX_CASES:
-            yield "spin", f"{cases} cases ({' x '.join(lists)}); at most {MAX_CASES} are possible"
-        for name in Dissipation.model_fields:
-            if getattr(lost, name) == TABLE and not table:
-                yield "dissipation", f"{name} is that of a table, and there is none; give a number"
-        if self.horizon.t_decay and not any(lost.values("sigma")) and not table:
-            yield "dissipation", "horizon.t_decay is in units of gamma/sigma; give sigma"
-        if lost and model != "full":
-            yield "dissipation", f"the model {model} conserves energy; take model: full"
-        if goal and model == "gh":
-            yield "integrator", "the model gh is a closed form without error; leave accuracy out"
-        if early and model != "full":
-            yield "classify", f"early is for the model full and not for {model}; leave it out"
-        if early and not plain:
-            yield "classify", "early is for paraboloids without dissipation; leave it out"
-        if "lyapunov" in record and not plain:
-            yield "record", "lyapunov is for paraboloids without dissipation; leave it out"
-        if "reversals" in record and (goal or "error" in record):
-            what = "integrator.accuracy of t_r" if goal else "error"
-            yield "record", f"{what} is for the first reversal alone; leave it or reversals out"
-        for word in [word for word in record if early and word in ("lyapunov", "reversals")]:
-            yield "record", f"classify.early ends runs before their horizon; leave it or {word} out"
 
     @model_validator(mode="after")
     def _order_record(self) -> Self:
@@ -836,6 +842,17 @@ class Config(Base):
             "dissipation": bool(self.dissipation),
         }
         return [*self.record, *(name for name, there in own.items() if there)]
+
+    @property
+    def in_si(self) -> dict[str, list[Quantity]]:
+        """Values with units, by the names of what they stand for in a run."""
+        given = {
+            **({"n_i": self.spin.n_i, "omega_xy0": self.spin.omega_xy0} if self.spin else {}),
+            **{name: self.dissipation.values(name) for name in Dissipation.model_fields},
+            "t_end": [self.horizon.t],
+        }
+        found = {k: [x for x in v if isinstance(x, Quantity)] for k, v in given.items()}
+        return {name: values for name, values in found.items() if values}
 
     @property
     def directory(self) -> str:
@@ -860,3 +877,52 @@ class Config(Base):
         if not key or dotted(key) != name or key[0] not in type(self).model_fields:
             return line
         return self.line(key, message)
+
+
+def clashes(sections: Mapping[str, Any]) -> Clash:
+    """Yield what does not go together between sections; one with mistakes of its own is missing."""
+    stop, bodies, spin, launch, model, horizon, lost, integrator, classify, record = (
+        # False is no section, and is not None, which stands for one that is not given.
+        sections.get(name, False)
+        for name in ("stop", "bodies", "spin", "launch", "model", "horizon", "dissipation",
+                     "integrator", "classify", "record")
+    )  # fmt: skip
+    table, random = bodies and bodies.source == "table", bool(getattr(bodies, "drawn", ()))
+    goal, early = integrator and integrator.goal, classify and classify.early
+    if stop and bodies and not random:
+        yield "stop", f"bodies of source {bodies.source} are all there are; take source: sd"
+    elif stop and getattr(bodies, "draw", "") == "saltelli":
+        yield "stop", "samples of draw: saltelli are not independent; take draw: sobol"
+    if spin and launch:
+        yield "spin", "spin and launch are both given; keep one of them"
+    elif spin is None and launch is None and bodies and not table:
+        yield "spin", "the key is missing; give n_i and omega_xy0, or a launch with omega and u"
+    lists: dict[str, Sequence[Any]] = {}
+    target = bodies.target if isinstance(bodies, SdSource) else None
+    lists["targets"] = target.values if target else [0]
+    lists |= {"n_i": spin.n_i, "omega_xy0": spin.omega_xy0} if spin else {}
+    lists |= {name: lost.values(name) for name in Dissipation.model_fields} if lost else {}
+    if (cases := math.prod(map(len, lists.values()))) > MAX_CASES:
+        yield "spin", f"{cases} cases ({' x '.join(lists)}); at most {MAX_CASES} are possible"
+    if bodies and not table and lost is not False:
+        for name in Dissipation.model_fields:
+            if getattr(lost, name) == TABLE:
+                yield "dissipation", f"{name} is that of a table, and there is none; give a number"
+        if horizon and horizon.t_decay and not any(lost.values("sigma")):
+            yield "dissipation", "horizon.t_decay is in units of gamma/sigma; give sigma"
+    if lost and model and model != "full":
+        yield "dissipation", f"the model {model} conserves energy; take model: full"
+    if goal and model == "gh":
+        yield "integrator", "the model gh is a closed form without error; leave accuracy out"
+    if early and model and model != "full":
+        yield "classify", f"early is for the model full and not for {model}; leave it out"
+    special = lost or (bodies and bodies.ellipsoidal)
+    if early and special:
+        yield "classify", "early is for paraboloids without dissipation; leave it out"
+    if record and "lyapunov" in record and special:
+        yield "record", "lyapunov is for paraboloids without dissipation; leave it out"
+    if record and "reversals" in record and (goal or "error" in record):
+        what = "integrator.accuracy of t_r" if goal else "error"
+        yield "record", f"{what} is for the first reversal alone; leave it or reversals out"
+    for word in {"lyapunov", "volume", "reversals"}.intersection(record or () if early else ()):
+        yield "record", f"classify.early ends runs before their horizon; leave it or {word} out"

@@ -1,0 +1,144 @@
+"""Ellipsoids that roll onto their side, and beyond: the variables of `physics.vectors`."""
+
+import dataclasses
+
+import kernels
+import numpy as np
+import oracle
+import pytest
+import stone_oracle
+from sweeping import plan_of, prepared
+from test_stone import constants_of, random_bodies
+
+from rattlesweep.integrate.batch import integrate
+from rattlesweep.integrate.model import ELLIPSOID, FRICTION, VECTORS
+from rattlesweep.integrate.status import Status
+from rattlesweep.integrate.tableau import METHODS
+from rattlesweep.physics import full, vectors
+from rattlesweep.physics.body import PARAMETERS
+from rattlesweep.sweeps.block import run_batch
+
+DOP853 = METHODS["dop853"]
+FRICTIONAL = FRICTION["ellipsoid", "rolling"]
+
+
+def rollers(samples, **others):
+    """A sweep of low ellipsoids at a spin from which most roll onto their side, and its batch."""
+    plan = plan_of({
+        "seed": 2017,
+        "bodies": {"source": "sd", "samples": samples, "surface": "ellipsoid", "c": 2},
+        "spin": {"n_i": -0.5, "omega_xy0": 0.01},
+        "horizon": {"t_rgh": 5, "t": 20000},
+        **others,
+    })  # fmt: skip
+    launches, batch = prepared(plan)
+    return plan.config, launches, batch
+
+
+def test_equations_are_those_of_mechanics_in_any_position():
+    rng = np.random.default_rng(5)
+    for k, (body, _, omega, sigma, rolling) in enumerate(random_bodies(100, 1)):
+        if body["c"] is None:
+            continue
+        v = rng.normal(size=3)
+        sigma, rolling = sigma * (k % 3 > 0), rolling * (k % 3 > 1)
+        q = constants_of(VECTORS, body, sigma, rolling)
+        y = np.concatenate([v / np.linalg.norm(v), omega, [0.0]])
+        wanted, force, power = stone_oracle.forces(y, body, sigma, rolling)
+        got = VECTORS.rhs(*v, *omega, 0.3, *q)
+        scale = 1 + np.abs(wanted).max()
+        np.testing.assert_allclose(got[:3], np.cross(v, omega), atol=1e-14)
+        np.testing.assert_allclose(got[3:6], wanted, rtol=0, atol=1e-11 * scale)
+        assert got[6] == pytest.approx(power, rel=1e-10, abs=1e-12)
+        total = stone_oracle.energy(y, body)
+        assert VECTORS.energy(*v, *omega, 0.3, *q) == pytest.approx(total - 0.3, abs=1e-11)
+        normal, tangential = VECTORS.contact(*v, *omega, 0.3, *q)
+        assert normal == pytest.approx(force @ y[:3], abs=1e-10 * scale)
+        across = np.linalg.norm(force - (force @ y[:3]) * y[:3])
+        assert tangential == pytest.approx(across, abs=1e-10 * scale)
+
+
+@pytest.mark.parametrize(
+    "losses", [{}, {"sigma": 0.01, "rolling": 0.001}], ids=["free", "friction"]
+)
+def test_bodies_that_stay_upright_move_as_in_slopes(losses):
+    _, _, batch = rollers(6, dissipation=losses, horizon={"t": 60})
+    model = FRICTIONAL if losses else ELLIPSOID
+    record = frozenset(["contact", "reversals"])
+    y0, constants = vectors.from_slopes(batch.y0, batch.constants)
+    other = dataclasses.replace(batch, y0=y0, constants=constants)
+    one, two = (
+        integrate(runs, DOP853, model, tol=1e-12, record=record)
+        for runs, model in ((batch, model), (other, VECTORS))
+    )
+    assert (one.status == Status.OK).all()
+    slopes = vectors.to_slopes(two.y_end)[:, : model.n_state]
+    np.testing.assert_allclose(slopes, one.y_end, rtol=0, atol=1e-9)
+    for name in ("t_r", "n_end", "energy_0"):
+        got, wanted = getattr(two, name), getattr(one, name)
+        np.testing.assert_allclose(got, wanted, rtol=1e-9, atol=1e-9, err_msg=name)
+    # Largest at steps, which are others.
+    for name in ("contact_ratio_max", "n_departure"):
+        got, wanted = getattr(two, name), getattr(one, name)
+        np.testing.assert_allclose(got, wanted, rtol=0.01, atol=1e-6, err_msg=name)
+    assert abs(two.energy_drift).max() < 1e-10
+
+
+def test_runs_go_on_past_the_side_as_the_oracle_says():
+    """Launched along the roll, which grows until the body lies on its side; then it reverses."""
+    config, launches, batch = rollers(200)
+    rows = np.array([177, 6, 128])
+    out = run_batch(config, kernels.take(batch, rows))
+    assert (out.status == Status.OK).all()
+    assert abs(out.energy_drift).max() < 1e-6
+    for k, row in enumerate(rows):
+        body = {name: getattr(launches.bodies, name)[row] for name in (*PARAMETERS, "c")}
+        u, omega = full.to_vectors(batch.y0[row])
+        found = stone_oracle.follow(body, u, omega, 1.01 * out.t_r[k], tol=1e-11)
+        assert found.y[2].max() > 0
+        zero = stone_oracle.first_zero(found, lambda y: np.sum(y[:3] * y[3:6], axis=0))
+        assert out.t_r[k] == pytest.approx(zero, rel=1e-8)
+    # A row is the same in any company, and with reversals recorded.
+    kernels.assert_same(run_batch(config, kernels.take(batch, rows[[1]])), kernels.pick(out, [1]))
+    both = integrate(
+        kernels.take(batch, rows), DOP853, ELLIPSOID, record=frozenset(["reversals", "volume"])
+    )
+    np.testing.assert_array_equal(both.t_r, out.t_r)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("c", "n_i"), [(2, -0.5), (1.5, -0.4), (4, -0.5)])
+def test_no_low_ellipsoid_is_lost(c, n_i):
+    bodies = {"source": "sd", "samples": 200, "surface": "ellipsoid", "c": c}
+    config, _, batch = rollers(0, bodies=bodies, spin={"n_i": n_i, "omega_xy0": 0.01})
+    out = run_batch(config, batch)
+    assert (out.status == Status.OK).all()
+    assert 0.5 < np.isfinite(out.t_r).mean() < 0.7
+
+
+# --- Routh's sphere -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("model", [ELLIPSOID, VECTORS], ids=lambda model: model.name)
+def test_a_sphere_keeps_jelletts_integral(model):
+    """Of a loaded sphere whose inertia is round, the spin along r: (I omega).r is conserved."""
+    c, (ix, iz) = 3.0, (1.4, 1.1)
+    # The two curvatures are 1/c, so that C = c - 1.
+    sphere = np.array([[ix, ix, iz, c - 1, 0.0, c - 1, 1 / c]])
+    runs = kernels.full_batch(oracle.GH, 0.1, 0.3, t_end=100.0)
+    y0 = np.array([[0.2, -0.1, 0.3, 0.2, -0.7]])
+    if model is VECTORS:
+        y0, sphere = vectors.from_slopes(y0, sphere)
+    runs = dataclasses.replace(runs, y0=y0, constants=sphere)
+    out = integrate(runs, DOP853, model, tol=1e-14, record=frozenset(["reversals"]))
+    assert out.status[0] == Status.OK
+    assert out.n_steps[0] > 200
+
+    def jellett(y):
+        u, omega = full.to_vectors(y[:5]) if model is ELLIPSOID else (y[:3], y[3:6])
+        r = np.array([0, 0, 1 - c]) - c * u / np.linalg.norm(u)
+        return (np.array([ix, ix, iz]) * omega) @ r
+
+    assert jellett(out.y_end[0]) == pytest.approx(jellett(y0[0]), rel=1e-12)
+    assert abs(out.energy_drift[0]) < 1e-12
+    assert np.abs(out.y_end[0, :5] - y0[0, :5]).max() > 0.1
