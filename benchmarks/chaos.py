@@ -10,26 +10,24 @@ times their horizon, followed past reversals.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import click
 import numpy as np
 import pandas as pd
 
-from rattlesweep.paper.figures.chaos import growth_of
-from rattlesweep.paper.figures.single import body_of
-from rattlesweep.sweeps.single import Launch
+import rattlesweep as rs
+from rattlesweep.paper.workspace import LAUNCH
 from rattlesweep.sweeps.types import LEAST_GROWTH
 
 EDGES = [-np.inf, -2, 0, 2, 4, 6, 8, 10, 15, 20, 40, np.inf]
 LONGER = 6
 
 
-def later(run: Any) -> float:
-    """Growth in the second half of a longer run from the same launch."""
-    launch = Launch(body_of(run), n_i=run.n_i, omega_xy0=run.omega_xy0, t_end=1.0)
-    half, end = growth_of(launch, run.t_end * LONGER * np.array([0.5, 1]), 1e-9)
-    return float(end - half)
+def later(runs: pd.DataFrame) -> pd.Series:
+    """Return the growth in the second half of longer runs from the same launches."""
+    t_end = LONGER * runs["t_end"].to_numpy()
+    longer = rs.simulate(runs[LAUNCH], t_end=t_end, record=["lyapunov", "reversals"])
+    return longer.lyapunov_late * longer.t_end / 2
 
 
 @click.command()
@@ -57,7 +55,7 @@ def main(directory: Path, runs: int) -> None:
     for low, high in ((LEAST_GROWTH, np.inf), (4, LEAST_GROWTH), (-np.inf, 4)):
         chosen = sw[(sw.growth > low) & (sw.growth <= high)]
         chosen = chosen.sample(min(runs, len(chosen)), random_state=0)
-        on = np.array([later(run) for run in chosen.itertuples()])
+        on = later(chosen)
         click.echo(
             f"growth {low:g} to {high:g}: {len(on)} runs, {LONGER} times as long: "
             f"{(on > LEAST_GROWTH).sum()} chaotic, {(on < 0).sum()} decay; "

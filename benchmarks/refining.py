@@ -16,8 +16,7 @@ from matplotlib.colors import ListedColormap
 from scipy.ndimage import label as islands
 
 from rattlesweep.analysis import style
-from rattlesweep.analysis.boundaries import boundaries
-from rattlesweep.analysis.fill import fill
+from rattlesweep.analysis.grids import boundaries, fill
 from rattlesweep.analysis.plots.map import CELLS, CODES
 from rattlesweep.arrays import Flags
 from rattlesweep.sweeps.config.read import override_config, resolved

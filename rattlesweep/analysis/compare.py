@@ -24,7 +24,12 @@ DIFFERENCE = r"$|\Delta t_r|/t_r$"
 _RUN = ["alpha", "beta", "gamma", "theta", "phi", "xi", "n_i", "omega_xy0"]
 _LISTED = ["case", "sample", "type_a", "type_b", "t_r_a", "t_r_b", "relative", "over_errors",
            "type_sure_a", "type_sure_b"]  # fmt: skip
-_EXACT = {"n_i": ".4g", "omega_xy0": ".4g", "t_r_a": ".10g", "t_r_b": ".10g"}
+_FORMATS = {"n_i": ".4g", "omega_xy0": ".4g", "t_r_a": ".10g", "t_r_b": ".10g"}
+_LISTS = {
+    "differing_times": "t_r that differ most, by their relative difference",
+    "beyond_errors": "t_r that differ by more than both errors, by that ratio",
+    "differing_types": "types that differ, those that both are sure of first",
+}
 
 
 @dataclass
@@ -52,23 +57,18 @@ class Comparison:
         ``beyond`` are runs whose times differ by more than both errors together.
         """
         relative, known = runs.relative.dropna(), all(self.errors)
-
-        def quantile(share: float) -> float | None:
-            found = np.quantile(relative, share, method="inverted_cdf") if len(relative) else None
-            return None if found is None else float(found)
-
+        median, p99, worst = (
+            float(np.quantile(relative, share, method="inverted_cdf")) if len(relative) else None
+            for share in (0.5, 0.99, 1.0)
+        )
         return {
-            "runs": len(runs),
-            "reversing": len(relative),
-            "equal": int((relative == 0).sum()),
-            "median": quantile(0.5),
-            "p99": quantile(0.99),
-            "worst": quantile(1.0),
+            "runs": len(runs), "reversing": len(relative), "equal": int((relative == 0).sum()),
+            "median": median, "p99": p99, "worst": worst,
             "beyond": int((runs.over_errors > 1).sum()) if known else None,
             "types": int(runs.differs.sum()),
             "types_sure": int((runs.differs & runs.sure).sum()) if known else None,
             "not_ok": int(runs.not_ok.sum()),
-        }
+        }  # fmt: skip
 
     def disagree(self, allowed: float) -> bool:
         """Tell whether a larger share is beyond both errors, or types that are sure differ."""
@@ -81,22 +81,23 @@ class Comparison:
         runs = self.runs
         beyond = runs[runs.over_errors > 1] if all(self.errors) else runs[:0]
         types = runs[runs.differs].sort_values("sure", ascending=False, kind="stable")
-        listed = {
-            "differing_times": runs[runs.relative > 0].nlargest(MOST_LISTED, "relative"),
-            "beyond_errors": beyond.nlargest(MOST_LISTED, "over_errors"),
-            "differing_types": types.head(MOST_LISTED),
-        }
+        listed = (
+            runs[runs.relative > 0].nlargest(MOST_LISTED, "relative"),
+            beyond.nlargest(MOST_LISTED, "over_errors"),
+            types.head(MOST_LISTED),
+        )
+        cases = self.sides[0].cases
         return {
             "directories": [str(side.directory) for side in self.sides],
             "differ": self.differ,
             "missing": self.missing,
             "errors_stored": self.errors,
             "total": self.row(runs),
-            "cases": [self.sides[0].cases[int(own["case"].iloc[0])].dump() | self.row(own)
+            "cases": [cases[own["case"].iloc[0]].dump() | self.row(own)
                       for _, own in runs.groupby("case")],
         } | {
-            name: rows[_LISTED].astype(object)
-            .replace([np.nan, np.inf], None).to_dict("records") for name, rows in listed.items()
+            name: rows[_LISTED].astype(object).replace([np.nan, np.inf], None).to_dict("records")
+            for name, rows in zip(_LISTS, listed, strict=True)
         }  # fmt: skip
 
     def write_runs(self, path: Path) -> None:
@@ -122,7 +123,7 @@ def compare(a: Path, b: Path) -> Comparison:
             "directories of the same runs can be compared"
         )
 
-    if changes := differences(_same_runs(one), _same_runs(other)):
+    if changes := differences(*map(_same_runs, sides)):
         raise refused("; ".join(changes[:3]))
     frames, errors = [], ["t_r_error" in side.schema.names for side in sides]
     for side, has in zip(sides, errors, strict=True):
@@ -152,7 +153,7 @@ def compare(a: Path, b: Path) -> Comparison:
     )
     missing = [len(side.cases) * side.samples - len(rows)
                for side, rows in zip(sides, frames, strict=True)]  # fmt: skip
-    return Comparison(sides, differences(_settings(one), _settings(other)), missing, errors, runs)
+    return Comparison(sides, differences(*map(_settings, sides)), missing, errors, runs)
 
 
 def _same_runs(side: Stored) -> dict[str, Any]:
@@ -187,11 +188,7 @@ def as_text(found: Comparison, most_cases: int) -> str:
         lines.append(f"{more} more cases are in --json")
     if without := [n for n, stored in zip("AB", found.errors, strict=True) if not stored]:
         lines.append(f"{' and '.join(without)}: no errors stored; add record: [error]")
-    for name, title in (
-        ("differing_times", "t_r that differ most, by their relative difference"),
-        ("beyond_errors", "t_r that differ by more than both errors, by that ratio"),
-        ("differing_types", "types that differ, those that both are sure of first"),
-    ):
+    for name, title in _LISTS.items():
         if data[name]:
             follow = "(`rattlesweep replay DIR --case CASE --sample SAMPLE` follows one)"
             lines += [f"\n{title} {follow}", _table(data[name])]
@@ -202,15 +199,13 @@ def _table(rows: list[dict[str, Any]]) -> str:
     """Lay rows out under their keys, without keys that none has."""
     names = [k for k in dict.fromkeys(k for row in rows for k in row)
              if any(row.get(k) is not None for row in rows)]  # fmt: skip
-    return align([names, *([_cell(row.get(k), k) for k in names] for row in rows)])
 
+    def cell(value: Any, name: str) -> str:
+        if value is None or isinstance(value, bool):
+            return {None: "-", True: "yes", False: "no"}[value]
+        return format(value, _FORMATS.get(name, ".2g")) if isinstance(value, float) else str(value)
 
-def _cell(value: Any, name: str) -> str:
-    if value is None:
-        return "-"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    return format(value, _EXACT.get(name, ".2g")) if isinstance(value, float) else str(value)
+    return align([names, *([cell(row.get(k), k) for k in names] for row in rows)])
 
 
 def save(found: Comparison, path: Path) -> None:
@@ -236,9 +231,11 @@ def draw(found: Comparison) -> Figure:
     else:
         axes.set_axis_off()
         axes.text(0.5, 0.5, "no run differs in t_r", transform=axes.transAxes, ha="center")
-    equal = f", {total['equal']:,} of them equally" if total["equal"] else ""
-    axes.set(xlabel=DIFFERENCE, ylabel="runs")
-    axes.set_title(f"{total['reversing']:,} runs reverse in both{equal}", fontsize="medium")
+    axes.set(xlabel=DIFFERENCE, ylabel="number of runs")
+    caption = (
+        f"{' against '.join(str(side.directory) for side in found.sides)}: "
+        f"{total['reversing']:,} runs reverse in both, {total['equal']:,} of them equally."
+    )
     if against:
         axes, x, y = panels[1], x[kept], y[kept]
         edges = [
@@ -247,13 +244,15 @@ def draw(found: Comparison) -> Figure:
         counts, *_ = np.histogram2d(x, y, edges)
         shown = axes.pcolormesh(*edges, np.where(counts, counts, np.nan).T, norm=LogNorm(),
                                 rasterized=True)  # fmt: skip
-        figure.colorbar(shown, ax=axes, label="runs")
+        figure.colorbar(shown, ax=axes, label="number of runs")
         axes.plot(edges[0], edges[0], **style.THEORY, scaley=False)
         axes.set(xscale="log", yscale="log", ylim=(edges[1][0], edges[1][-1]), ylabel=DIFFERENCE,
-                 xlabel="both errors / $t_r$ (dashed: as large as the difference)")  # fmt: skip
-        axes.set_title(f"beyond both errors: {total['beyond']:,}", fontsize="medium")
+                 xlabel="both errors / $t_r$")  # fmt: skip
+        caption += (
+            f" {total['beyond']:,} differ by more than both errors together and lie above the "
+            "dashed line."
+        )
     for axes in panels:
         style.light_grid(axes)
-    words = " against ".join(str(side.directory) for side in found.sides)
-    figure.suptitle(words, fontsize="medium").set_parse_math(False)
+    style.add_caption(figure, caption)
     return figure

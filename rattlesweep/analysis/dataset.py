@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from rattlesweep.analysis.fill import fill
-from rattlesweep.analysis.plots.layout import Axis, Layout
+from rattlesweep.analysis.grids import fill
+from rattlesweep.analysis.plots.layout import Layout
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.columns import RUNS, TEXT
 from rattlesweep.sweeps.config.messages import not_one_of
@@ -37,7 +37,7 @@ def make_dataset(
         Columns of ``runs``, by default all that hold one value a run.
     fill_refined : bool
         Whether the points that a refined grid has left out are filled
-        (:func:`rattlesweep.analysis.fill.fill`).
+        (:func:`rattlesweep.analysis.grids.fill`).
 
     Returns
     -------
@@ -61,63 +61,51 @@ def make_dataset(
     fields = {column.name: column for column in layout.stored.schema}
     single = [name for name, column in fields.items() if not pa.types.is_list(column.type)]
     for name in columns or ():
-        if name not in fields:
-            raise ConfigError(f"columns: {not_one_of(name, single)}")
         if name not in single:
-            raise ConfigError(f"columns: {name} holds several values a run; .read() has it")
+            raise ConfigError(f"columns: {not_one_of(name, single)}")
     # An axis is a coordinate already.
     axes = {name for name in layout.axes if name not in layout.targets} | set(KEYS)
     chosen = [name for name in (single if columns is None else columns) if name not in axes]
 
     wanted = [*KEYS, *chosen]
     batches = list(layout.rows(wanted))
+    empty = pa.schema([fields[name] for name in wanted]).empty_table()
     table = pa.concat_tables(
-        [
-            pa.schema([fields[name] for name in wanted]).empty_table(),
-            *(pa.Table.from_batches([rows]).select(wanted) for rows in batches),
-        ]
+        [empty, *(pa.Table.from_batches([rows]).select(wanted) for rows in batches)]
     )
     cells = [layout.cells(rows, layout.axes.values()) for rows in batches]
     place = np.concatenate([np.zeros(0, np.int64), *cells])
-    coordinates: dict[str, Any] = {axis.name: _coordinate(axis) for axis in layout.axes.values()}
+    known = {column.name: column for part in RUNS.values() for column in part}
+    coordinates: dict[str, Any] = {}
+    for name, axis in layout.axes.items():
+        if name in known:
+            about = _attributes(known[name])
+        else:
+            about = {"units": "degree", "long_name": PARAMETERS[name].meaning}
+        coordinates[name] = name, axis.values, about
     shape = tuple(layout.lengths.values())
     if not layout.grid:
         samples = layout.stored.samples
         coordinates["sample"] = ("sample", np.arange(samples), _attributes(fields["sample"]))
         place = np.where(place >= 0, place * samples + table.column("sample").to_numpy(), -1)
         shape = (*shape, samples)
-    shown = place >= 0
-    known = np.isin(np.arange(np.prod(shape)), place[shown]).reshape(shape)
-    dims = tuple(coordinates)
+    stored = np.isin(np.arange(np.prod(shape)), place[place >= 0]).reshape(shape)
     variables = {}
     for name in chosen:
         values = _spread(table.column(name), place, shape)
         if fill_refined and layout.refined:
-            if values.dtype.kind in "iu":
-                values = values.astype(float)
-            values = fill(values, known)
+            values = fill(values.astype(float) if values.dtype.kind in "iu" else values, stored)
         # Beside an axis of targets stands the coefficient of each body, which is near its target.
-        own = f"{name}_body" if name in dims else name
-        variables[own] = (dims, values, _attributes(fields[name]))
-    return xarray.Dataset(
-        variables,
-        coordinates,
-        {
-            "title": layout.config.name,
-            "source": f"rattlesweep {package_version()}",
-            "comment": UNITS,
-            "references": "Kondo and Nakanishi, Phys. Rev. E 95, 062207 (2017)",
-            "config_hash": layout.stored.hash,
-        },
-    )
-
-
-def _coordinate(axis: Axis) -> tuple[str, Any, dict[str, str]]:
-    columns = {column.name: column for part in RUNS.values() for column in part}
-    if axis.name in columns:
-        return axis.name, axis.values, _attributes(columns[axis.name])
-    words = {"units": "degree", "long_name": PARAMETERS[axis.name].meaning}
-    return axis.name, axis.values, words
+        own = f"{name}_body" if name in coordinates else name
+        variables[own] = (tuple(coordinates), values, _attributes(fields[name]))
+    about = {
+        "title": layout.config.name,
+        "source": f"rattlesweep {package_version()}",
+        "comment": UNITS,
+        "references": "Kondo and Nakanishi, Phys. Rev. E 95, 062207 (2017)",
+        "config_hash": layout.stored.hash,
+    }
+    return xarray.Dataset(variables, coordinates, about)
 
 
 def _attributes(column: pa.Field) -> dict[str, str]:

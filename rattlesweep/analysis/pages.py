@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import io
 from collections.abc import Mapping, Sequence
-from functools import cache
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -21,11 +20,6 @@ LONG = 8
 
 def render(template: str, **values: Any) -> bytes:
     """Return a page; `values` are the names that its template uses, `title` among them."""
-    return _environment().get_template(template).render(values).encode()
-
-
-@cache
-def _environment() -> Environment:
     environment = Environment(
         loader=PackageLoader("rattlesweep.analysis", "templates"),
         autoescape=True,
@@ -34,7 +28,7 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     environment.filters |= {"thousands": "{:,}".format, "percent": percent}
-    return environment
+    return environment.get_template(template).render(values).encode()
 
 
 def percent(part: int, whole: int) -> str:

@@ -2,14 +2,15 @@
 
 First-order indices are the share of a variance that goes with one parameter alone, total ones the
 share that would be left if all others were known. Both come from runs that differ in one parameter
-(``draw: saltelli``), by `scipy.stats.sobol_indices` (Saltelli et al., Comput. Phys. Commun. 181,
-259, 2010).
+(``draw: saltelli``), by the estimators of Saltelli et al., Comput. Phys. Commun. 181, 259, 2010.
+These are SciPy's too, whose function takes powers of two of groups alone: one run that does not
+reverse would cost half of the others.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,6 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from rattlesweep.analysis import style
-from rattlesweep.analysis.plots.picture import legend_above
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps.config.schema import SdSource
@@ -26,11 +26,10 @@ from rattlesweep.sweeps.stored import open_stored
 from rattlesweep.sweeps.types import TYPES
 from rattlesweep.text import align
 
-TIMES = ("t_r", "log10 t_r")
-QUANTITIES = (*TIMES, *(f"P({name})" for name in TYPES))
+QUANTITIES = {"t_r": "$t_r$", "log10 t_r": r"$\log\,t_r$"} | {f"P({n})": f"P({n})" for n in TYPES}
 FEWEST = 64
-"""Values from which on there are indices."""
-MOST_MISSING = 0.1
+"""Groups from which on there are indices."""
+MOST_MISSING = 0.05
 """Share of groups that may lack a value: the others would be another population than the ranges."""
 REPLICATES, SEED = 300, 20170427
 DPI, MOST_CASES = 150, 6
@@ -63,9 +62,18 @@ class Sensitivity:
         return {"directory": str(self.directory), "cases": self.cases, "indices": self.rows,
                 "notes": self.notes}  # fmt: skip
 
+    @property
+    def grouped(self) -> dict[tuple[int, str], list[dict[str, Any]]]:
+        """The rows of each case and quantity."""
+        parts = groupby(self.rows, key=lambda row: (row["case"], row["of"]))
+        return {key: list(rows) for key, rows in parts}
+
 
 def sensitivity(directory: Path) -> Sensitivity:
     """Compute the indices of the runs that are on disk.
+
+    Those of a quantity come from whole groups of runs, and only where nearly all groups have it: a
+    ``t_r`` that only some of the bodies have says nothing about the ranges.
 
     Raises
     ------
@@ -86,34 +94,33 @@ def sensitivity(directory: Path) -> Sensitivity:
             f"{directory}: its bodies were drawn one by one (draw: {bodies.draw}), and indices "
             "need some that differ in one parameter; run the sweep with bodies.draw: saltelli"
         )
-    cases = [case.dump() for case in stored.cases]
-    found = Sensitivity(directory, bodies.drawn, cases)
+    found = Sensitivity(directory, bodies.drawn, [case.dump() for case in stored.cases])
     frame = stored.read(["case", "sample", "t_r", "type", "status"]).to_pandas()
     group = bodies.group
     for case, runs in frame.groupby("case"):
         kind = runs.type.where(runs.status == "ok")
         t_r = runs.t_r.where(kind == "R").to_numpy()
-        values = {"t_r": t_r, "log10 t_r": np.log10(t_r)}
-        for name in TYPES:
-            values[f"P({name})"] = (kind == name).where(kind.notna(), np.nan).to_numpy(float)
+        values = [t_r, np.log10(t_r)]
+        values += [(kind == name).where(kind.notna(), np.nan).to_numpy(float) for name in TYPES]
         sample = runs["sample"].to_numpy()
         shape = group, int(sample.max()) // group + 1
         done = np.zeros(shape, bool)
         done[sample % group, sample // group] = True
-        for of, y in values.items():
+        for of, y in zip(QUANTITIES, values, strict=True):
             f = np.full(shape, np.nan)
             f[sample % group, sample // group] = y
             f = f[:, done.all(axis=0)]
             whole = np.isfinite(f).all(axis=0)
-            used = 1 << int(whole.sum()).bit_length() >> 1  # SciPy takes powers of two
-            if used < FEWEST or whole.mean() < 1 - MOST_MISSING:
-                found.notes.append(
-                    f"case {case}, {of}: none, as {whole.sum():,} of {whole.size:,} groups of runs "
-                    f"have all values; at least {FEWEST} must, and {1 - MOST_MISSING:.0%}, or the "
-                    "others would be another population than the ranges"
-                )
+            if whole.sum() < FEWEST or whole.mean() < 1 - MOST_MISSING:
+                does = "reverse" if "t_r" in of else "end with status ok"
+                if of != "log10 t_r":  # said of t_r
+                    found.notes.append(
+                        f"case {case}, {of}: no indices, as all runs {does} in only "
+                        f"{whole.sum():,} of {whole.size:,} groups; below {1 - MOST_MISSING:.0%} "
+                        f"or {FEWEST} they would tell of those bodies and not of the ranges"
+                    )
                 continue
-            f = f[:, np.flatnonzero(whole)[:used]]
+            f = f[:, whole]
             if np.ptp(f[:2]) == 0:
                 continue  # it does not vary
             head = {"case": int(case), "of": of, "used": f.size,
@@ -131,16 +138,15 @@ def _indices(f: Floats) -> list[dict[str, Any]]:
 
     `f` are values at points A, at points B, and at those of A with one parameter of B each.
     """
-    from scipy.stats import sobol_indices
 
     def estimate(f: Floats) -> Floats:
-        design: Any = {"f_A": f[:1], "f_B": f[1:2], "f_AB": f[2:, None]}
-        found = sobol_indices(func=design, n=f.shape[1])
-        return np.array([np.ravel(found.first_order), np.ravel(found.total_order)])
+        a, b, *mixed = f - f[:2].mean()
+        variance = f[:2].var() or np.nan  # some drawn again may not vary
+        first = [np.mean(b * (ab - a)) / variance for ab in mixed]
+        return np.array([first, [0.5 * np.mean((a - ab) ** 2) / variance for ab in mixed]])
 
     random, n = np.random.default_rng(SEED), f.shape[1]
-    with np.errstate(divide="ignore", invalid="ignore"):  # some drawn again may not vary
-        again = [estimate(f[:, random.integers(0, n, n)]) for _ in range(REPLICATES)]
+    again = [estimate(f[:, random.integers(0, n, n)]) for _ in range(REPLICATES)]
     value, (low, high) = estimate(f), np.nanquantile(again, [0.025, 0.975], axis=0)
     parts = {"": value, "_low": low, "_high": high}
     return [
@@ -152,32 +158,25 @@ def _indices(f: Floats) -> list[dict[str, Any]]:
 
 def as_text(found: Sensitivity, most_cases: int) -> str:
     """Return a table of indices with their intervals, of many cases the first."""
-    table = [["case", "n_i", "omega_xy0", "of", "runs", "left out", "index", *found.parameters]]
-    for case, of, rows in _grouped(found):
+    table = [["case", *_SPIN, "of", "runs", "left out", "index", *found.parameters]]
+    for (case, of), rows in found.grouped.items():
         if case >= most_cases:
             continue
         said = found.cases[case]
-        head = [str(case), *(f"{said[k]:.4g}" if k in said else "-" for k in _SPIN)]
+        head = [str(case), *(f"{said[k]:.4g}" if k in said else "-" for k in _SPIN), of]
+        counts = [str(rows[0]["used"]), str(rows[0]["left_out"])]
         for index in _INDICES:
             cells = ["{:.2f} ({:.2f} {:.2f})".format(*_values(row, index)) for row in rows]
-            counts = [str(rows[0]["used"]), str(rows[0]["left_out"])]
-            table.append([*head, of, *counts, index, *cells])
+            table.append([*head, *counts, index, *cells])
     more = len(found.cases) - most_cases
     return "\n".join(
         [
             align(table),
-            "in brackets intervals of 95 %; left out: runs in groups without all values (t_r has "
-            "one",
-            "only where the spin reverses), and those beyond a power of two",
+            "in brackets: intervals of 95 %; left out: runs of groups that lack a value",
             *found.notes[: 2 * most_cases],
             *([f"{more} more cases are in --json"] if more > 0 else []),
         ]
     )
-
-
-def _grouped(found: Sensitivity) -> Iterator[tuple[int, str, list[dict[str, Any]]]]:
-    for case, of in dict.fromkeys((row["case"], row["of"]) for row in found.rows):
-        yield case, of, [row for row in found.rows if (row["case"], row["of"]) == (case, of)]
 
 
 def _values(row: dict[str, Any], index: str) -> tuple[float, ...]:
@@ -192,11 +191,11 @@ def save(found: Sensitivity, path: Path) -> None:
 
 def draw(found: Sensitivity) -> Figure:
     """Draw a panel for each case and quantity: bars for each parameter, with their intervals."""
-    names = [of for of in QUANTITIES if any(row["of"] == of for row in found.rows)]
-    cases = list(dict.fromkeys(row["case"] for row in found.rows))[:MOST_CASES]
+    shown = found.grouped
+    names = [of for of in QUANTITIES if any(key[1] == of for key in shown)]
+    cases = list(dict.fromkeys(case for case, _ in shown))[:MOST_CASES]
     figure = style.new_figure(max(4.0, 1.2 + 2.0 * len(names)), 1.2 + 1.9 * len(cases))
     panels: Any = figure.subplots(len(cases), len(names), squeeze=False, sharex=True, sharey=True)
-    shown = {(case, of): rows for case, of, rows in _grouped(found)}
     symbols = [style.symbol(name) for name in found.parameters]
     for line, case in zip(panels, cases, strict=True):
         for axes, of in zip(line, names, strict=True):
@@ -208,17 +207,20 @@ def draw(found: Sensitivity) -> Figure:
                     axes.bar(j + 0.38 * k - 0.19, value, 0.36, color=colour, yerr=ends,
                              error_kw={"linewidth": 0.9})  # fmt: skip
             if not rows:
-                words = "does not vary,\nor too few\nhave a value"
-                axes.text(0.5, 0.4, words, transform=axes.transAxes, ha="center", fontsize="small")
+                axes.text(0.5, 0.4, "no indices", transform=axes.transAxes, ha="center",
+                          fontsize="small", color=style.GREY)  # fmt: skip
             axes.set_xticks(range(len(symbols)), symbols)
             style.light_grid(axes)
         said = found.cases[case]
         lines = [style.value_text(k, said[k]) for k in _SPIN if k in said]
         line[0].set_ylabel("\n".join(lines) or f"case {case}")
     for axes, of in zip(panels[0], names, strict=True):
-        axes.set_title({"t_r": "$t_r$", "log10 t_r": r"$\log\,t_r$"}.get(of, of), fontsize="medium")
+        axes.set_title(QUANTITIES[of], fontsize="medium")
     low, high = panels[0, 0].get_ylim()
     panels[0, 0].set_ylim(max(low, -0.2), min(high, 1.4))
-    handles = [Patch(color=colour, label=words) for words, colour in _INDICES.values()]
-    legend_above(figure, handles, 1.2)
+    style.add_legend(figure, [Patch(color=c, label=words) for words, c in _INDICES.values()])
+    caption = "Sobol' indices with 95 % intervals."
+    if any(not shown.get((case, of)) for case in cases for of in names):
+        caption += " No indices: the quantity does not vary, or too few groups of runs have it."
+    style.add_caption(figure, caption)
     return figure

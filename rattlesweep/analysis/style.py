@@ -4,29 +4,35 @@ from __future__ import annotations
 
 import io
 import logging
+import re
+import textwrap
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import matplotlib as mpl
+import numpy as np
 import pyarrow as pa
 import pyarrow.csv as csv
 import pyarrow.parquet as parquet
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cbook import is_math_text
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
 from matplotlib.mathtext import MathTextParser
 
+from rattlesweep.arrays import Floats, Places
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.files import replace_file
 
 # Okabe and Ito's colours, which the colour-blind can tell apart.
 BLUE, VERMILION, GREEN = "#0072B2", "#D55E00", "#009E73"
-PURPLE, ORANGE, SKY, BLACK = "#CC79A7", "#E69F00", "#56B4E9", "#000000"
+PURPLE, ORANGE, SKY, YELLOW = "#CC79A7", "#E69F00", "#56B4E9", "#F0E442"
+BLACK = "#000000"
 INK, GREY, FAINT = "#222222", "#555555", "#e4e4e4"
 """Theory, remarks, and the lines of a grid."""
-FAILED, MISSING, NO_REVERSAL = BLACK, "#FFFFFF", "#D0D0D0"
+FAILED, MISSING, NO_REVERSAL = BLACK, "#FFFFFF", "#C4C4C4"
 
 
 class Mark(NamedTuple):
@@ -41,7 +47,7 @@ class Mark(NamedTuple):
 TYPE_STYLE = {
     "R": Mark(BLUE, "o", "", "R: reverses"),
     "SW": Mark(ORANGE, "s", "////", "SW: wobbles"),
-    "unclassified": Mark("#666666", "x", "....", "unclassified"),
+    "unclassified": Mark(YELLOW, "x", "....", "unclassified"),
     "SS": Mark(GREEN, "^", "\\\\\\\\", "SS: steady spinning"),
     "D": Mark(PURPLE, "v", "xxxx", "D: dies"),
 }
@@ -65,7 +71,10 @@ SYMBOLS = {
     "minus_xi_deg": (r"$-\xi$", "deg"), "f_sd": ("$f_{sd}$", ""), "c": ("$c$", "a"),
     "sigma": (r"$\sigma$", "M a^2 sqrt(g/a)"), "rolling": ("$l$", "a"),
     "t_r": ("$t_r$", "sqrt(a/g)"), "t_rgh": ("$t_{rGH}$", "sqrt(a/g)"),
-    "n_turns": ("number of turns", ""), "ratio": (r"$t_r/t_{rGH}$", ""),
+    "n_turns": ("number of turns", ""), "reversals_sure": ("number of sure turns", ""),
+    "t": ("time", "sqrt(a/g)"), "n": ("spin $n$", "sqrt(g/a)"),
+    "omega_x": (r"$\omega_x$", "sqrt(g/a)"), "omega_y": (r"$\omega_y$", "sqrt(g/a)"),
+    "ratio": (r"$t_r/t_{rGH}$", ""),
     "n_0": ("$n_0$", "sqrt(g/a)"), "n_c1": ("$n_{c1}$", "sqrt(g/a)"),
     "omega_p": (r"$\omega_p$", "sqrt(g/a)"), "omega_r": (r"$\omega_r$", "sqrt(g/a)"),
 }  # fmt: skip
@@ -74,6 +83,7 @@ RC: dict[str, Any] = {
     "font.size": 9,
     "axes.linewidth": 0.6,
     "axes.axisbelow": True,
+    "axes.formatter.useoffset": False,
     "xtick.major.width": 0.6,
     "ytick.major.width": 0.6,
     "xtick.minor.width": 0.4,
@@ -89,6 +99,11 @@ FORMATS: dict[str, dict[str, Any]] = {
     "svg": {"Date": None}, "png": {"Software": None}, "pdf": {"CreationDate": None},
 }  # fmt: skip
 """Formats of figures, with the metadata that would change from one writing to the next."""
+
+# Stretches of which only the least and the largest value are drawn: about a pixel each.
+BINS = 1000
+# With more oscillations than this a curve would be a slab of ink, and its envelope is drawn.
+MOST_PERIODS = 60
 
 
 @contextmanager
@@ -129,10 +144,84 @@ def new_figure(width: float, height: float) -> Figure:
     return figure
 
 
+def add_legend(figure: Figure, handles: list[Any], heading: Sequence[str] = ()) -> None:
+    """Put heading lines and a legend above all panels, in as many columns as fit.
+
+    Smaller type is taken where not even one column fits, or all of it would be too high.
+    """
+    size = FontProperties(size=mpl.rcParams["legend.fontsize"]).get_size_in_points()
+    # Half the size of the type is the width of a letter; formulas are not broken.
+    most = int(1.8 * 72 * figure.get_figwidth() / size)
+    title = "\n".join(t if "$" in t else textwrap.fill(t, most) for t in heading)
+    if not handles:
+        if title:
+            figure.suptitle(title, fontsize="medium")
+        return
+    tries = [(k, part) for part in (1, 0.85, 0.7, 0.6) for k in range(min(len(handles), 6), 0, -1)]
+    for columns, part in tries:
+        legend = figure.legend(handles=handles, loc="outside upper center", ncols=columns,
+                               title=title or None, columnspacing=1.4, fontsize=part * size,
+                               title_fontsize=part * size * 1.1)  # fmt: skip
+        legend.get_title().set_multialignment("center")
+        box = legend.get_window_extent()
+        fits = box.width < 0.98 * figure.bbox.width and box.height < 0.35 * figure.bbox.height
+        if fits or (columns, part) == tries[-1]:
+            return
+        legend.remove()
+
+
+def add_caption(figure: Figure, words: str, *, grow: bool = True) -> None:
+    """Write sentences below all panels, of a figure that grows by their height if `grow`."""
+    if not words:
+        return
+    size, width = 7.0, figure.get_figwidth()
+    lines = textwrap.wrap(words, int(1.9 * 72 * width / size))
+    figure.supxlabel("\n".join(lines).replace("$", "\\$"), fontsize=size, color=GREY,
+                     multialignment="left")  # fmt: skip
+    if grow:
+        figure.set_figheight(figure.get_figheight() + 0.02 * size * len(lines))
+
+
 def light_grid(axes: Any) -> None:
     """Draw faint lines behind the data, and no frame above and on the right."""
     axes.grid(visible=True, color=FAINT, linewidth=0.6)
     axes.spines[["top", "right"]].set_visible(False)
+
+
+def thin(values: Floats, bins: int) -> Places:
+    """Return the places of the ends, and of the least and largest value of each of some stretches.
+
+    A curve through them covers on paper what the whole one does, if a stretch is no wider than a
+    line.
+    """
+    count = len(values)
+    if count <= 2 * bins:
+        return np.arange(count)
+    stretches = np.split(values, np.linspace(0, count, bins + 1).astype(np.int64)[1:-1])
+    first = np.cumsum([0, *map(len, stretches[:-1])])
+    extremes = [(part.argmin(), part.argmax()) for part in stretches]
+    return np.union1d(first[:, None] + extremes, [0, count - 1])
+
+
+def curve(axis: Any, t: Floats, values: Floats, colour: str = BLUE, **look: Any) -> None:
+    """Draw a curve; one of very many oscillations by its least and largest values in stretches.
+
+    Each stretch is about a pixel wide and holds an oscillation at least.
+    """
+    look = {"linewidth": 1.0} | look
+    periods = np.count_nonzero(np.diff(np.sign(np.diff(values)))) / 2
+    if periods <= MOST_PERIODS or not np.isfinite(values).all():
+        places = thin(values, BINS)
+        axis.plot(t[places], values[places], color=colour, **look)
+        return
+    starts = np.linspace(0, len(t), int(min(BINS, periods / 1.5)) + 1).astype(np.int64)[:-1]
+    low, high = np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)
+    middle = t[(starts + np.append(starts[1:], len(t)) - 1) // 2]
+    middle[0], middle[-1] = t[0], t[-1]
+    axis.fill_between(middle, low, high, color=colour, alpha=0.25, linewidth=0)
+    for edge in (low, high):
+        axis.plot(middle, edge, color=colour, **{**look, "linewidth": 0.7})
+        look.pop("label", None)
 
 
 def encode(figure: Figure, kind: str, dpi: float) -> bytes:
@@ -175,8 +264,10 @@ def check_formula(text: str) -> str:
 
 
 def symbol(name: str) -> str:
-    """Return the symbol of a quantity; its name if it has none."""
-    return SYMBOLS[name][0] if name in SYMBOLS else name
+    """Return the symbol of a quantity: of a name such as ``u_x`` a letter with its index."""
+    if name in SYMBOLS:
+        return SYMBOLS[name][0]
+    return f"${name[0]}_{{{name[2:]}}}$" if re.fullmatch(r"[A-Za-z]_[A-Za-z]", name) else name
 
 
 def label(name: str, unit: str | None = None) -> str:

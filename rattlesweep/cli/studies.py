@@ -86,9 +86,7 @@ def tradeoff(
     Prints a table and the cheapest settings for some errors of t_r, and writes tradeoff.parquet,
     tradeoff.svg and tradeoff.png. Costs are measured on one thread, whatever --threads says.
     """
-    from rattlesweep.analysis.tradeoff.measure import measure
-    from rattlesweep.analysis.tradeoff.runs import DEFAULT, FULL, QUICK
-    from rattlesweep.analysis.tradeoff.table import as_data, as_text, save
+    from rattlesweep.analysis.tradeoff import DEFAULT, FULL, QUICK, as_data, as_text, measure, save
     from rattlesweep.integrate.batch import available_threads
     from rattlesweep.sweeps.config.read import load_config, override_config
     from rattlesweep.sweeps.files import probe_directory

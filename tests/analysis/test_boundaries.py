@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rattlesweep.analysis.boundaries import boundaries
+from rattlesweep.analysis.grids import boundaries
 
 
 def plane(n: int) -> tuple[np.ndarray, np.ndarray]:

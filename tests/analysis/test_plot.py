@@ -20,8 +20,8 @@ from sweeping import invoke
 from theory_mp import n_c1_squared
 
 import rattlesweep as rs
-from rattlesweep.analysis.fill import fill
-from rattlesweep.analysis.plots import scatter as plot_scatter
+from rattlesweep.analysis.grids import fill
+from rattlesweep.analysis.plots import runs as plot_runs
 from rattlesweep.analysis.plots.kinds import choose_picture
 from rattlesweep.analysis.plots.layout import read_layout
 from rattlesweep.analysis.plots.map import BONDI_LABEL, CODES
@@ -366,7 +366,7 @@ def test_a_scatter_shows_each_reversal_once(sweeps, tmp_path, monkeypatch):
     assert theory.get_xdata().tolist() == theory.get_ydata().tolist()
     assert len(theory.get_xdata()) > 100
     # One that is large is thinned evenly.
-    monkeypatch.setattr(plot_scatter, "MOST_POINTS", 20)
+    monkeypatch.setattr(plot_runs, "MOST_POINTS", 20)
     few: Any = picture(sweeps / "steady", "scatter", x="K_r")
     assert few.points[1] == len(t_r) > 40
     stride = 1 << (-(-len(t_r) // 20) - 1).bit_length()

@@ -19,17 +19,23 @@ from matplotlib.image import imread
 from refusal import assert_refused
 from sweeping import ROOT, invoke
 
+from rattlesweep.analysis import tradeoff
 from rattlesweep.analysis.style import styled
-from rattlesweep.analysis.tradeoff import runs as tradeoff
-from rattlesweep.analysis.tradeoff import table as figure
-from rattlesweep.analysis.tradeoff.measure import errors, make_reference, measure
-from rattlesweep.analysis.tradeoff.runs import DEFAULT, FULL, QUICK, REFERENCES, Setting, draw
-from rattlesweep.analysis.tradeoff.table import (
+from rattlesweep.analysis.tradeoff import (
+    DEFAULT,
+    FULL,
     QUANTILES,
+    QUICK,
+    REFERENCES,
     SCHEMA,
     WANTED,
+    Setting,
     as_data,
     cheapest,
+    draw_runs,
+    errors,
+    make_reference,
+    measure,
     row_name,
 )
 from rattlesweep.cli.command import to_json
@@ -111,10 +117,10 @@ def test_the_command_writes_a_table_and_a_figure(tmp_path):
     columns = table.to_pydict()
     used = zip(columns["model"], columns["method"], strict=True)
     assert [*used] == [(setting.model, setting.method) for setting in FEW]
-    promised = columns["setting"].index("accuracy")
-    assert (columns["kept"].pop(promised), columns["marked"].pop(promised)) == (1.0, 0.0)
-    assert {*columns["kept"], *columns["marked"]} == {None}
-    assert min(min(columns[name]) for name in ("us_per_unit", "us_per_run", "speedup")) > 0
+    asked = columns["setting"].index("accuracy")
+    assert (columns["within_accuracy"].pop(asked), columns["doubtful"].pop(asked)) == (1.0, 0.0)
+    assert {*columns["within_accuracy"], *columns["doubtful"]} == {None}
+    assert min(min(columns[name]) for name in ("us_per_unit", "speedup")) > 0
     picture = imread(out / "tradeoff.png")
     assert picture.shape[0] > 500
     assert picture[..., :3].std() > 0.01
@@ -140,7 +146,7 @@ def test_the_shipped_config_is_the_default():
     shipped = load_config(ROOT / "configs" / "tradeoff.yaml")
     assert physics_hash(shipped) == physics_hash(parse_config(DEFAULT))
     assert shipped.name == DEFAULT["name"]
-    runs = draw(shipped, None, samples=None, least=2000)
+    runs = draw_runs(shipped, None, samples=None, least=2000)
     assert len(runs) >= 2000
     n_i, omega = runs.launches.n_i, runs.launches.omega_xy0
     assert {*zip(np.sign(n_i), omega, strict=True)} == {
@@ -153,12 +159,12 @@ def test_bodies_are_drawn_from_any_source(tmp_path):
         "bodies: {source: grid, base: {preset: GH}, axes: {theta: {linspace: [0.6, 0.7, 50]}}}\n"
         "spin: {n_i: [0.1, 0.2], omega_xy0: 0.01}\n"
     )
-    runs = draw(load_config(small(tmp_path, grid)), None, samples=3, least=9)
+    runs = draw_runs(load_config(small(tmp_path, grid)), None, samples=3, least=9)
     np.testing.assert_allclose(runs.launches.bodies.theta, [0.6, 0.65, 0.7] * 2, atol=2e-3)
     assert runs.launches.sample.tolist() == [0, 24, 49] * 2
-    assert len(draw(load_config(small(tmp_path, grid)), None, samples=90, least=9)) == 100
+    assert len(draw_runs(load_config(small(tmp_path, grid)), None, samples=90, least=9)) == 100
     sd = load_config(small(tmp_path))
-    few, more = (draw(sd, None, samples=k, least=9).launches for k in (2, 3))
+    few, more = (draw_runs(sd, None, samples=k, least=9).launches for k in (2, 3))
     assert few.bodies.theta[:2].tolist() == more.bodies.theta[:2].tolist()
 
 
@@ -211,7 +217,7 @@ def test_references_agree_with_each_other_and_with_an_oracle(study):
     # Equations of motion written apart, in vectors.
     config = parse_config({**DEFAULT, "bodies": {"source": "preset", "name": "GH"},
                            "spin": {"n_i": [0.1], "omega_xy0": [0.01]}})  # fmt: skip
-    runs = draw(config, None, samples=1, least=1)
+    runs = draw_runs(config, None, samples=1, least=1)
     found = make_reference(runs, FEW_SCOPE.references, 1)
     psi = oracle.relevant_psi(oracle.GH, 0.1)
     t_r, _ = oracle.first_reversal(oracle.GH, 0.1, 0.01, psi, 200.0)
@@ -222,7 +228,7 @@ def test_references_agree_with_each_other_and_with_an_oracle(study):
 def test_chaos_is_left_out():
     # Tumbles for 1e5 units: whether it reverses depends on rounding (types R and SW).
     config = parse_config({**DEFAULT, "spin": {"n_i": [-0.4], "omega_xy0": [0.01]}})
-    runs = draw(config, None, samples=67, least=1)
+    runs = draw_runs(config, None, samples=67, least=1)
     found = make_reference(runs, REFERENCES, 1)
     chaotic = 59
     assert not found.both[chaotic]
@@ -237,24 +243,24 @@ def test_figure_takes_settings_without_errors(study):
     methods = {*study.rows.method} - {"plain", "none"}
     for some, count in ((lost, 0), (others, len(methods) + 1), (study.rows[:1], None)):
         with styled():
-            drawn = figure.draw(some)
+            drawn = tradeoff.draw(some)
             drawn.canvas.draw()
         legend = drawn.axes[0].get_legend()
         assert count is None or len(legend.get_texts() if legend else ()) == count
 
 
 def test_equal_figures_have_equal_bytes(study, tmp_path, monkeypatch):
-    monkeypatch.setattr(figure, "DPI", 40)
-    figure.save(study, tmp_path / "one")
+    monkeypatch.setattr(tradeoff, "DPI", 40)
+    tradeoff.save(study, tmp_path / "one")
     # Whatever the user's matplotlibrc says.
     with mpl.rc_context({"font.size": 20, "savefig.bbox": "tight", "axes.facecolor": "red"}):
-        figure.save(study, tmp_path / "two")
+        tradeoff.save(study, tmp_path / "two")
     for kind in ("svg", "png"):
         one, two = (tmp_path / name / f"tradeoff.{kind}" for name in ("one", "two"))
         assert one.read_bytes() == two.read_bytes()
 
 
-def test_a_promise_is_kept_by_runs_that_do_not_say_otherwise():
+def test_an_accuracy_is_kept_by_runs_whose_error_says_so():
     both, ones = np.array([True, True, True, True, False]), np.ones(5)
     t_r = np.array([1 + 1e-7, 1 + 1e-5, 1 + 1e-5, np.nan, 2.0])
     told = np.array([1e-7, 1e-7, 1e-4, np.nan, 1e-7])
@@ -262,9 +268,9 @@ def test_a_promise_is_kept_by_runs_that_do_not_say_otherwise():
     reference: Any = SimpleNamespace(both=both, neither=~both, solution=solution)
     found: Any = SimpleNamespace(t_r=t_r, t_r_error=told, types=ones, ok=ones > 0, drift=ones)
     of = errors(tradeoff.GOAL, found, reference, np.arange(5))
-    assert (of["kept"], of["marked"]) == (0.5, 0.5)
+    assert (of["within_accuracy"], of["doubtful"]) == (0.5, 0.5)
     assert (of["missed"], of["false"]) == (1, 1)
-    assert math.isnan(errors(FEW[1], found, reference, np.arange(5))["kept"])
+    assert math.isnan(errors(FEW[1], found, reference, np.arange(5))["within_accuracy"])
 
 
 def test_runs_too_long_for_a_setting_are_no_error(tmp_path):

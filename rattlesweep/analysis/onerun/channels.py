@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +19,7 @@ from rattlesweep.sweeps.config.messages import not_one_of
 
 if TYPE_CHECKING:
     from rattlesweep.integrate.follow import Samples
+    from rattlesweep.physics.si import Units
     from rattlesweep.sweeps.launches import Launches
 
 
@@ -269,17 +271,39 @@ CHANNELS: dict[str, Channel] = {
 }  # fmt: skip
 
 
+SPINS = ("n", "n_reduced", "n_gh")
+"""Channels that are in turns a minute where a body's size is known."""
+SUFFIXES = {"s": "s", "rad/s": "rad_s", "rpm": "rpm", "m": "m", "J": "J", "N": "N"}
+
+
+def si_size(name: str, unit: str, units: Units | None) -> tuple[float, str]:
+    """Return a factor and the SI unit of a channel; 1 and its own unit where there is none."""
+    if units is None or unit not in units.sizes:
+        return 1.0, unit
+    size, si_unit = units.sizes[unit]
+    return (size * 30 / math.pi, "rpm") if name in SPINS else (size, si_unit)
+
+
+def in_si(channels: Iterable[Channel], units: Units | None) -> dict[str, Channel]:
+    """Return channels of the same quantities in SI units, such as ``t_s``, by the plain names."""
+    found = {}
+    for channel in channels:
+        size, unit = si_size(channel.name, channel.unit, units)
+        if unit != channel.unit:
+            of = partial(lambda view, of, size: size * of(view), of=channel.of, size=size)
+            name = f"{channel.name}_{SUFFIXES[unit]}"
+            found[channel.name] = replace(channel, name=name, unit=unit, of=of, needs="")
+    return found
+
+
 def choose(names: Iterable[str], model: str) -> tuple[Channel, ...]:
     """Return channels by name; unknown, repeated or foreign ones, or none, are a ConfigError."""
     names = list(names)
     own = [channel.name for channel in CHANNELS.values() if model in channel.models]
     for name in names:
-        if name not in CHANNELS:
-            raise ConfigError(f"channels: {not_one_of(name, own)}")
         if name not in own:
-            raise ConfigError(
-                f"channels: {name} is not of the model {model}, which has {', '.join(own)}"
-            )
+            other = f"{name} is not of the model {model}, which has {', '.join(own)}"
+            raise ConfigError(f"channels: {other if name in CHANNELS else not_one_of(name, own)}")
         if names.count(name) > 1:
             raise ConfigError(f"channels: {name} is named {names.count(name)} times; once is right")
     if not names:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from rattlesweep.analysis.onerun.channels import View, choose, contact_force, spin
+from rattlesweep.analysis.onerun.channels import View, choose, contact_force, in_si, spin
 from rattlesweep.analysis.onerun.rows import Rows
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from rattlesweep.integrate.batch import Batch
+    from rattlesweep.physics.si import Units
     from rattlesweep.sweeps.config.schema import Config
     from rattlesweep.sweeps.launches import Launches
 
@@ -131,6 +132,8 @@ class Course:
     ----------
     zeros, reversals : list of float
         Times of all zeros of the spin so far, and of the first zero of each turn.
+    units : Units, optional
+        Of a body whose size is known: each channel is then there in SI units too.
     """
 
     def __init__(
@@ -141,11 +144,16 @@ class Course:
         rows: Rows = Rows(),  # noqa: B008 - frozen
         watch: Callable[[float], None] | None = None,
     ) -> None:
-        energies = (run.e_p0, run.e_r0) if isinstance(run, Launch) else (None, None)
+        self.units: Units | None = None
+        energies: tuple[float | None, float | None] = None, None
+        if isinstance(run, Launch):
+            energies, self.units = (run.e_p0, run.e_r0), run.body.units
         config, launches, batch = single_run(run) if isinstance(run, Launch) else run
         # The launch and what theory says of it, as arrays over this one run.
         self.launches, self.model = launches, str(config.model)
-        self.channels = choose(channels, self.model)
+        chosen = choose(channels, self.model)
+        self.si = in_si(chosen, self.units)
+        self.channels = *chosen, *self.si.values()
         self.body = {name: float(getattr(launches.bodies, name)[0]) for name in PARAMETERS}
         if launches.bodies.c is not None and np.isfinite(launches.bodies.c[0]):
             self.body["c"] = float(launches.bodies.c[0])
@@ -170,10 +178,10 @@ class Course:
                               "and has no run beside one launched from a full state")  # fmt: skip
         if self.model == "full" and energies != (None, None) and "reduced" not in needs:
             raise ConfigError("e_p0 and e_r0 are of the reduced model; no channel asks for it")
-        chosen = config.integrator
-        tableau = METHODS[chosen.method]
-        setting: dict[str, Any] = {"tol": chosen.tol} if tableau.adaptive else {"dt": chosen.dt}
-        self.integrator: dict[str, Any] = {"method": chosen.method} | setting
+        own = config.integrator
+        tableau = METHODS[own.method]
+        setting: dict[str, Any] = {"tol": own.tol} if tableau.adaptive else {"dt": own.dt}
+        self.integrator: dict[str, Any] = {"method": own.method} | setting
         self.observer = Observer(float(launches.spin_scale[0]))
         self.constants = np.zeros(0) if batch is None else batch.constants[0]
         self._follower: Follower | _ClosedForm
@@ -187,7 +195,7 @@ class Course:
                 tableau,
                 model_of(config),
                 **setting,
-                max_steps=chosen.max_steps,
+                max_steps=own.max_steps,
                 attitude="attitude" in needs,
                 look=self._look,
                 watch=None if watch is None else lambda t: watch(min(1.0, t / t_end)),
@@ -272,7 +280,8 @@ class Trajectory:
     Attributes
     ----------
     table : pandas.DataFrame
-        One column per channel; NaN where a channel has no finite value.
+        One column per channel; NaN where a channel has no finite value. Of a body whose size is
+        known, the same in SI units follow, such as ``t_s`` and ``n_rpm``.
     reversals : ndarray
         Times of the turns up to ``t_end``, in ``sqrt(a/g)``: the spin has gone from beyond a
         quarter of the launch's spin to beyond a quarter on the other side, and the time is that of
@@ -289,6 +298,8 @@ class Trajectory:
         Unit of each column.
     warning : str
         Where contact would be lost, or rolling needs a coefficient of friction above 1; else empty.
+    si : dict
+        Columns in SI units by those they belong to, such as ``t_s`` by ``t``.
     """
 
     table: pd.DataFrame
@@ -299,6 +310,7 @@ class Trajectory:
     n_steps: int
     units: dict[str, str]
     warning: str = ""
+    si: dict[str, str] = field(default_factory=dict)
     page: Callable[..., Any] | None = field(default=None, repr=False, compare=False)
 
     def show(self, **settings: Any) -> Any:
@@ -331,20 +343,22 @@ class Trajectory:
         """
         from rattlesweep.analysis import style
 
-        names = [str(name) for name in self.table if name != "t"]
+        names = [str(name) for name in self.table if name not in ("t", *self.si.values())]
         if "t" not in self.table or not names:
             raise ConfigError("channels: t and at least one other are needed for a plot")
+        shown = {name: self.si.get(name, name) for name in ("t", *names)}
         with style.styled():
             figure = style.new_figure(7.2, 1.2 + 1.6 * len(names))
             panels = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
             for panel, name in zip(panels, names, strict=True):
-                panel.plot(self.table["t"], self.table[name], color=style.BLUE, linewidth=0.9)
-                panel.set_ylabel(style.label(name, self.units[name]))
+                t, values = (self.table[shown[k]].to_numpy() for k in ("t", name))
+                style.curve(panel, t, values)
+                panel.set_ylabel(style.label(name, self.units[shown[name]]))
                 style.light_grid(panel)
-            panels[-1].set_xlabel(style.label("t", self.units["t"]))
+            panels[-1].set_xlabel(style.label("t", self.units[shown["t"]]))
             if path is not None:
                 style.save(figure, [Path(path)], 150.0)
-        # A figure that is none of pyplot's is shown by no notebook unless it says how.
+        # Figures made without pyplot need `_repr_png_` to show in a notebook.
         setattr(figure, "_repr_png_", lambda: style.encode(figure, "png", 110.0))  # noqa: B010
         return figure
 
@@ -356,5 +370,6 @@ def collect(course: Course, page: Callable[..., Any] | None = None) -> Trajector
     table = pd.DataFrame(course.columns())
     units = {c.name: c.unit for c in course.channels}
     zeros, reversals = np.array(course.zeros), np.array(course.reversals)
+    si = {name: channel.name for name, channel in course.si.items()}
     return Trajectory(table, reversals, zeros, course.t, course.status.label, course.n_steps,
-                      units, course.observer.warning, page)  # fmt: skip
+                      units, course.observer.warning, si, page)  # fmt: skip

@@ -17,9 +17,6 @@ from rattlesweep.sweeps.columns import F64, field
 from rattlesweep.sweeps.files import streamed_file
 from rattlesweep.sweeps.provenance import package_version
 
-# Rows of a row group: chunks are collected up to here.
-GROUP = 1 << 16
-
 
 def schema(course: Course) -> pa.Schema:
     """Return the columns with unit and description; the metadata say which run it is."""
@@ -37,14 +34,8 @@ def write_parquet(course: Course, file: BinaryIO) -> None:
     """Integrate and write row groups; at the end, where pyarrow can, the reversals and zeros."""
     columns = schema(course)
     with pq.ParquetWriter(file, columns, compression="zstd", version="2.6") as writer:
-        parts = [columns.empty_table()]
         for chunk in course:
-            parts.append(build_table(chunk, columns))
-            if sum(map(len, parts)) >= GROUP:
-                writer.write_table(pa.concat_tables(parts))
-                parts = [columns.empty_table()]
-        if len(rest := pa.concat_tables(parts)):
-            writer.write_table(rest)
+            writer.write_table(build_table(chunk, columns))
         if hasattr(writer, "add_key_value_metadata"):  # younger than pyarrow 16
             writer.add_key_value_metadata(
                 {"rattlesweep.reversals": json.dumps(course.reversals),

@@ -69,12 +69,7 @@ class StoredRun:
 
         The first zero of its spin is ``t_r``; where the run ends at the stored ``t_end`` without
         one, its number of steps is ``n_steps``, or one more behind an early end, which a step was
-        to go beyond by less than a rounding error.
-
-        Raises
-        ------
-        OutputError
-            They differ.
+        to go beyond by less than a rounding error. An OutputError says that they differ.
         """
         if course.model not in MODELS or self.status != "ok":
             return
@@ -88,10 +83,10 @@ class StoredRun:
         else:
             wrong = first != self.t_r if self.t_end <= course.t else first is not None
         if wrong:
-            now, then = f"reverses at {first!r}", f"t_r = {self.t_r!r}"
-            if first == self.t_r:
-                now, then = f"takes {course.n_steps} steps", f"{self.n_steps}"
-            raise OutputError(f"{self.name} {now} when it is followed, and is stored with {then}")
+            raise OutputError(
+                f"{self.name} reverses at {first!r} after {course.n_steps} steps when it is "
+                f"followed, and is stored with t_r = {self.t_r!r} and {self.n_steps} steps"
+            )
 
 
 class Replay:
@@ -118,21 +113,20 @@ class Replay:
                 raise ConfigError(
                     f"{name} {value}: {self.directory} has the {name}s 0 to {count - 1}"
                 )
-        found = self._runs(self._row(case, sample, self._fields))
-        if not found:
+        found = self._row(case, sample, self._fields)
+        if not len(found):
             key = decides(self.config)
             why = f": {key} has left it out, or it is still to come" if key else " yet"
             raise OutputError(
                 f"case {case}, sample {sample} is not stored{why} in {self.directory}"
             )
-        return found[0]
+        return self._runs(found)[0]
 
     def where(self, text: str, first: int) -> list[StoredRun]:
         """Return the first runs, in their order, for which a condition is true; at least one."""
         where = parse_where(text, self._stored.schema)
-        names = list(dict.fromkeys((*self._fields, *where.columns)))
         found: list[StoredRun] = []
-        for rows in self._stored.batches(names):
+        for rows in self._stored.batches(list(dict.fromkeys((*self._fields, *where.columns)))):
             chosen = pa.Table.from_batches([where.filter(rows)])
             found += self._runs(chosen.slice(0, first - len(found)).select(self._fields))
             if len(found) == first:
@@ -147,7 +141,7 @@ class Replay:
         for rows in self._stored.batches(names):
             if len(found := pa.Table.from_batches([rows]).filter(mine)):
                 return found
-        return pa.table({name: [] for name in names or self._fields})
+        return pa.table({})
 
     def _runs(self, table: pa.Table) -> list[StoredRun]:
         early = self.config.classify.early

@@ -4,20 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from rattlesweep.analysis.plots.distribution import Distribution
-from rattlesweep.analysis.plots.fractions import Fractions
+from rattlesweep.analysis.plots.curves import Fractions, Ratio, Times
 from rattlesweep.analysis.plots.layout import Layout
 from rattlesweep.analysis.plots.map import SIDE, Map, Reversals
 from rattlesweep.analysis.plots.picture import Picture, numeric_columns
-from rattlesweep.analysis.plots.scatter import Scatter
-from rattlesweep.analysis.plots.times import Ratio, Times
+from rattlesweep.analysis.plots.runs import Distribution, Scatter
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.config.messages import not_one_of
 
 KINDS: dict[str, type[Picture]] = {
     kind.name: kind for kind in (Fractions, Times, Ratio, Map, Reversals, Distribution, Scatter)
 }
-"""Every kind of picture."""
 
 
 def choose_picture(
@@ -55,6 +52,7 @@ def choose_picture(
         The kind does not suit the sweep, or a name or a text cannot be read.
     """
     layout = layout.chosen(where).select(select)
+    suited = default_kind(layout)
     if kind is None and x is not None and x not in layout.axes and x in numeric_columns(layout):
         kind = Scatter.name
     if x is not None and kind != Scatter.name:
@@ -63,17 +61,21 @@ def choose_picture(
     if kind is not None and kind not in KINDS:
         raise ConfigError(f"--kind: {not_one_of(kind, fitting)}")
     if kind is not None and kind not in fitting:
-        recorded = kind != Reversals.name or not Map.fits(layout)
-        needs = "" if recorded else "it needs record: [reversals], "
+        needs = "two quantities that vary in the config"
+        if kind == Reversals.name:
+            needs += ", and record: [reversals]"
+        elif kind == Fractions.name:
+            needs = "several bodies in each case, and something that varies by case"
+        elif kind != Map.name:
+            needs = "something that varies by case"
         raise ConfigError(
-            f"--kind {kind}: does not fit this sweep, {_why(layout)}; {needs}"
-            f"{', '.join(fitting)} fit"
+            f"--kind {kind}: does not fit this sweep: it needs {needs}; {', '.join(fitting)} fit"
         )
     if kind is None and quantity is not None:
-        kind = Map.name if default_kind(layout) in (Map.name, Reversals.name) else Distribution.name
+        kind = Map.name if suited in (Map.name, Reversals.name) else Distribution.name
     if quantity is not None and kind not in (Map.name, Distribution.name):
         raise ConfigError(f"--quantity: goes with --kind map or distribution, not {kind}")
-    return KINDS[kind or default_kind(layout)](layout, x, quantity)
+    return KINDS[kind or suited](layout, x, quantity)
 
 
 def default_kind(layout: Layout) -> str:
@@ -90,10 +92,3 @@ def default_kind(layout: Layout) -> str:
     if layout.population and layout.config.spin is not None and min(layout.config.spin.n_i) < 0:
         return Fractions.name
     return (Times if any(layout.lengths[name] > 1 for name in layout.targets) else Ratio).name
-
-
-def _why(layout: Layout) -> str:
-    varying = [name for name, count in layout.lengths.items() if count > 1]
-    what = " and ".join(varying) if varying else "nothing"
-    many = "" if layout.population else ", one run each"
-    return f"in which {what} var{'y' if len(varying) > 1 else 'ies'}{many}"

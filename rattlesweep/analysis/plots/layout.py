@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from rattlesweep.arrays import Floats, Integers
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps.config.messages import not_one_of
 from rattlesweep.sweeps.config.schema import Config, GridSource
+from rattlesweep.sweeps.counts import Counts, Moments, columns_for, floats
 from rattlesweep.sweeps.stored import Stored, open_stored
 
 # A value that is asked for in decimal means the nearest one there is.
@@ -66,11 +67,13 @@ class Layout:
 
     stored: Stored
     cases: tuple[Axis, ...]
-    """Targets, ``n_i``, ``omega_xy0``, ``sigma``, ``rolling``, as far as there are any, the first
-    varying slowest."""
+    """Targets, ``n_i``, ``omega_xy0``, ``sigma``, ``rolling``, as far as there are any."""
     grid: tuple[Axis, ...]
     """Axes of a grid of bodies; empty where a case's samples are a population."""
     where: Where | None = None
+    held: pa.Table | None = None
+    """Columns that are in memory already."""
+    _counted: dict[Any, Any] = field(default_factory=dict, compare=False)
 
     @property
     def config(self) -> Config:
@@ -129,40 +132,62 @@ class Layout:
 
     def rows(self, columns: Sequence[str]) -> Iterator[pa.RecordBatch]:
         """Read columns of the runs for which the condition is true, file by file."""
-        needed = dict.fromkeys((*columns, *(self.where.columns if self.where else ())))
-        for rows in self.stored.batches(list(needed)):
+        needed = list(dict.fromkeys((*columns, *(self.where.columns if self.where else ()))))
+        if self.held is not None and set(needed) <= set(self.held.column_names):
+            batches: Iterable[pa.RecordBatch] = self.held.select(needed).to_batches()
+        else:
+            batches = self.stored.batches(needed)
+        for rows in batches:
             yield rows if self.where is None else self.where.filter(rows)
+
+    def count(
+        self, axes: Sequence[Axis], more: Sequence[str] = ()
+    ) -> tuple[Counts, dict[str, Moments]]:
+        """Count the runs by cell of some axes, with moments of more columns, in one pass."""
+        key = tuple(axis.name for axis in axes), tuple(more)
+        if key not in self._counted:
+            cells = int(np.prod([len(axis.values) for axis in axes]))
+            counts, means = Counts(cells), {name: Moments(cells) for name in more}
+            for rows in self.rows(("case", "sample", *columns_for(self.config), *more)):
+                cell = self.cells(rows, axes)
+                counts.add(rows, cell)
+                for name, moments in means.items():
+                    values = floats(rows.column(name))
+                    kept = (cell >= 0) & np.isfinite(values)
+                    moments.add(cell[kept], values[kept])
+            self._counted[key] = counts, means
+        found: tuple[Counts, dict[str, Moments]] = self._counted[key]
+        return found
 
     def named(self, name: str, option: str) -> Axis:
         """Return an axis by its name; raise a ConfigError if there is none."""
         if name not in self.axes:
-            if not self.axes:
-                raise ConfigError(f"{option}: {name} cannot be chosen; nothing varies by case here")
-            raise ConfigError(f"{option}: {not_one_of(name, self.axes)}")
+            known = not_one_of(name, self.axes) if self.axes else f"{name}: nothing varies by case"
+            raise ConfigError(f"{option}: {known}")
         return self.axes[name]
 
     def chosen(self, where: str | None) -> Layout:
         """Keep the runs for which a condition is true; None: all."""
         if where is None:
             return self
-        return replace(self, where=parse_where(where, self.stored.schema))
+        return replace(self, where=parse_where(where, self.stored.schema), _counted={})
 
     def select(self, texts: Sequence[str]) -> Layout:
         """Keep what ``NAME=VALUE,VALUE`` or ``NAME=LOW:HIGH`` texts say."""
-        chosen: dict[str, Axis] = {}
+        if not texts:
+            return self
+        axes = dict(self.axes)
         for text in texts:
-            name, equals, wanted = text.partition("=")
+            name, _, wanted = text.partition("=")
             option = f"--select {text}"
-            if not equals or not wanted:
+            if not wanted:
                 raise ConfigError(
                     f"{option}: is not NAME=VALUES; write it as in n_i=-0.3,-0.5 or theta=0.6:0.7"
                 )
             axis = self.named(name.strip(), option)
-            chosen[axis.name] = axis.only(_places(axis, wanted, option))
-        cases, grid = (
-            tuple(chosen.get(axis.name, axis) for axis in axes) for axes in (self.cases, self.grid)
-        )
-        return replace(self, cases=cases, grid=grid)
+            axes[axis.name] = axis.only(_places(axis, wanted, option))
+        cases, grid = (tuple(axes[axis.name] for axis in kind) for kind in (self.cases, self.grid))
+        return replace(self, cases=cases, grid=grid, _counted={})
 
 
 def _places(axis: Axis, wanted: str, option: str) -> Integers:
@@ -170,29 +195,24 @@ def _places(axis: Axis, wanted: str, option: str) -> Integers:
     between = ":" in wanted
     try:
         numbers = np.array([float(word) for word in wanted.split(":" if between else ",")])
+        if np.isnan(numbers).any() or (between and len(numbers) != 2):
+            raise ValueError
     except ValueError:
-        numbers = np.full(1, np.nan)
-    if np.isnan(numbers).any() or (between and len(numbers) != 2):
-        raise ConfigError(f"{option}: {wanted} are not numbers; write -0.3,-0.5 or 0.6:0.7")
+        raise ConfigError(
+            f"{option}: {wanted} are not numbers; write -0.3,-0.5 or 0.6:0.7"
+        ) from None
+    values = [f"{value:.6g}" for value in axis.values]
+    there = ", ".join(values[:3] + ["..."] * (len(values) > 9) + values[3:][-6:])
     if between:
         chosen = (axis.values >= numbers[0]) & (axis.values <= numbers[1])
         if not chosen.any():
-            raise ConfigError(f"{option}: no value lies there; there are {_listed(axis)}")
+            raise ConfigError(f"{option}: no value lies there; there are {there}")
         return np.flatnonzero(chosen)
     zero = NEAR**2 * float(np.abs(axis.values).max())
     alike = np.isclose(axis.values[:, None], numbers, rtol=NEAR, atol=zero)
     for number in numbers[~alike.any(axis=0)]:
-        raise ConfigError(
-            f"{option}: {axis.name} has no value {number:g}; there are {_listed(axis)}"
-        )
+        raise ConfigError(f"{option}: {axis.name} has no value {number:g}; there are {there}")
     return np.flatnonzero(alike.any(axis=1))
-
-
-def _listed(axis: Axis) -> str:
-    values = [f"{value:.6g}" for value in axis.values]
-    if len(values) > 9:
-        return f"{', '.join(values[:3])} ... {values[-1]}, {len(values)} in all"
-    return ", ".join(values)
 
 
 def read_layout(directory: Path) -> Layout:
@@ -211,7 +231,6 @@ def read_layout(directory: Path) -> Layout:
     for name in ("sigma", "rolling"):
         if isinstance(getattr(config.dissipation, name), list):
             given[name] = [getattr(case, name) for case in cases]
-    bodies = config.bodies
-    grid = bodies.varying if isinstance(bodies, GridSource) else {}
+    grid = config.bodies.varying if isinstance(config.bodies, GridSource) else {}
     case_axes, grid_axes = (tuple(Axis.of(*i) for i in own.items()) for own in (given, grid))
     return Layout(stored, case_axes, grid_axes)

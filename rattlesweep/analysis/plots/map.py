@@ -1,4 +1,4 @@
-"""Maps over two axes: the type of each cell, its reversal time, reversals, or any column."""
+"""Maps over two axes: the type of each cell, its reversal time, its turns, or any column."""
 
 from __future__ import annotations
 
@@ -12,18 +12,16 @@ from matplotlib import colormaps
 from matplotlib.colors import BoundaryNorm, ListedColormap, LogNorm, Normalize
 from matplotlib.patches import Patch
 
-from rattlesweep.analysis.boundaries import Boundaries, boundaries
-from rattlesweep.analysis.fill import fill
+from rattlesweep.analysis.grids import Boundaries, boundaries, fill
 from rattlesweep.analysis.plots.layout import Axis, Layout
 from rattlesweep.analysis.plots.picture import (
+    WIDE,
     Picture,
     draw_panels,
     entry,
-    legend_above,
     plain_ticks,
     scale_axis,
 )
-from rattlesweep.analysis.plots.scatter import WIDE
 from rattlesweep.analysis.style import FAILED, MISSING, NO_REVERSAL, TYPE_STYLE, label
 from rattlesweep.arrays import Flags, Floats, Integers
 from rattlesweep.errors import ConfigError
@@ -40,9 +38,9 @@ LINES: tuple[dict[str, Any], ...] = (
     {"colors": "#FFFFFF", "linewidths": 2.8, "zorder": 5.5},
     {"colors": "#000000", "linewidths": 1.3, "zorder": 6},
 )
-BONDI_LABEL = r"Bondi's threshold, $|n_i| = |n_{c1}|$"
+BONDI_LABEL = "Bondi's threshold"
+BALANCE_LABEL = "balanced damping"
 GROWTH = "growth"
-BALANCE_LABEL = "growth at the launch balances damping"
 # Values beyond these percentiles are drawn in the end colours; within them most of a map lies.
 TAILS = (0.5, 99.5)
 # What a cell is: its most common type, or none of them.
@@ -52,9 +50,9 @@ CELLS = {
     "missing": (MISSING, "not run yet"),
 }
 CODES = {name: code for code, name in enumerate(CELLS)}
-# So many numbers of reversals have a colour each; beyond, a colour is for more and more of them.
+# So many numbers of turns have a colour each; beyond, a colour is for more and more of them.
 SINGLE = 6
-REVERSALS = "n_turns"
+TURNS, SURE_TURNS = "n_turns", "reversals_sure"
 
 
 class Map(Picture):
@@ -65,10 +63,6 @@ class Map(Picture):
     """
 
     name = "map"
-    caption = (
-        "Types, and times of the first reversal (the first zero of the spin) in units of Garcia "
-        "and Hubbard's."
-    )
 
     def __init__(self, layout: Layout, x: str | None = None, quantity: str | None = None) -> None:
         super().__init__(layout, x, quantity)
@@ -118,13 +112,13 @@ class Map(Picture):
     @cached_property
     def done(self) -> Flags:
         """Cells that hold runs, whether a condition chooses them or not."""
-        runs = self.cells.runs
+        runs = self.grid(self.cells.runs)
         if self.layout.where is not None:
-            runs = np.zeros(len(runs), np.int64)
+            runs = np.zeros(self.shape, np.int64)
             for rows in self.layout.stored.batches(["case", "sample"]):
                 cell = self.layout.cells(rows, self.axes)
-                runs[cell[cell >= 0]] = 1
-        return self.grid(runs > 0)
+                runs.ravel()[cell[cell >= 0]] = 1
+        return runs > 0
 
     def boundaries(self) -> list[Boundaries]:
         """Return how ragged the boundaries between types are, in each row of panels."""
@@ -144,11 +138,11 @@ class Map(Picture):
 
     # -- the figure ----------------------------------------------------------------------------
 
-    def draw(self, figure: Any, log: bool | None) -> None:
+    def draw(self, figure: Any, log: bool | None) -> list[Any]:
         """Draw the cells, and Bondi's line where theory gives it."""
         x, y, *rows = self.axes
         types_too = self.quantity is None
-        panels = draw_panels(figure, rows, (), parts=2 if types_too else 1)
+        panels = draw_panels(figure, rows, (), label(x.name), parts=2 if types_too else 1)
         several = self.cells.runs.max() > 1
         code, value = self.shown()
         look, extend, set_ticks = self.colours(value)
@@ -172,36 +166,43 @@ class Map(Picture):
                 scale_axis(axes, which, axis.values, axis.logarithmic(log), axis.name)
                 ends = _edges(axis)
                 getattr(axes, f"set_{which}lim")(ends[0], ends[-1])
+        mean = "mean " if several else ""
         if types_too:
-            titles = "most common type" if several else "type", self._title(several)
+            titles = "most common type" if several else "type", mean + label("ratio")
             for (axes, _), title in zip(panels, titles, strict=False):
                 axes.set_title(title, fontsize="medium")
-        figure.supxlabel(label(x.name), fontsize="medium")
         if np.isfinite(value).any():
             bar = figure.colorbar(mesh, ax=[axes for axes, _ in panels], pad=0.03, extend=extend,
                                   aspect=30 if len(panels) < 4 else 45)  # fmt: skip
-            bar.set_label(self._title(several) + (" of runs that reverse" if types_too else ""))
+            bar.set_label(mean + label(self.quantity or "ratio", self.unit or None))
             set_ticks(bar)
+        self.notes += self.remarks()
 
         present = set(np.unique(code))
         if not types_too:  # types are not told apart
             present -= {CODES[name] for name in TYPE_STYLE}
         looks = CELLS | ({"missing": (MISSING, "not selected")} if self.layout.where else {})
         handles: list[Any] = [patch(*looks[name]) for name in CELLS if CODES[name] in present]
-        has_type = code < len(TYPE_STYLE)
-        if (has_type & np.isnan(value)).any():
+        if ((code < len(TYPE_STYLE)) & np.isnan(value)).any():
             timed = self.quantity in (None, "t_r", "t_r_s", "t_r_error")
-            words = "no reversal" if timed else "no value"
-            handles.append(patch(NO_REVERSAL, f"right: {words}" if types_too else words))
+            handles.append(patch(NO_REVERSAL, "no reversal" if timed else "no value"))
         if bondi:
             handles.append(entry(BONDI_LABEL, color="#000000", linestyle="-", linewidth=1.3))
+            self.notes.append("Bondi's threshold of the steady spin: |n_i| = |n_c1|.")
         if balance:
             handles.append(entry(BALANCE_LABEL, color="#000000", linestyle="--", linewidth=1.3))
-        legend_above(figure, handles, 1.9)
+            self.notes.append("Dashed: the oscillation's growth at the launch balances damping.")
+        if extend != "neither":
+            self.notes.append("Values beyond the ends of the colour bar have its end colours.")
+        return handles
 
-    def _title(self, several: bool) -> str:
-        name = label("ratio") if self.quantity is None else label(self.quantity, self.unit)
-        return f"mean {name}" if several else name
+    def remarks(self) -> list[str]:
+        """Return what the caption says first."""
+        if self.quantity is None:
+            return ["t_r is the time of the first reversal (the first zero of the spin), t_rGH "
+                    "that of Garcia and Hubbard's theory."]  # fmt: skip
+        words = self.layout.stored.schema.field(self.quantity).metadata[b"description"].decode()
+        return [f"{self.quantity}: {words}."]
 
     def colours(self, value: Floats) -> tuple[dict[str, Any], str, Callable[[Any], None]]:
         """Return the colours of values, logarithmic where they spread, and the colour bar's ends.
@@ -269,24 +270,33 @@ class Map(Picture):
 
 
 class Reversals(Map):
-    """Number of turns by cell, the mean of several runs, in steps of one while it is small."""
+    """Number of turns by cell, the mean of several runs, in steps of one while it is small.
+
+    Where the runs tell how many of their turns are sure, these are shown.
+    """
 
     name = "reversals"
-    caption = (
-        "Turns by the horizon: the spin goes from beyond a quarter of the launch's to beyond a "
-        "quarter on the other side. A run of type R may have a zero of the spin and no turn."
-    )
 
     def __init__(self, layout: Layout, x: str | None = None, quantity: str | None = None) -> None:
-        super().__init__(layout, x, REVERSALS)
+        there = SURE_TURNS in layout.stored.schema.names
+        super().__init__(layout, x, SURE_TURNS if there else TURNS)
 
     @staticmethod
     def fits(layout: Layout) -> bool:
         """Tell whether turns are recorded, and there are two axes."""
         return "reversals" in layout.config.record and Map.fits(layout)
 
-    def _title(self, several: bool) -> str:
-        return f"{'mean ' if several else ''}number of turns ({REVERSALS})"
+    def remarks(self) -> list[str]:
+        """Return what is counted."""
+        found = [
+            "Turns by the horizon: the spin goes from beyond a quarter of the launch's to beyond a "
+            "quarter on the other side. A run of type R may have a zero of the spin and no turn."
+        ]
+        if self.quantity == SURE_TURNS:
+            return [*found, "Shown are the first turns that the error estimate confirms; the runs "
+                    f"may have more ({TURNS})."]  # fmt: skip
+        return [*found, "Not all of many turns need be sure: record: [reversals, error] counts "
+                "those that are."]  # fmt: skip
 
     def colours(self, value: Floats) -> tuple[dict[str, Any], str, Callable[[Any], None]]:
         """Return one colour for each of the first numbers and for ranges of larger ones."""

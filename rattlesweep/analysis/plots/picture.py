@@ -1,38 +1,34 @@
-"""What pictures have in common: runs counted by cell, panels, axes, legend and heading."""
+"""What pictures have in common: runs counted by cell, panels, axes, heading, legend, caption."""
 
 from __future__ import annotations
 
 import math
-import textwrap
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from functools import cached_property
 from itertools import product
 from pathlib import Path
 from typing import Any, ClassVar
 
-import matplotlib as mpl
 import numpy as np
 import pyarrow as pa
 from matplotlib.figure import Figure
-from matplotlib.font_manager import FontProperties
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
 from rattlesweep.analysis.plots.layout import Axis, Layout
-from rattlesweep.analysis.style import new_figure, save_table, value_text
+from rattlesweep.analysis.style import add_caption, add_legend, new_figure, save_table, value_text
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps.config.messages import not_one_of
-from rattlesweep.sweeps.counts import Counts, Moments, columns_for, floats, share, wilson
+from rattlesweep.sweeps.counts import Counts, Moments, share, wilson
 
 MOST_CELLS = 4_000_000
 MOST_PANELS = 40
 BESIDE = "<beside>"
 """Label of Axes, like "<colorbar>", whose limits are their own."""
-# Shares of a figure that a legend may take, and the smallest type that can be read.
-WIDEST, HIGHEST, SMALLEST = 0.98, 0.35, 5.0
+# Values that spread over more than this ratio are shown by their logarithms.
+WIDE = 30.0
 # Inches of an abscissa on which no more than a few numbers have room.
 NARROW = 1.1
 
@@ -40,19 +36,19 @@ NARROW = 1.1
 class Picture(ABC):
     """A picture of a sweep.
 
-    A kind is a subclass in a file of its own and a word in `kinds.KINDS`. `axes` are those that it
-    tells apart, the abscissa first: runs that differ in others are counted together. `more` are
-    columns of which each cell has a mean.
+    A kind is a subclass and a word in `kinds.KINDS`. `axes` are those that it tells apart, the
+    abscissa first: runs that differ in others are counted together. `more` are columns of which
+    each cell has a mean. Drawing fills `notes`, the sentences of the caption.
     """
 
     name: ClassVar[str]
-    caption: ClassVar[str] = ""  # below it in a report
     more: tuple[str, ...] = ()
 
     def __init__(self, layout: Layout, x: str | None = None, quantity: str | None = None) -> None:
         self.layout, self.quantity = layout, quantity
         self.unit = "" if quantity is None else unit_of(layout, quantity, "--quantity")
         self.axes: tuple[Axis, ...] = tuple(layout.axes[name] for name in self.order(layout, x))
+        self.notes: list[str] = []
         if math.prod(self.shape) > MOST_CELLS:
             raise ConfigError(
                 f"{math.prod(self.shape)} cells are too many for a picture; choose some with "
@@ -74,8 +70,8 @@ class Picture(ABC):
         """Return the width and height in inches that suit what is shown."""
 
     @abstractmethod
-    def draw(self, figure: Any, log: bool | None) -> None:
-        """Draw it; `log` is whether axes are logarithmic, None: as suits the values."""
+    def draw(self, figure: Any, log: bool | None) -> list[Any]:
+        """Draw it and return the entries of its legend; `log` None: as suits the values."""
 
     def side_by_side(self) -> bool:
         """Tell whether values stand side by side along the abscissa, which then has no limits."""
@@ -88,24 +84,20 @@ class Picture(ABC):
         """Values along each axis."""
         return tuple(len(axis.values) for axis in self.axes)
 
-    @cached_property
+    @property
+    def _sorted(self) -> list[Axis]:
+        """The axes in the order of the layout, in which pictures share their counts."""
+        names = [axis.name for axis in self.axes]
+        return [axis for axis in self.layout.axes.values() if axis.name in names]
+
+    @property
     def counted(self) -> tuple[Counts, dict[str, Moments]]:
-        """The runs by cell and the moments of `more`, from one pass over the files."""
-        cells = math.prod(self.shape)
-        counts, means = Counts(cells), {name: Moments(cells) for name in self.more}
-        columns = ("case", "sample", *columns_for(self.layout.config), *self.more)
-        for rows in self.layout.rows(columns):
-            cell = self.layout.cells(rows, self.axes)
-            counts.add(rows, cell)
-            for name, moments in means.items():
-                values = floats(rows.column(name))
-                kept = (cell >= 0) & np.isfinite(values)
-                moments.add(cell[kept], values[kept])
-        return counts, means
+        """The runs by cell and the moments of `more`, with cells in the order of the layout."""
+        return self.layout.count(self._sorted, self.more)
 
     @property
     def cells(self) -> Counts:
-        """The runs by cell."""
+        """The runs by cell; :meth:`grid` puts its arrays along `axes`."""
         return self.counted[0]
 
     def __len__(self) -> int:
@@ -113,46 +105,43 @@ class Picture(ABC):
         return int(self.cells.runs.sum())
 
     def grid(self, flat: NDArray[Any]) -> NDArray[Any]:
-        """Give an array over the cells the shape of the axes."""
-        return flat.reshape(self.shape)
+        """Give an array over the cells the shape of `axes`."""
+        names = [axis.name for axis in self._sorted]
+        found: NDArray[Any] = flat.reshape([len(axis.values) for axis in self._sorted])
+        return found.transpose([names.index(axis.name) for axis in self.axes])
 
     def mean(self, column: str) -> Floats:
         """Return the mean of one of the columns `more`, in the shape of the axes."""
         return self.grid(self.counted[1][column].means())
-
-    def bondi(self) -> Floats:
-        """Return the share of bodies past Bondi's threshold among those in the steady direction."""
-        return self.grid(share(self.cells.bondi, self.cells.steady))
 
     def table(self) -> pa.Table:
         """Return the numbers that are drawn: one row for each cell that holds runs."""
         cells = self.cells
         names = [axis.name for axis in self.axes]
         columns: dict[str, Any] = {
-            axis.name: np.full(len(cells.runs), axis.values[0])
+            axis.name: np.full(self.shape, axis.values[0])
             for axis in reversed(self.layout.axes.values())
             if len(axis.values) == 1 and axis.name not in names
         }
         meshes = np.meshgrid(*(axis.values for axis in self.axes), indexing="ij")
-        columns |= {name: mesh.ravel() for name, mesh in zip(names, meshes, strict=True)}
-        columns |= {"runs": cells.runs, "failed": cells.failed}
+        columns |= dict(zip(names, meshes, strict=True))
+        flat: dict[str, Any] = {"runs": cells.runs, "failed": cells.failed}
         for name, part in cells.types.items():
-            columns[f"fraction_{name}"] = share(part, cells.ok)
             low, high = wilson(part, cells.ok)
-            columns |= {f"fraction_{name}_low": low, f"fraction_{name}_high": high}
-        columns["fraction_bondi"] = share(cells.bondi, cells.steady)
+            flat |= {f"fraction_{name}": share(part, cells.ok), f"fraction_{name}_low": low,
+                     f"fraction_{name}_high": high}  # fmt: skip
+        flat["fraction_bondi"] = share(cells.bondi, cells.steady)
         for name, moments in (("t_r", cells.t_r), ("ratio", cells.ratio)):
-            columns |= {f"{name}_mean": moments.means(), f"{name}_std": moments.deviations(),
-                        f"{name}_sem": moments.errors()}  # fmt: skip
-        columns["t_rgh_mean"] = cells.t_rgh.means()
-        columns |= {f"{name}_mean": m.means() for name, m in self.counted[1].items()}
+            flat |= {f"{name}_mean": moments.means(), f"{name}_std": moments.deviations(),
+                     f"{name}_sem": moments.errors()}  # fmt: skip
+        flat["t_rgh_mean"] = cells.t_rgh.means()
+        flat |= {f"{name}_mean": m.means() for name, m in self.counted[1].items()}
         if cells.has_errors:
-            columns["t_r_mean_error"] = cells.t_r_error.means()
-            columns |= {"sensitive": cells.sensitive, "unsure": cells.unsure}
-        kept = cells.runs > 0
-        return pa.table(
-            {name: pa.array(values[kept], from_pandas=True) for name, values in columns.items()}
-        )
+            flat["t_r_mean_error"] = cells.t_r_error.means()
+            flat |= {"sensitive": cells.sensitive, "unsure": cells.unsure}
+        columns |= {name: self.grid(values) for name, values in flat.items()}
+        kept = columns["runs"] > 0
+        return pa.table({n: pa.array(v[kept], from_pandas=True) for n, v in columns.items()})
 
     def write_data(self, path: Path) -> None:
         """Write the numbers that are drawn as CSV or Parquet, in one step."""
@@ -161,6 +150,11 @@ class Picture(ABC):
     def words(self) -> str:
         """Return how much is shown."""
         return f"{len(self):,} runs"
+
+    @property
+    def caption(self) -> str:
+        """What a reader needs to know besides labels, in plain words; known once it is drawn."""
+        return " ".join(self.notes)
 
     # -- the figure ----------------------------------------------------------------------------
 
@@ -172,6 +166,7 @@ class Picture(ABC):
         size: tuple[float, float] | None = None,
         xlim: tuple[float, float] | None = None,
         ylim: tuple[float, float] | None = None,
+        captioned: bool = True,
     ) -> Figure:
         """Draw it; None: as suits the values.
 
@@ -187,7 +182,8 @@ class Picture(ABC):
             which = "of those selected" if chosen else "that this picture could show"
             raise OutputError(f"{self.layout.stored.directory} holds no run {which}")
         figure = new_figure(*(size or self.size()))
-        self.draw(figure, log)
+        self.notes = []
+        handles = self.draw(figure, log)
         for which, limits in (("x", xlim), ("y", ylim)):
             if limits is not None:
                 self._limit(figure, which, limits)
@@ -197,7 +193,9 @@ class Picture(ABC):
         where = self.layout.where
         # As it was written: a dollar in it begins no formula.
         condition = where.text.replace("$", "\\$") if where else ""
-        add_heading(figure, [line for line in (title, pinned, condition) if line])
+        add_legend(figure, handles, [line for line in (title, pinned, condition) if line])
+        if captioned:
+            add_caption(figure, self.caption, grow=size is None)
         return figure
 
     def _limit(self, figure: Figure, which: str, limits: tuple[float, float]) -> None:
@@ -242,11 +240,11 @@ def unit_of(layout: Layout, column: str, option: str) -> str:
     return units[column]
 
 
-# -- panels, axes, legend and heading ----------------------------------------------------------
+# -- panels and axes -----------------------------------------------------------------------------
 
 
 def draw_panels(
-    figure: Any, rows: Sequence[Axis], columns: Sequence[Axis], *, parts: int = 1
+    figure: Any, rows: Sequence[Axis], columns: Sequence[Axis], xlabel: str, *, parts: int = 1
 ) -> list[tuple[Any, tuple[int, ...]]]:
     """Make panels: a row for each combination of some axes' values, columns likewise.
 
@@ -267,6 +265,8 @@ def draw_panels(
     grid = figure.subplots(len(down), len(wide), sharex=True, sharey=True, squeeze=False)
     for axes, column in zip(grid[0], wide, strict=True):
         axes.set_title(_text(columns, column), fontsize="medium")
+    for axes in grid[-1]:
+        axes.set_xlabel(xlabel)
     for axes, row in zip(grid[:, -1], down, strict=True):
         axes.annotate(_text(rows, row), (1.02, 0.5), xycoords="axes fraction", rotation=270,
                       va="center", ha="left")  # fmt: skip
@@ -282,51 +282,9 @@ def _text(axes: Sequence[Axis], places: Sequence[int]) -> str:
     )
 
 
-def add_heading(figure: Figure, lines: list[str]) -> None:
-    """Write lines at the top, above the legend where there is one."""
-    if not lines:
-        return
-    if figure.legends:
-        title: Any = figure.legends[0].get_title()
-        lines = [*lines, *(old for old in [title.get_text()] if old not in ("", "None"))]
-        figure.legends[0].set_title(" ")
-    else:
-        title = figure.suptitle("", fontsize="medium")
-    title.set_multialignment("center")
-    # Lines wider than the figure are broken; formulas cannot be, and are made smaller.
-    title.set_text("\n".join(lines))
-    if (wide := title.get_window_extent().width / figure.bbox.width) > 0.95:
-        most = max(10, int(0.9 * max(map(len, lines)) / wide))
-        title.set_text("\n".join(t if "$" in t else textwrap.fill(t, most) for t in lines))
-        wide = max(0.95, title.get_window_extent().width / figure.bbox.width)
-        title.set_fontsize(0.95 / wide * float(title.get_fontsize()))
-
-
 def entry(words: str, **look: Any) -> Line2D:
-    """Make an entry of a legend; without a look it is a remark."""
+    """Make an entry of a legend."""
     return Line2D([], [], label=words, **{"linestyle": "", **look})
-
-
-def legend_above(figure: Any, handles: list[Any], each: float, title: str | None = None) -> None:
-    """Put a legend above all panels, in as many columns of a width in inches as fit.
-
-    Smaller type makes it fit where one column is too wide, or all of it too high.
-    """
-    base = size = FontProperties(size=mpl.rcParams["legend.fontsize"]).get_size_in_points()
-    columns = most = max(2, min(len(handles), int(figure.get_figwidth() / each)))
-    while handles:
-        legend = figure.legend(handles=handles, loc="outside upper center", ncols=columns,
-                               title=title, columnspacing=1.4, fontsize=size)  # fmt: skip
-        box = legend.get_window_extent()
-        wide, high = box.width / figure.bbox.width, box.height / figure.bbox.height
-        if (wide <= WIDEST and high <= HIGHEST) or size <= SMALLEST:
-            return
-        legend.remove()
-        if wide > WIDEST and columns > 1:
-            columns -= 1
-        else:
-            size *= 0.9
-            columns = min(len(handles), int(most * base / size))
 
 
 def scale_axis(axes: Any, which: str, values: Any, log: bool, name: str = "t_r") -> None:

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from rattlesweep.analysis.onerun.channels import si_size
 from rattlesweep.analysis.onerun.course import Course, PreparedRun
 from rattlesweep.analysis.onerun.rows import EvenTimes, Rows
 from rattlesweep.arrays import Floats
@@ -46,6 +47,8 @@ WIDEST = 0.99
 TRAIL = 6
 # Seconds that the way to the first reversal takes at the page's first speed, and its bounds.
 SECONDS, SLOW, FAST = 30, 4.0, 25.0
+# Units of the time and the spin.
+UNITS = {"t": "sqrt(a/g)", "n": "sqrt(g/a)"}
 # What `page.html` is filled with, the style first.
 SOURCES = ("page.css", "three.min.js", "scene.js", "player.js")
 
@@ -126,6 +129,9 @@ def make_scene(course: Course, cause: str = "") -> Scene:
         "trail": TRAIL * 2 * math.pi / float(runs.modes.omega_r[0]),
         "speed": min(FAST, max(SLOW, (max(first, start) - start) / SECONDS)),
         "weights": _weights(body),
+        "units": {name: si_size(name, unit, course.units) for name, unit in UNITS.items()}
+        if course.units
+        else {"t": (1, "√(a/g)"), "n": (1, "√(g/a)")},
         "facts": _facts(course, cause),
     }
     return Scene(t, {name: columns[name] for name in COLUMNS}, spin, about)
@@ -152,11 +158,17 @@ def _facts(course: Course, cause: str) -> list[tuple[str, str]]:
     t_rgh, losses = float(course.launches.gh.t_rgh[0]), course.launches
     sigma, rolling = (0.0 if of is None else of[0] for of in (losses.sigma, losses.rolling))
     lossy, more = sigma or rolling, course.zeros != course.reversals
+    size = (
+        ""
+        if (u := course.units) is None
+        else (f"M = {u.mass:.4g} kg, a = {1000 * u.length:.4g} mm, √(a/g) = {u.time:.4g} s")
+    )
     facts = {
         "α, β, γ": f"{b['alpha']:.5g}, {b['beta']:.5g}, {b['gamma']:.5g}",
         "θ, φ": f"{b['theta']:.5g}, {b['phi']:.5g}",
         "skew ξ": f"{math.degrees(b['xi']):.4g}°",
         "c": f"{b['c']:.5g} (ellipsoid)" if "c" in b else "",
+        "size": size,
         "dissipation": f"σ {sigma:.4g}, rolling {rolling:.4g}" if lossy else "",
         "n_i, ω_xy0": f"{launch['n_i']:g}, {launch['omega_xy0']:g}",
         "launched along": f"{math.degrees(launch['psi']):.4g}°",

@@ -100,7 +100,12 @@
   // ---------------------------------------------------------------- numbers
   const fixed = (value, digits) => value.toFixed(digits).replace("-", "−");
   const plain = (value) => String(Number(value.toPrecision(4))).replace("-", "−");
-  const places = tEnd < 1000 ? 1 : 0;
+  // Units in which times and spins are shown: their sizes and their names.
+  const [second, timeUnit] = D.units.t, [turn, spinUnit] = D.units.n;
+  document.querySelectorAll(".time-unit").forEach((e) => { e.textContent = timeUnit; });
+  document.querySelectorAll(".spin-unit").forEach((e) => { e.textContent = spinUnit; });
+  const places = Math.min(2, Math.max(0, 4 - Math.ceil(Math.log10(tEnd * second)) - (second === 1)));
+  const spinPlaces = turn === 1 ? 4 : 2;
   const shares = ["spin", "pitch", "roll"];
   const bars = shares.map((name) => document.querySelector(`#bar .${name}`));
   const percents = shares.map((name) => get(`share-${name}`));
@@ -111,8 +116,8 @@
   function numbers() {
     const y = sample(state.t);
     const n = y[at.n];
-    write(get("t"), fixed(state.t, places));
-    write(get("n"), fixed(n, 4));
+    write(get("t"), fixed(state.t * second, places));
+    write(get("n"), fixed(n * turn, spinPlaces));
     const unsteady = n * -b.xi > 0;
     write(get("way"), `${n > 0 ? "counter-clockwise" : "clockwise"}, the `
       + `${unsteady ? "unsteady" : "steady"} direction`);
@@ -124,7 +129,7 @@
       write(percents[k], `${fixed((100 * part) / sum, 1)} %`);
     });
     scrub.value = state.t;
-    scrub.setAttribute("aria-valuetext", `time ${fixed(state.t, places)}, spin ${fixed(n, 3)}`);
+    scrub.setAttribute("aria-valuetext", `time ${get("t").textContent}, spin ${get("n").textContent}`);
     cursor(state.t, n);
   }
 
@@ -155,7 +160,7 @@
     const ink = (name) => css.getPropertyValue(`--${name}`).trim();
     g.font = `11px ${getComputedStyle(document.body).fontFamily}`;
     g.lineWidth = 1;
-    const step = nice(2 * most, 5);
+    const step = nice(2 * most * turn, 5) / turn;
     g.textAlign = "right";
     g.textBaseline = "middle";
     for (let k = -Math.floor(most / step); k * step <= most; k++) {
@@ -163,12 +168,12 @@
       g.strokeStyle = ink(k === 0 ? "soft" : "line");
       g.beginPath(); g.moveTo(box.left, y); g.lineTo(w - box.right, y); g.stroke();
       g.fillStyle = ink("soft");
-      g.fillText(plain(k * step), box.left - 6, y);
+      g.fillText(plain(k * step * turn), box.left - 6, y);
     }
-    const tick = nice(tEnd - tStart, 4);
+    const tick = nice((tEnd - tStart) * second, 4) / second;
     g.textBaseline = "top";
     for (let t = Math.ceil(tStart / tick) * tick; t <= tEnd * 1.0001; t += tick) {
-      const label = plain(t), half = g.measureText(label).width / 2;
+      const label = plain(t * second), half = g.measureText(label).width / 2;
       g.textAlign = "center";
       g.fillText(label, Math.min(chart.x(t), w - half), h - box.bottom + 8);
     }
@@ -212,7 +217,8 @@
   get("masses").hidden = !D.weights.length;
   const count = D.reversals.length;
   const said = count === 0 ? "no reversal" : count === 1
-    ? `turn at ${plain(D.reversals[0])}` : `${count} turns, the first at ${plain(D.reversals[0])}`;
+    ? `turn at ${plain(D.reversals[0] * second)}`
+    : `${count} turns, the first at ${plain(D.reversals[0] * second)}`;
   canvas.setAttribute("aria-label",
     `Spin over time, from ${plain(table[at.n])} at time ${plain(tStart)} to time ${plain(tEnd)}: ${said}`);
   if (count) {
@@ -246,7 +252,8 @@
   function setSpeed(speed) {
     state.speed = Math.min(Math.max(speed, SLOWEST), FASTEST);
     get("speed").value = Math.log(state.speed / SLOWEST) / Math.log(FASTEST / SLOWEST);
-    const text = `${state.speed < 10 ? state.speed.toFixed(1) : state.speed.toFixed(0)} √(a/g)`;
+    const shown = state.speed * second;
+    const text = `${shown < 10 ? shown.toFixed(second === 1 ? 1 : 2) : shown.toFixed(0)} ${timeUnit}`;
     get("rate").textContent = `${text} per s`;
     get("speed").setAttribute("aria-valuetext", `${text} per second`);
   }

@@ -1,4 +1,4 @@
-"""How ragged the boundaries between types are on a map: what is expected of maps of basins.
+"""Maps as arrays: fill what a refined grid has left out, measure how ragged boundaries are.
 
 The measures are those of Attractors.jl, by boxes as there. For the entropy at boundaries only boxes
 with two types count: where three meet it says nothing about a line.
@@ -6,11 +6,14 @@ with two types count: where three meet it says nothing about a line.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from rattlesweep.arrays import Floats, Integers
+from rattlesweep.arrays import Flags, Floats, Integers
+from rattlesweep.sweeps.decide import FEWEST as FEWEST_REFINED
+from rattlesweep.sweeps.decide import nearest
 
 BOX = 5
 """Points along a side of the boxes whose entropy is taken, as in Daza et al."""
@@ -82,3 +85,40 @@ def _boxes(code: Integers, side: int) -> tuple[Integers, Floats]:
     boxes = code[: rows * side, : columns * side].reshape(rows, side, columns, side)
     parts = np.array([(boxes == kind).mean(axis=(1, 3)) for kind in np.unique(code)])
     return (parts > 0).sum(axis=0), parts
+
+
+def fill(values: NDArray[Any], known: Flags) -> NDArray[Any]:
+    """Return an array in which points that were not run have a value too.
+
+    A point takes the value of the nearest run, counted in steps of the grid. Between runs that have
+    a finite number it takes the linear interpolation instead; where the nearest run has none (NaN),
+    as ``t_r`` without a reversal, it has none either. Axes of few values are not refined; planes
+    across them are filled apart.
+
+    Parameters
+    ----------
+    values : ndarray
+        One value for each point of the grid: codes, words, or floating numbers, which are
+        interpolated.
+    known : ndarray of bool
+        Points that were run, of the same shape.
+    """
+    from scipy.interpolate import LinearNDInterpolator
+
+    along = [n >= FEWEST_REFINED for n in values.shape]
+    filled: NDArray[Any] = values[tuple(nearest(known, along))]
+    if not np.issubdtype(values.dtype, np.floating):
+        return filled
+    others = (1 if own else n for own, n in zip(along, values.shape, strict=True))
+    for place in np.ndindex(*others):
+        here = tuple(slice(None) if own else k for own, k in zip(along, place, strict=True))
+        if known[here].all() or not known[here].any():
+            continue
+        own, new = values[here], filled[here]
+        wanted, source = ~known[here] & np.isfinite(new), known[here] & np.isfinite(own)
+        spread = all(len(np.unique(axis)) > 1 for axis in np.nonzero(source))
+        if wanted.any() and spread and new.ndim > 1 and source.sum() > new.ndim + 1:
+            interpolate = LinearNDInterpolator(np.argwhere(source), own[source])
+            between = interpolate(np.argwhere(wanted))
+            new[wanted] = np.where(np.isfinite(between), between, new[wanted])
+    return filled
