@@ -3,7 +3,7 @@
 ``--help`` imports all of these modules, so commands import what they call inside their functions.
 """
 
-from rattlesweep.cli import paper, results, single, studies, sweeps
+from rattlesweep.cli import fit, paper, results, single, studies, sweeps
 from rattlesweep.cli.command import main
 
-__all__ = ["main", "paper", "results", "single", "studies", "sweeps"]
+__all__ = ["fit", "main", "paper", "results", "single", "studies", "sweeps"]
