@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from rattlesweep.api import *
 
 __all__ = ["ConfigError", "GrowthRates", "Modes", "OutputError", "Page", "Rattleback", "Run",
-           "Sweep", "__version__", "bondi_threshold", "growth_rates", "load", "modes", "replay",
+           "Sweep", "__version__", "bondi_threshold", "fit", "growth_rates", "load", "modes", "replay",
            "reversal_time_gh", "show", "simulate", "sweep", "to_si",
            "trajectory"]  # fmt: skip
 

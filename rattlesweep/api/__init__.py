@@ -13,6 +13,7 @@ from rattlesweep.api.closed import (
     modes,
     reversal_time_gh,
 )
+from rattlesweep.api.fit import fit
 from rattlesweep.api.single import Page, Run, replay, show, simulate, trajectory
 from rattlesweep.api.sweeps import Sweep, load, sweep
 from rattlesweep.errors import ConfigError, OutputError
@@ -20,6 +21,6 @@ from rattlesweep.physics.body import Rattleback
 from rattlesweep.physics.theory import Modes
 
 __all__ = ["ConfigError", "GrowthRates", "Modes", "OutputError", "Page", "Rattleback", "Run",
-           "Sweep", "bondi_threshold", "growth_rates", "load", "modes", "replay",
+           "Sweep", "bondi_threshold", "fit", "growth_rates", "load", "modes", "replay",
            "reversal_time_gh", "show", "simulate", "sweep", "to_si",
            "trajectory"]  # fmt: skip
