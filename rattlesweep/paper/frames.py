@@ -10,8 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from rattlesweep.analysis.onerun.course import Trajectory
-from rattlesweep.analysis.style import thin
-from rattlesweep.analysis.style import FAINT
+from rattlesweep.analysis.style import FAINT, thin
 from rattlesweep.api import trajectory
 from rattlesweep.errors import OutputError
 from rattlesweep.physics.body import Rattleback
