@@ -94,7 +94,7 @@ def test_the_stone_of_physics_atlas(spin):
     ("name", "omega"), [("spun", (0.01, -0.02, -2.0)), ("pushed", (0.01, -1.0, -0.02))]
 )
 def test_wittensteins_stone(name, omega):
-    """Half an ellipsoid, semi-axes golden ratio, 1 and 1 m, of 0.1 kg, and two weights of 0.05 kg."""
+    """Half an ellipsoid, semi-axes golden ratio, 1 and 1 m, of 0.1 kg, with two weights of 50 g."""
     inertia = [[0.05796875, -0.025, 0.0], [-0.025, 0.0903294297749979, 0.0],
                [0.0, 0.0, 0.12236067977499791]]  # fmt: skip
     stone = Stone(0.2, inertia, ((1 + math.sqrt(5)) / 2, 1.0, 1.0), 0.1875)
