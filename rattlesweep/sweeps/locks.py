@@ -15,12 +15,11 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 from rattlesweep.errors import OutputError
-from rattlesweep.sweeps.files import explained, remove_temporaries
+from rattlesweep.sweeps.files import explained
 from rattlesweep.sweeps.provenance import SESSIONS, read_sessions, who
 
-FOLDER = ".locks"
-WHOLE, MANIFEST = "whole", "manifest"
-PATIENCE, MANIFEST_PATIENCE = 0.5, 60.0
+FOLDER, WHOLE = ".locks", "whole"
+PATIENCE = 0.5
 """Seconds; a lock may be held for a moment by a process that only looks whether it is held."""
 NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EINVAL)
 """Answers of file systems without locks, on which each process goes on as if it were alone."""
@@ -32,79 +31,45 @@ def hold(directory: Path, shard: str | None = None) -> Iterator[None]:
 
     Raise an OutputError if another process works there.
     """
-    folder, mine = directory / FOLDER, shard or WHOLE
-    with explained(f"cannot write in {folder}", folder=True):
-        folder.mkdir(exist_ok=True)
-    with _held(folder / mine, PATIENCE) as held:
-        if not held:
-            raise _in_use(directory, shard)
-        for path in sorted(folder.iterdir()):
-            beside = shard is not None and _count(path.name) == _count(shard)
-            if path.name not in (mine, MANIFEST) and not beside and at_work(path):
-                raise _in_use(directory, None if path.name == WHOLE else path.name)
-        if shard is None:  # other shards may be writing
-            remove_temporaries(directory, directory / "runs", directory / SESSIONS)
-        yield
-
-
-@contextlib.contextmanager
-def manifest_lock(directory: Path) -> Iterator[None]:
-    """Keep other processes from the manifest for a moment."""
-    path = directory / FOLDER / MANIFEST
-    with _held(path, MANIFEST_PATIENCE) as held:
-        if not held:
-            raise OutputError(f"{path} has been held for a minute")
-        yield
-
-
-def others_at_work(directory: Path, shard: str | None) -> bool:
-    """Return whether another process computes runs in the directory."""
-    with contextlib.suppress(OSError):
-        paths = (directory / FOLDER).iterdir()
-        return any(p.name not in (shard or WHOLE, MANIFEST) and at_work(p) for p in paths)
-    return False
-
-
-def at_work(path: Path) -> bool:
-    """Return whether a process holds a lock file, without waiting."""
-    try:
-        with FileLock(path).acquire(timeout=0):
-            return False
-    except Timeout:
-        return True
-    except OSError:
-        return False
-
-
-def _count(name: str) -> str:
-    """Return the N of ``shard-I-of-N``."""
-    return name.rpartition("-of-")[2]
-
-
-@contextlib.contextmanager
-def _held(path: Path, patience: float) -> Iterator[bool]:
-    """Hold a lock file; yield whether that could be done."""
-    lock = FileLock(path)
-    with explained(f"cannot write {path}"):
+    mine, busy = shard or WHOLE, []
+    lock = FileLock(directory / FOLDER / mine)
+    with explained(f"cannot write in {directory}"):
+        (directory / FOLDER).mkdir(exist_ok=True)
         try:
-            lock.acquire(timeout=patience, poll_interval=0.02)
+            lock.acquire(timeout=PATIENCE, poll_interval=0.02)
         except Timeout:
-            yield False
-            return
+            busy = [mine]
         except OSError as error:
             if error.errno not in NO_LOCKS:
                 raise
     try:
-        yield True
+        beside = None if shard is None else shard.partition("-of-")[2]
+        busy += [o for o in at_work(directory, mine) if o.partition("-of-")[2] != beside]
+        if busy:
+            what = f"{directory}" if busy[0] == WHOLE else f"{directory}: {busy[0]}"
+            by = [who(s) for s in read_sessions(directory)
+                  if s["how"] == "running" and (s["shard"] or WHOLE) == busy[0]]  # fmt: skip
+            raise OutputError(f"{what} is in use by {by[-1] if by else 'another process'}")
+        if shard is None:  # other shards may be writing
+            for folder in (directory, directory / "runs", directory / SESSIONS):
+                for path in folder.glob(".*.tmp"):
+                    with contextlib.suppress(OSError):
+                        path.unlink()
+        yield
     finally:
         lock.release()
 
 
-def _in_use(directory: Path, shard: str | None) -> OutputError:
-    what = f"{directory}" if shard is None else f"{directory}: {shard}"
-    records = [
-        record
-        for record in read_sessions(directory)
-        if record.get("how") == "running" and record.get("shard") == shard
-    ]
-    return OutputError(f"{what} is in use by {who(records[-1]) if records else 'another process'}")
+def at_work(directory: Path, mine: str | None = None) -> list[str]:
+    """Return the locks that other processes hold, without waiting."""
+    held = []
+    for path in sorted((directory / FOLDER).glob("*")):
+        if path.name != mine:
+            try:
+                with FileLock(path).acquire(timeout=0):
+                    continue
+            except Timeout:
+                held.append(path.name)
+            except OSError:
+                continue  # a directory of somebody else, or no locks at all
+    return held

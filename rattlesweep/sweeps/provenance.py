@@ -14,7 +14,7 @@ import socket
 import sys
 import time
 from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -29,10 +29,7 @@ NOTE_EVERY = 5.0
 
 def package_version() -> str:
     """Return the version of rattlesweep."""
-    try:
-        return version("rattlesweep")
-    except PackageNotFoundError:
-        return "unknown"
+    return version("rattlesweep")
 
 
 def versions() -> dict[str, str]:
@@ -54,9 +51,9 @@ def machine() -> dict[str, Any]:
     }
 
 
-def now(timespec: str = "seconds") -> str:
+def now() -> str:
     """Return the time, in UTC."""
-    return datetime.now(UTC).isoformat(timespec=timespec)
+    return datetime.now(UTC).isoformat(timespec="seconds")
 
 
 def command_line() -> list[str]:
@@ -70,9 +67,9 @@ class Session:
     """The record of this process in an output directory; `shard` is such as ``shard-0-of-4``."""
 
     def __init__(self, directory: Path, shard: str | None, threads: int) -> None:
-        started = now("microseconds")
+        begin = datetime.now(UTC)
         self._data: dict[str, Any] = {
-            "started": started,
+            "started": begin.isoformat(),
             "ended": None,
             "how": "running",
             "shard": shard,
@@ -83,8 +80,7 @@ class Session:
             "versions": versions(),
             "machine": machine(),
         }
-        stamp = started.replace(":", "").replace("-", "").replace("+0000", "Z")
-        self._path = directory / SESSIONS / f"{stamp}-{os.getpid()}.json"
+        self._path = directory / SESSIONS / f"{begin:%Y%m%dT%H%M%S.%fZ}-{os.getpid()}.json"
         self._due = 0.0
         self.note()
 
@@ -110,10 +106,8 @@ def read_sessions(directory: Path) -> list[dict[str, Any]]:
     """Return the records of a directory, the oldest first; what cannot be read is left out."""
     found = []
     for path in sorted((directory / SESSIONS).glob("*.json")):
-        with contextlib.suppress(OSError, ValueError):
-            data = json.loads(path.read_bytes())
-            if isinstance(data, dict):
-                found.append(data)
+        with contextlib.suppress(OSError, ValueError, TypeError):
+            found.append({"how": None, "shard": None} | json.loads(path.read_bytes()))
     return found
 
 
