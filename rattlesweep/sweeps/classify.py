@@ -60,12 +60,8 @@ def _changed(stored: Stored, overrides: Sequence[str]) -> Classify:
     config, own = override_config(resolved(stored.config), list(overrides)), stored.config
     if config.model_copy(update={"classify": own.classify}) != own:
         raise ConfigError("--set: only keys of classify can change here; others need a new sweep")
-    if config.classify.early != own.classify.early:
-        raise ConfigError("--set classify.early: decides how far runs go; it needs a new sweep")
-    # A zero of the spin after the energy has fallen below it is not stored as t_r.
-    if config.dissipation and config.classify.dead_energy != own.classify.dead_energy:
-        raise ConfigError(
-            "--set classify.dead_energy: decides which zeros of the spin are reversals; with "
-            "dissipation it needs a new sweep"
-        )
+    # A zero of the spin after the energy has fallen below dead_energy is not stored as t_r.
+    for key in ("early", *(["dead_energy"] if config.dissipation else [])):
+        if getattr(config.classify, key) != getattr(own.classify, key):
+            raise ConfigError(f"--set classify.{key}: decides more than types; it needs a new sweep")
     return config.classify

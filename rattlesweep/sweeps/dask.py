@@ -29,7 +29,7 @@ from rattlesweep.errors import ConfigError, OutputError, one_line
 from rattlesweep.integrate.batch import Control, available_threads
 from rattlesweep.integrate.task import POLL, Task
 from rattlesweep.sweeps.block import compute, load_kernel, prepare_runs
-from rattlesweep.sweeps.job import Engine, Job, Keys
+from rattlesweep.sweeps.job import Engine, Job, Keys, OutOfTime
 from rattlesweep.sweeps.plan import Plan
 from rattlesweep.sweeps.provenance import versions
 
@@ -171,9 +171,6 @@ def _result(future: Future, keys: Keys) -> tuple[pa.Table, float]:
     return answer
 
 
-# -- the cluster -------------------------------------------------------------------------------
-
-
 @contextmanager
 def embedded(workers: int | None, threads: int) -> Iterator[Client]:
     """Start a cluster of processes on this machine, and stop it in the end."""
@@ -242,28 +239,21 @@ def existing(address: str) -> Iterator[Client]:
             client.close(timeout=5)
 
 
-# -- a worker ----------------------------------------------------------------------------------
-
 _kernel = threading.Lock()  # one kernel at a time in a process
 _unpack = lru_cache(maxsize=1)(pickle.loads)
 
 
 def do_block(order: dict[str, Any], case: Integers, sample: Integers) -> tuple[pa.Table, float]:
-    """Compute a block on a worker: its rows, if somebody still waits for all of them, and the
-    seconds of the kernel.
-    """
+    """Compute a block on a worker; return its rows, and the seconds of the kernel."""
     from distributed import Status, get_worker
 
     worker = get_worker()
     state = worker.state.tasks.get(worker.get_current_task())
 
-    def unwanted() -> bool:
+    def watch(_: Control | None = None) -> None:
         closing = worker.status in (Status.closing, Status.closed)
-        return closing or state is None or state.state == "cancelled"
-
-    def watch(control: Control) -> None:
-        if unwanted():
-            control.stop()
+        if closing or state is None or state.state == "cancelled":
+            raise OutOfTime  # nobody waits for the block any more
 
     try:
         ours, theirs = versions(), order["versions"]
@@ -275,8 +265,7 @@ def do_block(order: dict[str, Any], case: Integers, sample: Integers) -> tuple[p
         plan: Plan = _unpack(order["plan"])
         prepared = prepare_runs(plan, case, sample)
         while not _kernel.acquire(timeout=POLL):
-            if unwanted():
-                return pa.table({}), 0.0
+            watch()
         try:
             load_kernel(plan.config)  # not while another thread uses a kernel
             threads = order["threads"] or worker.state.nthreads
@@ -284,6 +273,8 @@ def do_block(order: dict[str, Any], case: Integers, sample: Integers) -> tuple[p
             return task.wait(watch)[0], task.seconds
         finally:
             _kernel.release()
+    except OutOfTime:
+        return pa.table({}), 0.0
     except ConfigError:
         raise
     except Exception as error:

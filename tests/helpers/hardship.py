@@ -145,7 +145,10 @@ class Nursery:
 
     def close(self) -> None:
         """End it, and all that it started."""
-        self._process.communicate()
+        try:
+            self._process.communicate(timeout=30)
+        except subprocess.TimeoutExpired:
+            os.killpg(self._process.pid, signal.SIGKILL)
 
 
 @cache

@@ -253,7 +253,7 @@ def test_the_program_killed_at_random_instants(tmp_path, record_property):
     output, whole = tmp_path / "out", tmp_path / "whole"
     command = [PROGRAM, "run", CONFIGS / "quickstart.yaml", "-q", *sets, "--output"]
     began = time.monotonic()
-    subprocess.run([*command, whole], check=True, capture_output=True)
+    subprocess.run([*command, whole], check=True, capture_output=True, timeout=600)
     seconds = time.monotonic() - began
     dice, counts = random.Random(2017), Counter[str]()
     while counts["killed"] < 10:
@@ -272,6 +272,6 @@ def test_the_program_killed_at_random_instants(tmp_path, record_property):
             check_equal(output, whole)
             counts["through"] += 1
             shutil.rmtree(output)
-    subprocess.run([*command, output], check=True, capture_output=True)
+    subprocess.run([*command, output], check=True, capture_output=True, timeout=600)
     check_equal(output, whole)
     record_property("counts", dict(counts))
