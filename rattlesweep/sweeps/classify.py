@@ -12,7 +12,7 @@ import pyarrow.compute as pc
 from rattlesweep.errors import ConfigError
 from rattlesweep.sweeps.config.read import override_config, resolved
 from rattlesweep.sweeps.config.schema import Classify
-from rattlesweep.sweeps.locks import hold
+from rattlesweep.sweeps.provenance import hold
 from rattlesweep.sweeps.rows import TYPED
 from rattlesweep.sweeps.stored import Stored, open_stored
 from rattlesweep.sweeps.summary import summarise, write_summary
@@ -63,5 +63,7 @@ def _changed(stored: Stored, overrides: Sequence[str]) -> Classify:
     # A zero of the spin after the energy has fallen below dead_energy is not stored as t_r.
     for key in ("early", *(["dead_energy"] if config.dissipation else [])):
         if getattr(config.classify, key) != getattr(own.classify, key):
-            raise ConfigError(f"--set classify.{key}: decides more than types; it needs a new sweep")
+            raise ConfigError(
+                f"--set classify.{key}: decides more than types; it needs a new sweep"
+            )
     return config.classify

@@ -16,7 +16,7 @@ import pyarrow as pa
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps.decide import decision
 from rattlesweep.sweeps.files import explained, streamed_file
-from rattlesweep.sweeps.locks import hold
+from rattlesweep.sweeps.provenance import hold
 from rattlesweep.sweeps.rows import Runs, free_path
 from rattlesweep.sweeps.stored import (
     MANIFEST,

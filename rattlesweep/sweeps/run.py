@@ -18,9 +18,8 @@ from rattlesweep.integrate.batch import available_threads
 from rattlesweep.sweeps.decide import decides, decision
 from rattlesweep.sweeps.files import explained
 from rattlesweep.sweeps.job import Engine, Job, OutOfTime, Progress, Result, local
-from rattlesweep.sweeps.locks import hold
 from rattlesweep.sweeps.plan import Plan
-from rattlesweep.sweeps.provenance import Session
+from rattlesweep.sweeps.provenance import Session, hold
 from rattlesweep.sweeps.rows import Found, free_path
 from rattlesweep.sweeps.stored import (
     Stored,

@@ -9,8 +9,7 @@ from typing import Any
 
 from rattlesweep.durations import clock
 from rattlesweep.sweeps.decide import decides, decision
-from rattlesweep.sweeps.locks import WHOLE, at_work
-from rattlesweep.sweeps.provenance import read_sessions, who
+from rattlesweep.sweeps.provenance import WHOLE, at_work, read_sessions, who
 from rattlesweep.sweeps.stored import open_stored
 from rattlesweep.text import counted
 

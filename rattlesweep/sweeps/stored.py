@@ -29,8 +29,7 @@ from rattlesweep.sweeps.config.read import (
 )
 from rattlesweep.sweeps.config.schema import Classify, Config
 from rattlesweep.sweeps.files import explained, reason, replace_file
-from rattlesweep.sweeps.locks import FOLDER as LOCKS
-from rattlesweep.sweeps.provenance import command_line, machine, now, versions
+from rattlesweep.sweeps.provenance import LOCKS, command_line, machine, now, versions
 from rattlesweep.sweeps.rows import FOLDER, TYPED, Runs
 
 if TYPE_CHECKING:
@@ -146,6 +145,8 @@ def open_stored(directory: Path | str) -> Stored:
         cases = tuple(Case.load(case) for case in data["cases"])
         config = override_config(data["config"], [])
         samples, key = int(data["samples"]), str(data["config_hash"])
+        if [case.index for case in cases] != list(range(len(cases))) or samples < 1:
+            raise ValueError("its cases are not numbered")
         return Stored(directory, data, config, cases, extra, samples, key)
     except (FileNotFoundError, NotADirectoryError):
         what = "has no manifest.json" if directory.is_dir() else "there is no such directory"

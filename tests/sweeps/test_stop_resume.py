@@ -6,7 +6,6 @@ import re
 import shutil
 import signal
 import threading
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,7 @@ from sweeping import begin, plan_of
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.integrate import task
 from rattlesweep.sweeps import job
-from rattlesweep.sweeps.job import Job, OutOfTime, Progress, Result
+from rattlesweep.sweeps.job import Job, Progress, Result
 from rattlesweep.sweeps.provenance import read_sessions
 from rattlesweep.sweeps.rows import Found, Runs
 from rattlesweep.sweeps.run import Shard
@@ -342,21 +341,6 @@ def test_progress_never_falls_and_ends_at_one(waves, monkeypatch):
     assert all(p.left is None or (np.isfinite(p.left) and p.left >= 0) for p in seen)
     assert [p.runs for p in seen] == sorted(p.runs for p in seen)
     assert seen[-1].runs == seen[-1].total == wanted.sum()
-
-
-def test_the_time_is_over_when_a_run_has_ended_or_after_the_grace(monkeypatch):
-    now = [0.0]
-    monkeypatch.setattr(time, "monotonic", lambda: now[0])
-    work = new_job(monkeypatch, [1.0], 30, deadline=1.0)
-    work.blocks(np.ones((1, 30), bool))
-    now[0] = 2.0
-    work.tick()  # nothing has begun
-    work.begin()
-    now[0] = 2.0 + job.GRACE / 2
-    work.tick()
-    now[0] = 2.0 + job.GRACE
-    with pytest.raises(OutOfTime):
-        work.tick()
 
 
 def test_shards_are_read_as_words():
