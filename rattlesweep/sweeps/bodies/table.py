@@ -228,7 +228,7 @@ def keep_bodies(source: TableBodies, directory: Path) -> None:
     """
     if (path := directory / source.config["path"]).exists():
         return
-    with explained(f"cannot write in {directory}", folder=True):
+    with explained(f"cannot write in {directory}"):
         directory.mkdir(parents=True, exist_ok=True)
     # A directory with nothing else in it is known by the mark to be that of a sweep.
     mark = {"rattlesweep.bodies": source.content_hash}
