@@ -10,7 +10,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from ruamel.yaml import YAML
 
-from rattlesweep.sweeps.config.schema import Linspace, Logspace
+from rattlesweep.sweeps.config.schema import spaced
 
 # Larger vector pictures are shown as PNG, or a page of seven would pass 5 MB.
 MOST_SVG = 400_000
@@ -76,9 +76,9 @@ def _axis(values: Sequence[Any]) -> dict[str, list[float]] | None:
     if len(values) < LONG or not all(isinstance(value, float) for value in values):
         return None
     ends = [values[0], values[-1], float(len(values))]
-    for kind, name in ((Linspace, "linspace"), (Logspace, "logspace")):
+    for name in ("linspace", "logspace"):
         try:
-            if kind.model_validate({name: ends}).values() == list(values):
+            if spaced(name, *ends) == list(values):
                 return {name: [ends[0], ends[1], len(values)]}
         except ValueError:
             continue  # no ratio leads from one end to the other

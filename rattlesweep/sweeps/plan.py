@@ -181,7 +181,7 @@ def _with_losses(config: Config, own: Mapping[str, float | str]) -> Config:
     if found == given:
         return config
     config = config.model_copy(update={"dissipation": found})
-    if wrong := [": ".join(one) for one in clashes(dict(config))]:
+    if wrong := [": ".join(one) for one in clashes(config)]:
         raise ConfigError(f"bodies.path: with the table's columns: {one}" for one in wrong)
     return config
 

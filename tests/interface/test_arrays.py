@@ -112,7 +112,7 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
     "past": ({"t_end": -1}, "t_end -1: the horizon must be finite and positive"),
     "model": ({"model": "gh "}, '"gh " is not one of full, reduced, gh'),
     "method": ({"method": "euler"}, '"euler" is not one of dop853'),
-    "tolerance": ({"tol": 1.0}, "integrator.tol: 1.0 is out of range; it must be at most 0.01"),
+    "tolerance": ({"tol": 1.0}, "integrator.tol: 1.0 is given; it should be less than"),
     "threads": ({"threads": 0}, r"threads: 0 \(int\) is no count; give a whole number from 1 on"),
     "body": ({"body": 3}, r"bodies: 3 \(int\) is no body; give a Rattleback, a sequence"),
     "one of them": ({"body": [GH, "HG"]}, r"bodies\[1\]: 'HG' \(str\) is no body"),

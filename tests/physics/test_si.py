@@ -136,7 +136,7 @@ NO_LENGTH = {
     "12 foo": "has the unit foo: 'foo' is not defined",
     "12 kg": "is a mass; a length is needed",
     "12 mm^3": "is another quantity; a length is needed",
-    "1,2 cm": "has 2 numbers; 1 is needed",
+    "1,2 cm": "has 2 numbers, not 1",
     "nan m": "is not a number with a unit",
 }
 
@@ -222,9 +222,9 @@ NO_FIT = """
 --preset GH --mass 1kg | --preset given beside --mass; keep a body in SI
 --preset GH --n-i 60rpm | --n-i has a unit, but the body has no size
 --preset GH --n-i '60 mm' | --n-i 60 mm: is a length; a spin is needed
-STONE --radii '200 cm' | --radii 200 cm: has 1 number; 2 are needed
+STONE --radii '200 cm' | --radii 200 cm: has 1 numbers, not 2
 STONE --radii '0.5,2 cm' | radii: 0.005 m is not above the height 0.01 m
-STONE --inertia '1,2 kg m^2' | has 2 numbers; 3, 4, 5 or 6 are needed
+STONE --inertia '1,2 kg m^2' | has 2 numbers, not 3 or 4 or 5 or 6
 --preset GH --c 2cm | --c has a unit, but the body has no size; give it
 STONE --c 2kg | --c 2kg: is a mass; a length is needed, such as 12 mm
 STONE --c 2mm | c 0.2 is not above theta 0.222222

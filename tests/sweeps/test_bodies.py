@@ -290,14 +290,14 @@ def test_a_grid_over_a_shell_dumbbell_body_remakes_its_inertia():
 @pytest.mark.parametrize(
     ("source", "words"),
     [
-        ({"overrides": {"theta": 1.2}}, "theta: 1.2 is out of range; it must be below 1"),
+        ({"overrides": {"theta": 1.2}}, "theta: 1.2 is given; it should be less than 1"),
         ({"overrides": {"theta": 0.03}}, "phi 0.036 is not below theta 0.03"),
         ({"overrides": {"phi": 0.7}}, "phi 0.7 is not below theta 0.6429"),
         ({"overrides": {"beta": 14}}, "alpha 13.04 is not above beta 14"),
         ({"overrides": {"alpha": 20}},
          "no body has this inertia: I_xx = alpha - 1 = 19 exceeds"),
         ({"overrides": {"gamma": 13}}, "no body has this inertia: I_zz = gamma = 13 exceeds"),
-        ({"overrides": {"xi": 0.1}}, "xi: 0.1 is out of range; it must be below 0"),
+        ({"overrides": {"xi": 0.1}}, "xi: 0.1 is given; it should be less than 0"),
         # gamma 13 exceeds I_xx + I_yy = 12.562 of GH's alpha and beta, but only there.
         ({"axes": {"theta": [0.7, 0.8], "gamma": [12, 12.28, 13]}},
          "at alpha 13.04, beta 1.522, gamma 13, theta 0.7, phi 0.036, xi -0.0300197: no body has "

@@ -40,7 +40,7 @@ def test_speeds_of_arrays_and_theory():
 def test_speeds_of_configs(section, tmp_path):
     config = {"bodies": {"source": "preset", "name": "GH"}} | section
     with pytest.raises(
-        ConfigError, match=r"1001(\.0)? is out of range; it must be at (most|least) -?1"
+        ConfigError, match=r"1001(\.0)? is given; it should be (less|greater) than or equal to -?1"
     ):
         rs.sweep(config, output=tmp_path)
 

@@ -119,7 +119,7 @@ REFUSED: dict[str, tuple[dict[str, Any], dict[str, Any], str]] = {
     "reduced model": ({}, SIGMA | {"model": "reduced"},
                       "dissipation: the model reduced conserves energy; take model: full"),
     "early ends": ({}, SIGMA | {"classify": {"early": True}},
-                   "classify: early is for paraboloids without dissipation"),
+                   "classify: early is for full paraboloids without dissipation"),
     "exponents of an ellipsoid": ({"c": 2}, {"record": ["lyapunov"]}, f"record: lyapunov {ALONE}"),
 }  # fmt: skip
 
