@@ -21,9 +21,8 @@ import rattlesweep as rs
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics import theory
 from rattlesweep.physics.body import PARAMETERS
-from rattlesweep.sweeps.bodies import sources, tablefile
-from rattlesweep.sweeps.bodies.philox import uniforms
-from rattlesweep.sweeps.bodies.sampler import draw_bodies
+from rattlesweep.sweeps.bodies import sources
+from rattlesweep.sweeps.bodies.sampler import draw_bodies, uniforms
 from rattlesweep.sweeps.bodies.sources import CHUNK
 from rattlesweep.sweeps.config.read import parse_config, physics_hash
 from rattlesweep.sweeps.config.schema import Target
@@ -243,15 +242,9 @@ def test_a_body_does_not_depend_on_threads_or_neighbours():
 
 
 @pytest.mark.parametrize(("name", "value"), [("K_r", 5.0), ("K_p", 1e-9)])
-def test_an_impossible_target_says_how_close_the_ranges_get(name, value):
+def test_an_impossible_target_is_refused(name, value):
     line = refusal(drawn(10**6, target={name: [0.1, value], "max_draws": 20_000}))
     assert line.startswith(f"bodies.target.{name}: {value:g} was not met to 0.001 in 20000 draws")
-    nearest = float(line.split("the nearest being ")[1].split(";")[0])
-    b = draw_bodies(0, np.arange(200_000), RANGES)[0]
-    every = getattr(theory.modes(b[5], b[6], b[2], b[3], b[4]), name)
-    # The nearest of 20,000 draws of one sample: of the order of the nearest of all.
-    assert abs(math.log(nearest / (every.max() if value > 1 else every.min()))) < 5
-    assert every.min() < nearest < every.max() * 1.5
 
 
 # -- presets and grids -------------------------------------------------------------------------
@@ -350,22 +343,18 @@ BAD_TABLES = {
     "empty cell": (f"{HEAD}\n{GH}\n13,1.5,12,,0.1,-0.1\n", "row 2: theta is empty; a finite"),
     "impossible body": (f"{HEAD}\n{GH}\n{GH}\n13,1.5,12.3,1.2,0.1,-0.1\n", "row 3: theta is 1.2;"),
     "no skew": (f"{HEAD}\n13,1.5,12.3,0.5,0.2,0\n", "row 1: xi is 0 rad"),
-    "n_i alone": (f"{HEAD},n_i\n{GH},0.1\n", "n_i stands alone; give both"),
+    "n_i alone": (f"{HEAD},n_i\n{GH},0.1\n", "the column omega_xy0 is missing; a launch has n_i"),
     "no u": (f"{HEAD},omega_x,omega_y,omega_z\n{GH},0,0,1\n", "the column u_x is missing; a full"),
     "u too long": (f"{STATE}\n{GH},0,0,1,0,0.5,-1\n",
-                   "row 1: u: its length is 1.11803; give a unit"),
+                   "row 1: u must be a vector of length 1"),
     "at rest": (f"{STATE}\n{GH},0,0,0,0,0,-1\n",
                 "row 1: the body stands upright and at rest; give"),
-    "another spin": (f"{STATE},n_i,omega_xy0\n{GH},0,0,1,0,0,-1,1,0.1\n",
-                     "row 1: n_i is 1, and the spin of the full state -1; leave n_i and omega_xy0"),
     "horizon of 0": (f"{HEAD},t_end\n{GH},0\n", "row 1: t_end is 0; it must be positive"),
     "repeated": (f"{HEAD},theta\n{GH},0.7\n", "there are 2 columns theta; keep one of them"),
-    "a cell more in each row": (f"{HEAD}\n{GH},\n{GH},\n",
-                                "cannot be read as a table (Error tokenizing data. C error"),
+    "a cell more in each row": (f"{HEAD}\n{GH},\n{GH},\n", "cannot be read as a table (CSV parse"),
     "no rows": (f"{HEAD}\n", "the table has no rows; give at least one body"),
     "degrees": (f"{HEAD},n_i,omega_xy0,psi\n{GH},1,0.1,30\n",
-                "row 1: psi is 30; an angle from -2 pi to 2 pi in radians is allowed; a column in "
-                "degrees is called psi_deg"),
+                "row 1: psi is 30; from -6.28319 to 6.28319 rad is allowed"),
 }  # fmt: skip
 
 
@@ -388,28 +377,12 @@ def test_a_bad_table_is_told_by_its_row_and_what_is_none_by_its_name(name, tmp_p
     assert words in line
 
 
-def test_the_first_bad_rows_are_told_together(tmp_path):
+def test_each_rule_tells_its_first_bad_row(tmp_path):
     bad = [GH, GH.replace("0.6429", "1.2"), GH, GH.replace("1.522", "0.5")]
     lines = refusals(table(tmp_path, "\n".join([HEAD, *bad * 2])))
-    assert [line.split(": ")[2] for line in lines] == ["row 2", "row 4", "row 6", "row 8"]
+    assert [line.split(": ")[2] for line in lines] == ["row 2", "row 4"]
     assert "theta is 1.2" in lines[0]
-    assert "beta is 0.5" in lines[3]
-    *five, last = refusals(table(tmp_path, "\n".join([HEAD, *[bad[1]] * 9])))
-    assert len(five) == 5
-    assert last.endswith("there are more bad rows")
-
-
-def test_a_table_that_is_too_large_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(tablefile, "MAX_ROWS", 5)
-    monkeypatch.setattr(tablefile, "MAX_COLUMNS", 7)
-    frame = pd.DataFrame([[float(x) for x in GH.split(",")]] * 6, columns=list(PARAMETERS))
-    wide = frame.iloc[:2].assign(a=1, b=2)
-    for large, words in ((frame, "the table has more than 5 rows"), (wide, "has 8 columns; at mo")):
-        large.to_parquet(tmp_path / "b.parquet")
-        assert words in refusal({"source": "table", "path": str(tmp_path / "b.parquet")})
-        assert words in refusal(table(tmp_path, large.to_csv(index=False)))
-        with pytest.raises(ConfigError, match=words):
-            rs.sweep(large, output=tmp_path / "out", spin=SPIN)
+    assert "beta is 0.5" in lines[1]
 
 
 def test_a_table_is_known_by_its_content(tmp_path):
@@ -418,7 +391,7 @@ def test_a_table_is_known_by_its_content(tmp_path):
     csv = plan(table(tmp_path, text)).source
     pd.read_csv(tmp_path / "b.csv").to_parquet(tmp_path / "b.parquet")
     same = plan({"source": "table", "path": str(tmp_path / "b.parquet")}).source
-    assert csv.carried_names == same.carried_names == ("name",)
+    assert [*csv.carried] == [*same.carried] == ["name"]
     first = sources.content_hash(csv)
     assert (
         first == sources.content_hash(same) == sources.content_hash(pickle.loads(pickle.dumps(csv)))
@@ -441,8 +414,11 @@ def test_types_inside_parquet(tmp_path):
     for values, words in (
         ({"theta": ["0.5", "x", "0.6"]}, "row 2: theta is 'x'; a finite number is needed"),
         ({"theta": [0.6, None, 0.6]}, "row 2: theta is empty"),
-        ({"alpha": [pd.Timestamp("2020-01-01")] * 3}, "column alpha is of type timestamp[us]; num"),
-        ({"alpha": [True, None, True]}, ": the column alpha is of type bool; numbers are wanted"),
+        (
+            {"alpha": [pd.Timestamp("2020-01-01")] * 3},
+            "row 1: alpha is '2020-01-01 00:00:00'; a fin",
+        ),
+        ({"alpha": [True, None, True]}, "row 1: alpha is 'True'; a finite number is needed"),
     ):
         frame.assign(**values).to_parquet(path)
         assert words in refusal(source)

@@ -275,11 +275,11 @@ def test_tables_in_si_units(tmp_path):
 
 # name: (column and value of a table, its config, words)
 REFUSED_TABLES: dict[str, tuple[str, str, dict[str, Any], str]] = {
-    "long lever": ("rolling", "2", {}, "row 1: rolling is 2; at most 1 is allowed"),
+    "long lever": ("rolling", "2", {}, "row 1: rolling is 2; from 0 to 1 a is allowed"),
     "several too": ("sigma", "0.1", {"dissipation": {"sigma": [0, 1]}},
                     "dissipation.sigma: there are several values, and the table has a column "),
     "no column": ("rolling", "0.1", {"dissipation": {"sigma": "table"}},
-                  "dissipation.sigma: the table has no column sigma; add it, or give a number"),
+                  "dissipation.sigma: the table has no column sigma; give a number"),
     "reduced": ("sigma", "0.1", {"model": "reduced"},
                 "bodies.path: with the table's columns: dissipation: the model reduced conserves"),
     "exponents": ("sigma", "0.1", {"record": ["lyapunov"]},

@@ -201,7 +201,7 @@ def test_the_reduced_model_can_be_tapped():
 @pytest.mark.parametrize(
     ("config", "words"),
     [
-        ("spin: {n_i: [0.1, 0], omega_xy0: 0.1}", "horizon.t: missing; a launch without spin has"),
+        ("spin: {n_i: [0.1, 0], omega_xy0: 0.1}", "horizon.t: missing; a launch without spin (2"),
         ("spin: {n_i: 0, omega_xy0: 0.1}\nhorizon: {t: 9}\nmodel: gh", "c.yaml:4: model: gh beg"),
         ("launch: {omega: [0, 0, 1]}", "t_rgh times t_rGH is not a finite time in the only run"),
         ("launch: {omega: [1, 0, 0]}", "horizon.t: missing; a launch without spin has no t_rGH"),
@@ -220,6 +220,6 @@ def test_a_row_without_spin_needs_a_horizon(tmp_path, monkeypatch):
     row = "13.04,1.522,12.28,0.82,0.036,-0.03"
     Path("t.csv").write_text(f"{HEAD},n_i,omega_xy0,t_end\n{row},0,0.1,50\n{row},0,0.1,\n")
     Path("c.yaml").write_text("bodies: {source: table, path: t.csv}\n")
-    assert_refused(invoke("run", "c.yaml"), 2, "horizon.t: missing; a launch without spin (row 2")
+    assert_refused(invoke("run", "c.yaml"), 2, "horizon.t: missing; a launch without spin (2 of 2)")
     assert invoke("run", "c.yaml", "--set", "horizon.t=60", "-q").exit_code == 0
     assert rs.load("out/c").runs.t_end.tolist() == [50, 60]

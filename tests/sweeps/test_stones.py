@@ -106,7 +106,7 @@ ALONE = "is for paraboloids without dissipation; leave it out"
 SIGMA = {"dissipation": {"sigma": 0.1}}
 # name: (bodies over those of the preset, the rest of the config, words)
 REFUSED: dict[str, tuple[dict[str, Any], dict[str, Any], str]] = {
-    "c below the curvature": ({"c": 0.6}, {}, "bodies.overrides: c 0.6 is not above theta 0.6429: "
+    "c below the curvature": ({"c": 0.6}, {}, "c 0.6 is not above theta 0.6429: "
                               "the ellipsoid's horizontal semi-axis"),
     "below those drawn": ({"source": "sd", "c": [0.9, 2]}, {}, "bodies.c: c down to 0.9 and theta "
                           "up to 0.95 give bodies that would rather lie"),
