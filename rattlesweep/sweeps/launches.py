@@ -97,9 +97,8 @@ def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
 
     n_i, omega_xy0 = value("n_i"), value("omega_xy0")
     modes = theory.modes(bodies.alpha, bodies.beta, bodies.theta, bodies.phi, bodies.xi)
-    psi = bodies.psi
-    if psi is None:
-        psi = launch.direction(modes, n_i, config.spin.psi if config.spin else "relevant")
+    way = config.spin.psi if config.spin else "relevant"
+    psi = launch.direction(modes, n_i, way) if bodies.psi is None else bodies.psi
     losses = (value("sigma"), value("rolling")) if config.dissipation else None
     launches = with_theory(case, sample, bodies, n_i, omega_xy0, psi, modes, config.horizon, losses)
     if losses is None:

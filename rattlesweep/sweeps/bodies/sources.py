@@ -49,26 +49,27 @@ def make_source(config: Config, base: Path | None = None) -> Source:
         return ShapeBodies(config.seed, bodies)
     if isinstance(bodies, TableSource):
         return read_bodies(bodies.path, base).with_surface(bodies)
-    alone = isinstance(bodies, PresetSource)
-    preset, given = (
-        (bodies.name, bodies.overrides.given())
-        if alone
-        else (bodies.base.preset, bodies.base.given())
-    )
+    preset: str | None
+    varying: dict[str, list[float]] = {}
+    if isinstance(bodies, PresetSource):
+        preset, given = bodies.name, bodies.overrides.given()
+    else:
+        preset, given, varying = bodies.base.preset, bodies.base.given(), bodies.varying
     if preset is not None:
         body = PRESETS[preset]()
         given = {name: getattr(body, name) for name in (*PARAMETERS, "c")} | given
-    c = given.pop("c", None) if bodies.c is None else bodies.c
+    c = bodies.c[0] if isinstance(bodies.c, list) else bodies.c or given.get("c")
+    given.pop("c", None)
     if c is not None and bodies.ellipsoidal:
-        given["c"] = c if alone else c[0]
-    axes = {} if alone else {name: np.array(x, float) for name, x in bodies.varying.items()}
+        given["c"] = c
+    axes = {name: np.array(values, float) for name, values in varying.items()}
     for name, sign in (("xi_deg", 1), ("minus_xi_deg", -1)):
         if name in axes:
             axes["xi"] = sign * np.radians(axes.pop(name))
     # Each rule is linear in each parameter, so a grid that breaks it breaks it in a corner.
     corners = GridBodies(given, {name: np.array([x.min(), x.max()]) for name, x in axes.items()})
     every = corners.bodies(np.nan, np.arange(corners.samples))
-    _check(every, "bodies.overrides" if alone else "bodies.axes")
+    _check(every, "bodies.axes" if axes else "bodies.overrides")
     # The runs of a preset of known size are in seconds too where the config is.
     return GridBodies(given, axes, SIZES.get(preset or "") if config.in_si else None)
 

@@ -49,6 +49,7 @@ LAUNCH, LOSSES = ("n_i", "omega_xy0"), ("sigma", "rolling")
 OMEGA, U = ("omega_x", "omega_y", "omega_z"), ("u_x", "u_y", "u_z")
 COLUMNS = (*PARAMETERS, *LAUNCH, *OMEGA, *U, "t_end", "psi", "f_sd", "c", *LOSSES)
 """Columns that say what is run, without SI units."""
+SHAPE = (*PARAMETERS, "c")
 BODY = ("mass_kg", "height_m", "ixx_kg_m2", "iyy_kg_m2", "izz_kg_m2", "r1_m", "r2_m")
 """Mass, height of the centre of mass, inertia about it, radii of curvature at the bottom."""
 BODY_DEFAULTS = {"ixy_kg_m2": 0.0, "axes_angle_deg": 0.0, "gravity_m_s2": si.GRAVITY}
@@ -151,7 +152,7 @@ class TableBodies:
             columns["c"] = c if source.c is None else np.where(np.isnan(c), source.c, c)
             if np.isnan(columns["c"]).all():
                 raise ConfigError("bodies.c: missing; the table has no column c")
-            _refuse("bodies.path", _impossible(columns))
+            _refuse("bodies.path", violations(**{name: columns[name] for name in SHAPE}))
         return TableBodies(columns, self.scale, self.carried, self.fields)
 
 
@@ -183,20 +184,19 @@ def read_bodies(path: str, base: Path | None = None) -> TableBodies:
     return _bodies(table, where)
 
 
-def frame_bodies(frame: pd.DataFrame, where: str = "bodies") -> TableBodies:
-    """Return the bodies of a DataFrame; `where` is what a ConfigError begins with."""
+def frame_bodies(frame: pd.DataFrame) -> TableBodies:
+    """Return the bodies of a DataFrame."""
     try:
-        bodies = _bodies(pa.Table.from_pandas(frame, preserve_index=False), where)
+        table = pa.Table.from_pandas(frame, preserve_index=False)
     except (pa.ArrowException, TypeError, ValueError) as error:
-        raise _unreadable(where, error) from None
+        raise _unreadable("bodies", error) from None
+    bodies = _bodies(table, "bodies")
     if bodies.has_semi_axes:
-        _refuse(where, _impossible(bodies.columns))
+        _refuse("bodies", violations(**{name: bodies.columns[name] for name in SHAPE}))
     return bodies
 
 
 def _unreadable(where: str, error: Exception) -> ConfigError:
-    if isinstance(error, ConfigError):
-        return error
     reason = one_line(str(error).split("\n")[0] or type(error).__name__, 200)
     return ConfigError(f"{where}: cannot be read as a table ({reason})")
 
@@ -231,7 +231,8 @@ def _bodies(table: pa.Table, where: str) -> TableBodies:
         _require((*OMEGA, *U), columns, where, f"a full state has {' '.join((*OMEGA, *U))}")
     elif columns.keys() & {*LAUNCH}:
         _require(LAUNCH, columns, where, "a launch has n_i and omega_xy0")
-    _refuse(where, [*differing, *_out_of_bounds(columns), *_impossible(columns, PARAMETERS)])
+    impossible = violations(**{name: columns[name] for name in PARAMETERS})
+    _refuse(where, [*differing, *_out_of_bounds(columns), *impossible])
     if "t_r" in columns and "t_end" in columns:
         # In an output table the t_end of a run that reversed is its result, and not its horizon.
         columns["t_end"] = np.where(np.isfinite(columns["t_r"]), np.nan, columns["t_end"])
@@ -355,12 +356,6 @@ def _out_of_bounds(columns: dict[str, Floats]) -> Iterator[Problem]:
             yield broken[0], f"{name} is {values[broken[0]]:g}; {broken[1]}"
 
 
-def _impossible(
-    columns: dict[str, Floats], names: Iterable[str] = (*PARAMETERS, "c")
-) -> Iterator[Problem]:
-    return violations(**{name: columns[name] for name in names})
-
-
 def _refuse(where: str, problems: Iterable[Problem]) -> None:
     """Raise a ConfigError with a sentence for each of the first bad rows."""
     first: dict[int, str] = {}
@@ -371,6 +366,5 @@ def _refuse(where: str, problems: Iterable[Problem]) -> None:
 
 
 def _require(names: Iterable[str], there: Iterable[str], where: str, wanted: str) -> None:
-    for name in names:
-        if name not in there:
-            raise ConfigError(f"{where}: the column {name} is missing; {wanted}")
+    if missing := [name for name in names if name not in there]:
+        raise ConfigError(f"{where}: the column {missing[0]} is missing; {wanted}")
