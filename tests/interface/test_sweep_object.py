@@ -80,7 +80,7 @@ def test_other_thresholds_and_back(sd):
     ("call", "words"),
     [(lambda s: s.read("t_R"), r'columns: "t_R" is not one of .*did you mean "t_r"\?'),
      (lambda s: s.read(["t_r", 3]), 'columns: "3" is not one of'),
-     (lambda s: s.read(where="tpye == 'R'"), "where tpye == 'R': tpye is no column; did you mean"),
+     (lambda s: s.read(where="tpye == 'R'"), "where tpye == 'R': \"tpye\" is not one of .*did you mean"),
      (lambda s: s.to_xarray(["window_amplitude"]), "holds several values a run; .read"),
      (lambda s: s.to_xarray(["nothing"]), 'columns: "nothing" is not one of'),
      (lambda s: s.to_xarray(where="t_r >"), "where t_r >: cannot be read near"),

@@ -394,8 +394,9 @@ def test_types_that_are_not_sure_are_hatched(marked, told):
     for directory in (marked, told):
         with styled():
             figure = choose_picture(read_layout(directory), "fractions").figure()
-        pale = [p.get_height() for axes in figure.axes for p in axes.patches
-                if p.get_hatch() == UNSURE["hatch"] and p.get_height() > 0]  # fmt: skip
+        hatched = [p.get_data() for axes in figure.axes for p in axes.patches
+                   if p.get_hatch() == UNSURE["hatch"]]  # fmt: skip
+        pale = [high for p in hatched for high in p.values - p.baseline if high > 0]
         rows = rows_of(directory).to_pandas().query("status == 'ok'")
         unsure = rows[rows["type_sure"] == False].groupby(["case", "type"]).size()  # noqa: E712
         shares = unsure / rows.groupby("case").size()
