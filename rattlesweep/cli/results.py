@@ -43,18 +43,9 @@ from rattlesweep.cli.command import DONE, FAILED, MOST_ROWS, command, probe, say
               "be repeated. By default DIRECTORY/KIND.svg and .png.")  # fmt: skip
 @options.data
 def plot(
-    directory: Path,
-    kind: str | None,
-    x: str | None,
-    quantity: str | None,
-    select: tuple[str, ...],
-    where: str | None,
-    dpi: float,
-    style: Path | None,
-    output: tuple[Path, ...],
-    data: Path | None,
-    **looks: Any,
-) -> None:
+    directory: Path, dpi: float, style: Path | None, output: tuple[Path, ...], data: Path | None,
+    **given: Any,
+) -> None:  # fmt: skip
     """Plot a sweep: shares of types, reversal times, a map of a grid.
 
     Works at any time, even while the sweep is running. Prints the paths of what it writes.
@@ -63,20 +54,16 @@ def plot(
     from rattlesweep.analysis.plots.layout import read_layout
     from rattlesweep.analysis.style import save, styled
 
+    looks = {name: given.pop(name) for name in ("title", "log", "size", "xlim", "ylim")}
     with styled(style):
-        picture = choose_picture(
-            read_layout(directory), kind, x=x, quantity=quantity, select=select, where=where
-        )
-        name = picture.name
-        paths = list(output) or [directory / f"{name}.{ending}" for ending in ("svg", "png")]
-        figure = picture.figure(**looks)
-        save(figure, paths, dpi)
+        picture = choose_picture(read_layout(directory), **given)
+        paths = list(output) or [directory / f"{picture.name}{end}" for end in (".svg", ".png")]
+        save(picture.figure(**looks), paths, dpi)
     if data is not None:
         picture.write_data(data)
         paths.append(data)
-    for path in paths:
-        click.echo(path)
-    say(f"{name}: {picture.words()}")
+    click.echo("\n".join(map(str, paths)))
+    say(f"{picture.name}: {picture.words()}")
 
 
 @command(
@@ -130,16 +117,15 @@ def compare(
     both record errors, exits with 1 if a larger share than --allow is beyond, or if types that are
     sure differ.
     """
-    from rattlesweep.analysis.compare import as_text, save
-    from rattlesweep.analysis.compare import compare as compared
+    from rattlesweep.analysis import compare as compared
 
     probe(figure, data)
-    result = compared(a, b)
+    result = compared.compare(a, b)
     if data is not None:
         result.write_runs(data)
     if figure is not None:
-        save(result, figure)
-    click.echo(to_json(result.data()) if as_json else as_text(result, MOST_ROWS))
+        compared.save(result, figure)
+    click.echo(to_json(result.data()) if as_json else compared.as_text(result, MOST_ROWS))
     if result.disagree(allow):
         say("the directories disagree")
         return FAILED
@@ -162,11 +148,10 @@ def sensitivity(directory: Path, figure: Path | None, as_json: bool) -> None:
     all others were known. They need bodies.draw: saltelli in the sweep's config. Those of t_r and
     log10 t_r are told where nearly all runs reverse, those of P(R), P(SS), ... always.
     """
-    from rattlesweep.analysis.sensitivity import as_text, save
-    from rattlesweep.analysis.sensitivity import sensitivity as estimate
+    from rattlesweep.analysis import sensitivity as estimate
 
     probe(figure)
-    found = estimate(directory)
+    found = estimate.sensitivity(directory)
     if figure is not None:
-        save(found, figure)
-    click.echo(to_json(found.data()) if as_json else as_text(found, MOST_ROWS))
+        estimate.save(found, figure)
+    click.echo(to_json(found.data()) if as_json else estimate.as_text(found, MOST_ROWS))

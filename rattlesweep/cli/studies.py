@@ -64,21 +64,16 @@ def paper(
 )
 @options.path("config", required=False)
 @options.output()
-@option("--samples", type=click.IntRange(1),
+@option("--samples", type=options.COUNT,
         help="Number of bodies; by default enough for 2000 runs.")  # fmt: skip
 @option("--quick", is_flag=True, help="Fewer runs, methods and measurements: faster, but rough.")
 @options.overrides
 @options.threads
 @options.as_json
 def tradeoff(
-    config: Path | None,
-    output: Path | None,
-    samples: int | None,
-    quick: bool,
-    overrides: tuple[str, ...],
-    threads: int | None,
-    as_json: bool,
-) -> None:
+    config: Path | None, output: Path | None, samples: int | None, quick: bool,
+    overrides: tuple[str, ...], threads: int | None, as_json: bool,
+) -> None:  # fmt: skip
     """Measure speed against accuracy on this machine.
 
     Integrates the same runs by several methods, settings and models. Draws them from CONFIG, by

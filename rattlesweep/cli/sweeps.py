@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import secrets
 import shutil
 from dataclasses import asdict
 from pathlib import Path
@@ -22,7 +23,7 @@ from rattlesweep.cli.command import (
     say,
     to_json,
 )
-from rattlesweep.cli.options import Kind
+from rattlesweep.cli.options import COUNT, Kind
 from rattlesweep.errors import ConfigError, one_line
 from rattlesweep.progress import Bar
 from rattlesweep.text import counted
@@ -34,8 +35,6 @@ if TYPE_CHECKING:
     from rattlesweep.sweeps.job import Result
     from rattlesweep.sweeps.pilot import Forecast
     from rattlesweep.sweeps.plan import Plan
-
-POSITIVE = click.IntRange(1)
 
 
 @command("Sweeps", "rattlesweep init mine.yaml")
@@ -76,20 +75,14 @@ def init(config: Path) -> None:
 @options.output("Where the sweep would be written; nothing is written now.")
 @options.overrides
 @options.threads
-@option("--shards", type=POSITIVE, help="Also forecast the longest of N shards.")
+@option("--shards", type=COUNT, help="Also forecast the longest of N shards.")
 @option("--budget", type=options.TIME, default="2s", help="Time spent on the sample of runs.")
 @option("--check", is_flag=True, help="Only check the config, and integrate nothing.")
 @options.as_json
 def plan(
-    config: Path,
-    output: Path | None,
-    overrides: tuple[str, ...],
-    threads: int | None,
-    shards: int | None,
-    budget: float,
-    check: bool,
-    as_json: bool,
-) -> None:
+    config: Path, output: Path | None, overrides: tuple[str, ...], threads: int | None,
+    shards: int | None, budget: float, check: bool, as_json: bool,
+) -> None:  # fmt: skip
     """Check a config and forecast the time and disk space of its sweep.
 
     Prints how many runs it makes, or everything that is wrong with it, each with its line.
@@ -122,7 +115,7 @@ def plan(
         help="Compute blocks of runs here, or by workers of a Dask cluster.")  # fmt: skip
 @option("--scheduler", metavar="ADDRESS", is_eager=True,
         help="Address of an existing Dask scheduler.")  # fmt: skip
-@option("--workers", type=POSITIVE, help="Worker processes of a Dask cluster started here.")
+@option("--workers", type=COUNT, help="Worker processes of a Dask cluster started here.")
 @option("--shard", type=Kind("i/n", "rattlesweep.sweeps.run:Shard.parse"),
         help="Compute shard I of N only, with I from 0 to N-1.")  # fmt: skip
 @option("--max-time", type=options.TIME, help="Stop after this much time, such as 3h50m.")
@@ -134,19 +127,10 @@ def plan(
 @options.quiet
 @option("-v", "--verbose", is_flag=True, help="Report where the time went.")
 def run(
-    config: Path,
-    output: Path | None,
-    overrides: tuple[str, ...],
-    threads: int | None,
-    engine: str,
-    scheduler: str | None,
-    workers: int | None,
-    dry_run: bool,
-    compile_only: bool,
-    quiet: bool,
-    verbose: bool,
-    **how: Any,
-) -> int:
+    config: Path, output: Path | None, overrides: tuple[str, ...], threads: int | None, engine: str,
+    scheduler: str | None, workers: int | None, dry_run: bool, compile_only: bool, quiet: bool,
+    verbose: bool, **how: Any,
+) -> int:  # fmt: skip
     """Run a sweep, or resume one that was stopped.
 
     Prints one row per case on standard output.
@@ -182,32 +166,28 @@ def run(
 
 def _close(result: Result, quiet: bool, verbose: bool) -> int:
     """Tell what became of a sweep and return the exit code."""
+    where = result.directory
     for remark in result.remarks:
         say(f"note: {remark}")
     if not quiet:
         if result.summary is not None:
-            print_summary(result.summary, result.directory)
+            print_summary(result.summary, where)
         done = "all of them" if result.done == result.runs else f"{result.done:,} of them"
-        done = f"{done} done now" if result.done else "all done before"
         again = f" ({result.retried:,} again)" if result.retried else ""
-        seconds = f" in {result.seconds:.1f} s" if result.done else ""
-        say(f"{counted(result.runs, 'run')} in {result.directory}, {done}{again}{seconds}")
-    if verbose:
-        rate = result.done / max(result.kernel_seconds, 1e-9)
-        runs = f" ({rate:,.0f} runs a second)" if result.done else ""
+        now = f"{done} done now{again} in {result.seconds:.1f} s"
         say(
-            f"{result.seconds:.2f} s in all: {result.load_seconds:.2f} s to load or compile the "
-            f"kernel, {result.kernel_seconds:.2f} s of integration{runs}"
+            f"{counted(result.runs, 'run')} in {where}, {now if result.done else 'all done before'}"
         )
+    if verbose:
+        say(f"{result.seconds:.2f} s in all: {result.load_seconds:.2f} s to load or compile the "
+            f"kernel, {result.kernel_seconds:.2f} s of integration")  # fmt: skip
     if result.stopped is not None:
         say(f"stopped: {result.stopped}; {result.kept}, and the same command resumes from there")
         return EARLY
-    if not quiet:
-        where = result.directory
-        if result.missing:
-            say(f"{counted(result.missing, 'run')} of other shards not in {where} yet")
-        if result.summary is not None:
-            say(f"see them: rattlesweep plot {where}, rattlesweep report {where}")
+    if not quiet and result.missing:
+        say(f"{counted(result.missing, 'run')} of other shards not in {where} yet")
+    if not quiet and result.summary is not None:
+        say(f"see them: rattlesweep plot {where}, rattlesweep report {where}")
     if result.failed:
         words = ", ".join(f"{count:,} {word}" for word, count in sorted(result.failed.items()))
         say(f"{counted(sum(result.failed.values()), 'run')} failed: {words}")
@@ -248,8 +228,6 @@ def verify(
     Prints one line per problem and exits with 1 if there is any. `rattlesweep run` repairs what
     it finds by computing the runs of damaged files again.
     """
-    import secrets
-
     from rattlesweep.sweeps.verify import verify as check
 
     seed = secrets.randbelow(2**32) if seed is None else seed
@@ -274,11 +252,11 @@ def classify(directory: Path, overrides: tuple[str, ...]) -> None:
     print_summary(done.summary, directory)
     files = counted(done.files, "file")
     say(f"{counted(done.changed, 'type')} changed; {files} and the summary written in {directory}")
-    before, own, now = (
+    own, now = (
         ", ".join(f"{key} {value:g}" for key, value in thresholds.items())
-        for thresholds in (done.before, done.own, done.now)
+        for thresholds in (done.own, done.now)
     )
-    say(f"thresholds: {now}" + ("" if before == now else f"; before: {before}"))
+    say(f"thresholds: {now}")
     if now != own:
         say(f"`rattlesweep run` would put back those of the config ({own}); to keep these, set "
             "them there")  # fmt: skip
@@ -303,10 +281,8 @@ def merge(directories: tuple[Path, ...], output: Path, quiet: bool) -> int:
             print_summary(merged.summary, output)
         say(f"{counted(merged.runs, 'run')} in {counted(merged.files, 'file')} in {output}")
     if merged.missing:
-        say(
-            f"{counted(merged.missing, 'run')} missing; merge the other shards too, with the same "
-            f"--output, or compute them with `rattlesweep run CONFIG --output {output}`"
-        )
+        say(f"{counted(merged.missing, 'run')} missing; merge the other shards too, with the same "
+            f"--output, or `rattlesweep run CONFIG --output {output}`")  # fmt: skip
         return EARLY
     if merged.failed:
         say(f"{counted(merged.failed, 'run')} failed; see their column status")
@@ -320,10 +296,10 @@ def merge(directories: tuple[Path, ...], output: Path, quiet: bool) -> int:
     "sbatch steady.sh",
 )
 @options.config
-@option("--shards", type=POSITIVE, required=True, help="Number of tasks in the array.")
+@option("--shards", type=COUNT, required=True, help="Number of tasks in the array.")
 @option("--time", "limit", type=Kind("time", "rattlesweep.sweeps.slurm:limit_of"),
         default="4:00:00", help="Time limit of a task.")  # fmt: skip
-@option("--cpus", type=POSITIVE, default=1, help="CPUs per task.")
+@option("--cpus", type=COUNT, default=1, help="CPUs per task.")
 @option("--mem", "memory", type=Kind("size", "rattlesweep.sweeps.slurm:memory_of"),
         default="2G", help="Memory per task.")  # fmt: skip
 @option("--partition", metavar="NAME", help="Partition of the cluster.")
@@ -334,13 +310,9 @@ def merge(directories: tuple[Path, ...], output: Path, quiet: bool) -> int:
 @option("--restarts", type=click.IntRange(0), default=20,
         help="How often a task that runs out of time requeues itself.")  # fmt: skip
 def slurm(
-    config: Path,
-    shards: int,
-    output: Path | None,
-    overrides: tuple[str, ...],
-    own: bool,
+    config: Path, shards: int, output: Path | None, overrides: tuple[str, ...], own: bool,
     **job: Any,
-) -> None:
+) -> None:  # fmt: skip
     """Print the script of a Slurm job array that runs a sweep, one shard per task.
 
     Tasks stop shortly before the time limit and resume after a restart. The config is checked now;
@@ -367,9 +339,6 @@ def schema() -> None:
     from rattlesweep.sweeps.config.read import config_json_schema
 
     click.echo(to_json(config_json_schema()))
-
-
-# -- shared ------------------------------------------------------------------------------------
 
 
 def print_summary(summary: pa.Table, directory: Path) -> None:

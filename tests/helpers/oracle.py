@@ -183,29 +183,6 @@ def relevant_psi(body, n_i):
     return modes(body)["psi_p" if n_i > 0 else "psi_r"]
 
 
-def mean_torque_over_energy(body, mode, amplitude=1e-4, samples=4096):
-    """-K_p or K_r of Eq. def-kpr as a quadrature of T = u.(r x F) over one period of one mode.
-
-    The motion put in is the linear mode's; the torque is not Eq. ave-torque.  The energy is the
-    mean of kinetic plus potential, twice the mean kinetic one: Eq. ave-ene.
-    """
-    m = modes(body)
-    om, psi = m["omega_" + mode], m["psi_" + mode]
-    w0 = amplitude * np.array([math.cos(psi), math.sin(psi)])
-    b = matrices(body)[1]
-    torque = []
-    for k in range(samples):
-        ph = 2.0 * math.pi * k / samples
-        w, dw = w0 * math.cos(ph), -om * w0 * math.sin(ph)
-        up, dup = EPS @ w0 * math.sin(ph) / om, EPS @ w  # Eq. lin-u
-        u = np.array([up[0], up[1], -1.0])
-        r = np.append(-b @ up, 1.0)
-        vdot = cross(np.append(-b @ dup, 0.0), np.append(w, 0.0)) + cross(r, np.append(dw, 0.0))
-        torque.append(u @ cross(r, vdot + u))
-    mean_energy = 0.5 * (get(body, "alpha") * w0[0] ** 2 + get(body, "beta") * w0[1] ** 2)
-    return float(np.mean(torque)) / mean_energy
-
-
 # --- Reversal times ---
 
 
