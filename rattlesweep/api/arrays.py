@@ -63,11 +63,10 @@ def body_columns(bodies: Bodies) -> dict[str, Floats]:
         from rattlesweep.sweeps.bodies.table import frame_bodies
 
         try:
-            table = frame_bodies(pd.DataFrame(bodies))
-        except ConfigError:
-            raise
+            frame = pd.DataFrame(bodies)
         except ValueError as error:
             raise ConfigError(f"bodies: cannot be read as a table: {error}") from None
+        table = frame_bodies(frame)
         return table.columns | {name: table.carried[name] for name in SIZE if name in table.carried}
     if isinstance(bodies, str) or not isinstance(bodies, Iterable):
         flat, shape = [one_body(bodies, "bodies")], ()
@@ -207,8 +206,9 @@ def broadcast(arrays: Mapping[str, Floats]) -> tuple[dict[str, Floats], tuple[in
     try:
         whole = np.broadcast_arrays(*arrays.values())
     except ValueError:
-        hidden = (*PARAMETERS[1:], *SIZE, "f_sd", "c")
-        told = {"bodies" if n == "alpha" else n: a for n, a in arrays.items() if n not in hidden}
+        told = {"bodies": arrays["alpha"]} | {
+            k: v for k, v in arrays.items() if k not in PARAMETERS
+        }
         shapes = ", ".join(f"{name} {array.shape}" for name, array in told.items())
         raise ConfigError(f"the shapes do not go together: {shapes}") from None
     return dict(zip(arrays, whole, strict=True)), whole[0].shape

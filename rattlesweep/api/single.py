@@ -89,22 +89,12 @@ class Page:
 
 
 def simulate(
-    body: Bodies,
-    *,
-    n_i: ArrayLike | None = None,
-    omega_xy0: ArrayLike | None = None,
-    omega: ArrayLike | None = None,
-    u: ArrayLike | None = None,
-    t_end: ArrayLike | None = None,
-    psi: str | ArrayLike | None = None,
-    model: str = "full",
-    sigma: ArrayLike | None = None,
-    rolling: ArrayLike | None = None,
-    record: str | Sequence[str] = (),
-    threads: int | None = None,
-    progress: bool | None = None,
-    **integrator: Any,
-) -> Any:
+    body: Bodies, *, n_i: ArrayLike | None = None, omega_xy0: ArrayLike | None = None,
+    omega: ArrayLike | None = None, u: ArrayLike | None = None, t_end: ArrayLike | None = None,
+    psi: str | ArrayLike | None = None, model: str = "full", sigma: ArrayLike | None = None,
+    rolling: ArrayLike | None = None, record: str | Sequence[str] = (),
+    threads: int | None = None, progress: bool | None = None, **integrator: Any,
+) -> Any:  # fmt: skip
     """Integrate bodies from their launches to their first reversals or to ``t_end``.
 
     If anything is an array, all are broadcast by NumPy's rules; many runs cost what as many rows of
@@ -410,9 +400,8 @@ def _launched(
     launched = columns | arrays
     missing = [name for name in LAUNCH if name not in launched]
     if missing and "u_x" not in launched:
-        raise ConfigError(
-            f"{' and '.join(missing)} missing; give n_i and omega_xy0, or a DataFrame that has them"
-        )
+        raise ConfigError(f"{' and '.join(missing)} missing; give n_i and omega_xy0, or a table "
+                          "that has them")  # fmt: skip
     return launched
 
 

@@ -163,16 +163,10 @@ class Sweep:
         return make_dataset(layout, columns, fill_refined=fill)
 
     def plot(
-        self,
-        kind: str | None = None,
-        *,
-        x: str | None = None,
-        quantity: str | None = None,
-        select: Mapping[str, Any] | Sequence[str] = (),
-        where: str | None = None,
-        path: str | Path | None = None,
-        **looks: Any,
-    ) -> Figure:
+        self, kind: str | None = None, *, x: str | None = None, quantity: str | None = None,
+        select: Mapping[str, Any] | Sequence[str] = (), where: str | None = None,
+        path: str | Path | None = None, **looks: Any,
+    ) -> Figure:  # fmt: skip
         """Draw the sweep, as ``rattlesweep plot`` does.
 
         Parameters
@@ -280,13 +274,9 @@ def load(directory: str | Path) -> Sweep:
 
 
 def sweep(
-    config: str | Path | Mapping[str, Any] | pd.DataFrame,
-    *,
-    output: str | Path | None = None,
-    threads: int | None = None,
-    progress: bool | None = None,
-    **keys: Any,
-) -> Sweep:
+    config: str | Path | Mapping[str, Any] | pd.DataFrame, *, output: str | Path | None = None,
+    threads: int | None = None, progress: bool | None = None, **keys: Any,
+) -> Sweep:  # fmt: skip
     """Run a sweep, or go on with one that was stopped.
 
     Parameters

@@ -54,16 +54,11 @@ def _numbers(count: int, fit: Callable[..., bool], wanted: str, text: str) -> tu
 
 
 def _measured(kind: str, text: str) -> float | str:
-    """Read a number in the body's units, or check one with an SI unit."""
+    """Read a number in the body's units, or check one with an SI unit; a direction is a word."""
     with suppress(ValueError):
         return float(text)
-    quantity(text, kind)
-    return text
-
-
-def _direction(text: str) -> float | str:
-    with suppress(ValueError):
-        return float(text)
+    if kind != "direction":
+        quantity(text, kind)
     return text
 
 
@@ -221,8 +216,9 @@ spin = stack(
 )  # fmt: skip
 launch = stack(
     spin,
-    option("--psi", type=Kind("direction", _direction), help="Direction of the oscillation: "
-           "relevant, pitch, roll, or degrees.  [default: relevant]"),
+    option("--psi", type=Kind("direction", partial(_measured, "direction")),
+           help="Direction of the oscillation: relevant, pitch, roll, or degrees.  "
+                "[default: relevant]"),
     option("--omega", type=VECTOR, help="A full state instead: angular velocity along the body's "
            "axes, in sqrt(g/a)."),
     option("--u", type=VECTOR,

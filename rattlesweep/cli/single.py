@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
 @command(
     "One run",
-    "rattlesweep body --preset GH",
     "rattlesweep body --mass 85g --height 1cm --inertia '60,900,920,-20 g cm^2' "
     "--radii '50,1.5 cm' --n-i 60rpm",
     "rattlesweep body --half-ellipsoid 12cm,3cm,12mm --mass 60g --skew 3deg --n-i 60rpm",
@@ -64,16 +63,12 @@ def body(as_json: bool, **given: Any) -> None:
 
 def _list_channels(context: click.Context, _: click.Parameter, names: Any) -> Any:
     """Print every channel with its unit and meaning, if the word is ``list``."""
-    if names != ("list",):
-        return names
-    from rattlesweep.analysis.onerun.channels import CHANNELS
+    if names == ("list",):
+        from rattlesweep.analysis.onerun.channels import CHANNELS
 
-    lines = []
-    for c in CHANNELS.values():
-        models = "" if "gh" in c.models else f" ({', '.join(c.models)})"
-        lines.append((c.name, c.unit, c.description + models))
-    click.echo(align(lines, "<"))
-    context.exit()
+        click.echo(align([(c.name, c.unit, c.description) for c in CHANNELS.values()], "<"))
+        context.exit()
+    return names
 
 
 series = options.stack(
@@ -92,9 +87,8 @@ series = options.stack(
 
 @command(
     "One run",
-    "rattlesweep trajectory --preset GH --n-i -0.1 --t-end 1500 --figure spin.svg",
     "rattlesweep trajectory --preset GH --theta 0.82 --t-end 2e4 --dt 0.5 "
-    "--channels t,n,E_p,E_r --output run.parquet",
+    "--channels t,n,E_p,E_r --output run.parquet --figure run.svg",
     "rattlesweep trajectory --preset GH --omega 0.02,0,-0.3 --u 0.01,0,-1 --t-end 500",
 )
 @options.body
@@ -118,18 +112,16 @@ def trajectory(
     from rattlesweep.api.arrays import scale_of
     from rattlesweep.api.single import rows_of
 
+    probe(output, figure)
     chosen = pick(given, *options.ROWS)
     launch = _launch(given)
     scale = scale_of(launch.body.units)
-    rows = rows_of(scale, **chosen)
-    probe(output, figure)
-    course = _write_course(launch, channels, rows, output, figure, quiet)
+    course = _write_course(launch, channels, rows_of(scale, **chosen), output, figure, quiet)
     return _say_outcome(course, quiet, scale)
 
 
 @command(
     "One run",
-    "rattlesweep replay out/quickstart --case 3 --sample 17 --figure run.svg",
     "rattlesweep replay out/quickstart --where 'type == \"SW\" and K_r < 0.005' --first 3 "
     "--output run-{case}-{sample}.parquet",
 )
@@ -161,8 +153,10 @@ def replay(
     codes = []
     for run, out, drawing in zip(runs, outputs, drawings, strict=True):
         scale = stored_scale(source, run)
-        rows = rows_of(scale, **chosen)
-        prepared = source.prepare(run, number("t_end", t_end, scale))
+        prepared, rows = (
+            source.prepare(run, number("t_end", t_end, scale)),
+            rows_of(scale, **chosen),
+        )
         source.prove(run)
         course = _write_course(prepared, channels, rows, out, drawing, quiet)
         run.check(course)
@@ -176,7 +170,6 @@ def replay(
 @command(
     "One run",
     "rattlesweep show --preset GH --n-i -0.1 --output spin.html",
-    "rattlesweep show out/quickstart --case 3 --sample 17 --output run.html",
     "rattlesweep show out/quickstart --where 'type == \"SW\"' --output wobble.html",
 )
 @options.path("directory", required=False)
@@ -208,9 +201,8 @@ def show(directory: Path | None, title: str | None, output: Path, quiet: bool, *
         if directory is not None:
             rows |= pick(given, "t_end")
             for name in pick(given, *given):
-                flag = f"--{name.replace('_', '-')}"
-                raise ConfigError(f"{flag}: the sweep in {directory} says what the run was; leave "
-                                  "this out")  # fmt: skip
+                raise ConfigError(f"--{name.replace('_', '-')}: the sweep in {directory} says what "
+                                  "the run was; leave this out")  # fmt: skip
             page, course, notes = stored_page(directory, which, title=title, **rows)
         else:
             if which:
@@ -241,10 +233,7 @@ def _launch(given: dict[str, Any]) -> Launch:
 def _write_course(
     run: Any, channels: Any, rows: Any, output: Path | None, figure: Path | None, quiet: bool
 ) -> Course:
-    """Integrate a run, and write what is asked for, or print CSV if nothing is.
-
-    A figure has rows of its own, and channels if none are asked for.
-    """
+    """Integrate a run, and write what is asked for (a figure has own rows), or print CSV."""
     from rattlesweep.analysis.onerun import files
     from rattlesweep.analysis.onerun.course import Course
 

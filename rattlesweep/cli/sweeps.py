@@ -21,7 +21,7 @@ from rattlesweep.cli.command import (
     SOME_FAILED,
     command,
     say,
-    to_json,
+    to_json,  # fmt: skip
 )
 from rattlesweep.cli.options import COUNT, Kind
 from rattlesweep.errors import ConfigError, one_line
@@ -67,7 +67,6 @@ def init(config: Path) -> None:
 
 @command(
     "Sweeps",
-    "rattlesweep plan configs/steady.yaml",
     "rattlesweep plan configs/steady.yaml --check",
     "rattlesweep plan configs/steady.yaml --set bodies.samples=100000 --shards 16 --budget 10s",
 )
@@ -95,8 +94,8 @@ def plan(
         click.echo(to_json(size | ({} if found is None else found.as_data())))
         return
     cases, samples = counted(len(made.cases), "case"), counted(made.samples, "sample")
-    shown = one_line(str(config), 200)
-    click.echo(f"{shown} is valid: {cases} x {samples} = {counted(made.runs, 'run')}")
+    click.echo(f"{one_line(str(config), 200)} is valid: {cases} x {samples} = "
+               f"{counted(made.runs, 'run')}")  # fmt: skip
     if found is not None:
         click.echo(found.words)
 
@@ -104,7 +103,6 @@ def plan(
 @command(
     "Sweeps",
     "rattlesweep run configs/quickstart.yaml --set bodies.samples=100",
-    "rattlesweep run configs/steady.yaml --max-time 3h50m",
     "rattlesweep run configs/steady.yaml --shard 0/4 --output out/steady-0",
 )
 @options.config
@@ -140,13 +138,18 @@ def run(
             raise ConfigError(f"{flag}: is for --engine dask; add that, or leave this out")
     if how["fresh"] and how["shard"] is not None:
         raise ConfigError("--fresh: would remove the runs of other shards; start over without it")
+    import numpy as np
+
+    from rattlesweep.sweeps.block import load_kernel, prepare_runs
     from rattlesweep.sweeps.run import run_sweep
     from rattlesweep.sweeps.stored import examine
 
     loaded, made = _planned(config, overrides, output, quiet)
     where = Path(loaded.directory)
     if compile_only:
-        _compile(made)
+        load_kernel(made.config)
+        prepare_runs(made, np.zeros(1, np.int64), np.zeros(1, np.int64))  # draws a body
+        say("the kernels are compiled")
         return DONE
     if dry_run:
         if not how["fresh"]:
@@ -252,14 +255,9 @@ def classify(directory: Path, overrides: tuple[str, ...]) -> None:
     print_summary(done.summary, directory)
     files = counted(done.files, "file")
     say(f"{counted(done.changed, 'type')} changed; {files} and the summary written in {directory}")
-    own, now = (
-        ", ".join(f"{key} {value:g}" for key, value in thresholds.items())
-        for thresholds in (done.own, done.now)
-    )
-    say(f"thresholds: {now}")
-    if now != own:
-        say(f"`rattlesweep run` would put back those of the config ({own}); to keep these, set "
-            "them there")  # fmt: skip
+    say(f"thresholds: {', '.join(f'{key} {value:g}' for key, value in done.now.items())}")
+    if done.now != done.own:
+        say("`rattlesweep run` would put back those of the config; to keep these, set them there")
 
 
 @command("Sweeps", "rattlesweep merge out/steady-0 out/steady-1 --output out/steady")
@@ -318,7 +316,7 @@ def slurm(
     Tasks stop shortly before the time limit and resume after a restart. The config is checked now;
     the script checks its environment when it runs.
     """
-    from rattlesweep.sweeps.slurm import MOST_SHARDS, job_script
+    from rattlesweep.sweeps.slurm import job_script
     from rattlesweep.sweeps.stored import examine
 
     loaded, made = _planned(config, overrides, output)
@@ -327,8 +325,6 @@ def slurm(
         examine(made, where)
     if shards > made.runs:
         raise ConfigError(f"--shards {shards}: there are only {counted(made.runs, 'run')}")
-    if shards > MOST_SHARDS:
-        say(f"note: Slurm takes arrays of {MOST_SHARDS} tasks unless MaxArraySize says otherwise")
     script = job_script(made, config.resolve(), where, overrides, shards=shards, own=own, **job)
     click.echo(script, nl=False)
 
@@ -379,14 +375,3 @@ def _forecast(
     if found.bytes > (free := shutil.disk_usage(place).free):
         say(f"warning: {place} has only {free / 1e9:.1f} GB free")
     return found
-
-
-def _compile(made: Plan) -> None:
-    """Compile the kernels that a sweep needs, or load them."""
-    import numpy as np
-
-    from rattlesweep.sweeps.block import load_kernel, prepare_runs
-
-    load_kernel(made.config)
-    prepare_runs(made, np.zeros(1, np.int64), np.zeros(1, np.int64))  # draws a body
-    say("the kernels are compiled")

@@ -94,17 +94,10 @@ class Rattleback:
 
     @classmethod
     def from_si(
-        cls,
-        *,
-        mass: float | str,
-        inertia: Sequence[float] | Sequence[Sequence[float]],
-        height: float | str,
-        radii: Sequence[float | str] | str,
-        axes_angle: float | str = 0.0,
-        c: float | str | None = None,
-        gravity: float | str = si.GRAVITY,
-        z_up: bool = False,
-    ) -> Rattleback:
+        cls, *, mass: float | str, inertia: Sequence[float] | Sequence[Sequence[float]],
+        height: float | str, radii: Sequence[float | str] | str, axes_angle: float | str = 0.0,
+        c: float | str | None = None, gravity: float | str = si.GRAVITY, z_up: bool = False,
+    ) -> Rattleback:  # fmt: skip
         """Return a body by its mass, its lengths and its inertia in SI units.
 
         Each number may be a text with a unit, such as ``"85 g"``.
@@ -154,17 +147,10 @@ class Rattleback:
 
     @classmethod
     def half_ellipsoid(
-        cls,
-        *,
-        length: float | str,
-        width: float | str,
-        height: float | str,
-        mass: float | str,
-        skew: float | str = 0.0,
-        weights: float | str | None = None,
-        at: Sequence[float | str] | str | None = None,
-        gravity: float | str = si.GRAVITY,
-    ) -> Rattleback:
+        cls, *, length: float | str, width: float | str, height: float | str, mass: float | str,
+        skew: float | str = 0.0, weights: float | str | None = None,
+        at: Sequence[float | str] | str | None = None, gravity: float | str = si.GRAVITY,
+    ) -> Rattleback:  # fmt: skip
         """Return a solid half ellipsoid with its flat side up (see `physics.shapes`).
 
         Each number may be a text with a unit, such as ``"12 cm"``.

@@ -15,16 +15,9 @@ if TYPE_CHECKING:
 
 
 def half_ellipsoid(
-    length: ArrayLike,
-    width: ArrayLike,
-    height: ArrayLike,
-    mass: ArrayLike,
-    skew: ArrayLike = 0.0,
-    *,
-    weights: ArrayLike = 0.0,
-    x: ArrayLike = 0.0,
-    y: ArrayLike = 0.0,
-) -> dict[str, Floats]:
+    length: ArrayLike, width: ArrayLike, height: ArrayLike, mass: ArrayLike,
+    skew: ArrayLike = 0.0, *, weights: ArrayLike = 0.0, x: ArrayLike = 0.0, y: ArrayLike = 0.0,
+) -> dict[str, Floats]:  # fmt: skip
     """Return the parameters of solid half ellipsoids that lie with their flat side up.
 
     Parameters
@@ -60,12 +53,8 @@ def half_ellipsoid(
     mean = mass * ((p**2 + q**2) / 10 + flat) + both * ((x**2 + y**2) / 2 + (height - a) ** 2)
     own, added = mass * (q**2 - p**2) / 10, both * (y**2 - x**2) / 2
     half = own * np.cos(2 * skew) + added
-    inertia = [
-        mean + half,
-        mean - half,
-        mass * (p**2 + q**2) / 5 + both * (x**2 + y**2),
-        own * np.sin(2 * skew) + both * x * y,
-    ]
+    vertical = mass * (p**2 + q**2) / 5 + both * (x**2 + y**2)
+    inertia = [mean + half, mean - half, vertical, own * np.sin(2 * skew) + both * x * y]
     radii = np.stack([p**2 / height, q**2 / height], axis=-1)
     found = si.parameters(total, np.stack(inertia, axis=-1), a, radii, np.zeros(a.shape))
     return {**found, "c": height / a, "mass": total, "height": a}

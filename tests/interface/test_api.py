@@ -11,7 +11,6 @@ import pandas as pd
 import pytest
 
 import rattlesweep as rs
-from rattlesweep import progress
 from rattlesweep.api import closed, single, sweeps
 from rattlesweep.physics import body as bodies_module
 from rattlesweep.physics import theory
@@ -78,14 +77,6 @@ def test_an_accuracy_may_be_asked_for():
     assert draft.n_steps < rs.trajectory("GH", **LAUNCH, t_end=50).n_steps
 
 
-def test_several_dissipations():
-    runs = rs.simulate("GH", **LAUNCH, sigma=[0, 1e-3], t_end=300)
-    assert runs.sigma.tolist() == [0, 1e-3]
-    for sigma, t_r in zip(runs.sigma, runs.t_r, strict=True):
-        one = rs.simulate("GH", **LAUNCH, sigma=sigma, t_end=300)
-        assert one.t_r == pytest.approx(t_r, rel=1e-9)
-
-
 @pytest.mark.slow  # compiles their kernels
 def test_simulate_takes_models_and_methods():
     reduced = rs.simulate(GH, **LAUNCH, model="reduced", tol=1e-11)
@@ -145,14 +136,6 @@ def test_texts_with_units():
     assert runs.t_end.tolist() == pytest.approx([2 / second] * 2)
     with pytest.raises(rs.ConfigError, match="n_i: 60 rpm has a unit, but the body has no size"):
         rs.simulate("GH", n_i="60 rpm", omega_xy0=0.1)
-
-
-def test_a_bar_is_shown_if_it_is_asked_for(capfd, monkeypatch):
-    rs.simulate(GH, n_i=[0.1, 0.2], omega_xy0=0.01, t_end=1)
-    assert capfd.readouterr().err == ""
-    monkeypatch.setattr(progress, "DELAY", 0.0)
-    rs.simulate(GH, n_i=[0.1, 0.2], omega_xy0=0.01, t_end=1, progress=True)
-    assert "100%" in capfd.readouterr().err
 
 
 def test_a_trajectory_is_used_like_a_table(tmp_path):

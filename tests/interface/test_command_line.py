@@ -10,7 +10,6 @@ import time
 
 import jsonschema
 import pytest
-from click.testing import CliRunner
 from refusal import assert_refused
 from ruamel.yaml import YAML
 from sweeping import CONFIGS, PROGRAM, begin, invoke
@@ -81,20 +80,6 @@ def test_version():
         assert said == first
 
 
-@pytest.mark.parametrize(
-    ("typed", "completed"),
-    [
-        ("rattlesweep cl", ["plain,classify"]),
-        ("rattlesweep trajectory --method d", ["plain,dop853", "plain,dopri5"]),
-    ],
-)
-def test_completion(typed, completed):
-    words = {"COMP_WORDS": typed, "COMP_CWORD": str(len(typed.split()) - 1)}
-    environment = {"_RATTLESWEEP_COMPLETE": "bash_complete", **words}
-    result = CliRunner().invoke(cli.main, env=environment, prog_name="rattlesweep")
-    assert result.stdout.split() == completed
-
-
 # -- how commands end --------------------------------------------------------------------------
 
 WRONG = """
@@ -119,12 +104,6 @@ init mine.txt | the name of a config ends in .yaml
 def test_a_wrong_command_line_is_one_sentence(line):
     typed, words = line.split(" | ")
     assert_refused(invoke(*typed.split()), 2, words)
-
-
-def test_without_a_command_there_is_the_help():
-    result = invoke()
-    assert (result.exit_code, result.stdout) == (2, "")
-    assert result.stderr == invoke("--help").stdout
 
 
 def test_a_wrong_environment_is_one_sentence(monkeypatch):
@@ -184,21 +163,6 @@ def test_a_bar_is_shown_in_a_terminal_only(monkeypatch, capfd):
         with Bar.of_command(quiet) as bar:
             bar.counting("integrating")(0.5)
         assert ("integrating" in capfd.readouterr().err) == (terminal and not quiet)
-
-
-def test_compilation_is_told_once_and_is_no_part_of_the_rate(monkeypatch, capfd):
-    clock, shown = [0.0], []
-    monkeypatch.setattr("rattlesweep.progress.time.monotonic", lambda: clock[0])
-    bar = Bar.of_command()
-    for _ in range(2):
-        with bar.compiling("dop853/full"):
-            pass
-    assert capfd.readouterr().err.count("compiling the kernel") == 1
-    monkeypatch.setattr(bar, "show", lambda *words: shown.append(words))
-    report = bar.counting("integrating")
-    for clock[0], fraction in ((30.0, 0.1), (40.0, 0.2)):
-        report(fraction)
-    assert shown == [(0.1, "integrating", 30, None), (0.2, "integrating", 40, pytest.approx(80))]
 
 
 # -- init, schema, body ------------------------------------------------------------------------

@@ -8,7 +8,6 @@ import stone_oracle
 from exact import exactly
 from mpmath import mp
 
-import rattlesweep as rs
 from rattlesweep.integrate.model import ELLIPSOID, FRICTION
 from rattlesweep.physics import full, steady, stone, theory
 from rattlesweep.physics.body import PARAMETERS, shell_dumbbell
@@ -123,20 +122,6 @@ def test_damping_rates_are_those_of_the_linear_system_without_spin():
         damping = theory.damping_rates(a, b, modes, 1e-6)
         growth = steady.growth(constants, 0.0, 1e-6)
         np.testing.assert_allclose(damping, -np.array(growth), rtol=1e-4)
-
-
-def test_kane_and_levinsons_body():
-    body = rs.Rattleback.kl()
-    axes = np.linalg.eigvalsh(stone_oracle.KL_INERTIA) / 1e-4
-    rounded = (17, 3, 17, 0.2222, 0.005, -0.01428)
-    for name, value in zip(PARAMETERS, rounded, strict=True):
-        assert getattr(body, name) == pytest.approx(value, rel=2e-3)
-    # Axes 1, 2, 3 are long, broad and high.
-    assert [body.beta - 1, body.alpha - 1, body.gamma] == pytest.approx(axes, rel=1e-14)
-    height = stone_oracle.KL_HEIGHT
-    long, broad, high = (axis / height for axis in stone_oracle.KL_SEMI_AXES)
-    assert body.c == pytest.approx(high)
-    assert (body.theta, body.phi) == pytest.approx((high / broad**2, high / long**2), rel=1e-14)
 
 
 def kl_state(omega_3):
