@@ -22,6 +22,7 @@ from rattlesweep.sweeps.config.messages import Key, Places
 from rattlesweep.units import KINDS, Quantity, split
 
 Clash = Iterator[tuple[str, str]]  # keys, empty for the section, and what is wrong with them
+U_SLACK = 1e-3  # how far the length of u may be from 1
 MAX_SPEED = 1e3  # sqrt(g/a); at this spin a tilt of 1e-6 rad takes a contact force of the weight
 MAX_SIGMA = 1e6  # M a^2 sqrt(g/a)
 MAX_TIME = 1e30  # sqrt(a/g) or t_rGH, beyond any run; sums of such numbers stay finite
@@ -469,7 +470,7 @@ class Spin(Base):
 def unit(u: Sequence[float]) -> list[float]:
     """Return u normalised; raise if it is not a unit vector or does not point upwards."""
     length = math.hypot(*u)
-    if not abs(length - 1) <= 1e-3:
+    if not abs(length - 1) <= U_SLACK:
         raise ValueError(f"its length is {length:.6g}; give a unit vector, as [0, 0, -1]")
     if not u[2] < 0:
         raise ValueError(f"u_z is {u[2]:g}; it must be negative, and [0, 0, -1] is upright")
