@@ -182,9 +182,7 @@ def integrate(
     seen = 3 if "windows" in record else 0
     turned = seen + (2 if "reversals" in record else 0)
     width = turned + (2 if moving is not model else 0)
-    # More than usual, where the exponents along one long run are wanted.
-    most = int(np.max(np.rint(batch.t_end / batch.window), initial=N_WINDOWS))
-    windows = np.full((runs if width else 0, most, width), np.nan)
+    windows = np.full((runs if width else 0, N_WINDOWS, width), np.nan)
     if runs:
         # Longest first, so that no thread begins a long run when the others are done.
         order = np.argsort(-price, kind="stable")
