@@ -10,8 +10,7 @@ from rattlesweep import arrays
 from rattlesweep.integrate import batch
 from rattlesweep.integrate.lanes import build as built
 from rattlesweep.integrate.lanes import step as stages
-from rattlesweep.integrate.lanes.lane import LANES, Layout
-from rattlesweep.integrate.model import FULL, MODELS
+from rattlesweep.integrate.model import MODELS
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics import full, launch, reduced, steady, theory
 from rattlesweep.physics.body import PARAMETERS
@@ -124,26 +123,3 @@ def attempt(method, model):
 def problem(method, model):
     """What the kernel of a method and a model is compiled for."""
     return built.problem_of(MODELS[model], METHODS[method].adaptive)
-
-
-def workspace(method, model, lanes=LANES):
-    """A lane workspace, flat and as (row, lane), and its layout; at rest with GH-like numbers."""
-    layout = Layout(MODELS[model])
-    rows = layout.rows(METHODS[method], MODELS[model])
-    flat = built.workspace(METHODS[method], MODELS[model], 1, lanes)[0][: rows * lanes]
-    return flat, flat.reshape(rows, lanes), layout
-
-
-def lane_steps(method, constants, y0, h, steps):
-    """Steps of the generated code alone, all lanes alike; the state after them."""
-    flat, rows, at = workspace(method, "full")
-    n = FULL.n_state
-    rows[at.constants : at.constants + FULL.n_constants] = np.reshape(constants, (-1, 1))
-    rows[at.y : at.y + n] = np.reshape(y0, (-1, 1))
-    rows[at.f : at.f + n] = np.reshape(full.rhs(*y0, *constants), (-1, 1))
-    rows[at.h] = h
-    for _ in range(steps):
-        attempt(method, "full")(problem(method, "full"), flat, 1.0)
-        rows[at.y : at.y + 2 * n] = rows[at.y1 : at.y1 + 2 * n]
-    assert (rows[at.y : at.y + n] == rows[at.y : at.y + n, :1]).all()
-    return rows[at.y : at.y + n, 0].copy()

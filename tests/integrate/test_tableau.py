@@ -9,6 +9,8 @@ import numpy as np
 import oracle
 import pytest
 
+from rattlesweep.integrate.batch import integrate
+from rattlesweep.integrate.model import FULL
 from rattlesweep.integrate.tableau import METHODS, Tableau
 from rattlesweep.physics import full
 
@@ -121,28 +123,19 @@ def reference():
     return full.from_vectors(y[:3], y[3:])
 
 
-def measured(errors):
-    return np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
-
-
-# One call of a fixed-step method is eight steps; the order is the same.
-@pytest.mark.parametrize(
-    ("name", "calls"),
-    [("rk4", (16, 32, 64)), ("dop853", (24, 48)),
-     pytest.param("dopri5", (64, 128, 256), marks=pytest.mark.slow)],
-)  # fmt: skip
-def test_order_of_the_generated_step(name, calls):
+def test_order_of_rk4_in_the_kernel():
     runs = kernels.full_batch(oracle.GH, *LAUNCH, T_END)
-    errors = [
-        np.linalg.norm(
-            kernels.lane_steps(name, runs.constants[0], runs.y0[0], T_END / n, n) - reference()
-        )
-        for n in calls
-    ]
-    # Halved steps show more than the order as long as the next power is still felt.
-    found = measured(errors) - METHODS[name].order
-    assert found.min() > -0.2
-    assert found.max() < 0.9
+    outs = [integrate(runs, METHODS["rk4"], FULL, dt=dt) for dt in (0.2, 0.1, 0.05, 0.025)]
+    errors = np.array([np.abs(out.y_end[0] - reference()).max() for out in outs])
+    assert np.log2(errors[:-1] / errors[1:]) == pytest.approx(4, abs=0.3)
+
+
+def test_error_follows_the_tolerance():
+    runs = kernels.full_batch(oracle.GH, *LAUNCH, T_END)
+    outs = [integrate(runs, METHODS["dop853"], FULL, tol=tol) for tol in (1e-5, 1e-7, 1e-9, 1e-11)]
+    errors = [np.abs(out.y_end[0] - reference()).max() for out in outs]
+    assert errors == sorted(errors, reverse=True)
+    assert errors[-1] < 1e-11
 
 
 def test_damping_of_an_oscillation():
