@@ -66,16 +66,15 @@ def verify(
     or the manifest is damaged.
     """
     stored = open_stored(directory)
-    keys = stored.cases, stored.samples, stored.hash, stored.schema
-    found = stored.runs.find(*keys, put_aside=False)
+    found = stored.runs.find(stored.cases, stored.samples, stored.hash, stored.schema)
     result = Verified(directory, found.rows, len(stored.files()))
     problems = result.problems
-    for path in found.aside:
+    for path in found.damaged:
         problems.append(f"{path} is damaged; `rattlesweep run` does its runs again")
     decide = decision(stored.config, stored.cases, stored.samples)
     if decide is None:
         result.missing = found.done.size - found.rows
-    elif not found.aside:
+    elif not found.damaged:
         decide.read(stored)
         result.missing = int((decide.wanted() & ~found.done).sum())
     problems += [

@@ -73,7 +73,7 @@ def test_what_a_run_that_has_ended_early_says_of_itself(tables):
 def test_it_is_no_threshold_and_another_sweep(both):
     full = both / "full"
     done = invoke("classify", full, "--set", EARLY)
-    assert_refused(done, 2, "classify.early: decides how far runs go; it needs a new sweep")
+    assert_refused(done, 2, "classify.early: decides more than types")
     done = sweeping.run("steady.yaml", full, *SETS, EARLY, options=("-q",))
     assert_refused(done, 2, "holds another sweep (classify.early: false against true)")
 
