@@ -218,14 +218,14 @@ def test_semi_axis_and_dissipation_with_units(c):
 # Of both commands; STONE stands for a body in SI units.
 NO_FIT = """
 --mass '12 mm' | --mass 12 mm: is a length; a mass is needed, such as 85 g
---mass 85g | --height, --inertia, --radii missing; a body in SI units has all of
---preset GH --mass 1kg | --preset given beside --mass; keep a body in SI
+--mass 85g | --mass is not one whole body; give one of these
+--preset GH --mass 1kg | --mass --preset is not one whole body
 --preset GH --n-i 60rpm | --n-i has a unit, but the body has no size
 --preset GH --n-i '60 mm' | --n-i 60 mm: is a length; a spin is needed
 STONE --radii '200 cm' | --radii 200 cm: has 1 number; 2 are needed
 STONE --radii '0.5,2 cm' | radii: 0.005 m is not above the height 0.01 m
 STONE --inertia '1,2 kg m^2' | has 2 numbers; 3, 4, 5 or 6 are needed
---preset GH --c 2cm | --c has a unit, but the body has no size; give it
+--preset GH --c 2cm | --c has a unit, but the body has no size
 STONE --c 2kg | --c 2kg: is a mass; a length is needed, such as 12 mm
 STONE --c 2mm | c 0.2 is not above theta 0.222222
 STONE --c tall | --c tall: is not a number with a unit; a length is needed

@@ -16,8 +16,7 @@ from sweeping import content_hash, invoke, prepared, proved
 
 from rattlesweep.analysis.onerun.course import Course
 from rattlesweep.analysis.onerun.replay import Replay, cause_of
-from rattlesweep.analysis.plots.curves import UNSURE
-from rattlesweep.analysis.plots.kinds import choose_picture
+from rattlesweep.analysis.plots.kinds import UNSURE, choose_picture
 from rattlesweep.analysis.plots.layout import read_layout
 from rattlesweep.analysis.style import styled
 from rattlesweep.integrate.batch import Batch, Control, Outcome, integrate
