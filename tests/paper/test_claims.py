@@ -11,7 +11,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from rattlesweep.paper import samples
 from rattlesweep.paper.claim import (
     COLUMNS,
     TABLE,
@@ -143,21 +142,6 @@ def test_one_body_on_the_wrong_side_of_the_threshold_changes_s3():
     assert s1["verdict"] == "agree"
 
 
-def test_c1_follows_the_shares():
-    def c1(one_way, steady_only=0):
-        rows = pd.DataFrame(
-            {"sigma": [0.001, 0.01], "runs": 100, "unsteady": [100, 90], "twice": [70, 5],
-             "steady_only": steady_only, "one_way": [20, one_way]}
-        )  # fmt: skip
-        rows["fraction_one_way"] = rows["one_way"] / 100
-        rows["low_one_way"], rows["high_one_way"] = samples.wilson(rows["one_way"], rows["runs"])
-        return BY_ID["C1"].judge({"friction": {"shares": rows}})["verdict"]
-
-    assert c1(85) == "agree"
-    assert c1(85, steady_only=1) == "partly"
-    assert c1(30) == "disagree"
-
-
 # -------------------------------------------------------------------------- the paper's words
 
 EXCERPTS = Path(__file__).parent / "paper_excerpts.tex"
@@ -192,7 +176,8 @@ def plain(text, *, tex=False):
 
 def texts():
     """Yield all texts of the room of the paper, as far as they are written out in its sources."""
-    yield " ".join(TABLE.read_text().split())
+    for path in (TABLE, TABLE.with_name("parts.yaml")):
+        yield " ".join(path.read_text().split())
     for path in sorted(TABLE.parent.glob("*.py")):
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):

@@ -77,26 +77,6 @@ def test_claims_of_fig_5_follow_the_series(five):
 # ---------------------------------------------------------------------------------- Fig. 9
 
 
-def test_runs_of_fig_9_are_the_papers(nine):
-    tables = nine["fig9"]
-    whole = tables["reversals"].query("model == 'full'")
-    assert whole.groupby("theta")["t"].first()[0.6429] == pytest.approx(112.0939, abs=1e-3)
-    # "the second spin reversal around 3000"
-    assert whole[whole["theta"] == 0.82]["t"].iloc[1] == pytest.approx(3000, rel=0.01)
-    for _, own in tables["reversals"].query("model == 'reduced'").groupby("theta"):
-        gaps = np.diff(own["t"])
-        np.testing.assert_allclose(gaps, gaps[0], rtol=1e-9)
-    for _, own in tables["spin"].groupby("theta"):
-        assert (np.diff(own["t"]) > 0).all()
-        assert own[["n", "n_reduced"]].abs().max().max() < 0.11
-    # The reduced model begins with the launch's E_p and a given E_r.
-    first = tables["invariants"].query("model == 'reduced' and theta == 0.6429").iloc[0]
-    modes = oracle.modes(oracle.GH)
-    c_i = oracle.reduced_C_I([0.1, 0.5e-4 * inertia(), 3e-5], modes["K_p"], modes["K_r"])
-    assert first["casimir_low"] == pytest.approx(c_i, rel=1e-8)
-    assert first["casimir_high"] == pytest.approx(c_i, rel=1e-8)
-
-
 @pytest.mark.parametrize(
     ("chaotic", "verdict"),
     [((0, 1, 0), "agree"), ((0, 1, 1), "partly"), ((0, 0, 0), "disagree")],
