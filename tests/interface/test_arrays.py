@@ -93,7 +93,7 @@ def test_a_bar_is_shown_if_it_is_asked_for(capfd):
 
 
 BAD: dict[str, tuple[dict[str, Any], str]] = {
-    "no horizon": ({"n_i": [0.1, 0], "t_end": None}, r"without spin \(row 2 of the table\) has"),
+    "no horizon": ({"n_i": [0.1, 0], "t_end": None}, r"without spin \(2 of 2\) has"),
     "spin and state": ({"omega": (0, 0, 1)}, "n_i and omega_xy0 given with a full state"),
     "plane": ({"n_i": None, "omega_xy0": None, "omega": [0, 1]}, r"its shape is \(2,\)"),
     "no number": ({"n_i": [[0.1, None]]}, r"n_i\[0, 1\] nan: the initial spin"),
@@ -117,10 +117,10 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
     "body": ({"body": 3}, r"bodies: 3 \(int\) is no body; give a Rattleback, a sequence"),
     "one of them": ({"body": [GH, "HG"]}, r"bodies\[1\]: 'HG' \(str\) is no body"),
     "column": ({"body": FRAME.drop(columns="phi")}, "bodies: the column phi is missing"),
-    "columns": ({"body": FRAME.iloc[:, [0, 0, *range(1, 6)]]}, "there are 2 columns alpha; keep"),
+    "columns": ({"body": FRAME.iloc[:, [0, 0, *range(1, 6)]]}, "Duplicate column names found"),
     "value": ({"body": FRAME.assign(theta=[0.7, 2, 0.7])}, "bodies: row 2: theta is 2; 0 < phi"),
     "empty": ({"body": FRAME.assign(xi=[-0.1, np.nan, -0.1])}, "row 2: xi is empty; a finite"),
-    "kind": ({"body": FRAME.assign(phi=True)}, "column phi is of type bool; numbers are wanted"),
+    "kind": ({"body": FRAME.assign(phi=True)}, "row 1: phi is .True.; a finite number"),
     "ragged": ({"body": {"alpha": [1, 2], "beta": [1]}}, "bodies: cannot be read as a table"),
 }
 

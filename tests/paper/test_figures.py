@@ -11,7 +11,6 @@ import pytest
 
 from rattlesweep.paper import fig5, fig9, friction
 from rattlesweep.paper.claim import judge
-from rattlesweep.paper.frames import DT
 from rattlesweep.paper.workspace import Sizes, Workspace
 from rattlesweep.physics import full, steady
 
@@ -43,17 +42,6 @@ def verdicts(made):
 
 
 # ---------------------------------------------------------------------------------- Fig. 5
-
-
-def test_envelope_and_frequency_of_an_oscillation():
-    t = np.arange(0, 400, DT)
-    rate = (0.3 - 0.2 * np.exp(-(((t - 205) / 30) ** 2))) * np.cos(1.44 * t + 0.4)
-    run = pd.DataFrame({"t": t, "omega_x": rate})
-    assert fig5.frequency(run, "omega_x", 50.0, 30.0) == pytest.approx(1.44, rel=1e-4)
-    found = fig5.envelope(run, "omega_x", 200.0, 2 * np.pi / 1.44)
-    assert found["low"] == pytest.approx(0.1, rel=0.02)
-    assert found["low_t"] == pytest.approx(205, abs=4)
-    assert found["left"] == pytest.approx(found["right"]) == pytest.approx(0.3, rel=1e-3)
 
 
 def inertia():
@@ -143,14 +131,3 @@ def test_friction_keeps_more_and_more_bodies_from_reversing(ws, monkeypatch):
     assert rows["neither"].is_monotonic_increasing
     assert rows["one_way"].iloc[0] > 10
     assert len(friction.draw(tables).axes) == 1
-
-
-def test_pictures_of_the_runs(five, nine):
-    for figure, panels in (
-        (fig5.draw(five), 6),
-        (fig9.draw(nine["fig9"]), 3),
-        (fig9.draw_volumes(nine["fig9_volume"]), 3),
-    ):
-        assert len(figure.axes) == panels
-        for line in (line for axis in figure.axes for line in axis.lines):
-            assert np.isfinite(np.asarray(line.get_xdata(), dtype=float)).all()

@@ -156,14 +156,6 @@ def test_a_lost_file_of_a_sweep_is_computed_again(made, tmp_path, monkeypatch):
     )
 
 
-def test_runs_are_integrated_again_as_they_were(made, tmp_path):
-    runs = made.steady.iloc[10:16:2]
-    ws = Workspace(tmp_path, SMALL, 2)
-    names = ["n_end", "t_r", "n_steps"]
-    pd.testing.assert_frame_equal(ws.again(runs)[names], runs[names])
-    assert ws.again(runs[:0]).empty
-
-
 # ------------------------------------------------------------------------------- report
 
 
