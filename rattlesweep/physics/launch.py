@@ -23,11 +23,7 @@ NO_SPIN = 1e-15
 class GarciaHubbard:
     """Garcia and Hubbard's spin after a launch: the growing mode alone, up to one reversal.
 
-    Attributes
-    ----------
-    K, n_i, speed : ndarray
-        Torque coefficient of the mode that grows, initial spin, and
-        :func:`rattlesweep.physics.theory.oscillation_speed`.
+    By the torque coefficient of that mode, the initial spin and `theory.oscillation_speed`.
     """
 
     K: Floats

@@ -184,8 +184,7 @@ def resistance(ux, uy, uz, a, b, c, x, y, z, normal, lever, eps, dyz, dzx, dxy, 
     """Return the change of ``domega/dt`` by rolling resistance, and its power.
 
     The normal force depends on the acceleration, and both are linear: with the matrix ``J`` of
-    Eq. diff-omega and ``h`` the resistance's direction, the acceleration without it is corrected by
-    ``-lever F_n J^-1 h``.  The last five arguments are :func:`rattlesweep.physics.full.turning`'s.
+    Eq. diff-omega and the direction ``h`` the change is ``-lever F_n J^-1 h``.
     """
     n = ux * a + uy * b + uz * c
     hx, hy, hz = a - n * ux, b - n * uy, c - n * uz

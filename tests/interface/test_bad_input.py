@@ -83,8 +83,8 @@ plot c --size 7 | --size 7: give width and height in inches
 plot c --xlim 3,1 | --xlim 3,1: give the lower and the upper end
 plot c -o p.gif | --output p.gif: the name must end in .svg, .png or .pdf
 report c -o p.pdf | --output p.pdf: the name must end in .html or .htm
-trajectory --method rk5 | not one of dop853, dopri5, verner98, rk4; did you
-trajectory --psi up | --psi: "up" is not one of relevant, pitch, roll
+trajectory --method rk5 | 'rk5' is not one of 'dop853'
+trajectory --preset GH --psi up | "up" is not one of relevant, pitch, roll
 show --case 1 -o x.html | --case, --sample and --where choose a run of a DIRECTORY
 """
 

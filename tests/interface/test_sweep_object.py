@@ -170,20 +170,3 @@ def test_a_sweep_of_a_table_in_memory(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert verify(moved, recompute=3).problems == []
     assert rs.load("moved").replay(0, 1, points=2).t_end == 30
-
-
-def test_bad_tables_leave_nothing(tmp_path):
-    output = tmp_path / "out"
-    for bodies, keys, words in (
-        (BODIES.assign(theta=[0.6, 2, 0.8]), KEYS, "bodies: row 2: theta is 2"),
-        (BODIES.drop(columns="xi"), KEYS, "the column xi is missing"),
-        (BODIES, {**KEYS, "hroizon": {"t": 3}}, 'unknown key "hroizon"; did you mean "horizon"'),
-        (BODIES, {"horizon": {"t": 3}}, "spin: missing"),
-        (BODIES, {**KEYS, "bodies": {}}, "bodies: the DataFrame gives them already"),
-        (BODIES.iloc[:0], KEYS, "the table has no rows"),
-    ):
-        with pytest.raises(rs.ConfigError, match=words):
-            rs.sweep(bodies, output=output, **keys)
-    with pytest.raises(rs.ConfigError, match="spin: is given beside a config"):
-        rs.sweep({"bodies": {"source": "preset", "name": "GH"}}, output=output, **KEYS)
-    assert not output.exists()
