@@ -180,7 +180,7 @@ NO_LENGTH = {
     "12": "has no unit; a length is needed, such as 12 mm",
     "12 foo": "has the unit foo: 'foo' is not defined",
     "12 mm^3": "is another quantity; a length is needed",
-    "1,2 cm": "has 2 numbers; 1 is needed",
+    "1,2 cm": "has 2 numbers, not 1",
 }
 
 
@@ -240,7 +240,7 @@ NO_FIT = """
 --preset GH --n-i 60rpm | n_i: 60rpm has a unit, but the body has no size
 --preset GH --n-i '60 mm' | --n-i 60 mm: is a length; a spin is needed
 STONE --radii '0.5,2 cm' | radii: 0.005 m is not above the height 0.01 m
-STONE --inertia '1,2 kg m^2' | has 2 numbers; 3, 4, 5 or 6 are needed
+STONE --inertia '1,2 kg m^2' | has 2 numbers, not 3 or 4 or 5 or 6
 --preset GH --c 2cm | --c has a unit, but the body has no size; give it
 STONE --c 2mm | c 0.2 is not above theta 0.222222
 """
