@@ -62,14 +62,7 @@ class Run(SimpleNamespace):
 
 @dataclass(frozen=True)
 class Page:
-    """A self-contained HTML page, which a notebook shows.
-
-    Attributes
-    ----------
-    content : bytes
-    path : Path or None
-        File that it was written to.
-    """
+    """A self-contained HTML page, which a notebook shows, and the file that it was written to."""
 
     content: bytes = field(repr=False)
     path: Path | None = None
@@ -238,15 +231,10 @@ def show(
 
     Parameters
     ----------
-    body, **launch
-        As for :func:`trajectory`.
-    from_time : float or str, optional
-        When the page begins, in ``sqrt(a/g)``.
-    points : int, optional
-        Number of rows; by default 20 a period of the pitch.
-    title : str, optional
-    path : path, optional
-        An .html file to write it to.
+    body, from_time, points, **launch
+        As for :func:`trajectory`; by default there are 20 rows a period of the pitch.
+    title, path : str, optional
+        Title of the page, and an .html file to write it to.
 
     Returns
     -------
@@ -277,14 +265,8 @@ def replay(
         Output directory of a sweep, whole or still running.
     case, sample : int
         Which run: the columns of ``runs`` of these names.
-    t_end : float or str, optional
-        Horizon, in ``sqrt(a/g)``; by default the sweep's.
-    channels, **rows
-        As for :func:`trajectory`: ``points, dt, steps, times, from_time``.
-
-    Returns
-    -------
-    Trajectory
+    t_end, channels, **rows
+        As for :func:`trajectory`; by default the sweep's horizon.
 
     Raises
     ------

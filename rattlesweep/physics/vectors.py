@@ -127,10 +127,7 @@ def contact_force(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma
 
 
 def from_slopes(y: Floats, constants: Floats) -> tuple[Floats, Floats]:
-    """Return states (runs, 7) and constants (runs, 10) of ellipsoids with friction or without.
-
-    `y` is of shape (runs, 5 or 6), `constants` of (runs, 7 or 10).
-    """
+    """Return states (runs, 7) and constants (runs, 10) of those in slopes, with friction or not."""
     u, omega = full.to_vectors(y[:, : full.N_STATE].T)
     work, loss = y[:, full.N_STATE :], constants[:, stone.N_CONSTANTS :]
     if not work.size:

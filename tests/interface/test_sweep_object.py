@@ -77,7 +77,7 @@ def test_other_thresholds_and_back(sd):
 @pytest.mark.parametrize(
     ("call", "words"),
     [(lambda s: s.read("t_R"), r'columns: "t_R" is not one of .*did you mean "t_r"\?'),
-     (lambda s: s.read(where="tpye == 'R'"), "where tpye == 'R': \"tpye\" is not one of .*did you mean"),
+     (lambda s: s.read(where="tpye == 'R'"), "where tpye == 'R': .tpye. is not one of"),
      (lambda s: s.to_xarray(["nothing"]), 'columns: "nothing" is not one of'),
      (lambda s: s.plot("mpa"), "--kind"),
      (lambda s: s.plot(colour="red"), "colour: unknown; the looks of a picture are title, log"),
