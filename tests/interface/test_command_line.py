@@ -21,7 +21,7 @@ from rattlesweep.cli import options
 from rattlesweep.integrate.model import MODELS
 from rattlesweep.physics.body import PRESETS
 from rattlesweep.progress import Bar
-from rattlesweep.sweeps.config.read import config_json_schema, load_config, parse_config
+from rattlesweep.sweeps.config.read import config_json_schema, load_config
 
 HEAVY = {"numpy", "numba", "scipy", "pandas", "pyarrow", "pydantic", "tqdm", "matplotlib"}
 COMMANDS = sorted(cli.main.commands)
@@ -180,13 +180,10 @@ def test_init_writes_a_config_that_runs(name, tmp_path, monkeypatch):
 
 def test_the_schema_takes_the_shipped_configs():
     schema = json.loads(invoke("schema").stdout)
-    jsonschema.Draft202012Validator.check_schema(schema)
-    validator = jsonschema.Draft202012Validator(schema)
+    assert schema == config_json_schema()
     for path in CONFIGS.glob("*.yaml"):
         data = YAML(typ="safe", pure=True).load(path.read_text())
-        validator.validate(data)
-        parse_config(data)
-    assert not validator.is_valid({"bodies": {"source": "sd"}, "spin": {"n_i": 0}})
+        jsonschema.Draft202012Validator(schema).validate(data)
 
 
 def test_body_says_what_the_python_interface_says():
