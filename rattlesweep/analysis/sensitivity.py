@@ -96,7 +96,7 @@ def sensitivity(directory: Path) -> Sensitivity:
         )
     found = Sensitivity(directory, bodies.drawn, [case.dump() for case in stored.cases])
     frame = stored.read(["case", "sample", "t_r", "type", "status"]).to_pandas()
-    group = bodies.group
+    group = 2 + len(bodies.drawn)
     for case, runs in frame.groupby("case"):
         kind = runs.type.where(runs.status == "ok")
         t_r = runs.t_r.where(kind == "R").to_numpy()

@@ -299,11 +299,6 @@ class SdSource(Surfaced):
         """Names of the parameters that are drawn from a range, in their order."""
         return (*SdRanges.model_fields, *(["c"] if self.c and self.c[0] < self.c[1] else []))
 
-    @property
-    def group(self) -> int:
-        """Samples that saltelli draws together: two points, and one for each parameter."""
-        return 2 + len(self.drawn)
-
 
 class Overrides(Base):
     """Parameters of a body; those that replace a preset's."""
@@ -320,9 +315,8 @@ class Overrides(Base):
     def given(self) -> dict[str, float]:
         """Return the parameters that are given, with xi in radians."""
         values = self.model_dump(exclude_none=True, exclude={"preset"})
-        if "xi_deg" in values:
-            values["xi"] = math.radians(values.pop("xi_deg"))
-        return values
+        skew = values.pop("xi_deg", None)
+        return values if skew is None else values | {"xi": math.radians(skew)}
 
 
 class PresetSource(Surfaced):
@@ -650,12 +644,9 @@ class Config(Base):
     @property
     def parts(self) -> list[str]:
         """Parts of the columns of `runs` that not every sweep has."""
-        own = {
-            "tol": self.integrator.goal is not None,
-            "turns": "error" in self.record and "reversals" in self.record,
-            "surface": self.bodies.ellipsoidal,
-            "dissipation": bool(self.dissipation),
-        }
+        turns = {"error", "reversals"} <= {*self.record}
+        own = {"tol": self.integrator.goal, "turns": turns, "surface": self.bodies.ellipsoidal}
+        own["dissipation"] = self.dissipation
         return [*self.record, *(name for name, there in own.items() if there)]
 
     @property
