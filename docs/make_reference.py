@@ -103,7 +103,7 @@ These columns may be added; each replaces a part of the config for its row:
 
 A body in SI units has the columns `mass_kg height_m ixx_kg_m2 iyy_kg_m2 izz_kg_m2 r1_m r2_m` and, where they apply, `ixy_kg_m2 axes_angle_deg
 gravity_m_s2 c_m`. Launches are then `n_i_rpm omega_xy0_rpm`, the horizon is `t_end_s`, dissipation is `sigma_N_m_s` and `rolling_m`, and the runs have
-the columns `t_r_s` and `n_i_rpm` as well. [A stone of your own](own_stone.md) has an example. Columns of any other name, such as the name of a stone,
+the columns `t_r_s` and `n_i_rpm` as well. Columns of any other name, such as the name of a stone,
 are copied to the runs; the name of a result is refused.
 
 ```csv

@@ -32,7 +32,7 @@ preset | theta: 0.82}}\n | xi: -1e-290}}\nhorizon: {t_rgh: 1e30}\n | refused | 2
 sd | K_r: [0.01, 0.03, 0.1] | K_r: [0.01, 7] | refused | 7: bodies.target.K_r: 7 is out of reach: in 65536 bodies drawn from the ranges K_r lies between
 sd | rel_tol: 1e-3 | rel_tol: 1e-12, max_draws: 4611686018427387904 | refused | hours for each; give
 sd | rel_tol: 1e-3 | max_draws: 10000 | warned | e+03 draws a body, but max_draws is 10000, and a sample that misses the target ends the sweep; give
-preset | theta: 0.82 | gamma: 14 | refused | 1: bodies.overrides: no body has this inertia: I_zz = gamma = 14 exceeds I_xx + I_yy = 12.562
+preset | theta: 0.82 | gamma: 14 | refused | no body has this inertia: I_zz = gamma = 14 exceeds I_xx + I_yy = 12.562
 grid | phi: [0.02, 0.036] | alpha: [13, 20] | refused | 1: bodies.axes: at alpha 20, beta 1.522, gamma 12.28, theta 0.6, phi 0.036,
 table | bodies.csv | nowhere.csv | refused | 1: bodies.path: nowhere.csv: no such file
 shell | + | model: reduced | refused | 5: record: the model 'reduced' has no

@@ -17,6 +17,6 @@ def test_the_notebook_runs_and_finds_what_it_shows():
         "".join(output["data"]["text/plain"]) for cell in cells for output in cell["outputs"]
     )
     for value in names["runs"]["t_r_s"]:
-        assert f"{value:.4f}" in shown
+        assert f"{value:.6f}" in shown
     assert names["sweep"].summary["runs"].sum() == 600
     plt.close("all")

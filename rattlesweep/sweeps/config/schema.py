@@ -22,6 +22,7 @@ from rattlesweep.sweeps.config.messages import Key, Places
 from rattlesweep.units import KINDS, Quantity, split
 
 Clash = Iterator[tuple[str, str]]  # keys, empty for the section, and what is wrong with them
+U_SLACK = 1e-3  # how far the length of u may be from 1
 MAX_SPEED = 1e3  # sqrt(g/a); at this spin a tilt of 1e-6 rad takes a contact force of the weight
 MAX_SIGMA = 1e6  # M a^2 sqrt(g/a)
 MAX_TIME = 1e30  # sqrt(a/g) or t_rGH, beyond any run; sums of such numbers stay finite
@@ -299,6 +300,11 @@ class SdSource(Surfaced):
         """Names of the parameters that are drawn from a range, in their order."""
         return (*SdRanges.model_fields, *(["c"] if self.c and self.c[0] < self.c[1] else []))
 
+    @property
+    def group(self) -> int:
+        """Samples that saltelli draws together: two points, and one for each parameter."""
+        return 2 + len(self.drawn)
+
 
 class Overrides(Base):
     """Parameters of a body; those that replace a preset's."""
@@ -463,7 +469,7 @@ class Spin(Base):
 def unit(u: Sequence[float]) -> list[float]:
     """Return u normalised; raise if it is not a unit vector or does not point upwards."""
     length = math.hypot(*u)
-    if not abs(length - 1) <= 1e-3:
+    if not abs(length - 1) <= U_SLACK:
         raise ValueError(f"its length is {length:.6g}; give a unit vector, as [0, 0, -1]")
     if not u[2] < 0:
         raise ValueError(f"u_z is {u[2]:g}; it must be negative, and [0, 0, -1] is upright")
@@ -589,10 +595,11 @@ class Integrator(Base):
         return data
 
     def _clashes(self) -> Clash:
+        word: Any = self.accuracy
         takes = ["accuracy", "tol"] if METHODS[self.method].adaptive else ["dt"]
         given = [name for name in ("accuracy", "tol", "dt") if getattr(self, name) is not None]
         wrong = [name for name in given if name not in takes] or given[1:]
-        if isinstance(self.accuracy, str):
+        if isinstance(word, str):
             yield "accuracy", "a word is a method and its tol; leave out method, tol and dt"
         elif wrong:
             yield wrong[0], f"{self.method} takes {' or '.join(takes)} alone; leave this out"
@@ -645,8 +652,8 @@ class Config(Base):
     def parts(self) -> list[str]:
         """Parts of the columns of `runs` that not every sweep has."""
         turns = {"error", "reversals"} <= {*self.record}
-        own = {"tol": self.integrator.goal, "turns": turns, "surface": self.bodies.ellipsoidal}
-        own["dissipation"] = self.dissipation
+        own = {"tol": self.integrator.goal, "turns": turns, "surface": self.bodies.ellipsoidal,
+               "dissipation": self.dissipation}  # fmt: skip
         return [*self.record, *(name for name, there in own.items() if there)]
 
     @property
