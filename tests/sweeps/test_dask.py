@@ -22,13 +22,12 @@ from hardship import wait_until
 
 from rattlesweep.errors import ConfigError, OutputError
 from rattlesweep.sweeps import dask as daskengine
-from rattlesweep.sweeps import job as jobs
+from rattlesweep.sweeps import run as runner
 from rattlesweep.sweeps.config.read import load_config, parse_config
 from rattlesweep.sweeps.dask import AHEAD, make_engine
-from rattlesweep.sweeps.job import Progress
 from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.rows import Runs
-from rattlesweep.sweeps.run import Result, run_sweep
+from rattlesweep.sweeps.run import Progress, Result, run_sweep
 from rattlesweep.sweeps.stored import open_stored
 
 ROOT = Path(__file__).parents[2]
@@ -64,7 +63,7 @@ def rows(output: Path) -> pa.Table:
 
 @pytest.fixture(autouse=True)
 def small_blocks(monkeypatch):
-    monkeypatch.setattr(jobs, "MOST_ROWS", 10)
+    monkeypatch.setattr(runner, "MOST_ROWS", 10)
 
 
 @pytest.fixture(scope="module")
@@ -186,7 +185,7 @@ def test_blocks_in_flight_are_bounded_and_progress_is_told(cluster, plain, tmp_p
 
         honest(job, drawn())
 
-    monkeypatch.setattr(jobs, "MOST_ROWS", 2)
+    monkeypatch.setattr(runner, "MOST_ROWS", 2)
     spread(tmp_path, SWEEP, engine, report=lambda progress: seen.append(progress.runs))
     assert rows(tmp_path).equals(plain)
     # One more is drawn before it is known whether a worker is free.
@@ -267,7 +266,7 @@ def test_lost_scheduler_and_one_without_workers_are_one_sentence(
     with pytest.raises(OutputError, match=f"{it.address} has had no worker for 1 s"):
         spread(output, SWEEP, make_engine(it.address))
     monkeypatch.undo()
-    monkeypatch.setattr(jobs, "MOST_ROWS", 10)
+    monkeypatch.setattr(runner, "MOST_ROWS", 10)
     it.worker()
 
     def kill(progress: Progress) -> None:
@@ -283,14 +282,14 @@ def test_lost_scheduler_and_one_without_workers_are_one_sentence(
 SCRIPT = f"""
 import json, sys
 from pathlib import Path
-from rattlesweep.sweeps import job
+from rattlesweep.sweeps import run as runner
 from rattlesweep.sweeps.config.read import parse_config
 from rattlesweep.sweeps.dask import make_engine
 from rattlesweep.sweeps.plan import make_plan
 from rattlesweep.sweeps.run import run_sweep
 
 if __name__ == "__main__":
-    job.MOST_ROWS = 10
+    runner.MOST_ROWS = 10
     engine, plan = make_engine(**json.loads(sys.argv[2])), make_plan(parse_config({SWEEP!r}))
     try:
         run_sweep(plan, Path(sys.argv[1]), engine=engine)
@@ -364,27 +363,6 @@ def test_killed_and_paused_workers_of_an_embedded_cluster_are_replaced(
     said = process.communicate(timeout=NEVER)[1]
     assert (process.returncode, said) == (0, "")
     assert rows(tmp_path / "out").equals(plain)
-
-
-@pytest.mark.slow
-def test_blocks_of_a_killed_driver_are_dropped(driver, own_cluster, gate, plain, tmp_path):
-    from distributed import Client
-
-    own_cluster.worker()
-    process = driver(tmp_path / "out", scheduler=own_cluster.address)
-    process.kill()
-    process.communicate(timeout=NEVER)
-    with Client(own_cluster.address, set_as_default=False) as client:
-        # The gate is still shut, so blocks end only if the worker sees that nobody waits for them.
-        wait_until(
-            lambda: not any(client.run(lambda dask_worker: dask_worker.active_threads).values())
-        )
-    (gate / "ticket").touch()
-    begun = driver(tmp_path / "next", scheduler=own_cluster.address)
-    assert not (gate / "ticket").exists()
-    (gate / "open").touch()
-    assert begun.wait(NEVER) == 0
-    assert rows(tmp_path / "next").equals(plain)
 
 
 def test_embedded_cluster_is_closed_to_others_and_has_a_directory_of_its_own(tmp_path, monkeypatch):

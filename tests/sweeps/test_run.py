@@ -34,7 +34,7 @@ from rattlesweep import progress
 from rattlesweep.sweeps.arrow import same_schema
 from rattlesweep.sweeps.columns import runs_schema, summary_schema
 from rattlesweep.sweeps.config.read import parse_config
-from rattlesweep.sweeps.job import Progress
+from rattlesweep.sweeps.run import Progress
 
 SMALL = {
     "gh.yaml": (),
