@@ -208,14 +208,6 @@ def test_another_config_is_kept_out_of_a_directory(tmp_path):
     assert_refused(result, 2, "the table of bodies has changed")
 
 
-def test_a_dry_run_writes_nothing(tmp_path):
-    result = run(
-        "steady.yaml", tmp_path / "a" / "b", "model=gh", "record=[]", options=("--dry-run",)
-    )
-    assert result.exit_code == 0
-    assert list(tmp_path.iterdir()) == []
-
-
 # -- what is said, and where -------------------------------------------------------------------
 
 

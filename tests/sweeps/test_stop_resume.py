@@ -214,19 +214,6 @@ def test_any_time_however_short_makes_progress(whole, often, tmp_path):
     check_equal(tmp_path, whole)
 
 
-def test_a_second_ctrl_c_ends_the_waiting_for_rows(tmp_path, monkeypatch):
-    """The first one waits for the kernel, and whoever has no patience presses it again."""
-
-    def impatient(*args: Any) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(task.Task, "stop", impatient)
-    with pytest.raises(KeyboardInterrupt):
-        sweeping.sweep(tmp_path, CONFIG, report=stop_after(0))
-    monkeypatch.undo()
-    assert sweeping.sweep(tmp_path, CONFIG).runs == FEW
-
-
 def test_beside_the_main_thread(whole, tmp_path):
     """As in a notebook's or a server's thread, where no signals are heard."""
     thread = threading.Thread(target=sweeping.sweep, args=(tmp_path, CONFIG))
