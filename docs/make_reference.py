@@ -136,6 +136,7 @@ PARTS = {
 
 ELSEWHERE = {
     "tol": "`integrator: {accuracy: {t_r: ...}}`",
+    "turns": "`record: [reversals, error]`",
     "surface": "`bodies: {surface: ellipsoid}`",
     "dissipation": "`dissipation`",
 }
@@ -177,8 +178,6 @@ def sections(schema: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
         for name, key in model["properties"].items():
             own = f"{path}.{name}".removeprefix(".")
             for inner in references(key):
-                if inner in ("Linspace", "Logspace"):
-                    continue
                 title, label = own, own
                 if name in PARAMETERS and path == "bodies":
                     title, label = ", ".join(f"bodies.{part}" for part in PARAMETERS), f"{name}"
@@ -262,7 +261,7 @@ def kind_of(key: dict[str, Any]) -> str:
     """Return what a value may be, in words."""
     if "const" in key or "enum" in key:
         return ", ".join(f"`{word}`" for word in key.get("enum", [key.get("const")]))
-    if "Linspace" in references(key):
+    if "linspace" in str(key):
         first = key
         while ways := first.get("anyOf") or first.get("oneOf"):
             first = ways[0]
