@@ -14,8 +14,13 @@ import pytest
 import sweeping
 from hardship import check_equal, rows_of
 
+<<<<<<< HEAD
 from rattlesweep.errors import ConfigError, DamagedError
 from rattlesweep.sweeps import job
+=======
+from rattlesweep.errors import ConfigError, DamagedError, OutputError
+from rattlesweep.sweeps import run as runner
+>>>>>>> r2-storage
 from rattlesweep.sweeps.arrow import read_parquet, write_parquet
 from rattlesweep.sweeps.classify import classify_stored
 from rattlesweep.sweeps.memory import same_bits
@@ -44,7 +49,7 @@ def whole(tmp_path_factory) -> Path:
     """A sweep of several files."""
     output = tmp_path_factory.mktemp("whole") / "out"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(job, "MOST_ROWS", 20)
+        patch.setattr(runner, "MOST_ROWS", 20)
         sweep(output)
     return output
 
