@@ -14,13 +14,8 @@ import pytest
 import sweeping
 from hardship import check_equal, rows_of
 
-<<<<<<< HEAD
-from rattlesweep.errors import ConfigError, DamagedError
-from rattlesweep.sweeps import job
-=======
 from rattlesweep.errors import ConfigError, DamagedError, OutputError
 from rattlesweep.sweeps import run as runner
->>>>>>> r2-storage
 from rattlesweep.sweeps.arrow import read_parquet, write_parquet
 from rattlesweep.sweeps.classify import classify_stored
 from rattlesweep.sweeps.memory import same_bits
