@@ -98,8 +98,8 @@ def test_a_config_whose_name_is_not_utf_8(here, monkeypatch):
 @pytest.mark.parametrize(
     ("file", "output", "code", "words"),
     [
-        ("file", "file", 1, "Not a directory"),
-        ("out/runs", "out", 1, "Not a directory"),
+        ("file", "file", 2, "file: is a file; give the path of a directory"),
+        ("out/runs", "out", 2, "holds other files, such as runs"),
         (None, "/proc/rattlesweep/out", 1, "cannot write in /proc/rattlesweep/out: "),
     ],
 )

@@ -14,7 +14,7 @@ import pytest
 import sweeping
 from hardship import check_equal, rows_of
 
-from rattlesweep.errors import ConfigError, DamagedError, OutputError
+from rattlesweep.errors import ConfigError, DamagedError
 from rattlesweep.sweeps import run as runner
 from rattlesweep.sweeps.arrow import read_parquet, write_parquet
 from rattlesweep.sweeps.classify import classify_stored
