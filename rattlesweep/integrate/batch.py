@@ -295,9 +295,7 @@ def _integrate(
     seen = 3 if "windows" in record else 0
     turned = seen + (2 if "reversals" in record else 0)
     width = turned + (2 if carried is not model else 0)
-    # More than usual, where the exponents along one long run are wanted.
-    count = int(np.max(np.rint(batch.t_end / batch.window), initial=N_WINDOWS))
-    windows = np.full((runs if width else 0, count, width), np.nan)
+    windows = np.full((runs if width else 0, N_WINDOWS, width), np.nan)
     flags = np.array([name in record for name in WATCHED])
 
     arguments = (

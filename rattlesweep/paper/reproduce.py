@@ -33,23 +33,21 @@ PARTS = {
     ),
     "fig4": Part(
         "Fig. 4: asymmetric torque coefficients",
-        "(a) Cumulative distributions of K_p and K_r. (b) Relative frequency of pairs (K_p, K_r), "
-        "over nine decades.",
+        "(a) Cumulative distributions of K_p and K_r. (b) Relative frequency of pairs (K_p, K_r).",
         fig3_4.coefficients,
         fig3_4.draw_coefficients,
     ),
     "fig5": Part(
         "Fig. 5: the body GH in both directions",
         "Spin and angular velocities in (a) the unsteady and (b) the steady direction. Dashed: "
-        "Garcia and Hubbard's solution; dotted: the first reversal. The four lower panels share a "
-        "scale.",
+        "Garcia and Hubbard's solution; dotted: the first reversal.",
         fig5.data,
         fig5.draw,
     ),
     "fig6": Part(
         "Fig. 6: time of reversal in the unsteady direction",
-        "(a) Mean over the runs of each point; bars are one standard deviation of the runs, lines "
-        "Garcia and Hubbard's formula at the mean n_0. (b) A run of GH.",
+        "(a) Mean over the runs of each point; bars are one standard deviation, lines Garcia and "
+        "Hubbard's formula at the mean n_0. (b) A run of GH.",
         fig6_8.unsteady,
         fig6_8.draw_unsteady,
     ),
@@ -57,11 +55,10 @@ PARTS = {
         "Fig. 7: types in the steady direction",
         "(a) Fractions of the types; bars are 95 % confidence intervals (Wilson). Filled "
         "triangles: fraction of the bodies whose Bondi threshold lies below the spin. (b) Examples "
-        "from the sweep, listed in fig7_examples.parquet, as far as there are any.",
+        "from the sweep, listed in fig7_examples.parquet.",
         fig7.data,
         fig7.draw,
     ),
-    "rk4": Part("Supplement to Fig. 7: the paper's integrator", "", fig7.compare_rk4),
     "fig8": Part(
         "Fig. 8: time of reversal in the steady direction",
         "Mean over the runs of type R; bars are one standard deviation, lines Garcia and Hubbard's "
@@ -71,9 +68,8 @@ PARTS = {
     ),
     "fig9": Part(
         "Fig. 9: three long runs",
-        "Spin of GH with other curvatures theta, through many reversals. Dashed: the reduced model "
-        "(Eqs. (47) [diff-ne-1] to (49) [diff-ne-3]), started with the same energy of the pitch "
-        "and a little energy of the roll.",
+        "Spin of GH with other curvatures theta. Dashed: the reduced model (Eqs. (47) [diff-ne-1] "
+        "to (49) [diff-ne-3]), started with the same energy of the pitch and a little of the roll.",
         fig9.data,
         fig9.draw,
     ),
@@ -88,30 +84,19 @@ PARTS = {
     "friction": Part(
         "Supplement: reversals under friction",
         "Bodies of SD spun both ways at abs(n_i) = 0.3 with a push of 0.01, under a torque of "
-        "friction -sigma omega, until at most 0.2 % of the energy is left. Bars are 95 % "
-        "confidence intervals (Wilson).",
-        friction.one_way,
-        friction.draw_one_way,
+        "friction -sigma omega, until at most 0.2 % of the energy is left.",
+        friction.data,
+        friction.draw,
     ),
-    "contact": Part("Supplement: friction that rolling needs", "", friction.contact),
 }
 
 
 def choose(names: str | None) -> list[str]:
-    """Return the parts that were asked for, such as ``fig8,fig7``, in the paper's order, or all.
-
-    Raises
-    ------
-    ConfigError
-        If a name is unknown.
-    """
+    """Return the parts that were asked for, such as ``fig8,fig7``, in the paper's order, or all."""
     known = [*PARTS, THEORY]
-    if names is None:
-        return known
-    wanted = [word.strip() for word in names.split(",") if word.strip()]
-    unknown = [word for word in wanted if word not in known]
-    if unknown or not wanted:
-        raise ConfigError(f"--only: {not_one_of(unknown[0] if unknown else '', known)}")
+    wanted = known if names is None else [word.strip() for word in names.split(",")]
+    if unknown := [word for word in wanted if word not in known]:
+        raise ConfigError(f"--only: {not_one_of(unknown[0], known)}")
     return [name for name in known if name in wanted]
 
 
@@ -120,18 +105,8 @@ def reproduce(
 ) -> Reproduction:
     """Compute and draw what was asked for, judge the claims that this can settle, and report.
 
-    Parameters
-    ----------
-    workspace : Workspace
-    names : sequence of str
-        Keys of :data:`PARTS`, and perhaps ``theory``.
-    begin : callable
-        Called with the title of each part before it is made.
-
-    Raises
-    ------
-    ConfigError
-        If the directory holds other sweeps.
+    `names` are keys of :data:`PARTS`, and perhaps ``theory``; `begin` is called with the title of
+    each part before it is made.  Raises a ConfigError if the directory holds other sweeps.
     """
     done = Reproduction(workspace, {name: PARTS[name] for name in names if name != THEORY})
     for name, part in done.parts.items():

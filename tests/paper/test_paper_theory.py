@@ -61,14 +61,6 @@ def test_distributions_are_those_of_the_defining_matrix(made):
         assert middle[name] == pytest.approx(np.median(values), rel=1e-3)
 
 
-def test_bins_hold_all_bodies(made):
-    data = made["fig4"]["density"]
-    assert data["count"].sum() == fig3_4.counts_of(made["fig4"]).sum() == SIZES.fig4_density
-    # A body's coefficients lie in its bin: mean of K_p from the bins and from the quantiles.
-    mean = np.average((data["K_p_low"] + data["K_p_high"]) / 2, weights=data["count"])
-    assert mean == pytest.approx(np.mean(made["fig4"]["cumulative"]["K_p"].to_numpy()), rel=0.05)
-
-
 @pytest.mark.parametrize("name", ["fig3", "fig4"])
 def test_nothing_of_a_picture_hangs_over_the_edge(made, name):
     drawing = PARTS[name].draw(made[name])
@@ -106,21 +98,6 @@ def test_t1_is_within_the_rounding_of_table_i(monkeypatch):
     assert row["low"] < 0.0967 < row["value"] < row["high"]
     monkeypatch.setitem(formulas.PRINTED, "K_r", (0.0961, 4))
     assert claim("T1")["verdict"] == "disagree"
-
-
-def test_ellipsoids_by_integration():
-    points = np.random.default_rng(3).uniform(-1, 1, (400_000, 3))
-    inside = points[np.sum(points**2, axis=1) < 1]
-    for kind, body in (("whole", inside), ("half", inside[inside[:, 2] > 0])):
-        x, y, z = (body * [1.7, 3.0, 1.0]).T
-        z = z - z.mean()
-        height = 1 - formulas.CENTRE[kind]
-        found = formulas.ellipsoid(kind, np.array(9.0), np.array(2.89))
-        assert found["alpha"] == pytest.approx(np.mean(y**2 + z**2) / height**2 + 1, rel=0.01)
-        assert found["beta"] == pytest.approx(np.mean(x**2 + z**2) / height**2 + 1, rel=0.01)
-        b2, c2 = formulas.shapes(kind)
-        assert np.all(b2 > c2)
-        assert np.all(formulas.ellipsoid(kind, b2, c2)["theta"] < 1)
 
 
 def test_no_body_is_below_the_least_ratio_of_the_frequencies():
