@@ -31,10 +31,7 @@ MOST = 0.9
 
 @dataclass(frozen=True)
 class Count:
-    """Number that meet a criterion of a total; true if all do, and there are any.
-
-    ``unsure`` of the others miss it by no more than their sampling error (95 %).
-    """
+    """Number that meet a criterion; true if all do.  ``unsure`` others miss it within error."""
 
     hits: int
     total: int
@@ -68,27 +65,12 @@ def share(hits: int, runs: int) -> dict[str, Any]:
 class Claim:
     """A row of the table of claims.
 
-    Attributes
-    ----------
-    id, where : str
-        ``T1``, ``U2``, ... and the place in the paper; equations by their printed number and their
-        label in the source, as in ``Eq. (38) [k-diff]``.
-    words : str
-        What the paper says; between quotation marks word for word.
-    criteria : sequence of str
-        What is asked of the measurement, first the headline: the paper's statement itself.
-    measure : callable
-        Takes the tables by part to the checks, one for each criterion, and the numbers; None if
-        there are too few samples.  Of the numbers, ``value`` is the one that decides, ``low`` and
-        ``high`` its confidence interval or range.
-    measured, notes : str
-        What was found, and how it was found and what explains it, with numbers in braces.
-    lists : mapping
-        For a number that is rows: what stands between them, and the words of one.
-    leeway : str
-        The paper's word that leaves room in the headline, such as “almost”.
-    parts : sequence of str
-        Parts whose tables are needed; none for a claim about formulas alone.
+    `words` is what the paper says; `criteria` is what is asked of the measurement, first the
+    headline.  `measure` takes the tables of `parts` to the checks, one for each criterion, and to
+    numbers by name (None: too few samples), of which ``value`` decides and ``low`` to ``high`` is
+    its interval.  `measured` and `notes` are texts with numbers in braces; `lists` has, for a
+    number that is rows, what stands between them and the words of one; `leeway` is the paper's word
+    that leaves room in the headline.
     """
 
     id: str
@@ -138,9 +120,8 @@ class Claim:
         """Return the verdict, and whether it is due to the leeway.
 
         The claim *agrees* if all checks hold, and *disagrees* if the headline fails; else it holds
-        *partly*, as it does where the paper's words leave room and nine in ten still meet the
-        headline.  With ``few`` samples, where failing checks fail by no more than the sampling
-        error, there are *too few samples to tell*.
+        *partly*, as it does where the paper's words leave room and nine in ten meet the headline.
+        With ``few`` samples, failing checks within their error leave *too few samples to tell*.
         """
         head = checks[0]
         possible = [
@@ -156,15 +137,20 @@ class Claim:
         return "partly" if head or room else "disagree", room
 
 
+def read_table(name: str) -> dict[str, dict[str, Any]]:
+    """Return the rows of ``NAME.yaml`` by their id, with the functions that they name."""
+    rows: dict[str, dict[str, Any]] = YAML(typ="safe").load(TABLE.with_name(f"{name}.yaml"))
+    for row in rows.values():
+        for key in row.keys() & {"measure", "data", "draw"}:
+            module, function = row[key].split(".")
+            row[key] = getattr(import_module(f"rattlesweep.paper.{module}"), function)
+    return rows
+
+
 @cache
 def claims() -> dict[str, Claim]:
     """Return the claims of ``claims.yaml`` by their id."""
-    found = {}
-    for name, row in YAML(typ="safe").load(TABLE).items():
-        module, function = row.pop("measure").split(".")
-        measure = getattr(import_module(f"rattlesweep.paper.{module}"), function)
-        found[name] = Claim(id=name, measure=measure, **row)
-    return found
+    return {name: Claim(id=name, **row) for name, row in read_table("claims").items()}
 
 
 def judge(made: Made, *, theory: bool, few: bool = False) -> list[dict[str, Any]]:

@@ -31,10 +31,7 @@ ENDS, BINS = {"K_p": (0.0, 7.0), "K_r": (0.0, 0.4)}, 200
 
 
 def drawn_bodies(first: int, last: int, seed: int = 2017) -> tuple[Floats, ...]:
-    """Return ``alpha, beta, gamma, theta, phi, xi`` of the bodies of some numbers.
-
-    Body number ``i`` is sample ``i`` of a sweep of the same seed without a target.
-    """
+    """Return ``alpha, beta, gamma, theta, phi, xi`` of the bodies of some numbers."""
     drawn = draw_bodies(seed, np.arange(first, last), np.array(SdRanges().ends()))[0]
     gamma, _, theta, phi, xi, alpha, beta = drawn
     return alpha, beta, gamma, theta, phi, xi
@@ -74,12 +71,7 @@ def frequencies(ws: Workspace) -> Tables:
 
 
 def ratio_bound() -> float:
-    """Return the infimum of ``omega_p / omega_r`` over the ranges of the paper's Table I.
-
-    The product of the squares, ``det H``, does not depend on xi and their sum grows with ``sin^2
-    xi``, so the ratio is least at the least skew angle.  There it depends on ``beta/alpha`` and
-    ``(1/phi - 1)/(1/theta - 1)`` alone, monotonically in both, and the ends decide.
-    """
+    """Return the infimum of ``omega_p / omega_r`` over the ranges of the paper's Table I."""
     ranges = SdRanges()
     alpha, beta = shell_dumbbell(np.array(ranges.gamma[::-1]), np.array(ranges.f_sd))
     theta, phi = np.array(ranges.theta), np.array(ranges.phi[::-1])
@@ -139,15 +131,7 @@ def coefficients(ws: Workspace) -> Tables:
 
 
 def count_bodies(total: int, threads: int | None = None) -> tuple[Integers, float, int]:
-    """Draw bodies and count them by their torque coefficients; none is stored.
-
-    Returns
-    -------
-    counts : ndarray, shape (bins, bins)
-        By ``K_p`` and ``K_r``; the same for any number of threads.
-    least, below
-        The least ``omega_p / omega_r``, and the number of those below :data:`BOUND`.
-    """
+    """Draw bodies and count them by their torque coefficients; none is stored."""
     counts = np.zeros((BINS, BINS), np.int64)
 
     def part(first: int, control: Control) -> tuple[Integers, float, int]:

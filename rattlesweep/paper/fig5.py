@@ -34,12 +34,7 @@ BINS = 900
 
 
 def data(_: Workspace) -> Tables:
-    """Return the tables ``unsteady`` and ``steady`` (series), ``runs`` and ``envelopes``.
-
-    ``envelopes``: one row a run and component, with the largest amplitude about the reversal
-    (``top``), those before and after it (``left``, ``right``), the least between those (``low``),
-    and the times of all four.
-    """
+    """Return the tables ``unsteady`` and ``steady`` (series), ``runs`` and ``envelopes``."""
     body = Rattleback.gh()
     tables: dict[str, pd.DataFrame] = {}
     runs, envelopes = [], []

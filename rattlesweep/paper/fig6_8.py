@@ -52,11 +52,7 @@ def unsteady(ws: Workspace) -> Tables:
 
 
 def steady(ws: Workspace) -> Tables:
-    """Return the tables ``times`` of Fig. 8, ``late`` and ``onset``, one row a point each.
-
-    ``growth``: the roll's growth rate, exact at the spin ``n_i``, over its limit for small spins
-    (Eq. (74) [case-instab1]).
-    """
+    """Return the tables ``times`` of Fig. 8, ``late`` and ``onset``, one row a point each."""
     runs = ws.sweep("steady")
     bodies = runs[["alpha", "beta", "gamma", "theta", "phi", "xi"]]
     roll = growth_rates(bodies, runs["n_i"].to_numpy(), exact=True).roll
@@ -95,11 +91,7 @@ def steady(ws: Workspace) -> Tables:
 
 
 def times(runs: pd.DataFrame, target: str) -> pd.DataFrame:
-    """Return one row a point: the runs that reverse, and the theory's line at the mean ``n_0``.
-
-    The line is twice artanh(n_i/n_0) (Eqs. (56) [trgh-p] and (58) [trgh-m]), whose argument has as
-    many digits as the mean of n_0.
-    """
+    """Return one row a point: the runs that reverse, and the theory's line at the mean ``n_0``."""
     rows = runs.assign(back=runs["t_r"].where(runs["type"] == "R")).groupby("case").agg(
         **{name: (name, "first") for name in (target, "n_i", "omega_xy0")},
         runs=("n_0", "size"), reversed=("back", "count"), t_r_mean=("back", "mean"),
@@ -114,11 +106,7 @@ def times(runs: pd.DataFrame, target: str) -> pd.DataFrame:
 
 
 def in_windows(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return what the windows of runs show, NaN where it does not happen.
-
-    ``onset`` and ``kept`` (less than 10 % of the spin is lost until then) are times in
-    ``sqrt(a/g)``; ``centre`` is the mean spin of the windows from the onset on.
-    """
+    """Return what the windows of runs show, NaN where it does not happen."""
     found = pd.DataFrame(np.nan, index=runs.index, columns=["onset", "kept", "centre"])
     names = ["n_i", "window_t", "window_n_min", "window_n_max"]
     for place, n_i, step, least, most in runs.reindex(columns=names).dropna().itertuples():
@@ -165,11 +153,7 @@ def draw_steady(tables: Tables) -> Figure:
 def panels(
     values: pd.DataFrame, coefficient: str, time: str, theory: str
 ) -> tuple[Figure, list[Axes], dict[str, Any]]:
-    """Draw a panel for each spin from the table of :func:`times`.
-
-    ``time`` and ``theory`` are symbols.  Returns the figure, its panels, of which those behind the
-    last spin are switched off, and the entries of the legend.
-    """
+    """Draw a panel for each spin from the table of :func:`times`."""
     spins = sorted(values["n_i"].unique(), key=abs)
     rows = -(-(len(spins) + 1) // COLUMNS)
     figure = new_figure(9.2, 2.9 * rows + 0.35)

@@ -37,24 +37,14 @@ EXAMPLES = {
 }
 # Longest time of an example, in sqrt(a/g), and stretches of its curve.
 LONGEST, BINS = 20_000.0, 1100
-# Runs called chaotic although they are slow are followed to so many horizons of 5 t_rGH.
-LONGER, SLOW = 6, 0.4
-# The paper's integrator.
-RK4: dict[str, Any] = {"method": "rk4", "dt_step": 0.002}
 
 
 def data(ws: Workspace) -> Tables:
-    """Return the tables of the figure and of what its claims need.
-
-    ``fractions``: one row a point.  ``definitions``: other readings of SS.  ``settled``: where the
-    spin of SS ends.  ``chaos``: Lyapunov exponents, one row a run of type SW.  ``examples``,
-    ``spin_ss``, ``spin_sw``, ``spin_chaotic``: part (b), as far as the sweep has such runs.
-    """
+    """Return the tables of the figure and of what its claims need."""
     runs = ws.sweep("steady")
     found = chaos(ws, runs)
     return {
         "fractions": fractions(runs),
-        "definitions": readings(runs),
         "settled": settled(runs),
         "chaos": found,
         **examples(runs.assign(chaotic=False), found),
@@ -75,28 +65,9 @@ def fractions(runs: pd.DataFrame) -> pd.DataFrame:
     return rows
 
 
-def readings(runs: pd.DataFrame) -> pd.DataFrame:
-    """Count the runs that are SS by several readings of "decays monotonously"."""
-    stays = runs["t_r"].isna()
-    found = {
-        **{f"amplitude never grows by more than {limit:.0%}": stays & (runs["amp_growth"] <= limit)
-           for limit in (0.01, 0.1, 0.3)},
-        **{f"no reversal, spin never falls by more than {limit:.0%}":
-           stays & (runs["n_departure"] <= limit) for limit in (0.01, 0.02, 0.05)},
-        "no reversal, past Bondi's threshold": stays & (runs["n_c1"].abs() < runs["n_i"].abs()),
-    }  # fmt: skip
-    launches = runs[["n_i", "omega_xy0"]]
-    counts = launches.assign(**found).groupby(["n_i", "omega_xy0"], sort=False).sum()
-    return counts.melt(ignore_index=False, var_name="definition", value_name="count").reset_index()
-
-
 def settled(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return where the runs of type SS end, by spin and oscillation.
-
-    ``gain`` is ``(n_end - n_i)/(-n_0 - n_i)``: 1 if all energy of the oscillation has gone into the
-    spin, 0 if the spin ends as it was launched.  Runs within 1 % of Bondi's threshold are counted
-    as ``near`` and otherwise left out: their oscillation is still there at the horizon.
-    """
+    """Return where runs of type SS end; ``gain`` is 1 if all energy is in the spin."""
+    # Within 1 % of Bondi's threshold the oscillation is still there at the horizon.
     own = runs[runs["type"] == "SS"]
     near = own["n_c1"].abs() > 0.99 * own["n_i"].abs()
     beyond = (own["n_end"] / own["n_i"] - 1).where(~near)
@@ -111,29 +82,15 @@ def settled(runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def chaos(ws: Workspace, runs: pd.DataFrame) -> pd.DataFrame:
-    """Return the runs of type SW with Lyapunov exponents and whether they are chaotic.
-
-    Those that are called chaotic at ``abs(n_i) <= 0.4`` are followed to six horizons, past their
-    reversals: ``growth_longer`` is the logarithm of a difference's growth in the second half.
-    """
+    """Return the runs of type SW with Lyapunov exponents and whether they are chaotic."""
     runs = evenly(runs[runs["type"] == "SW"], ws.sizes.lyapunov)
     found = ws.again(runs, record=["lyapunov"]).reindex(columns=["lyapunov", "lyapunov_late"])
     found = runs.join(found)
-    found["chaotic"] = is_chaotic(found["lyapunov_late"], found["t_end"])
-    slow = found[found["chaotic"] & (found["n_i"].abs() <= SLOW)]
-    longer = ws.again(slow, t_end=LONGER * slow["t_end"].to_numpy(), tol=1e-11,
-                      record=["lyapunov", "reversals"])  # fmt: skip
-    longer = longer.reindex(columns=["lyapunov_late", "t_end"])
-    growth = longer["lyapunov_late"] * longer["t_end"] / 2
-    return found.assign(growth_longer=growth)
+    return found.assign(chaotic=is_chaotic(found["lyapunov_late"], found["t_end"]))
 
 
 def examples(runs: pd.DataFrame, wobbling: pd.DataFrame) -> Tables:
-    """Return the table ``examples`` and the spin of each, thinned, as far as there are such runs.
-
-    SS: of this launch, the run with the median spin at its end.  SW: of this launch, the run with
-    the median loss of spin.  Chaotic: the run with the largest exponent over its second half.
-    """
+    """Return the table ``examples`` and the spin of each, thinned, where there are such runs."""
     order = {"spin_ss": (runs, "n_end"), "spin_sw": (runs, "n_departure")}
     rows, tables = [], {}
     for name, (condition, _) in EXAMPLES.items():
@@ -150,16 +107,6 @@ def examples(runs: pd.DataFrame, wobbling: pd.DataFrame) -> Tables:
         kept = run.reindex(["K_r", "n_i", "omega_xy0", "sample", "t_end", "lyapunov_late"])
         rows.append({"example": name, **kept, "shown": shown})
     return tables | {"examples": pd.DataFrame(rows)}
-
-
-def compare_rk4(ws: Workspace) -> Tables:
-    """Return the table ``runs``: the first samples of every case, with the paper's integrator."""
-    sizes = ws.sizes
-    ours = ws.sweep("steady").query(f"sample < {sizes.rk4} and K_r >= {sizes.rk4_least_K_r}")
-    theirs = ws.again(ours, **RK4)
-    names = ["K_r", "n_i", "omega_xy0", "sample", "type", "t_r"]
-    rows = ours[names].join(theirs[["type", "t_r"]].add_suffix("_rk4"))
-    return {"runs": rows.assign(difference=rows["t_r_rk4"] / rows["t_r"] - 1)}
 
 
 def draw(tables: Tables) -> Figure:

@@ -67,11 +67,7 @@ def long_run(theta: float) -> Trajectory:
 
 
 def data(_: Workspace) -> Tables:
-    """Return the tables of the three runs.
-
-    ``spin``: the series as drawn; ``reversals``: one row a reversal of either model;
-    ``invariants``: what is conserved, one row a run and model; ``forces``: at the contact.
-    """
+    """Return the tables of the three runs."""
     spin, reversals, invariants, forces = [], [], [], []
     for theta in THETAS:
         found, body = long_run(theta), body_of(theta)
@@ -127,14 +123,8 @@ def averaged_casimir(table: pd.DataFrame, body: Rattleback) -> Floats:
 def volume_rate(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-untyped-def]
     """Return the relative rate at which the flow changes phase volume, in ``sqrt(g/a)``.
 
-    The volume is that of the sphere of directions u times that of omega.  At fixed omega u only
-    turns, so the rate is the divergence of d(omega)/dt in omega (Eq. (11) [diff-omega]), which is
-    of second degree in omega: central differences are exact, whatever their step.
-
-    Parameters
-    ----------
-    p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy : array_like
-        State and constants of :mod:`rattlesweep.physics.full`; they broadcast.
+    At fixed omega u only turns, so it is the divergence of d(omega)/dt in omega (Eq. (11)
+    [diff-omega]), which is of second degree: central differences are exact, whatever their step.
     """
     x = full.rhs(p, q, a + 1, b, c, ix, iy, iz, cxx, cxy, cyy)[2]
     x -= full.rhs(p, q, a - 1, b, c, ix, iy, iz, cxx, cxy, cyy)[2]
@@ -146,11 +136,7 @@ def volume_rate(p, q, a, b, c, ix, iy, iz, cxx, cxy, cyy):  # type: ignore[no-un
 
 
 def volumes(_: Workspace) -> Tables:
-    """Return ``series``, the logarithm of the phase volume, and ``rates``, one row a run.
-
-    The rate is that of the second half, its error that of the mean of ten parts of this time;
-    ``volume_late`` is the largest volume there.
-    """
+    """Return ``series``, the logarithm of the phase volume, and ``rates``, one row a run."""
     series, rows = [], []
     for theta in THETAS:
         table = long_run(theta).table

@@ -84,10 +84,7 @@ def garcia_hubbard(_: Made) -> Measured:
 
 
 def by_definition(body: tuple[Floats, ...]) -> dict[str, Floats]:
-    """Return torque coefficients from eigenvectors, by Eqs. (33) [kp-1] and (35) [kr-1].
-
-    Matrices and ``numpy.linalg.eigh``; nothing of :mod:`rattlesweep.physics.theory`.
-    """
+    """Return torque coefficients from eigenvectors, by Eqs. (33) [kp-1] and (35) [kr-1]."""
     alpha, beta, _, theta, phi, xi = body
     turn = xi + np.pi / 2
     cos, sin = np.cos(turn), np.sin(turn)
@@ -160,12 +157,7 @@ CENTRE = {"whole": 0.0, "half": 3 / 8}
 
 
 def shapes(kind: str) -> tuple[Floats, Floats]:
-    """Return ``b^2`` and ``c^2`` of bodies that stand upright, ``b > c``.
-
-    The least c^2 is the height of the centre above the bottom, as the curvature there, height/c^2,
-    must be below 1.  Distances from both borders run from 1e-6 to 1e4 of the border itself, as far
-    as doubles tell the two frequencies apart.
-    """
+    """Return ``b^2`` and ``c^2`` of bodies that stand upright, ``b > c``."""
     first, second = 10.0 ** np.random.default_rng(2017).uniform(-6, 4, (2, 2 * SAMPLES))
     c2 = (1 - CENTRE[kind]) * (1 + first)
     return c2 * (1 + second), c2
@@ -185,10 +177,7 @@ def ellipsoid(kind: str, b2: Floats, c2: Floats) -> dict[str, Floats]:
 
 
 def ellipsoids(_: Made) -> Measured:
-    """Measure T6: pitch faster than roll for uniform ellipsoids and their lower halves.
-
-    The difference of the squared frequencies has a closed form, positive times ``b^2 - c^2``.
-    """
+    """Measure T6: pitch faster than roll for uniform ellipsoids and their lower halves."""
     excess, off = [], []
     for kind in CENTRE:
         b2, c2 = shapes(kind)
@@ -205,10 +194,9 @@ def ellipsoids(_: Made) -> Measured:
 
 
 def growth_slopes(body: tuple[Floats, ...]) -> tuple[Floats, Floats]:
-    """Return derivatives at ``n = 0`` of the growth rates of pitch and roll, in the full dynamics.
+    """Return derivatives at ``n = 0`` of the growth rates of pitch and roll: ``w M'(0) v / (w v)``.
 
-    First-order perturbation of the linear system: ``w M'(0) v / (w v)``, with the left and right
-    eigenvectors ``w, v``; ``M`` is of second degree in ``n``.
+    ``w, v`` are eigenvectors of the full dynamics' linear system ``M``, of second degree in ``n``.
     """
     constants = full.constants(*body)
     at_rest = steady.matrix(constants, 0.0)
@@ -223,8 +211,7 @@ def growth_slopes(body: tuple[Floats, ...]) -> tuple[Floats, Floats]:
 def moffatt_tokieda(body: tuple[Floats, ...]) -> float:
     """Return the largest relative distance of the reduced system from Eq. (75) [toki-prs].
 
-    With ``n = S``, ``E_p = (I/2) P^2``, ``E_r = (I/2) R^2``, ``t = (2/K_r) tau`` and ``lambda`` the
-    squared ratio of the frequencies, at random states.
+    With ``n = S``, ``E_p = (I/2) P^2``, ``E_r = (I/2) R^2``, ``t = (2/K_r) tau``, at random states.
     """
     alpha, beta, gamma, theta, phi, xi = body
     found = theory.modes(alpha, beta, theta, phi, xi)
@@ -283,11 +270,7 @@ ANGLES = (0.01, 1.0, 6.0, 20.0, 45.0, 70.0, 89.0)
 
 
 def contradictions(body: tuple[Floats, ...], spins: tuple[tuple[float, bool], ...]) -> Count:
-    """Count how often eigenvalues contradict Bondi's threshold, at the skew angles ``ANGLES``.
-
-    ``spins`` are in thresholds, each with whether the steady spin should be stable there; bodies
-    without a threshold should be unstable at any spin.
-    """
+    """Count how often eigenvalues contradict Bondi's threshold, at the skew angles ``ANGLES``."""
     alpha, beta, gamma, theta_, phi, _ = body
     threshold = theory.bondi_threshold(alpha, beta, gamma, theta_, phi)
     exists = np.isfinite(threshold)

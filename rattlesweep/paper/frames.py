@@ -34,11 +34,7 @@ def follow(body: Rattleback, *channels: str, dt: float = DT, **launch: Any) -> T
 
 
 def thinned(run: pd.DataFrame, *beside: str, **bins: int) -> pd.DataFrame:
-    """Return ``t`` and some columns of a run at the rows that curves through them need.
-
-    ``bins`` are numbers of stretches by column, of which each keeps its extremes; the columns
-    ``beside`` have no say in the choice of the rows.
-    """
+    """Return ``t`` and some columns of a run at the rows that curves through them need."""
     places = [thin(run[name].to_numpy(), number) for name, number in bins.items()]
     rows = run.iloc[np.unique(np.concatenate(places))]
     return rows[["t", *beside, *bins]].reset_index(drop=True)

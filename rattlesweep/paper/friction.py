@@ -1,8 +1,4 @@
-"""Supplements on friction, of which the paper has none.
-
-Which bodies of SD reverse in one direction only under a torque ``-sigma omega``, and which runs of
-the paper need more friction at the contact than a table gives, or would lift off.
-"""
+"""A supplement on friction, of which the paper has none: which bodies reverse in one direction."""
 
 from __future__ import annotations
 
@@ -25,7 +21,7 @@ SHARES = {
 }
 
 
-def one_way(ws: Workspace) -> Tables:
+def data(ws: Workspace) -> Tables:
     """Return the table ``shares``: one row a sigma, with 95 % intervals (Wilson)."""
     runs = ws.sweep("friction", {
         "name": "friction",
@@ -50,23 +46,7 @@ def one_way(ws: Workspace) -> Tables:
     return {"shares": rows}
 
 
-def contact(ws: Workspace) -> Tables:
-    """Return the table ``shares``: one row a direction, spin and oscillation of Figs. 6 to 8.
-
-    Shares of the runs that need a coefficient of friction above 0.3 and above 0.6 to roll, and of
-    those whose normal force becomes negative, up to the first reversal or the horizon.
-    """
-    runs = pd.concat([ws.sweep("unsteady"), ws.sweep("steady")])
-    ratio, normal = runs["contact_ratio_max"], runs["contact_normal_min"]
-    found = runs[["n_i", "omega_xy0"]].assign(
-        share_friction_above_0_3=ratio > 0.3,
-        share_friction_above_0_6=ratio > 0.6,
-        share_lift_off=normal < 0,
-    )
-    return {"shares": found.groupby(["n_i", "omega_xy0"]).mean().reset_index()}
-
-
-def draw_one_way(tables: Tables) -> Figure:
+def draw(tables: Tables) -> Figure:
     """Draw the shares of the bodies against sigma."""
     rows = tables["shares"]
     figure = new_figure(5.4, 3.6)

@@ -13,9 +13,8 @@ from textwrap import shorten
 from typing import Any
 
 import pandas as pd
-from markupsafe import Markup
 
-from rattlesweep.analysis.pages import config_yaml, render, source
+from rattlesweep.analysis.report import config_yaml, render, source
 from rattlesweep.paper.claim import COLUMNS, UNDECIDED
 from rattlesweep.paper.workspace import FULL, Part, Tables, Workspace, sweep_config
 from rattlesweep.sweeps.files import replace_file
@@ -24,23 +23,8 @@ from rattlesweep.sweeps.provenance import PACKAGES, machine, now, package_versio
 TITLE = "Rattleback dynamics and its reversal time of rotation: recomputed"
 VERDICTS = ("agree", "partly", "disagree", UNDECIDED)
 
-# The paper's symbols in plain spelling, such as ``abs(omega_xy0)`` and ``->``, and in HTML.
-GREEK = {
-    "alpha": "α", "beta": "β", "gamma": "γ", "theta": "θ", "phi": "φ", "xi": "ξ", "sigma": "σ",
-    "omega": "ω", "psi": "ψ", "delta": "δ", "epsilon": "ε",
-}  # fmt: skip
-SIGNS = {
-    "-&gt;": "→", "&lt;=": "≤", "&gt;=": "≥", "&lt;~": "≲", "&gt;~": "≳", "&lt;&lt;": "≪",
-    "&gt;&gt;": "≫", " ~ ": " ≈ ", " +- ": " ± ", "omega~": "ω̃", "t~": "t̃", "^deg": "°",
-    "F_perp": "F_⊥", "F_parallel": "F_∥",
-}  # fmt: skip
 # The label of an equation in the paper's source, behind its number.
 LABEL = re.compile(r"(\(\d+\)) \[[\w-]+\]")
-# A file's name is no symbol.
-INDEXED = re.compile(
-    r"(?<![\w.])(omega|psi|delta|[CEFIJKnut])_(rGH[+-]|[⊥∥]|(?:rGH|I|[a-z]+\d?|\d)\b)(?![.]?\w)"
-)
-LETTER = re.compile(r"(?<![\w.-])(" + "|".join(GREEK) + r")(?![\w.])")
 
 
 @dataclass
@@ -98,16 +82,9 @@ def page(done: Reproduction) -> bytes:
     """Return the report; its pictures are those in the directory."""
     ws, made = done.workspace, done.tables
     drawn = [name for name, part in done.parts.items() if part.draw is not None]
-    rk4 = made["rk4"]["runs"] if "rk4" in made else pd.DataFrame()
-    contact = [
-        [f"{n_i:g}", f"{size:g}", *map("{:.1%}".format, shares)]
-        for n_i, size, *shares in (made["contact"]["shares"].values if "contact" in made else ())
-    ]
     shown = {
         "claims": ("Claims", done.claims),
         "figures": ("Figures", drawn),
-        "contact": ("Friction that rolling needs", contact),
-        "rk4": ("The paper's integrator", len(rk4)),
         "run": ("How it was made", True),
         "settings": ("Settings", True),
     }
@@ -127,39 +104,14 @@ def page(done: Reproduction) -> bytes:
         machine=machine(),
         claims=done.claims,
         tally=tally(done.claims),
-        symbols=symbols,
+        plain=plain,
         figures=[
             (name, done.parts[name], list(made[name]), source(*(
                 (ws.directory / f"{name}.{kind}").read_bytes() for kind in ("svg", "png")
             )))
             for name in drawn
         ],
-        contact=contact,
-        rk4=rk4_words(rk4) if len(rk4) else "",
         failed=ws.failed,
         parts=[(name, f"{seconds:.1f} s") for name, seconds in done.seconds.items()],
         settings=config_yaml(settings),
     )  # fmt: skip
-
-
-def rk4_words(runs: pd.DataFrame) -> str:
-    """Return how many runs differ with the paper's integrator, and by how much."""
-    changed = (runs["type"] != runs["type_rk4"]).sum()
-    off = runs["difference"].abs().quantile([0.5, 0.99])
-    return (
-        f"{len(runs)} runs of Fig. 7 were repeated with fourth-order Runge-Kutta and the paper's "
-        f"time step: {changed} change type; the times of reversal differ by {off[0.5]:.1g} "
-        f"(median) and by less than {off[0.99]:.1g} for 99 %, relatively."
-    )
-
-
-def symbols(text: str) -> Markup:
-    """Return escaped text with its symbols set as such."""
-    text = escape(plain(text), quote=False)
-    for spelt, sign in SIGNS.items():
-        text = text.replace(spelt, sign)
-    text = re.sub(r"\babs\(([^()]*)\)", r"|\1|", text)
-    text = re.sub(r"(?<![\w|])omega_xy0\b", "|ω<sub>xy0</sub>|", text)
-    text = INDEXED.sub(lambda m: f"<i>{GREEK.get(m[1], m[1])}</i><sub>{m[2]}</sub>", text)
-    text = LETTER.sub(lambda m: f"<i>{GREEK[m[1]]}</i>", text)
-    return Markup(re.sub(r"\^([+-]?\d+(?:/\d+)?)", r"<sup>\1</sup>", text))

@@ -11,8 +11,7 @@ import pyarrow.parquet as pq
 
 from rattlesweep.analysis.style import encode, styled
 from rattlesweep.errors import ConfigError
-from rattlesweep.paper import fig3_4, fig5, fig6_8, fig7, fig9, friction
-from rattlesweep.paper.claim import judge
+from rattlesweep.paper.claim import judge, read_table
 from rattlesweep.paper.report import Reproduction, write_report
 from rattlesweep.paper.workspace import FULL, Part, Workspace
 from rattlesweep.sweeps.config.messages import not_one_of
@@ -22,96 +21,16 @@ from rattlesweep.sweeps.files import replace_file
 THEORY = "theory"
 KINDS, DPI = ("png", "svg"), 150
 
-PARTS = {
-    "fig3": Part(
-        "Fig. 3: frequencies",
-        "Cumulative distributions of the pitch and roll frequencies of random shell-dumbbell "
-        "bodies, exact and to zeroth order in the skew angle. Inset: their ratio, with the paper's "
-        "lower bound.",
-        fig3_4.frequencies,
-        fig3_4.draw_frequencies,
-    ),
-    "fig4": Part(
-        "Fig. 4: asymmetric torque coefficients",
-        "(a) Cumulative distributions of K_p and K_r. (b) Relative frequency of pairs (K_p, K_r), "
-        "over nine decades.",
-        fig3_4.coefficients,
-        fig3_4.draw_coefficients,
-    ),
-    "fig5": Part(
-        "Fig. 5: the body GH in both directions",
-        "Spin and angular velocities in (a) the unsteady and (b) the steady direction. Dashed: "
-        "Garcia and Hubbard's solution; dotted: the first reversal. The four lower panels share a "
-        "scale.",
-        fig5.data,
-        fig5.draw,
-    ),
-    "fig6": Part(
-        "Fig. 6: time of reversal in the unsteady direction",
-        "(a) Mean over the runs of each point; bars are one standard deviation of the runs, lines "
-        "Garcia and Hubbard's formula at the mean n_0. (b) A run of GH.",
-        fig6_8.unsteady,
-        fig6_8.draw_unsteady,
-    ),
-    "fig7": Part(
-        "Fig. 7: types in the steady direction",
-        "(a) Fractions of the types; bars are 95 % confidence intervals (Wilson). Filled "
-        "triangles: fraction of the bodies whose Bondi threshold lies below the spin. (b) Examples "
-        "from the sweep, listed in fig7_examples.parquet, as far as there are any.",
-        fig7.data,
-        fig7.draw,
-    ),
-    "rk4": Part("Supplement to Fig. 7: the paper's integrator", "", fig7.compare_rk4),
-    "fig8": Part(
-        "Fig. 8: time of reversal in the steady direction",
-        "Mean over the runs of type R; bars are one standard deviation, lines Garcia and Hubbard's "
-        "formula at the mean n_0.",
-        fig6_8.steady,
-        fig6_8.draw_steady,
-    ),
-    "fig9": Part(
-        "Fig. 9: three long runs",
-        "Spin of GH with other curvatures theta, through many reversals. Dashed: the reduced model "
-        "(Eqs. (47) [diff-ne-1] to (49) [diff-ne-3]), started with the same energy of the pitch "
-        "and a little energy of the roll.",
-        fig9.data,
-        fig9.draw,
-    ),
-    "fig9_volume": Part(
-        "Supplement to Fig. 9: phase volume",
-        "Natural logarithm of the phase volume that moves along with each run of Fig. 9; "
-        "Liouville's theorem would keep it at zero.",
-        fig9.volumes,
-        fig9.draw_volumes,
-    ),
-    "fig9_lyapunov": Part("Supplement to Fig. 9: Lyapunov exponents", "", fig9.exponents),
-    "friction": Part(
-        "Supplement: reversals under friction",
-        "Bodies of SD spun both ways at abs(n_i) = 0.3 with a push of 0.01, under a torque of "
-        "friction -sigma omega, until at most 0.2 % of the energy is left. Bars are 95 % "
-        "confidence intervals (Wilson).",
-        friction.one_way,
-        friction.draw_one_way,
-    ),
-    "contact": Part("Supplement: friction that rolling needs", "", friction.contact),
-}
+PARTS = {name: Part(**row) for name, row in read_table("parts").items()}
+"""Figures and supplements by name, as ``parts.yaml`` has them."""
 
 
 def choose(names: str | None) -> list[str]:
-    """Return the parts that were asked for, such as ``fig8,fig7``, in the paper's order, or all.
-
-    Raises
-    ------
-    ConfigError
-        If a name is unknown.
-    """
+    """Return the parts that were asked for, such as ``fig8,fig7``, in the paper's order, or all."""
     known = [*PARTS, THEORY]
-    if names is None:
-        return known
-    wanted = [word.strip() for word in names.split(",") if word.strip()]
-    unknown = [word for word in wanted if word not in known]
-    if unknown or not wanted:
-        raise ConfigError(f"--only: {not_one_of(unknown[0] if unknown else '', known)}")
+    wanted = known if names is None else [word.strip() for word in names.split(",")]
+    if unknown := [word for word in wanted if word not in known]:
+        raise ConfigError(f"--only: {not_one_of(unknown[0], known)}")
     return [name for name in known if name in wanted]
 
 
@@ -120,18 +39,8 @@ def reproduce(
 ) -> Reproduction:
     """Compute and draw what was asked for, judge the claims that this can settle, and report.
 
-    Parameters
-    ----------
-    workspace : Workspace
-    names : sequence of str
-        Keys of :data:`PARTS`, and perhaps ``theory``.
-    begin : callable
-        Called with the title of each part before it is made.
-
-    Raises
-    ------
-    ConfigError
-        If the directory holds other sweeps.
+    `names` are keys of :data:`PARTS`, and perhaps ``theory``; `begin` is called with the title of
+    each part before it is made.  Raises a ConfigError if the directory holds other sweeps.
     """
     done = Reproduction(workspace, {name: PARTS[name] for name in names if name != THEORY})
     for name, part in done.parts.items():

@@ -15,11 +15,9 @@ import pandas as pd
 from rattlesweep.api import modes
 from rattlesweep.arrays import Floats
 from rattlesweep.paper.claim import Count, Measured, every, share
-from rattlesweep.paper.fig7 import LONGER, SLOW
 from rattlesweep.paper.workspace import Made, records
 from rattlesweep.physics.body import Rattleback
 from rattlesweep.sweeps.counts import Z95, wilson
-from rattlesweep.sweeps.types import LEAST_GROWTH
 
 SYMBOL = 10**0.1
 # Fewest runs of a kind for a median, and twice as many for one that tells.
@@ -31,11 +29,7 @@ SEVERAL = (1, 20)
 def rises(
     frame: pd.DataFrame, value: str, by: str, within: Sequence[str], *, sign: int = 1
 ) -> Count:
-    """Count the groups ``within`` which the value rises with abs(``by``), or with sign -1 falls.
-
-    Columns ``VALUE_low`` and ``VALUE_high`` are its confidence interval.  Groups in which it stays
-    the same count as falling, too.
-    """
+    """Count the groups ``within`` which the value rises with abs(``by``), or with sign -1 falls."""
     rising, possible = [], []
     for _, own in frame.groupby(list(within)):
         ordered = own.sort_values(by, key=np.abs)
@@ -176,10 +170,7 @@ def steady_formula(made: Made) -> Measured:
 
 
 def late_reversals(made: Made) -> Measured | None:
-    """Measure S7: at fast spins and small K_r some reverse several t_rGH late, and abruptly.
-
-    None if no point has a small, or none a large K_r, or nothing reverses late.
-    """
+    """Measure S7: at fast spins and small K_r some reverse several t_rGH late, and abruptly."""
     beyond = made["fig8"]["late"].query("abs(n_i) >= 0.3").dropna(subset=["ratio_std"])
     low, high = beyond.query("K_r < 0.03"), beyond.query("K_r > 0.06")
     # Where late reversals are more than a few.
@@ -229,10 +220,7 @@ def onset_of_wobbling(made: Made) -> Measured | None:
 
 
 def pooled(frame: pd.DataFrame, *names: str, by: Sequence[str] = ("n_i", "omega_xy0")) -> Any:
-    """Return the ``share`` of some types over all K_r with its interval, by spin and oscillation.
-
-    ``half`` among ``by`` is 0 for the smaller half of the K_r and 1 for the larger.
-    """
+    """Return the ``share`` of some types over all K_r with its interval; ``half`` tells K_r."""
     middle = np.sqrt(frame["K_r"].min() * frame["K_r"].max())
     half = (frame["K_r"] >= middle).astype(int)
     frame = frame.assign(half=half, hits=frame[list(names)].sum(axis=1))
@@ -297,7 +285,7 @@ def threshold(made: Made) -> Measured:
 
 def large_oscillation(made: Made) -> Measured:
     """Measure S4: at a large oscillation some bodies past the threshold are not SS."""
-    frame, readings = made["fig7"]["fractions"], made["fig7"]["definitions"]
+    frame = made["fig7"]["fractions"]
     size = frame["omega_xy0"].max()
     large, least = frame.query("omega_xy0 == @size"), frame.query("omega_xy0 == omega_xy0.min()")
     hits, runs = map(int, large.query("n_i == -0.3")[["SS", "runs"]].sum())
@@ -312,14 +300,13 @@ def large_oscillation(made: Made) -> Measured:
     return checks, {
         **decided, "bondi_only": past, "bondi": int(large["bondi"].sum()), "omega_xy0": size,
         "hits": hits, "runs": runs, "most": decided["high"] * runs,
-        "readings": records(readings.query("omega_xy0 == @size and n_i == -0.3")),
     }  # fmt: skip
 
 
 def wobbling_chaos(made: Made) -> Measured | None:
     """Measure S5: which wobbling runs are chaotic; None without slow ones or without fast ones."""
     runs = made["fig7"]["chaos"]
-    calm, fast = runs.query(f"abs(n_i) <= {SLOW}"), runs.query("n_i == -0.5")
+    calm, fast = runs.query("abs(n_i) <= 0.4"), runs.query("n_i == -0.5")
     if calm.empty or fast.empty:
         return None
     middle = np.sqrt(runs["K_r"].min() * runs["K_r"].max())
@@ -328,8 +315,6 @@ def wobbling_chaos(made: Made) -> Measured | None:
     (hits, total), (many, small), (few, large), lowest = (
         (int(part["chaotic"].sum()), len(part)) for part in parts
     )
-    kept = calm["growth_longer"].dropna()
-    longer = {"followed": len(kept), "horizons": LONGER, "still": (kept > LEAST_GROWTH).sum()}
     overlap = wilson(many, small)[1] > wilson(few, large)[0]
     checks = [Count(total - hits, total), every([many > 0], True),
               every([many * large > few * small], overlap)]  # fmt: skip
@@ -337,7 +322,6 @@ def wobbling_chaos(made: Made) -> Measured | None:
         **share(hits, total), "hits": hits, "runs": total,
         "middle": middle, "small": f"{many} of {small}", "large": f"{few} of {large}",
         "K_r": fast["K_r"].min(), "least": f"{lowest[0]} of {lowest[1]}, {share(*lowest)['share']}",
-        "longer": [longer] if len(kept) else [],
     }  # fmt: skip
 
 

@@ -29,8 +29,6 @@ class Sizes:
     fig4_bodies: int = 100_000  # of (a)
     fig4_density: int = 100_000_000  # of (b)
     samples: int = 1000  # of each point of Figs. 6 to 8
-    rk4: int = 10  # samples of each case of Fig. 7 that are integrated with RK4 as well
-    rk4_least_K_r: float = 0.0  # bodies of smaller K_r take longest and are left out of this
     lyapunov: int = 20_000  # most runs of type SW that are tried for chaos
     windows: int = 6000  # most runs of Fig. 8 that are followed in windows of time
     friction: int = 1000  # bodies under friction
@@ -42,8 +40,6 @@ QUICK = Sizes(
     fig3_bodies=50_000,
     fig4_density=2_000_000,
     samples=30,
-    rk4=1,
-    rk4_least_K_r=0.03,
     lyapunov=200,
     friction=60,
     exponents_t_end=50_000.0,
@@ -51,22 +47,7 @@ QUICK = Sizes(
 
 
 class Workspace:
-    """An output directory whose sweeps resume; all else takes seconds and is computed anew.
-
-    Parameters
-    ----------
-    directory : Path
-    sizes : Sizes
-    threads : int, optional
-        By default one for each processor.
-    progress : bool, optional
-        Whether to show bars; by default in a terminal.
-
-    Attributes
-    ----------
-    failed : int
-        Runs so far whose status is not ``ok``.
-    """
+    """An output directory whose sweeps resume; all else takes seconds and is computed anew."""
 
     def __init__(
         self,
@@ -82,11 +63,7 @@ class Workspace:
         self._sweeps: dict[str, pd.DataFrame] = {}
 
     def sweep(self, name: str, config: Mapping[str, Any] | None = None) -> pd.DataFrame:
-        """Run the sweep ``sweeps/NAME``, or go on with it, and return its runs that are ``ok``.
-
-        Where the cases have a target, the column ``K_p`` or ``K_r`` is the target, and the body's
-        own coefficient is ``K_p_body`` or ``K_r_body``.
-        """
+        """Run the sweep ``sweeps/NAME``, or go on with it, and return its runs that are ``ok``."""
         if name not in self._sweeps:
             path = self.directory / "sweeps" / name
             config = config or sweep_config(name, self.sizes)
@@ -100,10 +77,7 @@ class Workspace:
         return self._sweeps[name]
 
     def again(self, runs: pd.DataFrame, **how: Any) -> pd.DataFrame:
-        """Integrate runs once more with other arguments of :func:`rattlesweep.simulate`.
-
-        Returns the rows with the index of ``runs``; those that failed are null.
-        """
+        """Integrate runs once more with other arguments of :func:`rattlesweep.simulate`."""
         if runs.empty:
             return pd.DataFrame(index=runs.index)
         found = self._good(api.simulate(runs[LAUNCH], **self.settings, **how))
@@ -120,19 +94,16 @@ class Part:
     """A figure of the paper, or a supplement to one: words for people, its data, its picture."""
 
     title: str
-    caption: str
     data: Callable[[Workspace], Tables]
+    caption: str = ""
     draw: Callable[[Tables], Figure] | None = None
 
 
 def sweep_config(name: str, sizes: Sizes) -> dict[str, Any]:
-    """Return the config of the sweep ``steady`` or ``unsteady``, that of ``configs/``.
-
-    The forces at the contact are recorded besides.
-    """
+    """Return the config of the sweep ``steady`` or ``unsteady``, that of ``configs/``."""
     config: dict[str, Any] = YAML(typ="safe").load(Path(__file__).with_name(f"{name}.yaml"))
     config["bodies"]["samples"] = sizes.samples
-    return config | {"record": ["contact"]}
+    return config
 
 
 def evenly(runs: pd.DataFrame, most: int) -> pd.DataFrame:

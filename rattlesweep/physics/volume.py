@@ -1,14 +1,12 @@
 """Rate at which the flow changes phase volume, relative to it.
 
-The volume is that of the sphere of directions ``u`` times that of ``omega``.  At fixed ``omega``
-the direction only turns, so the rate is the trace over ``omega`` of the derivative of
-``domega/dt = J^-1 T`` (Eq. diff-omega).  With the contact point ``r`` and ``w = W omega`` linear in
-``omega``, the torque's derivative is
+The volume is that of the sphere of directions ``u``, which only turn, times that of ``omega``: the
+rate is the trace over ``omega`` of the derivative of ``domega/dt = J^-1 T`` (Eq. diff-omega).  With
+the contact point ``r`` and ``w = W omega`` the torque's derivative is
 
     dT/domega = G + (r.w) 1 - w r^T + omega (W^T r)^T - (r.omega) W
 
-with the gyroscopic and viscous part ``G``.  Near a steady spin of small skew the rate is
-``n (K_p - K_r)``.
+with the gyroscopic and viscous part ``G``.
 
 States and constants are those of :mod:`rattlesweep.physics.vectors`.  ``solved`` are the last
 values of :func:`rattlesweep.physics.full.turning`, ``dyz, dzx, dxy, along, ivol``: ``J^-1`` is
@@ -39,11 +37,8 @@ def _across(u, v):  # type: ignore[no-untyped-def]
 @scalar
 def _lift(u, r, j):  # type: ignore[no-untyped-def]
     """Return ``u.(r x j)``."""
-    return (
-        u[0] * (r[1] * j[2] - r[2] * j[1])
-        + u[1] * (r[2] * j[0] - r[0] * j[2])
-        + u[2] * (r[0] * j[1] - r[1] * j[0])
-    )
+    (x, y, z), (a, b, c) = r, j
+    return u[0] * (y * c - z * b) + u[1] * (z * a - x * c) + u[2] * (x * b - y * a)
 
 
 @scalar
@@ -81,12 +76,8 @@ def smooth_volume(vx, vy, vz, a, b, c, ix, iy, iz, cxx, cxy, cyy, k, sigma):  # 
     _, _, wzz = vectors.moving(*u, 0.0, 0.0, 1.0, *r, rho, *surface)
     part = _dot(r, w) - sigma
     rolled = _dot(r, omega)
-    diagonal = (
-        part * (dyz + dzx + dxy)
-        - _dot(w, s)
-        + _dot(r, wd)
-        - rolled * (dyz * wxx + dzx * wyy + dxy * wzz)
-    )
+    diagonal = part * (dyz + dzx + dxy) - _dot(w, s) + _dot(r, wd)
+    diagonal = diagonal - rolled * (dyz * wxx + dzx * wyy + dxy * wzz)
     rank_one = (
         (iy - iz) * sx * (sy * c + sz * b)
         + (iz - ix) * sy * (sz * a + sx * c)
@@ -101,11 +92,7 @@ def smooth_volume(vx, vy, vz, a, b, c, ix, iy, iz, cxx, cxy, cyy, k, sigma):  # 
 
 @scalar
 def volume(vx, vy, vz, a, b, c, work, ix, iy, iz, cxx, cxy, cyy, k, sigma, lever, eps):  # type: ignore[no-untyped-def]
-    """Return the rate, in ``sqrt(g/a)``.
-
-    Of ``domega/dt`` the rolling resistance takes ``share j`` with ``j = J^-1 h``, see
-    :func:`rattlesweep.physics.stone.resistance`.
-    """
+    """Return the rate, in ``sqrt(g/a)``; of ``domega/dt`` the resistance takes ``share J^-1 h``."""
     u = vectors.unit(vx, vy, vz)
     x, y, z, rho = vectors.contact(*u, cxx, cxy, cyy, k)
     r, surface, inertia = (x, y, z), (cxx, cxy, cyy, k), (ix, iy, iz)

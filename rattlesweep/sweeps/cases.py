@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -28,60 +28,33 @@ class Case:
     @cached_property
     def key(self) -> tuple[Any, ...]:
         """Everything but the number."""
-        return (
-            self.target_name, self.target, self.n_i, self.omega_xy0, self.sigma, self.rolling
-        )  # fmt: skip
+        return self.target_name, self.target, *(getattr(self, name) for name in VARIES)
 
     def dump(self) -> dict[str, Any]:
         """Return the case as JSON data: its number, and what it has."""
-        data: dict[str, Any] = {"case": self.index}
-        if self.target_name is not None:
-            data[self.target_name] = self.target
+        data = {"case": self.index, self.target_name: self.target}
         data |= {name: getattr(self, name) for name in VARIES}
-        return {name: value for name, value in data.items() if value is not None}
+        return {str(name): value for name, value in data.items() if value is not None}
 
     @classmethod
     def load(cls, data: Mapping[str, Any]) -> Case:
         """Return the case that :meth:`dump` has written."""
         name = next((name for name in TARGETS if name in data), None)
-        numbers = {k: None if data.get(k) is None else float(data[k]) for k in (*TARGETS, *VARIES)}
-        return cls(int(data["case"]), name, numbers[name] if name else None,
-                   *(numbers[k] for k in VARIES))  # fmt: skip
+        found = (None if data.get(k) is None else float(data[k]) for k in (name or "", *VARIES))
+        return cls(int(data["case"]), name, *found)
 
     def __str__(self) -> str:
         return ", ".join(f"{name} {value:g}" for name, value in list(self.dump().items())[1:])
 
 
 def grown(held: Sequence[Case], asked: Sequence[Case]) -> tuple[Case, ...]:
-    """Return the cases `held` by a directory and behind them those that a config asks for beside.
+    """Return the cases `held` by a directory, and behind them new ones that a config asks for.
 
     Raises a ConfigError if the config has lost a case.
     """
-    if tuple(held) == tuple(asked):
-        return tuple(held)  # as a rule, and there may be many
     there, wanted = {case.key for case in held}, {case.key for case in asked}
     if lost := [case for case in held if case.key not in wanted]:
-        more = f" (and {len(lost) - 1} more such cases)" if len(lost) > 1 else ""
-        told = f"it holds runs with {lost[0]}, which the config does not ask for{more}"
+        told = f"it holds runs with {lost[0]}, which the config does not ask for"
         raise ConfigError(f"{told}; a sweep can only grow")
     new = [case for case in asked if case.key not in there]
     return (*held, *(replace(case, index=len(held) + k) for k, case in enumerate(new)))
-
-
-def recovered(found: Mapping[int, Case], asked: Iterable[Case]) -> tuple[Case, ...]:
-    """Return the cases of a directory without manifest.
-
-    Files tell the numbers of some; the others fill the gaps in the order of the config.
-    """
-    asked = list(asked)
-    known = {case.key for case in found.values()}
-    rest = iter([case for case in asked if case.key not in known])
-    cases: list[Case] = []
-    while True:
-        case = found.get(len(cases)) or next(rest, None)
-        if case is None:
-            break
-        cases.append(replace(case, index=len(cases)))
-    if len(cases) <= max(found, default=-1) or not known <= {case.key for case in asked}:
-        raise ConfigError("its files hold cases that the config does not ask for")
-    return tuple(cases)

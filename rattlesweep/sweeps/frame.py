@@ -7,10 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+import pyarrow as pa
 
 from rattlesweep.errors import ConfigError
-from rattlesweep.sweeps.bodies.table import frame_bodies, keep_bodies
+from rattlesweep.sweeps.arrow import write_parquet
+from rattlesweep.sweeps.bodies.table import frame_bodies
 from rattlesweep.sweeps.config.read import parse_config
+from rattlesweep.sweeps.files import explained
 from rattlesweep.sweeps.plan import Plan
 from rattlesweep.sweeps.plausible import checked_plan
 from rattlesweep.sweeps.stored import examine
@@ -27,10 +30,16 @@ def plan_frame(
     if "bodies" in keys:
         raise ConfigError("bodies: the DataFrame gives them already; leave the key out")
     source = frame_bodies(frame)
-    config = parse_config({**keys, "bodies": source.config})
+    # By its content: no other table is taken for it.
+    name = f"bodies-{source.content_hash[:16]}.parquet"
+    surface = {"surface": "ellipsoid"} if source.has_semi_axes else {}
+    config = parse_config({**keys, "bodies": {"source": "table", "path": name} | surface})
     directory = output or Path(config.directory)
     assert config.bodies.source == "table"
     plan, doubts = checked_plan(config, source=source.with_surface(config.bodies))
     examine(plan, directory)
-    keep_bodies(source, directory)
+    if not (path := directory / name).exists():
+        with explained(f"cannot write in {directory}"):
+            directory.mkdir(parents=True, exist_ok=True)
+        write_parquet(pa.table(source.columns | source.carried), path)
     return plan, directory, directory.resolve(), doubts

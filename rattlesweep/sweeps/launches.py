@@ -15,7 +15,6 @@ from rattlesweep.integrate.model import ELLIPSOID, FRICTION, FULL, MODELS, Model
 from rattlesweep.physics import full, launch, reduced, stone, theory
 from rattlesweep.physics.steady import settled_oscillation, steady_modes
 from rattlesweep.sweeps.bodies.protocol import Bodies
-from rattlesweep.sweeps.bodies.table import check_quantity
 from rattlesweep.sweeps.config.schema import MAX_SPEED, Config, Horizon
 from rattlesweep.sweeps.plan import Plan
 from rattlesweep.units import Quantity
@@ -35,18 +34,11 @@ MOST_APART = 0.02
 class Launches:
     """Runs that are ready to be integrated; all arrays have one entry a run.
 
-    Attributes
-    ----------
-    n_i, omega_xy0, psi : ndarray
-        Initial spin, size and direction of the initial oscillation.
-    modes, gh : Modes and GarciaHubbard
-        Small oscillations without spin, and the spin in Garcia and Hubbard's theory.
-    n_0, n_c1, t_end : ndarray
-        Spin that would hold all the energy of the launch, Bondi's threshold (NaN: none), and the
-        horizon (not finite: none).
-    sigma, rolling, dead : ndarray or None
-        Dissipation, and the share of the launch's energy below which a body is dead; None in a
-        sweep without.
+    A launch has the spin `n_i` and an oscillation of size `omega_xy0` in the direction `psi`.
+    `modes` are those without spin, `gh` is Garcia and Hubbard's spin, `n_0` the spin that would
+    hold all the energy, `n_c1` Bondi's threshold (NaN: none), `t_end` the horizon (not finite:
+    none), `dead` the share of the launch's energy below which a body is dead.  `sigma`, `rolling`
+    and `dead` are None in a sweep without dissipation.
     """
 
     case: Integers
@@ -87,35 +79,31 @@ class Launches:
 
 def prepare(plan: Plan, case: Integers, sample: Integers) -> Launches:
     """Return the launches of some runs, given by their keys in any order."""
-    bodies = plan.source.bodies(plan.targets[case], sample)
-    spin, state = plan.config.spin, plan.config.launch
-    if state is not None and bodies.n_i is None:
+    config, bodies = plan.config, plan.source.bodies(plan.targets[case], sample)
+    if config.launch is not None and bodies.n_i is None:
+        state = config.launch
         omega, u = (np.tile(x, (len(sample), 1)) for x in (state.omega, state.u))
         n_i, omega_xy0, psi = launch.spin_and_oscillation(omega, u)
         bodies = replace(bodies, n_i=n_i, omega_xy0=omega_xy0, psi=psi, omega=omega, u=u)
 
-    in_si = plan.config.in_si
-
     def value(name: str) -> Floats:
-        # A row of a table has its own; else its case has, but for what differs by the size.
+        """Return what rows of a table say, or the config of all bodies, or else each case."""
         own: Floats | None = getattr(bodies, name)
-        if own is None and name in in_si and getattr(plan.cases[0], name) is None:
-            own = _natural(name, in_si[name][0], bodies)
-        return np.array([getattr(c, name) for c in plan.cases], float)[case] if own is None else own
+        if own is not None:
+            return own
+        if name in config.in_si and getattr(plan.cases[0], name) is None:
+            return _natural(config.in_si[name][0], bodies)
+        return np.array([getattr(c, name) for c in plan.cases], float)[case]
 
     n_i, omega_xy0 = value("n_i"), value("omega_xy0")
     modes = theory.modes(bodies.alpha, bodies.beta, bodies.theta, bodies.phi, bodies.xi)
-    if bodies.psi is not None:
-        psi = bodies.psi
-    else:
-        psi = launch.direction(modes, n_i, spin.psi if spin is not None else "relevant")
-    losses = (value("sigma"), value("rolling")) if plan.config.dissipation else None
-    launches = with_theory(
-        case, sample, bodies, n_i, omega_xy0, psi, modes, plan.config.horizon, losses
-    )
+    way = config.spin.psi if config.spin else "relevant"
+    psi = launch.direction(modes, n_i, way) if bodies.psi is None else bodies.psi
+    losses = (value("sigma"), value("rolling")) if config.dissipation else None
+    launches = with_theory(case, sample, bodies, n_i, omega_xy0, psi, modes, config.horizon, losses)
     if losses is None:
         return launches
-    return replace(launches, dead=np.full(len(sample), plan.config.classify.dead_energy))
+    return replace(launches, dead=np.full(len(sample), config.classify.dead_energy))
 
 
 def with_theory(
@@ -145,31 +133,28 @@ def with_theory(
     if sigma is not None and rolling is not None:
         # No spin stays above a threshold while it decays.
         n_c1 = np.where((sigma > 0) | (rolling > 0), np.nan, n_c1)
+    n_c1 = np.where(b.xi > 0, -n_c1, n_c1)  # mirrored bodies spin steadily with n > 0
     t_end = np.full(len(n_i), np.inf)
     if horizon.t_rgh is not None:
         # A launch without t_rGH, which is NaN, has the others.
         t_end = np.fmin(t_end, horizon.t_rgh * gh.t_rgh)
-    if isinstance(horizon.t, Quantity):
-        t_end = np.minimum(t_end, _natural("t_end", horizon.t, b))
-    elif horizon.t is not None:
-        t_end = np.minimum(t_end, horizon.t)
+    if horizon.t is not None:
+        in_si = isinstance(horizon.t, Quantity)
+        t_end = np.minimum(t_end, _natural(horizon.t, b) if in_si else horizon.t)
     if horizon.t_decay is not None and sigma is not None:
         with np.errstate(divide="ignore"):
             t_end = np.minimum(t_end, horizon.t_decay * b.gamma / sigma)
     if b.t_end is not None:
         t_end = np.where(np.isfinite(b.t_end), b.t_end, t_end)
-    n_c1 = np.where(b.xi > 0, -n_c1, n_c1)  # mirrored bodies spin steadily with n > 0
     return Launches(
         case, sample, bodies, n_i, omega_xy0, psi, modes, gh, n_0, n_c1, t_end, sigma, rolling
     )
 
 
-def _natural(name: str, value: Quantity, bodies: Bodies) -> Floats:
+def _natural(value: Quantity, bodies: Bodies) -> Floats:
     """Return a value with a unit in the units of each body."""
     assert bodies.scale is not None
-    natural = bodies.scale.natural(value, value.kind)
-    check_quantity(name, value, natural)
-    return natural
+    return bodies.scale.natural(value, value.kind)
 
 
 def _energy(bodies: Bodies, omega: Floats, u: Floats) -> Floats:

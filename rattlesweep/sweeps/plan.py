@@ -19,9 +19,9 @@ import pyarrow as pa
 from rattlesweep.arrays import Floats
 from rattlesweep.errors import ConfigError
 from rattlesweep.physics.launch import spin_and_oscillation
-from rattlesweep.sweeps.bodies.protocol import Scale, Source
+from rattlesweep.sweeps.bodies.protocol import Source
 from rattlesweep.sweeps.bodies.sources import make_source
-from rattlesweep.sweeps.bodies.table import KEYS, LOSSES, TableBodies, check_quantity
+from rattlesweep.sweeps.bodies.table import LOSSES, TableBodies, check_value
 from rattlesweep.sweeps.cases import Case
 from rattlesweep.sweeps.columns import STATE, runs_schema
 from rattlesweep.sweeps.config.schema import TABLE, Config, SdSource, clashes
@@ -29,21 +29,17 @@ from rattlesweep.units import Quantity
 
 MAX_RUNS = 10**9
 """Runs of a sweep; what is done of them is held as one byte each."""
+KEYS = {"n_i": "spin.n_i", "omega_xy0": "spin.omega_xy0", "t_end": "horizon.t",
+        "sigma": "dissipation.sigma", "rolling": "dissipation.rolling"}  # fmt: skip
+"""Keys of the config that may have SI units, by the columns that they stand for."""
+Values = list[float | None]
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Runs that a config asks for.
+    """Runs that a config asks for: its bodies, its cases, and columns beside the usual ones.
 
-    Attributes
-    ----------
-    config : Config
-    source : Source
-        Where the bodies come from.
-    cases : tuple of Case
-        Numbered from 0; a directory may hold them in another order than the config.
-    extra : tuple of pa.Field
-        Columns that the bodies and launches bring along.
+    The cases are numbered from 0; a directory may hold them in another order than the config.
     """
 
     config: Config
@@ -88,83 +84,74 @@ def make_plan(config: Config, base: Path | None = None, source: Source | None = 
     `source` takes the place of the config's own bodies.
     """
     source = source or make_source(config, base)
-    table = source if isinstance(source, TableBodies) else None
-    if table is not None:
-        config = _with_losses(config, table.losses)
+    table = source.columns if isinstance(source, TableBodies) else {}
+    if isinstance(source, TableBodies):
+        config = _with_losses(config, source.losses)
     runs_schema(config.parts, config.model)  # refuses what the model cannot record
+    values = _natural(config, source)
     targets: list[tuple[str | None, float | None]] = [(None, None)]
     if isinstance(config.bodies, SdSource) and config.bodies.target is not None:
         aim = config.bodies.target
         targets = [(aim.name, value) for value in aim.values]
-    units = _Units(config, source)
+    state = "u_x" in table or ("n_i" not in table and config.launch is not None)
     launches: list[tuple[float | None, float | None]] = [(None, None)]
-    extra: tuple[pa.Field, ...] = ()
-    if table is not None and table.has_launch:
-        extra = STATE if table.has_state else ()
-        n_i, t_end = table.columns["n_i"], table.columns.get("t_end")
-        _check_launches(config, table.has_state, n_i, t_end, " (row {} of the table)")
+    if "n_i" in table:
+        n_i, t_end = table["n_i"], table.get("t_end")
     elif config.launch is not None:
-        n_i, omega_xy0, _ = spin_and_oscillation(config.launch.omega, config.launch.u)
-        launches = [(float(n_i), float(omega_xy0))]
-        extra = STATE
-        _check_launches(config, True, np.array([n_i]))
-    elif (spin := config.spin) is not None:
-        spins, pushes = units.lost("n_i", spin.n_i), units.lost("omega_xy0", spin.omega_xy0)
-        launches = list(product(spins, pushes))
-        _check_launches(config, False, np.array(spin.n_i))
+        found = spin_and_oscillation(config.launch.omega, config.launch.u)
+        launches = [(float(found[0]), float(found[1]))]
+        n_i, t_end = np.array([found[0]]), None
+    elif config.spin is not None:
+        launches = list(product(values["n_i"], values["omega_xy0"]))
+        n_i, t_end = np.array(config.spin.n_i), None
     else:
-        raise ConfigError(
-            "spin: missing; the table has no columns n_i and omega_xy0, so the config must "
-            "give spin.n_i and spin.omega_xy0"
-        )
+        told = "missing; the table has no columns n_i and omega_xy0, so the config must give them"
+        raise ConfigError(f"spin: {told}")
+    _check_launches(config, state, n_i, np.full(n_i.shape, np.nan) if t_end is None else t_end)
     losses: list[tuple[float | None, float | None]] = [(None, None)]
-    if lost := config.dissipation:
-        sigma, rolling = (units.lost(name, lost.values(name)) for name in LOSSES)
-        losses = list(product(sigma, rolling))
-    combinations = product(targets, launches, losses)
-    cases = tuple(
-        Case(number, *target, *launch, *loss)
-        for number, (target, launch, loss) in enumerate(combinations)
-    )
-    plan = Plan(config, source, cases, extra + source.fields)
+    if config.dissipation:
+        losses = list(product(values["sigma"], values["rolling"]))
+    combinations = enumerate(product(targets, launches, losses))
+    cases = tuple(Case(number, *a, *b, *c) for number, (a, b, c) in combinations)
+    plan = Plan(config, source, cases, (STATE if state else ()) + source.fields)
     if plan.runs > MAX_RUNS:
         told = f"{len(cases)} cases of {plan.samples} samples are {plan.runs:.3g} runs"
         raise ConfigError(f"bodies: {told}; at most {MAX_RUNS:.0e} are possible in one sweep")
     return plan
 
 
-class _Units:
-    """The units of a sweep's bodies, where the config has values in SI units."""
-
-    def __init__(self, config: Config, source: Source) -> None:
-        self.scale: Scale | None = None
-        if not (given := config.in_si):
-            return
-        count = source.samples if isinstance(source, TableBodies) else min(source.samples, 64)
-        self.scale = source.bodies(np.nan, np.arange(count)).scale
-        for name, values in given.items():
-            told = f"{KEYS[name]}: {values[0].text} needs the size of the bodies"
-            if self.scale is None:
-                what = f"and these of source {config.bodies.source} have none"
-                raise ConfigError(f"{told}, {what}; give a number in their own units")
-            if np.isnan(self.scale.natural(values[0], values[0].kind)).any():
-                raise ConfigError(f"{told}; add a column mass_kg to the table")
-
-    def lost(self, name: str, values: Sequence[float | None]) -> list[float | None]:
-        """Return values without units; None stands for those that differ between bodies."""
-        found: list[float | None] = []
-        for value in values:
-            if not isinstance(value, Quantity) or self.scale is None:
+def _natural(config: Config, source: Source) -> dict[str, Values]:
+    """Return spins and losses in units of the bodies; None for one that differs between them."""
+    spin, lost = config.spin, config.dissipation
+    values: dict[str, Values] = {name: lost.values(name) for name in LOSSES}
+    if spin is not None:
+        values |= {"n_i": list(spin.n_i), "omega_xy0": list(spin.omega_xy0)}
+    if not (given := config.in_si):
+        return values
+    count = source.samples if isinstance(source, TableBodies) else min(source.samples, 64)
+    scale = source.bodies(np.nan, np.arange(count)).scale
+    for name, quantities in given.items():
+        listed: Sequence[float | None] = values.get(name, list(quantities))
+        found: Values = []
+        for value in listed:
+            if not isinstance(value, Quantity):
                 found.append(value)
                 continue
-            natural = self.scale.natural(value, value.kind)
-            check_quantity(name, value, natural)
-            same = natural.min() == natural.max()
-            if not same and len(values) > 1:
-                told = f"{value.text} is another number for each body, as their sizes differ"
-                raise ConfigError(f"{KEYS[name]}: {told}; give it alone, or numbers without units")
+            told = f"{KEYS[name]}: {value.text}"
+            natural = np.full(1, np.nan) if scale is None else scale.natural(value, value.kind)
+            if np.isnan(natural).any():
+                wanted = "columns height_m and mass_kg, or a number in the bodies' own units"
+                raise ConfigError(f"{told} needs the size of the bodies; give {wanted}")
+            if broken := check_value(name, natural):
+                own = f"comes to {natural[broken[0]]:g} in units of the body"
+                raise ConfigError(f"{told} {own}; {broken[1]}")
+            same = bool(natural.min() == natural.max())
+            if not same and len(listed) > 1:
+                own = "is another number for each body, as their sizes differ"
+                raise ConfigError(f"{told} {own}; give it alone, or numbers without units")
             found.append(float(natural[0]) if same else None)
-        return found
+        values[name] = found
+    return values
 
 
 def _with_losses(config: Config, own: Mapping[str, float | str]) -> Config:
@@ -177,29 +164,21 @@ def _with_losses(config: Config, own: Mapping[str, float | str]) -> Config:
         if isinstance(value, list) and name in own:
             told = f"there are several values, and the table has a {column}"
             raise ConfigError(f"dissipation.{name}: {told}; keep one of them")
-    found = given.model_copy(update=dict(own))
-    if found == given:
-        return config
-    config = config.model_copy(update={"dissipation": found})
-    if wrong := [": ".join(one) for one in clashes(dict(config))]:
+    config = config.model_copy(update={"dissipation": given.model_copy(update=dict(own))})
+    if own and (wrong := [": ".join(one) for one in clashes(config)]):
         raise ConfigError(f"bodies.path: with the table's columns: {one}" for one in wrong)
     return config
 
 
-def _check_launches(
-    config: Config, state: bool, n_i: Floats, t_end: Floats | None = None, which: str = ""
-) -> None:
-    """Raise a ConfigError for launches that no model takes or that have no horizon.
-
-    `state` says whether they are full states; `t_end` are horizons of their own, NaN for none;
-    `which` has a place for the number of a row.
-    """
-    model, tapped = config.model, n_i == 0
-    lost = tapped if t_end is None else tapped & ~np.isfinite(t_end)
+def _check_launches(config: Config, state: bool, n_i: Floats, t_end: Floats) -> None:
+    """Refuse launches that no model takes or that have no horizon; NaN is none of their own."""
+    model, horizon = config.model, config.horizon
+    endless = (n_i == 0) & ~np.isfinite(t_end)
     if model != "full" and state:
         raise ConfigError(f"model: {model} begins with a spin; full states are for the model full")
-    if model == "gh" and tapped.any():
+    if model == "gh" and (n_i == 0).any():
         raise ConfigError("model: gh begins with a spin, and n_i is 0; take full or reduced")
-    if config.horizon.t is None and config.horizon.t_decay is None and lost.any():
-        told = f"missing; a launch without spin{which.format(np.argmax(lost) + 1)} has no t_rGH"
+    if horizon.t is None and horizon.t_decay is None and endless.any():
+        which = f" ({np.argmax(endless) + 1} of {len(n_i)})" if len(n_i) > 1 else ""
+        told = f"missing; a launch without spin{which} has no t_rGH"
         raise ConfigError(f"horizon.t: {told}, so give horizon: {{t: TIME}} in sqrt(a/g)")

@@ -27,10 +27,3 @@ def test_shares_are_those_of_the_rows(tmp_path):
     head = closing_table(summarise(open_stored(tmp_path))).splitlines()[0]
     assert all(heading in head for heading in HEADINGS)
     assert not list(verify(tmp_path).problems)
-
-
-def test_null_where_contact_is_not_recorded(tmp_path):
-    sweep = rs.sweep(CONFIG | {"model": "gh"}, output=tmp_path)
-    assert sweep.summary[SHARES].isna().all(axis=None)
-    head = closing_table(summarise(open_stored(tmp_path))).splitlines()[0]
-    assert not any(heading in head for heading in HEADINGS)

@@ -9,16 +9,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-import sweeping
 from refusal import assert_refused
-from sweeping import changed, invoke, plan_of, prepared, proved, rows
+from sweeping import invoke, plan_of, prepared, proved
 
 import rattlesweep as rs
-from rattlesweep.errors import ConfigError
 from rattlesweep.physics import full, steady
 from rattlesweep.physics.body import PARAMETERS
 from rattlesweep.physics.theory import bondi_threshold
-from rattlesweep.sweeps.config.read import parse_config, physics_hash
 from rattlesweep.sweeps.launches import model_of
 
 SIGMA, ROLLING = [0.0, 0.05, 0.2], [0.0, 1e-3]
@@ -58,27 +55,6 @@ def written(folder: Path, config: Any) -> Path:
 
 
 # -- cases -------------------------------------------------------------------------------------
-
-
-def test_every_value_is_combined_with_every_launch():
-    found = [(case.n_i, case.sigma, case.rolling) for case in plan_of(CONFIG).cases]
-    assert found == [(n, s, r) for n in (0.3, -0.3) for s in SIGMA for r in ROLLING]
-    cases = plan_of(CONFIG, dissipation={"sigma": {"logspace": [1e-3, 0.1, 3]}}).cases
-    assert [case.sigma for case in cases] == pytest.approx([1e-3, 1e-2, 0.1] * 2)
-    assert {case.rolling for case in cases} == {0.0}
-
-
-def test_kernels_are_by_what_some_run_has_and_hashes_by_values():
-    def of(**losses: Any) -> Any:
-        return parse_config(CONFIG | {"dissipation": losses})
-
-    assert model_of(of(sigma=[0, 0.1])).name == "ellipsoid_viscous"
-    assert model_of(of(sigma=[0, 0.1], rolling=[0, 0.1])).name == "ellipsoid_rolling"
-    assert model_of(of(sigma=[0])).name == model_of(of()).name == "ellipsoid"
-    # A hash is of what chooses the kernel: the values are those of the cases.
-    hashes = [physics_hash(of(sigma=sigma)) for sigma in (0, 0.1, [0.1, 0.2], [0, 0.3])]
-    assert hashes[0] != hashes[1]
-    assert len(set(hashes[1:])) == 1
 
 
 def test_a_horizon_in_units_of_the_decay():
@@ -148,78 +124,7 @@ def test_without_losses_it_is_that_of_a_sweep_without(tmp_path):
     assert without.n_c1.equals(free.n_c1)
 
 
-def test_what_the_lever_stops_long_before_the_spin_takes_no_steps(tmp_path):
-    """Oscillations of 1e-20: errors of rounding in the spin that falls are far larger."""
-    run = sweep(
-        tmp_path, bodies={"source": "preset", "name": "KL"}, spin={"n_i": -0.2, "omega_xy0": 0.02},
-        dissipation={"sigma": 0.032, "rolling": 2e-3}, horizon={"t": 250},
-        integrator={"max_steps": 20_000},
-    ).iloc[0]  # fmt: skip
-    assert (run.status, run.n_turns) == ("ok", 0)
-    assert run.n_steps < 5000
-    assert abs(run.energy_drift) < 1e-9
-    # What is left is a spin that falls at the rate sigma/gamma.
-    assert run.n_end == pytest.approx(-0.2 * np.exp(-0.032 * 250 / 17), rel=5e-3)
-
-
 # -- what is made of them ----------------------------------------------------------------------
-
-
-def test_summary_by_case_and_types(swept):
-    summary, directory = swept.summary, swept.directory
-    assert summary.sigma.tolist() == [s for _ in (1, 2) for s in SIGMA for _ in ROLLING]
-    assert summary["rolling"].tolist() == ROLLING * 6
-    free = (summary.sigma == 0) & (summary["rolling"] == 0)
-    # Bondi's share has a meaning in the steady direction, and where nothing is lost.
-    assert (summary.fraction_bondi.notna() == (free & (summary.n_i < 0))).all()
-    before = proved(directory, recompute=20)
-    assert invoke("classify", directory, "--set", "classify.sw_departure=0.9").exit_code == 0
-    assert proved(directory) != before
-    assert invoke("classify", directory).exit_code == 0
-    assert proved(directory) == before
-
-
-def test_it_is_an_axis_of_pictures_and_arrays(swept, tmp_path):
-    select = [w for one in ("theta=0.64", "n_i=0.3", "rolling=0") for w in ("--select", one)]
-    files = ("--data", tmp_path / "d.csv", "--output", tmp_path / "p.svg")
-    made = invoke("plot", swept.directory, "--kind", "reversals", "--x", "sigma", *select, *files)
-    assert made.exit_code == 0, made.output
-    shown, runs = pd.read_csv(tmp_path / "d.csv"), swept.runs
-    own = runs[(runs.theta == 0.64) & (runs.n_i == 0.3) & (runs["rolling"] == 0)]
-    wanted = own.set_index(["sigma", np.round(-np.degrees(own.xi))]).n_turns
-    got = shown.set_index(["sigma", "minus_xi_deg"]).n_turns_mean
-    assert got.sort_index().tolist() == wanted.sort_index().tolist()
-    found = swept.to_xarray(["n_turns", "growth"])
-    assert found.growth.dims == ("n_i", "omega_xy0", "sigma", "rolling", "theta", "minus_xi_deg")
-    assert found.sigma.attrs["units"] == "M a^2 sqrt(g/a)"
-    assert found.growth.isel(rolling=1).isnull().all()
-
-
-def test_grows_by_more_values(swept, tmp_path):
-    sweeping.sweep(tmp_path, CONFIG | {"dissipation": {"sigma": 0.2, "rolling": ROLLING}})
-    result = sweeping.sweep(tmp_path, CONFIG)
-    assert result.runs - result.done == 24
-    key = ["n_i", "sigma", "rolling", "sample"]
-    grown, whole = (
-        frame.sort_values(key, ignore_index=True).drop(columns="case")
-        for frame in (rows(tmp_path), swept.runs)
-    )
-    pd.testing.assert_frame_equal(grown, whole, check_exact=True)
-    # Not where all runs would have another kernel.
-    with pytest.raises(ConfigError, match=r"holds another sweep \(dissipation.kind: .rolling"):
-        sweeping.sweep(tmp_path, CONFIG | {"dissipation": {"sigma": 0.2}})
-
-
-def test_refines_over_it(tmp_path):
-    axes = {"minus_xi_deg": {"linspace": [0.5, 4, 9]}}
-    whole = changed(CONFIG, bodies={"axes": axes}, spin={"n_i": 0.3})
-    whole["dissipation"] = {"sigma": {"linspace": [0, 0.3, 9]}, "rolling": 1e-3}
-    every = sweep(tmp_path / "whole", **whole)
-    some = sweep(tmp_path / "some", **changed(whole, bodies={"refine": {"levels": 2}}))
-    assert 9 < len(some) < len(every) == 81
-    both = some.merge(every, on=["case", "sample"], suffixes=("", "_whole"))
-    assert len(both) == len(some)
-    assert both.t_r.equals(both.t_r_whole)
 
 
 # -- tables ------------------------------------------------------------------------------------
@@ -252,48 +157,22 @@ def test_what_all_rows_share_is_that_of_the_config(tmp_path):
     assert model_of(none).name == "full"
 
 
-def test_tables_in_si_units(tmp_path):
-    body = "1,0.01,2e-4,16e-4,17e-4,-0.2e-4,2.0,0.045"
-    head = "mass_kg,height_m,ixx_kg_m2,iyy_kg_m2,izz_kg_m2,ixy_kg_m2,r1_m,r2_m"
-    plan = plan_of(table(
-        tmp_path, f"{head},c_m,sigma_N_m_s,rolling_m", f"{body},0.02,1e-4,5e-5", f"{body},,0,0",
-        surface="ellipsoid",
-    ))  # fmt: skip
-    launches, _ = prepared(plan)
-    kl = rs.Rattleback.kl()
-    assert launches.bodies.c[0] == pytest.approx(kl.c, rel=1e-15)
-    assert np.isnan(launches.bodies.c[1])
-    assert launches.bodies.xi[0] == pytest.approx(kl.xi, rel=1e-12)
-    # Kane and Levinson's sigma: 1e-4 N m s over M a^2 sqrt(g/a).
-    assert launches.sigma.tolist() == pytest.approx([1e-4 / (1e-4 * (9.81 / 0.01) ** 0.5), 0])
-    assert launches.rolling.tolist() == pytest.approx([0.005, 0])
-    plain = plan_of(table(tmp_path, f"{HEAD},height_m,rolling_m", f"{ROW},0.01,1e-5"))
-    assert plain.config.dissipation.rolling == pytest.approx(1e-3)
-
-
 # -- bad input ---------------------------------------------------------------------------------
 
 # name: (column and value of a table, its config, words)
 REFUSED_TABLES: dict[str, tuple[str, str, dict[str, Any], str]] = {
-    "long lever": ("rolling", "2", {}, "row 1: rolling is 2; at most 1 is allowed"),
+    "long lever": ("rolling", "2", {}, "row 1: rolling is 2; from 0 to 1 a is allowed"),
     "several too": ("sigma", "0.1", {"dissipation": {"sigma": [0, 1]}},
                     "dissipation.sigma: there are several values, and the table has a column "),
-    "no column": ("rolling", "0.1", {"dissipation": {"sigma": "table"}},
-                  "dissipation.sigma: the table has no column sigma; add it, or give a number"),
     "reduced": ("sigma", "0.1", {"model": "reduced"},
                 "bodies.path: with the table's columns: dissipation: the model reduced conserves"),
-    "exponents": ("sigma", "0.1", {"record": ["lyapunov"]},
-                  "bodies.path: with the table's columns: record: lyapunov is for parab"),
-    "no mass": ("sigma_N_m_s", "0.1", {},
-                "the column mass_kg is missing; sigma_N_m_s needs it"),
     "no decay": ("sigma", "0", {"horizon": {"t_decay": 1}},
                  "horizon.t_decay: t_decay times gamma/sigma is not a finite time in the only run"),
 }  # fmt: skip
 # name: (sigma or all losses, words); with test_stones.REFUSED, which are of single values
 REFUSED: dict[str, tuple[dict[str, Any], str]] = {
-    "no table": ({"sigma": "table"}, "dissipation: sigma is that of a table, and there is none"),
-    "too many": ({"sigma": {"linspace": [0, 1, 100_001]}}, "100001 cases (targets x n_i x "
-                 "omega_xy0 x sigma x rolling); at most 100000 are possible"),
+    "too many": ({"sigma": {"linspace": [0, 1, 100_001]}},
+                 "the lists make 100001 cases; at most 100000 are possible"),
     "no decay at all": ({}, "horizon.t_decay is in units of gamma/sigma; give sigma"),
 }  # fmt: skip
 
@@ -308,11 +187,3 @@ def test_what_makes_no_sense_is_refused_in_a_sentence(name, tmp_path):
         config = table(tmp_path, f"{HEAD},{column}", f"{ROW},{cell}") | rest
     assert_refused(invoke("run", written(tmp_path, config), "--output", tmp_path / "out"), 2, words)
     assert not (tmp_path / "out").exists()
-
-
-def test_a_decay_that_only_some_runs_have_is_remarked(tmp_path):
-    config = GH | {"dissipation": {"sigma": [0, 0.1]}, "horizon": {"t_decay": 3}}
-    warned = invoke("plan", "--check", written(tmp_path, config))
-    assert warned.exit_code == 0
-    words = "horizon.t_decay: t_decay times gamma/sigma is not a finite time in 1 of the 2 runs"
-    assert words in warned.stderr

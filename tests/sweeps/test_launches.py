@@ -13,7 +13,7 @@ import pytest
 from refusal import assert_refused
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
-from sweeping import invoke, proved
+from sweeping import invoke
 
 import rattlesweep as rs
 from rattlesweep.integrate.batch import PLATEAU_SHARE
@@ -121,16 +121,6 @@ def test_a_sweep_of_states_can_be_had_again(tilted, tmp_path):
     assert path.zeros[0] == runs.t_r[0]
 
 
-def test_trajectory_takes_a_state():
-    u = np.array([0.01, -0.02, -1.0])
-    u /= np.linalg.norm(u)
-    omega, body = (0.02, 0.01, -0.3), rs.Rattleback(**BODY)
-    path = rs.trajectory(body, omega=omega, u=u, t_end=60.0, points=3)
-    t_r, _ = oracle.first_zero(BODY, np.array([*u, *omega]), 60.0, samples=12)
-    assert path.zeros[0] == pytest.approx(t_r, rel=1e-9)
-    assert rs.simulate(body, omega=omega, u=u, t_end=60.0).t_r == path.zeros[0]
-
-
 # -- without spin ------------------------------------------------------------------------------
 
 
@@ -168,40 +158,13 @@ def test_a_tapped_body_reverses_once_it_has_spun(psi):
     assert (np.diff(np.sign(early)) != 0).any() or psi != 45.0
 
 
-def test_a_tap_is_on_the_end_and_spins_the_body_steadily(tmp_path):
-    spin = {"n_i": [0, 0.1], "omega_xy0": 0.3}
-    runs = sweep(tmp_path, spin=spin, horizon={"t_rgh": 2, "t": 200})
-    tapped, body = runs[runs.n_i == 0], rs.Rattleback(**BODY)
-    assert tapped.psi.iloc[1] == rs.modes(body).psi_p
-    assert (tapped.n_0 > 0.2).all()
-    assert tapped[["t_rgh", "n_departure", "amp_growth"]].isna().all(axis=None)
-    assert (tapped.t_end[tapped.t_r.isna()] == 200).all()
-    assert set(tapped.type) <= {"R", "unclassified"}
-    assert runs[runs.n_i == 0.1].t_rgh.notna().all()
-    summary = rs.load(tmp_path).summary
-    assert summary.t_rgh_mean.isna().tolist() == [True, False]
-    assert summary.fraction_unclassified[0] == (tapped.type == "unclassified").mean()
-    # Pitch turns the body in the steady direction.
-    assert rs.trajectory(body, n_i=0, omega_xy0=0.3, t_end=100).table.n.iloc[-1] < -0.2
-    proved(tmp_path, recompute=4)
-
-
-def test_the_reduced_model_can_be_tapped():
-    tap = {"n_i": 0, "omega_xy0": 0.4, "t_end": 900}
-    run = rs.simulate(rs.Rattleback(**BODY), **tap, model="reduced")
-    # Nothing feeds the roll of a tap on the pitch alone, so the spin stays.
-    assert run.t_r is None
-    assert run.n_end == pytest.approx(-0.4 * math.sqrt(13.04 / 12.28), rel=0.05)
-    assert rs.simulate(rs.Rattleback(**BODY), **tap).t_r is not None
-
-
 # -- bad input ---------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("config", "words"),
     [
-        ("spin: {n_i: [0.1, 0], omega_xy0: 0.1}", "horizon.t: missing; a launch without spin has"),
+        ("spin: {n_i: [0.1, 0], omega_xy0: 0.1}", "horizon.t: missing; a launch without spin (2"),
         ("spin: {n_i: 0, omega_xy0: 0.1}\nhorizon: {t: 9}\nmodel: gh", "c.yaml:4: model: gh beg"),
         ("launch: {omega: [0, 0, 1]}", "t_rgh times t_rGH is not a finite time in the only run"),
         ("launch: {omega: [1, 0, 0]}", "horizon.t: missing; a launch without spin has no t_rGH"),
@@ -213,13 +176,3 @@ def test_launches_that_cannot_be_are_refused(config, words, tmp_path, monkeypatc
     Path("c.yaml").write_text("bodies: {source: preset, name: GH}\n" + config + "\n")
     assert_refused(invoke("run", "c.yaml"), 2, words)
     assert not Path("out").exists()
-
-
-def test_a_row_without_spin_needs_a_horizon(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    row = "13.04,1.522,12.28,0.82,0.036,-0.03"
-    Path("t.csv").write_text(f"{HEAD},n_i,omega_xy0,t_end\n{row},0,0.1,50\n{row},0,0.1,\n")
-    Path("c.yaml").write_text("bodies: {source: table, path: t.csv}\n")
-    assert_refused(invoke("run", "c.yaml"), 2, "horizon.t: missing; a launch without spin (row 2")
-    assert invoke("run", "c.yaml", "--set", "horizon.t=60", "-q").exit_code == 0
-    assert rs.load("out/c").runs.t_end.tolist() == [50, 60]

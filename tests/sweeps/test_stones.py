@@ -10,20 +10,15 @@ import numpy as np
 import pytest
 import stone_oracle
 from refusal import assert_refused
-from scipy.optimize import brentq
-from sweeping import invoke, plan_of, prepared, proved
+from sweeping import invoke, plan_of, prepared
 from test_stone import kl_state, random_bodies
 
 import rattlesweep as rs
-from rattlesweep.errors import ConfigError
 from rattlesweep.integrate.batch import integrate
 from rattlesweep.integrate.model import FRICTION
 from rattlesweep.integrate.tableau import METHODS
 from rattlesweep.physics import full, stone
 from rattlesweep.physics.body import PARAMETERS
-from rattlesweep.sweeps.columns import runs_schema
-from rattlesweep.sweeps.config.read import parse_config, physics_hash
-from rattlesweep.sweeps.launches import model_of
 
 SPIN = {"n_i": [0.2], "omega_xy0": [0.05]}
 GH = {"source": "preset", "name": "GH"}
@@ -35,22 +30,6 @@ ROW = "13.04,1.522,12.28,0.6429,0.036,-0.03"
 def c_of(bodies: dict[str, Any], **others: Any) -> Any:
     plan = plan_of({"bodies": bodies, "spin": SPIN, **others})
     return plan.source.bodies(np.nan, np.arange(plan.samples)).c
-
-
-def test_a_paraboloid_is_as_it_was():
-    """Without a word of surface or dissipation nothing is known of them, nor by default."""
-    plain, said, curved, losing = (
-        parse_config({"bodies": bodies, "spin": SPIN, "dissipation": losses})
-        for bodies, losses in ((GH, {}), (GH, {"sigma": 0.0, "rolling": 0}),
-                               (GH | {"c": 2.0}, {}), (GH, {"sigma": 0.1}))
-    )  # fmt: skip
-    assert model_of(plain).name == "full"
-    assert c_of(GH) is None
-    assert physics_hash(said) == physics_hash(parse_config({"bodies": GH, "spin": SPIN}))
-    assert physics_hash(said) == physics_hash(plain)
-    assert not {"c", "sigma", "energy_left"} & set(runs_schema(plain.parts).names)
-    assert runs_schema(said.parts) == runs_schema(plain.parts)
-    assert len({physics_hash(config) for config in (plain, curved, losing)}) == 3
 
 
 @pytest.mark.parametrize("draw", ["random", "sobol"])
@@ -90,36 +69,18 @@ def test_presets_grids_and_tables(tmp_path):
         assert c_of(source) is None
 
 
-def test_tables_of_ellipsoids_are_refused_where_they_do_not_fit(tmp_path):
-    source = {"source": "table", "path": str(tmp_path / "b.csv")}
-    (tmp_path / "b.csv").write_text(f"{HEAD},c\n{ROW},1.5\n{ROW},0.5\n")
-    with pytest.raises(ConfigError, match=r"bodies.surface: missing; the table has a column c"):
-        c_of(source)
-    with pytest.raises(ConfigError, match=r"bodies.path: row 2: c 0.5 is not above theta 0.6429"):
-        c_of(source | {"surface": "ellipsoid"})
-    (tmp_path / "b.csv").write_text(f"{HEAD}\n{ROW}\n")
-    with pytest.raises(ConfigError, match=r"bodies.c: missing; the table has no column c"):
-        c_of(source | {"surface": "ellipsoid"})
-
-
 ALONE = "is for paraboloids without dissipation; leave it out"
 SIGMA = {"dissipation": {"sigma": 0.1}}
 # name: (bodies over those of the preset, the rest of the config, words)
 REFUSED: dict[str, tuple[dict[str, Any], dict[str, Any], str]] = {
-    "c below the curvature": ({"c": 0.6}, {}, "bodies.overrides: c 0.6 is not above theta 0.6429: "
+    "c below the curvature": ({"c": 0.6}, {}, "c 0.6 is not above theta 0.6429: "
                               "the ellipsoid's horizontal semi-axis"),
-    "below those drawn": ({"source": "sd", "c": [0.9, 2]}, {}, "bodies.c: c down to 0.9 and theta "
-                          "up to 0.95 give bodies that would rather lie"),
     "below that in a corner": (GRID | {"axes": {"theta": [0.6, 0.9]}, "c": [0.8, 2]}, {},
                                "bodies.axes: at alpha 13.04, beta 1.522, gamma 12.28, theta 0.9"),
     "no c": ({"surface": "ellipsoid"}, {},
              "an ellipsoid needs c, its vertical semi-axis over a; give c: 2"),
-    "c of a paraboloid": ({"surface": "paraboloid", "c": 2}, {},
-                          "c is given, and a paraboloid has none; take surface: ellipsoid"),
     "reduced model": ({}, SIGMA | {"model": "reduced"},
                       "dissipation: the model reduced conserves energy; take model: full"),
-    "early ends": ({}, SIGMA | {"classify": {"early": True}},
-                   "classify: early is for paraboloids without dissipation"),
     "exponents of an ellipsoid": ({"c": 2}, {"record": ["lyapunov"]}, f"record: lyapunov {ALONE}"),
 }  # fmt: skip
 
@@ -132,57 +93,6 @@ def test_what_makes_no_sense_is_refused_in_a_sentence(name, tmp_path):
     file.write_text(json.dumps({"bodies": bodies, "spin": SPIN} | rest))
     assert_refused(invoke("run", file, "--output", output), 2, words)
     assert not output.exists()
-
-
-def test_body_tells_thresholds_and_what_is_lost():
-    plain, viscous, rolling = (
-        json.loads(invoke("body", "--preset", "KL", "--json", *options).output)
-        for options in ((), ("--sigma", "0.01"), ("--rolling", "0.01"))
-    )
-    assert plain["c"] == 2
-    assert "sigma" not in plain
-    assert viscous["n_growth_pitch"] > 0 > viscous["n_growth_roll"]
-    assert viscous["growth_pitch"] < plain["growth_pitch"]
-    assert viscous["growth_pitch_exact"] < plain["growth_pitch_exact"]
-    assert viscous["spin_decay"] == pytest.approx(0.01 / 17)
-    assert viscous["n_c1"] is None
-    # The launch's reversal time is that without losses.
-    assert viscous["t_rgh"] == plain["t_rgh"]
-    for name in ("growth_pitch", "growth_roll_exact", "n_growth_pitch", "n_growth_roll"):
-        assert rolling[name] is None
-
-
-def test_a_sweep_of_stones_and_its_types(tmp_path):
-    """Paraboloids and ellipsoids under both losses: one kernel that knows all of it."""
-    rows = [f"{ROW},{c},{n},0.05,400" for n in (0.3, -0.1, -0.003) for c in ("", 2)]
-    table = tmp_path / "b.csv"
-    table.write_text("\n".join([f"{HEAD},c,n_i,omega_xy0,t_end", *rows]))
-    stones = rs.sweep(
-        {"bodies": {"source": "table", "path": str(table), "surface": "ellipsoid"},
-         "dissipation": {"sigma": 0.1, "rolling": 1e-4},
-         "integrator": {"tol": 1e-11},
-         "record": ["energy", "contact", "windows"]},
-        output=tmp_path / "out",
-    )  # fmt: skip
-    runs = stones.read()
-    assert runs.status.tolist() == ["ok"] * 6
-    assert runs.c.isna().tolist() == [True, False] * 3
-    assert set(runs.sigma) == {0.1}
-    assert set(runs["rolling"]) == {1e-4}
-    # Rolling resistance leaves no linear theory.
-    assert runs[["growth", "n_growth", "n_c1"]].isna().all(axis=None)
-    assert np.isfinite(runs.t_rgh).all()
-    assert set(runs.type) >= {"R", "D"}
-    stays = runs[runs.t_r.isna()]
-    assert (stays.type == "D").eq(stays.energy_left < 0.01).all()
-    # The balance of energy and work.
-    assert (runs.energy_drift.abs() < 1e-7).all()
-    assert (runs.energy_drift_max < 1e-6).all()
-    assert runs.energy_left.between(0, 1, inclusive="neither").all()
-    shares = stones.summary.filter(like="fraction_").drop(columns="fraction_bondi")
-    assert shares.fraction_D.sum() > 0
-    assert np.allclose(shares.sum(axis=1), 1)
-    proved(stones.directory)
 
 
 # -- against mechanics -------------------------------------------------------------------------
@@ -243,30 +153,3 @@ def test_kane_and_levinsons_stone_reverses_when_theirs_does():
     out = kernel_of_everything([body, body | {"c": None}], [(u, omega)] * 2, [(0, 0)] * 2, 200.0)
     assert out.t_r[0] / second == pytest.approx(2.684647045, abs=1e-8)
     assert out.t_r[1] / second == pytest.approx(2.6597, abs=1e-4)
-
-
-@pytest.mark.slow
-def test_kane_and_levinsons_stone_along_its_course():
-    """Channels: omega_3 is zero first at 2.352730997 s; both ways, with and without sigma."""
-    unit = 1e-4 * math.sqrt(stone_oracle.KL_GRAVITY / stone_oracle.KL_HEIGHT)
-    for omega_3, sigma in ((-5.0, 0.0), (5.0, 0.0), (-5.0, 1e-4), (5.0, 1e-4)):
-        u, omega, second = kl_state(omega_3)
-        path = rs.trajectory(
-            rs.Rattleback.kl(), omega=omega, u=u, t_end=3 * second, sigma=sigma / unit,
-            tol=1e-13, channels=["t", "omega_z"], points=30_001,
-        )  # fmt: skip
-        spin, third = stone_oracle.kane_levinson(omega_3, sigma, t_end=3.0)
-        if spin is not None:
-            assert path.zeros[0] / second == pytest.approx(spin, abs=1e-8)
-        else:
-            assert not path.zeros.size
-        t, z = path.table.t.to_numpy() / second, path.table.omega_z.to_numpy()
-        change = np.flatnonzero(z[1:] * z[:-1] < 0)
-        if third is None:
-            assert not change.size
-            continue
-        # By a polynomial through eight rows, 0.1 ms apart.
-        near = slice(change[0] - 3, change[0] + 5)
-        curve = np.polynomial.Polynomial.fit(t[near], z[near], 7)
-        root = brentq(curve, t[change[0]], t[change[0] + 1], xtol=1e-15)
-        assert root == pytest.approx(third, abs=1e-8)

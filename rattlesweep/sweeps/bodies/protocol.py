@@ -14,10 +14,7 @@ from rattlesweep.arrays import Floats, Integers
 
 @dataclass(frozen=True)
 class Scale:
-    """Units of bodies in SI units, arrays of one length: ``M`` in kg, ``a`` in m, and gravity.
-
-    The mass is NaN where it is not known.
-    """
+    """Units of bodies: mass ``M`` in kg (NaN: not known), length ``a`` in m, and gravity."""
 
     mass: Floats
     length: Floats
@@ -29,10 +26,7 @@ class Scale:
         return np.sqrt(self.length / self.gravity)
 
     def natural(self, value: float | Floats, kind: str) -> Floats:
-        """Return quantities that are given in SI units in those of the bodies.
-
-        `kind` is one of :data:`rattlesweep.units.KINDS`.
-        """
+        """Return SI quantities of a kind (:data:`rattlesweep.units.KINDS`) in the bodies' units."""
         if kind == "spin":
             return value * self.second
         units = {"time": self.second, "length": self.length,
@@ -45,22 +39,9 @@ class Scale:
 class Bodies:
     """Parameters of the bodies of some runs, and what a table says of these runs beside them.
 
-    All arrays have one length.  What is None, and NaN in `t_end`, is for the config to say.
-
-    Attributes
-    ----------
-    alpha, beta, gamma, theta, phi, xi : ndarray
-        As for :class:`rattlesweep.physics.body.Rattleback`.
-    f_sd : ndarray
-        ``I_yy / I_zz`` of shell-dumbbell bodies; NaN for others.
-    c : ndarray or None
-        Vertical semi-axes of ellipsoids, NaN for paraboloids among them; None: all paraboloids.
-    n_i, omega_xy0, psi, t_end, omega, u, sigma, rolling : ndarray or None
-        Launches, horizons and dissipation; a full state has `omega` and `u` of shape (runs, 3).
-    scale : Scale or None
-        Units of bodies whose size is known.
-    carried : dict of ndarray
-        Columns of a table that the runs get too.
+    What is None, and NaN in `t_end`, is for the config to say.  `f_sd` is NaN of bodies that are no
+    shell-dumbbells, `c` of paraboloids; full states `omega` and `u` have the shape (runs, 3).  The
+    runs get the columns `carried` too.
     """
 
     alpha: Floats
@@ -95,8 +76,4 @@ class Source(Protocol):
         """Columns that the runs have because of the bodies."""
 
     def bodies(self, target: float | Floats, sample: Integers) -> Bodies:
-        """Return the bodies of some runs.
-
-        `target` is that of each run, or of all of them, and NaN without one; `sample` has the
-        number of each run's sample, in any order.
-        """
+        """Return the bodies of samples in any order; `target` is NaN where a run has none."""

@@ -1,5 +1,10 @@
 """Random shell-dumbbell bodies, drawn again until a torque coefficient meets its target.
 
+A draw is a function of ``(seed, word, sample, draw)`` and of nothing else, so that every sample can
+be drawn again alone, in any thread and any block; the word stands for the target.  The bits are
+those of ``numpy.random.Philox(key=(seed, word), counter=(2 draw, sample, 0, 0))`` (Philox 4x64-10,
+Salmon et al., SC'11), whose objects take too long to create for every sample.
+
 Points of a scrambled Sobol' sequence (Owen, J. Complexity 14, 466, 1998) fill the ranges more
 evenly than random ones; each is a function of the seed and its own number.
 """
@@ -21,26 +26,58 @@ from rattlesweep.integrate.batch import available_threads
 from rattlesweep.integrate.compile import Kernel, load_kernel
 from rattlesweep.integrate.task import Control, side_by_side
 from rattlesweep.physics import body, theory
-from rattlesweep.sweeps.bodies import philox
-from rattlesweep.sweeps.bodies.philox import uniforms
 from rattlesweep.sweeps.config.schema import Target
+
+_M0, _M1 = np.uint64(0xD2E7470EE14C6C93), np.uint64(0xCA5A826395121157)
+_W0, _W1 = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBB67AE8584CAA73B)
+_LOW, _HALF, _SHIFT = np.uint64(0xFFFFFFFF), np.uint64(32), np.uint64(11)
+_UNIT = 2.0**-53
 
 # The formulas of `physics`, compiled for scalars: one source for both uses.
 _shell_dumbbell = njit(nogil=True)(body.shell_dumbbell)
 register_jitable(nogil=True)(theory.hessian)
-torque_coefficients = njit(nogil=True)(theory.torque_coefficients)
+_torque_coefficients = njit(nogil=True)(theory.torque_coefficients)
 
 
-def word_of(coefficient: str, value: float) -> int:
-    """Return the second word of the Philox key of samples that are drawn for a target.
+@njit(nogil=True)
+def _multiply(a, b):
+    """Return the high and the low word of a 64 by 64 bit product."""
+    a_high, a_low = a >> _HALF, a & _LOW
+    b_high, b_low = b >> _HALF, b & _LOW
+    low = a_low * b_low
+    middle = a_high * b_low + (low >> _HALF)
+    cross = a_low * b_high + (middle & _LOW)
+    return a_high * b_high + (middle >> _HALF) + (cross >> _HALF), a * b
 
-    It is the 64 bits of the value as a float, which is positive; the sign bit is set for ``K_p``.
-    So a draw does not depend on the other targets in the list.
-    """
-    return int(np.float64(-value if coefficient == "K_p" else value).view(np.int64))
+
+@njit(nogil=True)
+def _philox(key0, key1, c0, c1):
+    """Return four numbers in [0, 1), multiples of 2^-53, for one counter (64 bit words)."""
+    c2 = c3 = np.uint64(0)
+    for _ in range(10):
+        high0, low0 = _multiply(_M0, c0)
+        high1, low1 = _multiply(_M1, c2)
+        c0, c1, c2, c3 = high1 ^ c1 ^ key0, low1, high0 ^ c3 ^ key1, low0
+        key0 += _W0
+        key1 += _W1
+    return (
+        float(c0 >> _SHIFT) * _UNIT,
+        float(c1 >> _SHIFT) * _UNIT,
+        float(c2 >> _SHIFT) * _UNIT,
+        float(c3 >> _SHIFT) * _UNIT,
+    )
 
 
-def unit_to_ranges(u, ranges):
+@njit(nogil=True)
+def uniforms(seed, word, sample, draw):
+    """Return eight numbers in [0, 1)."""
+    s, w, k = np.uint64(seed), np.uint64(word), np.uint64(sample)
+    # NumPy raises its counter before it uses it.
+    first = np.uint64(2) * np.uint64(draw) + np.uint64(1)
+    return _philox(s, w, first, k) + _philox(s, w, first + np.uint64(1), k)
+
+
+def _unit_to_ranges(u, ranges):
     """Return ``gamma, f_sd, theta, phi, xi`` at a point ``u`` of the unit cube, or at many."""
     gamma = ranges[0, 0] + (ranges[0, 1] - ranges[0, 0]) * u[0]
     f_sd = ranges[1, 0] + (ranges[1, 1] - ranges[1, 0]) * u[1]
@@ -51,20 +88,12 @@ def unit_to_ranges(u, ranges):
     return gamma, f_sd, theta, phi, xi
 
 
-_unit_to_ranges = njit(nogil=True)(unit_to_ranges)
-
-
-@njit(nogil=True)
-def body_at(u, ranges):
-    """Return ``gamma, f_sd, theta, phi, xi, alpha, beta`` at a point ``u`` of the unit cube."""
-    gamma, f_sd, theta, phi, xi = _unit_to_ranges(u, ranges)
-    alpha, beta = _shell_dumbbell(gamma, f_sd)
-    return gamma, f_sd, theta, phi, xi, alpha, beta
+_ranged = njit(nogil=True)(_unit_to_ranges)
 
 
 def bodies_of(points: Floats, ranges: Floats) -> Floats:
     """Return the columns of :func:`draw_bodies` at points of the unit cube, one row a range."""
-    gamma, f_sd, theta, phi, xi = cast("Any", unit_to_ranges)(points, ranges)
+    gamma, f_sd, theta, phi, xi = cast("Any", _unit_to_ranges)(points, ranges)
     c = [low + (high - low) * u for (low, high), u in zip(ranges[5:], points[5:], strict=True)]
     return np.stack([gamma, f_sd, theta, phi, xi, *body.shell_dumbbell(gamma, f_sd), *c])
 
@@ -72,9 +101,9 @@ def bodies_of(points: Floats, ranges: Floats) -> Floats:
 def sequence_points(dimensions: int, seed: int, first: int, stop: int, group: int = 1) -> Floats:
     """Return points of the unit cube by their numbers, shape (dimensions, points).
 
-    With a `group` above 1, samples come in groups about two points, for indices of sensitivity:
-    the first sample is the one point, the second the other, and each of the rest is the first point
-    with one coordinate of the second.
+    With a `group` above 1, samples come in groups about two points (Saltelli's design): the first
+    sample is the one point, the second the other, and each of the rest is the first point with one
+    coordinate of the second.
     """
     # scipy.stats takes longer to import than all the rest.
     from scipy.stats import qmc
@@ -95,34 +124,26 @@ def sequence_points(dimensions: int, seed: int, first: int, stop: int, group: in
 
 
 def _draw(
-    first, last, stop, seed, samples, word, ranges, which, target, rel_tol, max_draws,
-    out, draws, nearest,
-):  # fmt: skip
+    first, last, stop, seed, samples, word, ranges, which, target, rel_tol, max_draws, out, draws
+):
     """Draw the bodies of the samples from ``first`` up to ``last`` into the columns of ``out``.
 
-    ``which`` is 0 for no target, 1 for K_p and 2 for K_r.  Where no draw meets the target ``draws``
-    is -1 and ``nearest`` holds the coefficient that came closest.  Returns early once ``stop[0]``
-    is set.
+    ``which`` is 0 for no target, 1 for K_p and 2 for K_r; ``draws`` is -1 where none meets it.
     """
     for i in range(first, last):
         if stop[0]:
             return
-        best = np.inf
         draws[i] = -1
         for k in range(max_draws):
             u = uniforms(seed, word, samples[i], k)
-            drawn = body_at(u, ranges)
+            gamma, f_sd, theta, phi, xi = _ranged(u, ranges)
+            alpha, beta = _shell_dumbbell(gamma, f_sd)
             if which > 0:
-                _, _, theta, phi, xi, alpha, beta = drawn
-                coefficients = torque_coefficients(alpha, beta, theta, phi, xi)
-                value = coefficients[2] if which == 1 else coefficients[3]
-                off = abs(value - target)
-                if off < best:
-                    best = off
-                    nearest[i] = value
-                if off > rel_tol * target:
+                coefficients = _torque_coefficients(alpha, beta, theta, phi, xi)
+                if abs(coefficients[1 + which] - target) > rel_tol * target:
                     continue
             draws[i] = k + 1
+            drawn = (gamma, f_sd, theta, phi, xi, alpha, beta)
             for row in range(7):
                 out[row, i] = drawn[row]
             if len(ranges) > 5:
@@ -132,12 +153,11 @@ def _draw(
 
 def sampler() -> Kernel:
     """Return the sampler, to be compiled."""
-    whole, real = np.zeros(0, dtype=np.int64), np.zeros(0)
+    whole = np.zeros(0, dtype=np.int64)
     arguments = (
-        0, 0, Control().flag, 0, whole, 0, np.zeros((5, 2)), 0, 0.0, 0.0, 0,
-        np.zeros((7, 0)), whole, real,
+        0, 0, Control().flag, 0, whole, 0, np.zeros((5, 2)), 0, 0.0, 0.0, 0, np.zeros((7, 0)), whole
     )  # fmt: skip
-    return Kernel(_draw, arguments, {"nogil": True}, (__file__, philox.__file__))
+    return Kernel(_draw, arguments, {"nogil": True}, (__file__,))
 
 
 def draw_bodies(
@@ -148,42 +168,25 @@ def draw_bodies(
     value: float = np.nan,
     threads: int | None = None,
 ) -> tuple[Floats, Integers]:
-    """Draw the bodies of some samples; each depends on the seed, the target's value and its number.
+    """Return the bodies of some samples, and how many draws each took.
 
-    Parameters
-    ----------
-    seed, samples : int and ndarray of int
-        Seed of the sweep, numbers of the samples.
-    ranges : ndarray, shape (5, 2) or (6, 2)
-        Ranges of ``gamma, f_sd, theta, phi``, minus ``xi`` in degrees, and perhaps ``c``.
-    target, value : Target and float, optional
-        The coefficient to be met, and which of its values.
-    threads : int, optional
-        Threads that draw for a target; by default one for each processor.
-
-    Returns
-    -------
-    bodies : ndarray, shape (7, samples) or (8, samples)
-        ``gamma, f_sd, theta, phi, xi, alpha, beta``, and perhaps ``c``.
-    draws : ndarray of int
-        Draws that each sample took.
-
-    Raises
-    ------
-    ConfigError
-        If a sample does not meet the target within ``target.max_draws`` draws.
+    `ranges`, of the shape (5, 2) or (6, 2), are those of ``gamma, f_sd, theta, phi``, minus ``xi``
+    in degrees, and perhaps ``c``; `value` is that of the values of the target which is to be met.
+    The rows of the bodies are ``gamma, f_sd, theta, phi, xi, alpha, beta``, and perhaps ``c``.
+    Raises a ConfigError if a sample does not meet the target in ``target.max_draws`` draws.
     """
     out = np.full((2 + len(ranges), samples.size), np.nan)
     draws = np.zeros(samples.size, dtype=np.int64)
-    nearest = np.full(samples.size, np.nan)
     word, aim = 0, (0, 0.0, 0.0, 1)
     if target is not None:
-        word = word_of(target.name, value)
+        # The word is the value's 64 bits, with the sign bit set for K_p: a draw does not depend on
+        # the other targets of the list.
+        word = int(np.float64(-value if target.name == "K_p" else value).view(np.int64))
         aim = (1 if target.name == "K_p" else 2, float(value), target.rel_tol, target.max_draws)
     # The copies have the types that the sampler is compiled for.
     settings = (
         seed, np.array(samples, dtype=np.int64), word, np.array(ranges, dtype=float, order="C"),
-        *aim, out, draws, nearest,
+        *aim, out, draws,
     )  # fmt: skip
     draw = load_kernel(sampler)
     if target is None:
@@ -191,18 +194,17 @@ def draw_bodies(
         return out, draws
     threads = threads or available_threads()
     edges = np.linspace(0, samples.size, threads + 1).astype(int).tolist()
+
+    def part(first: int, last: int, control: Control) -> None:
+        draw(first, last, control.flag, *settings)
+
     # Python's threads: a pool of Numba's aborts the process if another kernel runs at that time.
     # This thread stays free to notice Ctrl-C.
-    side_by_side([partial(_part, draw, *ends, settings) for ends in pairwise(edges)], threads)
-    for place in np.flatnonzero(draws < 0):
+    side_by_side([partial(part, *ends) for ends in pairwise(edges)], threads)
+    if (draws < 0).any():
         raise ConfigError(
             f"bodies.target.{target.name}: {value:g} was not met to {target.rel_tol:g} in "
-            f"{target.max_draws} draws of sample {samples[place]}, the nearest being "
-            f"{nearest[place]:.6g}; choose another target, wider ranges, a larger rel_tol "
-            "or more max_draws"
+            f"{target.max_draws} draws of sample {samples[np.argmin(draws)]}; choose another "
+            "target, wider ranges, a larger rel_tol or more max_draws"
         )
     return out, draws
-
-
-def _part(draw: Any, first: int, last: int, settings: tuple[Any, ...], control: Control) -> None:
-    draw(first, last, control.flag, *settings)

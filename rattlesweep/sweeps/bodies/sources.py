@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from functools import lru_cache
 from itertools import product
 from pathlib import Path
@@ -23,7 +22,6 @@ from rattlesweep.sweeps.bodies.table import KEPT, TableBodies, read_bodies
 from rattlesweep.sweeps.columns import F64, MEASURED, required
 from rattlesweep.sweeps.config.schema import (
     Config,
-    GridSource,
     PresetSource,
     SdSource,
     ShapeSource,
@@ -34,17 +32,15 @@ CHUNK = 4096
 """Samples that are drawn together, and kept while the other cases of their target ask for them."""
 SIZES = {"KL": (1.0, 0.01)}
 """Mass in kg and height of the centre of mass in m of presets that have a size."""
+UNIT = np.array([[0.0, 1.0]] * 4 + [[-np.degrees(1.0), 0.0]])
+"""Ranges of which the sampler makes numbers from 0 to 1."""
 
 
 def make_source(config: Config, base: Path | None = None) -> Source:
     """Return the source that a config asks for; a table is read here, once.
 
-    A relative path is looked up from the working directory, and then from `base`.
-
-    Raises
-    ------
-    ConfigError
-        If some of the bodies cannot exist; says which.
+    A relative path is looked up from the working directory, and then from `base`.  A ConfigError
+    says which of the bodies cannot exist.
     """
     bodies = config.bodies
     if isinstance(bodies, SdSource):
@@ -53,22 +49,29 @@ def make_source(config: Config, base: Path | None = None) -> Source:
         return ShapeBodies(config.seed, bodies)
     if isinstance(bodies, TableSource):
         return read_bodies(bodies.path, base).with_surface(bodies)
-    preset = bodies.name if isinstance(bodies, PresetSource) else bodies.base.preset
-    fixed = _fixed(bodies, preset)
-    # Its runs are in seconds too where the config is.
-    size = SIZES.get(preset or "") if config.in_si else None
+    preset: str | None
+    varying: dict[str, list[float]] = {}
     if isinstance(bodies, PresetSource):
-        for _, sentence in violations(**fixed):
-            raise ConfigError(f"bodies.overrides: {sentence}")
-        return GridBodies(fixed, {}, size)
-    axes = {name: np.asarray(values, float) for name, values in bodies.varying.items()}
+        preset, given = bodies.name, bodies.overrides.given()
+    else:
+        preset, given, varying = bodies.base.preset, bodies.base.given(), bodies.varying
+    if preset is not None:
+        body = PRESETS[preset]()
+        given = {name: getattr(body, name) for name in (*PARAMETERS, "c")} | given
+    c = bodies.c[0] if isinstance(bodies.c, list) else bodies.c or given.get("c")
+    given.pop("c", None)
+    if c is not None and bodies.ellipsoidal:
+        given["c"] = c
+    axes = {name: np.array(values, float) for name, values in varying.items()}
     for name, sign in (("xi_deg", 1), ("minus_xi_deg", -1)):
         if name in axes:
             axes["xi"] = sign * np.radians(axes.pop(name))
     # Each rule is linear in each parameter, so a grid that breaks it breaks it in a corner.
-    corners = GridBodies(fixed, {name: np.array([x.min(), x.max()]) for name, x in axes.items()})
-    _check(corners.bodies(np.nan, np.arange(corners.samples)), "bodies.axes")
-    return GridBodies(fixed, axes, size)
+    corners = GridBodies(given, {name: np.array([x.min(), x.max()]) for name, x in axes.items()})
+    every = corners.bodies(np.nan, np.arange(corners.samples))
+    _check(every, "bodies.axes" if axes else "bodies.overrides")
+    # The runs of a preset of known size are in seconds too where the config is.
+    return GridBodies(given, axes, SIZES.get(preset or "") if config.in_si else None)
 
 
 def content_hash(source: Source) -> str:
@@ -77,11 +80,7 @@ def content_hash(source: Source) -> str:
 
 
 class SdBodies:
-    """Shell-dumbbell bodies drawn from ranges.
-
-    A body depends on the seed, the value of its target and the number of its sample, and neither on
-    the number of samples nor on the other targets.
-    """
+    """Shell-dumbbell bodies drawn from ranges, by seed, value of the target and number alone."""
 
     fields: tuple[pa.Field, ...] = ()
 
@@ -93,8 +92,7 @@ class SdBodies:
                 "that would rather lie on their sides; c must be above theta in all of them"
             )
         self.samples = source.samples
-        self._seed, self._source = seed, source
-        self._ranges = ranges_of(source)
+        self._seed, self._source, self._ranges = seed, source, ranges_of(source)
         self._chunk = lru_cache(maxsize=64)(self._draw_chunk)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -126,7 +124,7 @@ class SdBodies:
         first, stop = number * CHUNK, min((number + 1) * CHUNK, self.samples)
         source, seed, ranges = self._source, self._seed, self._ranges
         if source.draw != "random":
-            group = source.group if source.draw == "saltelli" else 1
+            group = 2 + len(source.drawn) if source.draw == "saltelli" else 1
             return bodies_of(sequence_points(len(ranges), seed, first, stop, group), ranges)
         return draw_bodies(seed, np.arange(first, stop), ranges, source.target, value)[0]
 
@@ -161,19 +159,19 @@ class GridBodies:
 
     def bodies(self, target: float | Floats, sample: Integers) -> Bodies:
         """Return the bodies of some runs; all cases have the same."""
+        count = len(sample)
+        values = {name: np.full(count, value) for name, value in self._base.items()}
         places = np.unravel_index(sample, self._shape) if self._shape else ()
-        values: dict[str, Any] = {
-            name: np.full(len(sample), value) for name, value in self._base.items()
-        }
         for (name, axis), place in zip(self._axes.items(), places, strict=True):
             values[name] = axis[place]
-        f_sd = values.pop("f_sd", np.full(len(sample), np.nan))
-        if len(f_sd) and np.isfinite(f_sd).all():
+        f_sd = values.pop("f_sd", None)
+        if f_sd is None:
+            f_sd = np.full(count, np.nan)
+        else:
             values["alpha"], values["beta"] = shell_dumbbell(values["gamma"], f_sd)
-        scale = None
-        if self._size:
-            scale = Scale(*(np.full(len(sample), x) for x in (*self._size, si.GRAVITY)))
-        return Bodies(f_sd=f_sd, **values, scale=scale)
+        size = (*self._size, si.GRAVITY) if self._size else ()
+        scale = Scale(*(np.full(count, x) for x in size)) if size else None
+        return Bodies(f_sd=f_sd, **values, scale=scale)  # type: ignore[arg-type]
 
 
 class ShapeBodies:
@@ -185,8 +183,7 @@ class ShapeBodies:
     )
 
     def __init__(self, seed: int, source: ShapeSource) -> None:
-        self._seed = seed
-        self._ranges = np.array(list(source.sizes.values()))
+        self._seed, self._ranges = seed, np.array(list(source.sizes.values()))
         self.samples = (source.samples or 1000) if source.drawn else 1
         # The conditions of a body are monotonic in each size.
         corners = np.array(list(product(*self._ranges))).T
@@ -195,13 +192,8 @@ class ShapeBodies:
     def bodies(self, target: float | Floats, sample: Integers) -> Bodies:
         """Return the bodies of some runs; all cases have the same."""
         low, high = self._ranges.T[:, :, None]
-        # The sampler draws from five ranges; here only its random numbers are wanted.
         unit = draw_bodies(self._seed, sample, UNIT)[0][:5] if (low < high).any() else 0.0
         return _shaped(low + (high - low) * unit * np.ones(len(sample)))
-
-
-UNIT = np.array([[0.0, 1.0]] * 4 + [[-np.degrees(1.0), 0.0]])
-"""Ranges of which the sampler makes numbers from 0 to 1."""
 
 
 def _shaped(sizes: Floats) -> Bodies:
@@ -209,30 +201,16 @@ def _shaped(sizes: Floats) -> Bodies:
     length, width, height, mass, skew = sizes
     found = half_ellipsoid(length, width, height, mass, np.abs(skew))
     mass, a = found.pop("mass"), found.pop("height")
-    return Bodies(
-        **found,
-        f_sd=np.full(mass.shape, np.nan),
-        scale=Scale(mass, a, np.full(mass.shape, si.GRAVITY)),
-        carried={"mass_kg": mass, "height_m": a},
-    )
+    none, gravity = np.full(mass.shape, np.nan), np.full(mass.shape, si.GRAVITY)
+    kept = {"mass_kg": mass, "height_m": a}
+    return Bodies(**found, f_sd=none, scale=Scale(mass, a, gravity), carried=kept)
 
 
-def _fixed(source: PresetSource | GridSource, preset: str | None) -> dict[str, float]:
-    """Return the parameters of all bodies of a source, where no axis replaces them."""
-    given = (source.overrides if isinstance(source, PresetSource) else source.base).given()
-    if preset is not None:
-        body = PRESETS[preset]()
-        given = {name: getattr(body, name) for name in (*PARAMETERS, "c")} | given
-    c = source.c[0] if isinstance(source.c, list) else source.c or given.get("c")
-    rest = {name: value for name, value in given.items() if name != "c"}
-    return rest if c is None or not source.ellipsoidal else rest | {"c": c}
-
-
-def _check(bodies: Bodies, where: str, sizes: Mapping[str, Floats] | None = None) -> None:
-    """Raise a ConfigError if one of the bodies in the corners of a grid cannot exist."""
-    columns = {name: getattr(bodies, name) for name in (*PARAMETERS, "c")}
-    if bodies.c is None:
-        del columns["c"]
+def _check(bodies: Bodies, where: str, sizes: dict[str, Floats] | None = None) -> None:
+    """Raise a ConfigError if a body cannot exist; of several, told by its parameters or `sizes`."""
+    names = PARAMETERS if bodies.c is None else (*PARAMETERS, "c")
+    columns = {name: getattr(bodies, name) for name in names}
     for place, sentence in violations(**columns):
         told = (f"{name} {values[place]:g}" for name, values in (sizes or columns).items())
-        raise ConfigError(f"{where}: at {', '.join(told)}: {sentence}")
+        which = f"at {', '.join(told)}: " if len(bodies.alpha) > 1 else ""
+        raise ConfigError(f"{where}: {which}{sentence}")
