@@ -32,9 +32,9 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from rattlesweep.sweeps.config.schema import Config
-    from rattlesweep.sweeps.job import Result
     from rattlesweep.sweeps.pilot import Forecast
     from rattlesweep.sweeps.plan import Plan
+    from rattlesweep.sweeps.run import Result
 
 
 @command("Sweeps", "rattlesweep init mine.yaml")
